@@ -1,0 +1,1 @@
+//! The gleaner client library and command line.

@@ -1,0 +1,1 @@
+//! SSDF: pretraining, quality scores and policies, on tensors.

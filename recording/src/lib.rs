@@ -1,0 +1,1 @@
+//! MCAP recordings to aligned steps and back.

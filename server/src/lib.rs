@@ -1,0 +1,1 @@
+//! The gleaner server: storage, jobs, scores, policies, behind gRPC.

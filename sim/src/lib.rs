@@ -1,0 +1,1 @@
+//! A small tabletop simulator with rendered RGBD cameras.
