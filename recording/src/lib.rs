@@ -1,1 +1,28 @@
 //! MCAP recordings to aligned steps and back.
+//!
+//! A recording holds streams of messages, each with its own clock and rate. A [`TaskSpec`] says where the
+//! cameras, the proprioception and the action are in it; [`read_episode`] turns it into an [`Episode`] of
+//! evenly clocked steps and a [`Report`] of what is wrong with it. [`EpisodeWriter`] goes the other way and
+//! [`extract`] copies the kept stretches out of a recording.
+//!
+//! The crate is plain blocking code. It knows nothing of servers, databases or learning. Bad input is an
+//! error, never a panic of this crate's own; the `mcap` crate itself can still panic or reserve too much on
+//! hostile bytes, so untrusted files are read in a process with limits.
+
+mod error;
+mod extract;
+mod frames;
+mod image;
+mod read;
+mod report;
+mod spec;
+mod write;
+
+pub use error::RecordingError;
+pub use extract::{Kept, extract};
+pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
+pub use image::{PixelFormat, decode_color, decode_depth, encode_jpeg};
+pub use read::{Reading, read_episode};
+pub use report::{Finding, FindingCode, Report, Severity, TopicReport};
+pub use spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
+pub use write::{EpisodeWriter, StepRef, written_mapping};

