@@ -1,1 +1,18 @@
-//! The gRPC services of gleaner, generated without protoc.
+//! The gRPC services of gleaner, generated from `gleaner/v1/*.proto` without protoc.
+//!
+//! Holds wire types and nothing else: no conversion, no rule. Clients and the server both link it.
+
+/// `gleaner.v1`: the messages, clients and server traits.
+pub mod v1 {
+    #![allow(
+        missing_docs,
+        clippy::all,
+        clippy::pedantic,
+        unreachable_pub,
+        reason = "generated code"
+    )]
+    tonic::include_proto!("gleaner.v1");
+}
+
+/// The encoded `FileDescriptorSet` of every service here, for server reflection.
+pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
