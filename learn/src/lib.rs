@@ -1,1 +1,30 @@
 //! SSDF: pretraining, quality scores and policies, on tensors.
+//!
+//! Plain data goes in and plain data comes out: no tensor leaves this crate, and it knows nothing
+//! of servers, files, recordings or databases. Bytes in, bytes out; whoever calls stores them.
+//!
+//! The three steps of the method are [`pretrain`], [`score`](fn@score) and [`train_policy`];
+//! [`Policy`] runs what they made.
+
+mod checkpoint;
+mod device;
+mod error;
+
+mod policy;
+
+mod score;
+mod spec;
+mod train;
+mod trajectory;
+
+pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};
+pub use device::set_threads;
+pub use error::LearnError;
+pub use policy::{Embedding, History, Policy, train_policy};
+pub use score::{EpisodeScores, Normaliser, Scores, score};
+pub use spec::{
+    CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
+    PretrainSpec, ScoreSpec, Similarity, TaskShape, TrainSpec,
+};
+pub use train::{Monitor, Silent, pretrain};
+pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};

@@ -1,0 +1,98 @@
+//! The shape of one step of a task: its cameras, proprioception and action.
+
+use serde::{Deserialize, Serialize};
+
+use super::within;
+use crate::error::LearnError;
+
+const MAX_CAMERAS: usize = 16;
+const MAX_DIMENSIONS: usize = 4096;
+const IMAGE_SIDE: (u32, u32) = (8, 2048);
+
+/// What one step holds: images o, proprioception m and action a.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TaskShape {
+    /// The cameras, in the order their images lie in a frame.
+    pub cameras: Vec<CameraShape>,
+    /// Number of proprioception values M.
+    pub proprioception: usize,
+    /// Number of action values A.
+    pub action: usize,
+}
+
+/// One camera's image.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraShape {
+    /// The camera's name in the task, for messages.
+    pub name: String,
+    /// Height in pixels.
+    pub height: u32,
+    /// Width in pixels.
+    pub width: u32,
+    /// Whether a depth image of the same size follows the colour image.
+    #[serde(default)]
+    pub depth: bool,
+}
+
+impl CameraShape {
+    /// Number of pixels of one image.
+    pub(crate) fn pixels(&self) -> usize {
+        self.height as usize * self.width as usize
+    }
+
+    /// Channels the model sees: 3, or 4 with depth.
+    pub(crate) fn channels(&self) -> usize {
+        if self.depth { 4 } else { 3 }
+    }
+
+    /// Bytes of one image: `H*W*3` of RGB, then `H*W*2` of depth if there is any.
+    pub fn bytes(&self) -> usize {
+        self.pixels() * if self.depth { 5 } else { 3 }
+    }
+}
+
+impl TaskShape {
+    /// Bytes of one step's images.
+    pub fn frame_bytes(&self) -> usize {
+        self.cameras.iter().map(CameraShape::bytes).sum()
+    }
+
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] naming the field.
+    pub fn validate(&self) -> Result<(), LearnError> {
+        if self.cameras.is_empty() || self.cameras.len() > MAX_CAMERAS {
+            let count = self.cameras.len();
+            return Err(LearnError::invalid(
+                "shape.cameras",
+                format!("has {count} cameras, must have between 1 and {MAX_CAMERAS}"),
+            ));
+        }
+        let (low, high) = (f64::from(IMAGE_SIDE.0), f64::from(IMAGE_SIDE.1));
+        for (i, camera) in self.cameras.iter().enumerate() {
+            let path = format!("shape.cameras[{i}] ({})", camera.name);
+            within(
+                &format!("{path}.height"),
+                f64::from(camera.height),
+                low,
+                high,
+            )?;
+            within(&format!("{path}.width"), f64::from(camera.width), low, high)?;
+        }
+        for (field, count) in [
+            ("shape.proprioception", self.proprioception),
+            ("shape.action", self.action),
+        ] {
+            if count == 0 || count > MAX_DIMENSIONS {
+                return Err(LearnError::invalid(
+                    field,
+                    format!("has {count} values, must have between 1 and {MAX_DIMENSIONS}"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
