@@ -1,1 +1,53 @@
-//! The gleaner server: storage, jobs, scores, policies, behind gRPC.
+//! The gleaner server. `run` builds the rooms, hands each what it needs, and serves until told to stop.
+//!
+//! Floors: `service` and `wire` over `ingest`, `jobs` and `policies` over `store` and `blobs` over `domain` and
+//! `error`. Calls go down, never up. `worker` is the other process of this binary: a client of this server.
+
+pub mod blobs;
+pub mod config;
+pub mod domain;
+pub mod error;
+pub mod ingest;
+pub mod jobs;
+pub mod policies;
+pub mod service;
+pub mod shutdown;
+pub mod store;
+pub mod telemetry;
+mod wire;
+pub mod worker;
+
+use std::{net::SocketAddr, time::Duration};
+
+use tokio::net::TcpListener;
+
+use crate::{
+    config::ServeConfig,
+    error::{Error, Result},
+    service::Rooms,
+};
+
+/// How long a stop waits for open calls before it closes them.
+const DRAIN: Duration = Duration::from_secs(20);
+
+/// Binds the address to serve on.
+///
+/// # Errors
+/// Precondition when the address is taken or not ours.
+pub async fn bind(address: SocketAddr) -> Result<TcpListener> {
+    TcpListener::bind(address).await.map_err(|error| Error::precondition(format!("cannot listen on {address}: {error}")))
+}
+
+/// Serves on `listener` until `stop` ends, then drains: open calls get a while, jobs are stopped to resume later.
+///
+/// # Errors
+/// When the data directory, the database or the listener cannot be used.
+pub async fn run(config: ServeConfig, listener: TcpListener, stop: impl Future<Output = ()> + Send) -> Result<()> {
+    let address = listener.local_addr().map_err(|error| Error::internal("asking the address", error))?;
+    tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
+    let rooms = Rooms::open(config, address).await?;
+    let served = service::serve(&rooms, listener, stop, DRAIN).await;
+    rooms.close().await;
+    tracing::info!("stopped");
+    served
+}

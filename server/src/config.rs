@@ -1,0 +1,236 @@
+//! Configuration: flags and `GLEANER_…` variables, read once. The only room that reads the environment.
+
+use std::{net::SocketAddr, path::PathBuf};
+
+use clap::{Args, Parser, Subcommand};
+
+/// gleans the good steps out of failed robot demonstrations.
+#[derive(Debug, Parser)]
+#[command(name = "gleaner-server", version, propagate_version = true)]
+pub struct Cli {
+    /// What to run.
+    #[command(subcommand)]
+    pub command: Command,
+    /// What to log, as a tracing filter.
+    #[arg(long, env = "GLEANER_LOG", default_value = "info", global = true)]
+    pub log: String,
+    /// Log as JSON lines.
+    #[arg(long, env = "GLEANER_LOG_JSON", global = true)]
+    pub log_json: bool,
+}
+
+/// The processes this binary can be.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Serve episodes, jobs, scores, datasets and policies.
+    Serve(Box<ServeConfig>),
+    /// Run one job (started by `serve`, not by hand).
+    #[command(hide = true)]
+    Worker(WorkerConfig),
+    /// Inspect one recording under limits (started by `serve`, not by hand).
+    #[command(hide = true)]
+    Inspect(InspectConfig),
+}
+
+/// What `serve` needs.
+#[derive(Debug, Clone, Args)]
+pub struct ServeConfig {
+    /// Where the database, blobs and caches live; created if missing.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
+    pub data_dir: PathBuf,
+    /// Address to listen on; port 0 takes any free port.
+    #[arg(long, env = "GLEANER_LISTEN", default_value = "127.0.0.1:7400")]
+    pub listen: SocketAddr,
+    /// Listen on an address other machines can reach although nothing is encrypted and nobody is asked who they are.
+    #[arg(long, env = "GLEANER_INSECURE")]
+    pub insecure: bool,
+    /// Limits on what comes in.
+    #[command(flatten)]
+    pub limits: LimitConfig,
+    /// How jobs run.
+    #[command(flatten)]
+    pub jobs: JobsConfig,
+    /// How policies are served.
+    #[command(flatten)]
+    pub policies: PoliciesConfig,
+}
+
+/// Limits on what comes in.
+#[derive(Debug, Clone, Args)]
+pub struct LimitConfig {
+    /// Largest gRPC message, in bytes.
+    #[arg(long, env = "GLEANER_MAX_MESSAGE_BYTES", default_value_t = 32 << 20)]
+    pub max_message_bytes: usize,
+    /// Largest recording, in bytes.
+    #[arg(long, env = "GLEANER_MAX_UPLOAD_BYTES", default_value_t = 8 << 30)]
+    pub max_upload_bytes: u64,
+    /// Memory of the process that inspects a recording, in bytes.
+    #[arg(long, env = "GLEANER_INSPECT_MEMORY_BYTES", default_value_t = 2 << 30)]
+    pub inspect_memory_bytes: u64,
+    /// Time of the process that inspects a recording, in seconds (processor and wall clock each).
+    #[arg(long, env = "GLEANER_INSPECT_SECONDS", default_value_t = 120)]
+    pub inspect_seconds: u64,
+    /// Recordings inspected at once.
+    #[arg(long, env = "GLEANER_INSPECT_PARALLEL", default_value_t = 2)]
+    pub inspect_parallel: usize,
+    /// Concurrent streams of one connection.
+    #[arg(long, env = "GLEANER_MAX_STREAMS", default_value_t = 256)]
+    pub max_streams: u32,
+}
+
+/// How jobs run.
+#[derive(Debug, Clone, Args)]
+pub struct JobsConfig {
+    /// Worker processes at once; 0 queues jobs without running them.
+    #[arg(long, env = "GLEANER_WORKERS", default_value_t = 1)]
+    pub workers: usize,
+    /// Threads of one worker's tensor library.
+    #[arg(long, env = "GLEANER_WORKER_THREADS", default_value_t = 2)]
+    pub worker_threads: usize,
+    /// Niceness of workers, so that training never slows serving.
+    #[arg(long, env = "GLEANER_WORKER_NICE", default_value_t = 10)]
+    pub worker_nice: i32,
+    /// Seconds without a word from a worker after which its attempt is over.
+    #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120)]
+    pub worker_silence_seconds: u64,
+}
+
+/// How policies are served.
+#[derive(Debug, Clone, Args)]
+pub struct PoliciesConfig {
+    /// Most observations answered in one pass of a model.
+    #[arg(long, env = "GLEANER_POLICY_BATCH", default_value_t = 16)]
+    pub policy_batch: usize,
+    /// Requests that may wait for one policy.
+    #[arg(long, env = "GLEANER_POLICY_QUEUE", default_value_t = 256)]
+    pub policy_queue: usize,
+}
+
+/// What a worker process needs. Its token comes by the environment, so that no process list shows it.
+#[derive(Debug, Clone, Args)]
+pub struct WorkerConfig {
+    /// Address of the server.
+    #[arg(long)]
+    pub server: String,
+    /// The server's data directory.
+    #[arg(long)]
+    pub data_dir: PathBuf,
+    /// Threads of the tensor library.
+    #[arg(long, default_value_t = 2)]
+    pub threads: usize,
+    /// Largest gRPC message, in bytes.
+    #[arg(long, default_value_t = 32 << 20)]
+    pub max_message_bytes: usize,
+    /// The token of this attempt of its job.
+    #[arg(long, env = "GLEANER_JOB_TOKEN", hide_env_values = true)]
+    pub token: Secret,
+}
+
+/// What an inspection needs.
+#[derive(Debug, Clone, Args)]
+pub struct InspectConfig {
+    /// The recording.
+    #[arg(long)]
+    pub recording: PathBuf,
+    /// The task's spec, as JSON.
+    #[arg(long)]
+    pub spec: PathBuf,
+    /// Where to put the report.
+    #[arg(long)]
+    pub report: PathBuf,
+    /// Where to put the decoded frames.
+    #[arg(long)]
+    pub frames: PathBuf,
+    /// Most memory to take, in bytes.
+    #[arg(long)]
+    pub memory_bytes: u64,
+    /// Most processor time to take, in seconds.
+    #[arg(long)]
+    pub seconds: u64,
+}
+
+/// Text that must never reach a log.
+#[derive(Clone)]
+pub struct Secret(String);
+
+impl Secret {
+    /// The text itself: for the wire only.
+    pub fn reveal(&self) -> &str {
+        &self.0
+    }
+}
+
+impl From<String> for Secret {
+    fn from(text: String) -> Self {
+        Self(text)
+    }
+}
+
+impl std::str::FromStr for Secret {
+    type Err = std::convert::Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(Self(text.to_owned()))
+    }
+}
+
+impl std::fmt::Debug for Secret {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("(secret)")
+    }
+}
+
+impl ServeConfig {
+    /// Checks what one field alone cannot tell.
+    ///
+    /// # Errors
+    /// A sentence that names the flag and the mend.
+    pub fn validate(&self) -> Result<(), String> {
+        if !self.listen.ip().is_loopback() && !self.insecure {
+            return Err(format!(
+                "--listen {}: other machines can reach this address, and this version neither encrypts nor asks for \
+                 tokens. Listen on 127.0.0.1, or accept the risk with --insecure",
+                self.listen
+            ));
+        }
+        if self.limits.max_message_bytes < 4 << 20 {
+            return Err("--max-message-bytes: must be at least 4194304 for uploads and images to fit".to_owned());
+        }
+        if self.policies.policy_batch == 0 || self.policies.policy_queue == 0 {
+            return Err("--policy-batch and --policy-queue: must be at least 1".to_owned());
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+    use super::*;
+    use clap::CommandFactory;
+
+    fn serve(args: &[&str]) -> ServeConfig {
+        let all = [&["gleaner-server", "serve"], args].concat();
+        match Cli::try_parse_from(all).unwrap().command {
+            Command::Serve(config) => *config,
+            Command::Worker(_) | Command::Inspect(_) => panic!("not serve"),
+        }
+    }
+
+    #[test]
+    fn the_definition_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn an_open_address_needs_a_flag() {
+        assert!(serve(&[]).validate().is_ok());
+        assert!(serve(&["--listen", "0.0.0.0:7400"]).validate().unwrap_err().contains("--insecure"));
+        assert!(serve(&["--listen", "0.0.0.0:7400", "--insecure"]).validate().is_ok());
+    }
+
+    #[test]
+    fn a_secret_does_not_show() {
+        assert_eq!(format!("{:?}", Secret::from("token".to_owned())), "(secret)");
+    }
+}

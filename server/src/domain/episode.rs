@@ -1,0 +1,112 @@
+//! Episodes and their labels.
+
+use gleaner_recording::Report;
+
+use super::{
+    id::{BlobId, EpisodeId, TaskId, UploadId},
+    time::Millis,
+};
+
+/// How an attempt at the task ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// The task was done.
+    Success,
+    /// It was not.
+    Failure,
+    /// Nobody has said.
+    Unknown,
+}
+
+impl Outcome {
+    /// The word kept in rows.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Success => "success",
+            Self::Failure => "failure",
+            Self::Unknown => "unknown",
+        }
+    }
+
+    /// Reads the word kept in rows.
+    pub fn from_word(word: &str) -> Option<Self> {
+        [Self::Success, Self::Failure, Self::Unknown].into_iter().find(|outcome| outcome.as_str() == word)
+    }
+}
+
+/// One attempt at a task: an immutable recording with a label.
+#[derive(Debug, Clone)]
+pub struct Episode {
+    /// Its id.
+    pub id: EpisodeId,
+    /// The task it attempts.
+    pub task_id: TaskId,
+    /// The name it was uploaded under; for people only, never a path.
+    pub file_name: String,
+    /// The blob that holds the MCAP.
+    pub recording: BlobId,
+    /// Size of the recording in bytes.
+    pub size_bytes: u64,
+    /// T, the number of aligned steps.
+    pub steps: u64,
+    /// From the first step to the last, in seconds.
+    pub duration_s: f64,
+    /// Which of the task's mappings fitted.
+    pub mapping: String,
+    /// How many findings of its report are warnings.
+    pub warnings: u64,
+    /// Its present label.
+    pub outcome: Outcome,
+    /// Free-form tag of where it comes from.
+    pub cohort: String,
+    /// When it became visible.
+    pub created_at: Millis,
+}
+
+/// An episode with what its inspection found.
+#[derive(Debug, Clone)]
+pub struct InspectedEpisode {
+    /// The episode.
+    pub episode: Episode,
+    /// The report of its inspection.
+    pub report: Report,
+}
+
+/// A label: who said when how an episode ended, and why.
+#[derive(Debug, Clone)]
+pub struct Label {
+    /// How it ended.
+    pub outcome: Outcome,
+    /// The cohort as it was with this label.
+    pub cohort: String,
+    /// Who said so.
+    pub author: String,
+    /// Why; may be empty.
+    pub reason: String,
+    /// When.
+    pub created_at: Millis,
+}
+
+/// An upload that is not finished.
+#[derive(Debug, Clone)]
+pub struct Upload {
+    /// Its id.
+    pub id: UploadId,
+    /// The task it is for.
+    pub task_id: TaskId,
+    /// The name the episode will have.
+    pub file_name: String,
+    /// Declared size in bytes.
+    pub size_bytes: u64,
+    /// Declared digest.
+    pub blake3: BlobId,
+    /// Bytes that are synced to disk. Never falls.
+    pub committed: u64,
+    /// The label the episode will have.
+    pub outcome: Outcome,
+    /// The cohort the episode will have.
+    pub cohort: String,
+    /// Who labels.
+    pub author: String,
+}

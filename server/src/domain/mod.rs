@@ -1,0 +1,14 @@
+//! Values and rules, no IO: the words of this house as types.
+//!
+//! Knows no wire type, no SQL and no file.
+
+pub mod dataset;
+pub mod episode;
+pub mod id;
+pub mod job;
+pub mod policy;
+pub mod schedule;
+pub mod score;
+pub mod snapshot;
+pub mod task;
+pub mod time;

@@ -1,0 +1,119 @@
+//! Snapshots: which episodes a job sees, and in which role.
+
+use super::{
+    episode::Outcome,
+    id::{EpisodeId, SnapshotId, TaskId},
+    time::Millis,
+};
+
+/// The part an episode plays in a snapshot: D_e or D_i of the paper.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// In D_e.
+    Expert,
+    /// In D_i.
+    Imperfect,
+}
+
+impl Role {
+    /// The word kept in rows.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Expert => "expert",
+            Self::Imperfect => "imperfect",
+        }
+    }
+
+    /// Reads the word kept in rows.
+    pub fn from_word(word: &str) -> Option<Self> {
+        [Self::Expert, Self::Imperfect].into_iter().find(|role| role.as_str() == word)
+    }
+}
+
+/// Which episodes are experts and which imperfect. Both lists empty: success is expert, failure imperfect,
+/// unknown left out. Otherwise by cohort, whatever the outcome; other cohorts are left out.
+#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct RoleRule {
+    /// Cohorts whose episodes are experts.
+    pub expert_cohorts: Vec<String>,
+    /// Cohorts whose episodes are imperfect.
+    pub imperfect_cohorts: Vec<String>,
+}
+
+impl RoleRule {
+    /// The role of an episode with this label; `None` leaves it out.
+    pub fn role(&self, outcome: Outcome, cohort: &str) -> Option<Role> {
+        if self.expert_cohorts.is_empty() && self.imperfect_cohorts.is_empty() {
+            return match outcome {
+                Outcome::Success => Some(Role::Expert),
+                Outcome::Failure => Some(Role::Imperfect),
+                Outcome::Unknown => None,
+            };
+        }
+        let named = |cohorts: &[String]| cohorts.iter().any(|name| name == cohort);
+        if named(&self.expert_cohorts) {
+            Some(Role::Expert)
+        } else if named(&self.imperfect_cohorts) {
+            Some(Role::Imperfect)
+        } else {
+            None
+        }
+    }
+
+    /// A cohort that stands on both sides, if any: such a rule has no meaning.
+    pub fn contradiction(&self) -> Option<&str> {
+        self.expert_cohorts.iter().find(|name| self.imperfect_cohorts.contains(name)).map(String::as_str)
+    }
+}
+
+/// An immutable list of episodes with labels and roles.
+#[derive(Debug, Clone)]
+pub struct Snapshot {
+    /// Its id.
+    pub id: SnapshotId,
+    /// The task its episodes attempt.
+    pub task_id: TaskId,
+    /// The rule that gave the roles.
+    pub rule: RoleRule,
+    /// How many experts.
+    pub expert_episodes: u64,
+    /// How many imperfect episodes.
+    pub imperfect_episodes: u64,
+    /// When it was frozen.
+    pub created_at: Millis,
+}
+
+/// One episode as a snapshot holds it.
+#[derive(Debug, Clone)]
+pub struct SnapshotEpisode {
+    /// The episode.
+    pub episode_id: EpisodeId,
+    /// Its outcome when the snapshot was frozen.
+    pub outcome: Outcome,
+    /// Its cohort then.
+    pub cohort: String,
+    /// Its role here.
+    pub role: Role,
+    /// T, its number of steps.
+    pub steps: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outcome_decides_unless_cohorts_are_named() {
+        let by_outcome = RoleRule::default();
+        assert_eq!(by_outcome.role(Outcome::Success, "any"), Some(Role::Expert));
+        assert_eq!(by_outcome.role(Outcome::Failure, "any"), Some(Role::Imperfect));
+        assert_eq!(by_outcome.role(Outcome::Unknown, "any"), None);
+
+        let by_cohort = RoleRule { expert_cohorts: vec!["alice".into()], imperfect_cohorts: vec!["bob".into()] };
+        assert_eq!(by_cohort.role(Outcome::Success, "bob"), Some(Role::Imperfect));
+        assert_eq!(by_cohort.role(Outcome::Unknown, "alice"), Some(Role::Expert));
+        assert_eq!(by_cohort.role(Outcome::Success, "carol"), None);
+        assert_eq!(by_cohort.contradiction(), None);
+    }
+}

@@ -1,0 +1,49 @@
+//! The gRPC face: thin implementations of the services, and the rooms they share.
+
+use std::{net::SocketAddr, sync::Arc, time::Duration};
+
+use tokio::net::TcpListener;
+
+use crate::{
+    blobs::Blobs,
+    config::ServeConfig,
+    error::{Error, Result},
+    ingest::Ingest,
+    jobs::Jobs,
+    policies::Policies,
+    store::Store,
+};
+
+/// Every room a service may call, built once.
+#[derive(Clone)]
+pub struct Rooms {
+    pub(crate) config: Arc<ServeConfig>,
+    pub(crate) store: Store,
+    pub(crate) blobs: Blobs,
+    pub(crate) ingest: Ingest,
+    pub(crate) jobs: Jobs,
+    pub(crate) policies: Policies,
+}
+
+impl Rooms {
+    /// Opens the data directory, puts right what a crash left, and starts the supervisor of workers.
+    ///
+    /// # Errors
+    /// When the data directory or the database cannot be used.
+    pub async fn open(config: ServeConfig, address: SocketAddr) -> Result<Self> {
+        let config = Arc::new(config);
+        let blobs = Blobs::open(&config.data_dir)?;
+        let store = Store::open(&config.data_dir.join("gleaner.db")).await?;
+        let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
+        let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;
+        let policies = Policies::new(&config, store.clone(), blobs.clone());
+        Ok(Self { config, store, blobs, ingest, jobs, policies })
+    }
+
+    /// Stops workers and models, then closes the database.
+    pub async fn close(&self) {
+        self.jobs.stop().await;
+        self.policies.stop().await;
+        self.store.close().await;
+    }
+}

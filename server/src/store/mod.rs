@@ -1,0 +1,109 @@
+//! The database: the only room that knows SQL. One table family, one file.
+//!
+//! One connection writes, several read. Every write commits with `synchronous=FULL`: what returned is on disk.
+//! Values in and out are the domain's.
+
+mod dataset;
+mod episode;
+mod job;
+mod metric;
+mod policy;
+mod row;
+mod schedule;
+mod score;
+mod snapshot;
+mod task;
+mod upload;
+
+use std::{path::Path, time::Duration};
+
+use sqlx::{
+    Sqlite, SqlitePool, Transaction,
+    sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous},
+};
+
+use crate::error::{Error, Result};
+
+static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("../migrations");
+
+/// SQLite before this can lose acknowledged commits when a commit races a checkpoint.
+const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
+
+/// Handle to the database; clones share it.
+#[derive(Debug, Clone)]
+pub struct Store {
+    writer: SqlitePool,
+    readers: SqlitePool,
+}
+
+impl Store {
+    /// Opens the database at `path`, creates it if missing and brings its schema up to date.
+    ///
+    /// # Errors
+    /// Precondition when the linked SQLite is too old or the database is newer than this program.
+    pub async fn open(path: &Path) -> Result<Self> {
+        let options = SqliteConnectOptions::new()
+            .filename(path)
+            .create_if_missing(true)
+            .foreign_keys(true)
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .busy_timeout(Duration::from_secs(10));
+        let doing = |error: sqlx::Error| Error::internal(format!("opening the database {}", path.display()), error);
+        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await.map_err(doing)?;
+        check_version(&writer).await?;
+        MIGRATIONS.run(&writer).await.map_err(|error| match error {
+            sqlx::migrate::MigrateError::VersionMissing(version) => Error::precondition(format!(
+                "the database {} has migration {version}, which this program does not know: use a newer gleaner-server",
+                path.display()
+            )),
+            error => Error::internal("migrating the database", error),
+        })?;
+        let readers = SqlitePoolOptions::new().max_connections(4).connect_with(options).await.map_err(doing)?;
+        Ok(Self { writer, readers })
+    }
+
+    /// Closes every connection; the last one checkpoints the log.
+    pub async fn close(&self) {
+        self.readers.close().await;
+        self.writer.close().await;
+    }
+
+    /// Begins a write. IMMEDIATE: a transaction that turns into a write later would be refused at once.
+    async fn write(&self) -> Result<Transaction<'static, Sqlite>> {
+        self.writer.begin_with("begin immediate").await.map_err(fault("beginning a write"))
+    }
+
+    /// The pool to read from.
+    fn read(&self) -> &SqlitePool {
+        &self.readers
+    }
+}
+
+/// Ends a write; when this returns, it is on disk.
+async fn commit(transaction: Transaction<'static, Sqlite>) -> Result<()> {
+    transaction.commit().await.map_err(fault("committing a write"))
+}
+
+/// Turns a database error into ours, saying what was being done.
+fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
+    move |error| Error::internal(doing, error)
+}
+
+/// Whether the error is a violated `unique` or primary key.
+fn is_duplicate(error: &sqlx::Error) -> bool {
+    error.as_database_error().is_some_and(sqlx::error::DatabaseError::is_unique_violation)
+}
+
+async fn check_version(pool: &SqlitePool) -> Result<()> {
+    let version: String =
+        sqlx::query_scalar("select sqlite_version()").fetch_one(pool).await.map_err(fault("asking SQLite's version"))?;
+    let mut parts = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
+    let mut next = || parts.next().unwrap_or(0);
+    if (next(), next(), next()) < OLDEST_SQLITE {
+        return Err(Error::precondition(format!(
+            "SQLite {version} can lose acknowledged writes; build with libsqlite3-sys 0.37 or newer (SQLite 3.51.3)"
+        )));
+    }
+    Ok(())
+}

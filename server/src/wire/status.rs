@@ -1,0 +1,32 @@
+//! The one table from our errors to gRPC status codes. Logs each error once, where it leaves the house.
+
+use tonic::{Code, Status};
+
+use crate::error::{Error, Kind};
+
+/// What the caller of an rpc sees of an error. Internal ones say a fixed sentence and an id to find the log line by.
+pub(crate) fn from_error(error: Error) -> Status {
+    let code = match error.kind() {
+        Kind::Invalid => Code::InvalidArgument,
+        Kind::NotFound => Code::NotFound,
+        Kind::Exists => Code::AlreadyExists,
+        Kind::Precondition => Code::FailedPrecondition,
+        Kind::Exhausted => Code::ResourceExhausted,
+        Kind::Cancelled => Code::Cancelled,
+        Kind::Unavailable => Code::Unavailable,
+        Kind::Internal => {
+            let request_id = ulid::Ulid::generate().to_string();
+            tracing::error!(request.id = %request_id, %error, "request failed");
+            return Status::internal(format!(
+                "something went wrong in the server; its log tells more under request {request_id}"
+            ));
+        }
+    };
+    tracing::debug!(%error, ?code, "request refused");
+    Status::new(code, error.message())
+}
+
+/// A worker's call without a valid token of a running attempt.
+pub(crate) fn not_this_job() -> Status {
+    Status::unauthenticated("this call needs the token of a running attempt of a job")
+}
