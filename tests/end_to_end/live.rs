@@ -1,0 +1,233 @@
+//! Policies at work: one trained once, acted with in every way, and everything a client can get wrong.
+
+use gleaner_proto::v1::{session_request::Message as Say, session_response::Message as Hear, *};
+use gleaner_sim::{Sim, Task as SimTask};
+use tokio::sync::{OnceCell, mpsc};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Code, Status, Streaming};
+
+use crate::{api::Api, lab, server::TestServer};
+
+const NAME: &str = "pick_cube@test";
+
+/// A server with a deployed policy; every test here shares it.
+async fn served() -> &'static TestServer {
+    static SERVED: OnceCell<TestServer> = OnceCell::const_new();
+    SERVED
+        .get_or_init(|| async {
+            let server = TestServer::start().await;
+            let mut api = Api::connect(&server).await;
+            lab::set_up(&mut api).await;
+            let encoder = api.succeed(lab::TASK, lab::pretrain(3)).await.result_id;
+            let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder), 3)).await.result_id;
+            api.policies.deploy(DeployRequest { name: NAME.into(), policy_id: policy }).await.unwrap();
+            server
+        })
+        .await
+}
+
+fn observe(sim: &Sim) -> Observation {
+    let seen = sim.observe();
+    let spec = gleaner_sim::task_spec(SimTask::PickCube, &lab::sim_config());
+    gleaner_client::observation(&spec, seen.stamp_ns, seen.frames, seen.proprioception).unwrap()
+}
+
+fn start_sim() -> Sim {
+    Sim::new(SimTask::PickCube, lab::sim_config(), 99)
+}
+
+/// One robot's end of a session.
+struct Robot {
+    say: mpsc::Sender<SessionRequest>,
+    hear: Streaming<SessionResponse>,
+}
+
+impl Robot {
+    async fn dial(api: &mut Api) -> Self {
+        let (say, said) = mpsc::channel(8);
+        let hear = api.policies.session(ReceiverStream::new(said)).await.unwrap().into_inner();
+        Self { say, hear }
+    }
+
+    async fn open(api: &mut Api, name: &str) -> Result<Self, Status> {
+        let mut robot = Self::dial(api).await;
+        robot.say(Say::Open(SessionOpen { deployment: name.into(), control_rate_hz: 0.0 })).await;
+        match robot.hear().await? {
+            Hear::Opened(_) => Ok(robot),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    async fn say(&self, message: Say) {
+        self.say.send(SessionRequest { message: Some(message) }).await.unwrap();
+    }
+
+    async fn hear(&mut self) -> Result<Hear, Status> {
+        Ok(self.hear.message().await?.expect("the session goes on").message.unwrap())
+    }
+
+    async fn act(&mut self, observation: Observation) -> Result<SessionAction, Status> {
+        self.say(Say::Observation(observation)).await;
+        match self.hear().await? {
+            Hear::Action(action) => Ok(action),
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+/// A session and Act see the same history, so they give the same actions.
+#[tokio::test]
+async fn a_session_and_act_agree() {
+    let mut api = Api::connect(served().await).await;
+    let mut robot = Robot::open(&mut api, NAME).await.unwrap();
+    let mut sim = start_sim();
+    let mut window: Vec<Observation> = Vec::new();
+    let mut last: Vec<f32> = vec![];
+    for _ in 0..6 {
+        let mut observation = observe(&sim);
+        observation.executed_action.clone_from(&last);
+        window.push(observation.clone());
+        let action = robot.act(observation.clone()).await.unwrap();
+        assert_eq!((action.observation_stamp_ns, action.dropped), (observation.stamp_ns, 0));
+
+        let request = ActRequest { deployment: NAME.into(), observations: window.clone() };
+        let act = api.policies.act(request).await.unwrap().into_inner();
+        for (a, b) in act.actions[0].values.iter().zip(&action.actions[0].values) {
+            assert!((a - b).abs() < 1e-4, "{:?} and {:?}", act.actions, action.actions);
+        }
+        last.clone_from(&action.actions[0].values);
+        sim.step(last.as_slice().try_into().unwrap());
+    }
+    robot.say(Say::Close(SessionClose {})).await;
+    let Hear::Closed(closed) = robot.hear().await.unwrap() else { panic!("not closed") };
+    assert_eq!((closed.observations, closed.dropped), (6, 0));
+    assert!(robot.hear.message().await.unwrap().is_none());
+}
+
+/// Two sessions in step give what each gives alone: neither sees the other's history.
+#[tokio::test]
+async fn sessions_are_isolated() {
+    let mut api = Api::connect(served().await).await;
+    let observation = observe(&start_sim());
+    let mut alone = Robot::open(&mut api, NAME).await.unwrap();
+    let first = alone.act(observation.clone()).await.unwrap().actions;
+    let (mut left, mut right) = (Robot::open(&mut api, NAME).await.unwrap(), Robot::open(&mut api, NAME).await.unwrap());
+    let mut shifted = observation.clone();
+    shifted.proprioception.iter_mut().for_each(|value| *value += 0.5);
+    right.act(shifted).await.unwrap();
+    let broken = Observation { cameras: vec![], ..observation.clone() };
+    assert_eq!(right.act(broken).await.unwrap_err().code(), Code::InvalidArgument);
+    assert_eq!(left.act(observation).await.unwrap().actions, first);
+}
+
+#[tokio::test]
+async fn observations_that_are_wrong() {
+    let mut api = Api::connect(served().await).await;
+    let good = observe(&start_sim());
+    let mut missing = good.clone();
+    missing.cameras.pop();
+    let mut stranger = good.clone();
+    stranger.cameras[0].camera = "ceiling".into();
+    let mut small = good.clone();
+    small.cameras[0].color = Some(Image { format: ImageFormat::Raw.into(), data: vec![0; 30].into() });
+    let mut broken = good.clone();
+    broken.cameras[1].color = Some(Image { format: ImageFormat::Jpeg.into(), data: b"\xff\xd8\xff broken".to_vec().into() });
+    let mut short = good.clone();
+    short.proprioception.pop();
+    let mut not_a_number = good.clone();
+    not_a_number.proprioception[2] = f32::NAN;
+    let mut wrong_action = good.clone();
+    wrong_action.executed_action = vec![0.0; 3];
+    let spec = gleaner_sim::task_spec(SimTask::PickCube, &lab::sim_config());
+    let hand = spec.cameras[1].name.as_str();
+    for (observation, words) in [
+        (missing, vec![hand]),
+        (stranger, vec!["ceiling"]),
+        (small, vec!["cameras[0].color"]),
+        (broken, vec!["cameras[1].color"]),
+        (short, vec!["proprioception"]),
+        (not_a_number, vec!["proprioception[2]"]),
+        (wrong_action, vec!["executed_action"]),
+    ] {
+        let request = ActRequest { deployment: NAME.into(), observations: vec![observation.clone()] };
+        let by_act = api.policies.act(request).await.unwrap_err();
+        let mut robot = Robot::open(&mut api, NAME).await.unwrap();
+        let by_session = robot.act(observation).await.unwrap_err();
+        for status in [by_act, by_session] {
+            assert_eq!(status.code(), Code::InvalidArgument, "{status}");
+            for word in &words {
+                assert!(status.message().contains(word), "{word:?} is not in {:?}", status.message());
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn sessions_that_begin_wrong() {
+    let mut api = Api::connect(served().await).await;
+    let unknown = Robot::open(&mut api, "nobody@prod").await.err().unwrap();
+    assert_eq!(unknown.code(), Code::NotFound, "{unknown}");
+    let mut early = Robot::dial(&mut api).await;
+    let error = early.act(observe(&start_sim())).await.unwrap_err();
+    assert_eq!(error.code(), Code::InvalidArgument, "{error}");
+    let mut twice = Robot::open(&mut api, NAME).await.unwrap();
+    twice.say(Say::Open(SessionOpen { deployment: NAME.into(), control_rate_hz: 0.0 })).await;
+    assert_eq!(twice.hear().await.unwrap_err().code(), Code::InvalidArgument);
+    let empty = ActRequest { deployment: NAME.into(), observations: vec![] };
+    assert_eq!(api.policies.act(empty).await.unwrap_err().code(), Code::InvalidArgument);
+}
+
+#[tokio::test]
+async fn deployments_that_cannot_be() {
+    let mut api = Api::connect(served().await).await;
+    let policies = api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
+    let policy = policies[0].id.clone();
+    let slash = DeployRequest { name: "../prod".into(), policy_id: policy.clone() };
+    assert_eq!(api.policies.deploy(slash).await.unwrap_err().code(), Code::InvalidArgument);
+    let unknown = DeployRequest { name: "x@prod".into(), policy_id: "pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into() };
+    assert_eq!(api.policies.deploy(unknown).await.unwrap_err().code(), Code::NotFound);
+    let again = DeployRequest { name: "x@prod".into(), policy_id: policy.clone() };
+    let deployment = api.policies.deploy(again).await.unwrap().into_inner().deployment.unwrap();
+    assert_eq!(deployment.policy_id, policy);
+}
+
+/// A checkpoint of another format version is refused with both versions named.
+#[tokio::test]
+async fn a_checkpoint_of_another_version() {
+    let mut server = TestServer::start().await;
+    let mut api = Api::connect(&server).await;
+    lab::set_up(&mut api).await;
+    let encoder = api.succeed(lab::TASK, lab::pretrain(2)).await.result_id;
+    let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder.clone()), 2)).await.result_id;
+    server.kill().await;
+    for blob in walk(&server.data_dir().join("blobs")) {
+        let bytes = std::fs::read(&blob).unwrap();
+        let mark = b"format_version\\\":\\\"";
+        let marks = [mark.as_slice(), b"format_version\\\":", b"format_version\":\"", b"format_version\":"];
+        let Some((at, mark)) = marks.iter().find_map(|mark| Some((bytes.windows(mark.len()).position(|w| w == *mark)?, mark))) else {
+            continue;
+        };
+        let mut newer = bytes.clone();
+        newer[at + mark.len()] = b'9';
+        std::fs::write(&blob, newer).unwrap();
+    }
+    server.start_again().await;
+    let mut api = Api::connect(&server).await;
+    let error = api.policies.deploy(DeployRequest { name: "old@prod".into(), policy_id: policy }).await.unwrap_err();
+    assert_eq!(error.code(), Code::FailedPrecondition, "{error}");
+    assert!(error.message().contains("version") && error.message().contains('9'), "{error}");
+    let job = api.submit(lab::TASK, lab::score(&encoder)).await.unwrap();
+    let job = api.watch(&job.id).await;
+    assert_eq!(job.state(), JobState::Failed);
+    assert!(job.error.contains("version"), "{}", job.error);
+    assert_eq!(job.attempt, 1, "another attempt cannot help");
+}
+
+fn walk(dir: &std::path::Path) -> Vec<std::path::PathBuf> {
+    let mut files = Vec::new();
+    for entry in dir.read_dir().unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() { files.extend(walk(&path)) } else { files.push(path) }
+    }
+    files
+}

@@ -1,0 +1,22 @@
+//! End to end: real server processes on port 0, real workers, real clients, recordings of the embedded simulator.
+//!
+//! One binary, because each one links libtorch. Nothing here sleeps: every wait is for an event.
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stderr,
+    missing_docs,
+    reason = "tests"
+)]
+
+mod api;
+mod bad_input;
+mod happy;
+mod lab;
+mod live;
+mod real_recordings;
+mod restart;
+mod schedules;
+mod server;
+mod tidy;

@@ -1,0 +1,92 @@
+//! The house's own rules, read off the sources: which crate is named where, and that every file says what it is.
+
+use std::path::{Path, PathBuf};
+
+/// Every Rust source of the workspace with its path from the root.
+fn sources() -> Vec<(String, String)> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let mut files = Vec::new();
+    for room in ["proto", "recording", "learn", "sim", "server", "client", "tests"] {
+        collect(&root.join(room), &mut files);
+    }
+    assert!(files.len() > 60, "the walk found too little");
+    files
+        .into_iter()
+        .map(|path| {
+            let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
+            (name, std::fs::read_to_string(path).unwrap())
+        })
+        .collect()
+}
+
+fn collect(dir: &Path, files: &mut Vec<PathBuf>) {
+    for entry in dir.read_dir().unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
+            collect(&path, files);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+}
+
+/// Lines of code that name `word` as a path's first part.
+fn names(source: &str, word: &str) -> bool {
+    source.lines().map(str::trim_start).filter(|line| !line.starts_with("//")).any(|line| {
+        line.match_indices(word).any(|(at, _)| {
+            let before = line[..at].chars().next_back();
+            !before.is_some_and(|c| c.is_alphanumeric() || c == '_') && line[at + word.len()..].starts_with("::")
+        })
+    })
+}
+
+#[test]
+fn each_crate_is_named_in_its_room_only() {
+    let rules: [(&str, &[&str]); 6] = [
+        ("tch", &["learn/"]),
+        ("sqlx", &["server/src/store/"]),
+        ("mcap", &["recording/"]),
+        ("image", &["recording/"]),
+        ("gleaner_proto", &["server/src/wire/", "server/src/service/", "server/src/worker/", "client/", "tests/"]),
+        ("axum", &["server/src/web/"]),
+    ];
+    let mut broken = Vec::new();
+    for (name, source) in sources() {
+        for (word, rooms) in &rules {
+            // `image` is also a word of our own modules in other rooms.
+            let own_module = *word == "image" && (source.contains("mod image;") || name.contains("/image"));
+            if names(&source, word) && !own_module && !rooms.iter().any(|room| name.starts_with(room)) {
+                broken.push(format!("{name} names {word}, which belongs to {rooms:?}"));
+            }
+        }
+        let status = "Status::";
+        if name.starts_with("server/src/")
+            && name != "server/src/wire/status.rs"
+            && ["new(", "invalid_argument(", "internal(", "not_found(", "unauthenticated(", "unavailable("]
+                .iter()
+                .any(|call| source.contains(&format!("{status}{call}")))
+        {
+            broken.push(format!("{name} builds a Status; wire/status.rs does that"));
+        }
+    }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn every_file_says_what_it_is() {
+    let silent: Vec<String> =
+        sources().into_iter().filter(|(_, source)| !source.starts_with("//!")).map(|(name, _)| name).collect();
+    assert!(silent.is_empty(), "no //! header: {silent:?}");
+}
+
+#[test]
+fn no_stub_and_no_sleep() {
+    // Built here, so that this file does not name them.
+    let marks = [["to", "do!("].concat(), ["unimplem", "ented!("].concat(), ["thread::", "sleep"].concat(), ["#[ig", "nore"].concat()];
+    let found: Vec<String> = sources()
+        .into_iter()
+        .filter(|(_, source)| marks.iter().any(|mark| source.contains(mark.as_str())))
+        .map(|(name, _)| name)
+        .collect();
+    assert!(found.is_empty(), "{found:?}");
+}

@@ -1,1 +1,0 @@
-//! End-to-end tests: a real server, real workers, real clients.
