@@ -6,12 +6,17 @@
 //! The three steps of the method are [`pretrain`], [`score`](fn@score) and [`train_policy`];
 //! [`Policy`] runs what they made.
 
+mod batch;
 mod checkpoint;
 mod device;
 mod error;
-
+mod model;
+mod normalize;
+mod objective;
+mod optimizer;
 mod policy;
-
+mod pretrain;
+mod random;
 mod score;
 mod spec;
 mod train;
@@ -21,10 +26,11 @@ pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};
 pub use device::set_threads;
 pub use error::LearnError;
 pub use policy::{Embedding, History, Policy, train_policy};
+pub use pretrain::pretrain;
 pub use score::{EpisodeScores, Normaliser, Scores, score};
 pub use spec::{
     CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
     PretrainSpec, ScoreSpec, Similarity, TaskShape, TrainSpec,
 };
-pub use train::{Monitor, Silent, pretrain};
+pub use train::{Monitor, Silent};
 pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};

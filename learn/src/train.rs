@@ -1,38 +1,169 @@
-//! stub
-#![allow(missing_docs)]
+//! The training loop that pretraining and policies share: step, report, checkpoint, resume. Knows
+//! nothing of what the loss means.
+
+use std::time::Instant;
+
+use tch::Tensor;
+
+use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
-use crate::spec::{PretrainSpec, TaskShape};
-use crate::trajectory::Trajectory;
+use crate::model::Network;
+use crate::optimizer::AdamW;
+use crate::spec::OptimSpec;
+
 /// Whoever watches a job: takes progress and checkpoints, and may ask it to stop.
 pub trait Monitor {
-    /// `step` of `total` are done; `metrics` are (name, value).
+    /// `step` of `total` are done; `metrics` are (name, value). Called after every step.
     fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]);
+
     /// Keeps `bytes`, from which the job can resume after `step` steps.
     ///
     /// # Errors
     /// Why it could not; the job then fails.
     fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String>;
+
     /// Whether to stop now; asked before every step.
     fn cancelled(&self) -> bool;
 }
+
 /// A monitor that watches nothing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
+
 impl Monitor for Silent {
     fn progress(&mut self, _: u64, _: u64, _: &[(&'static str, f64)]) {}
+
     fn checkpoint(&mut self, _: u64, _: &[u8]) -> Result<(), String> {
         Ok(())
     }
+
     fn cancelled(&self) -> bool {
         false
     }
 }
-pub fn pretrain(
-    _shape: &TaskShape,
-    _data: &[Trajectory],
-    _spec: &PretrainSpec,
-    _resume: Option<&[u8]>,
-    _monitor: &mut dyn Monitor,
-) -> Result<Vec<u8>, LearnError> {
-    Err(LearnError::Torch("not built yet".into()))
+
+/// The loss of one step.
+pub(crate) struct Loss {
+    /// The scalar to minimise.
+    pub(crate) total: Tensor,
+    /// What it is made of, for the metrics.
+    pub(crate) parts: Vec<(&'static str, f64)>,
+}
+
+/// A network in training.
+pub(crate) struct Training {
+    network: Network,
+    optimizer: AdamW,
+    /// The header of the next checkpoint; `step` counts.
+    info: CheckpointInfo,
+}
+
+/// What a resume finds.
+pub(crate) enum Resumed {
+    /// The run goes on from here.
+    Unfinished(Box<Training>),
+    /// The run was over: its result.
+    Finished(Vec<u8>),
+}
+
+impl Training {
+    /// From the first step; `info` describes the run.
+    pub(crate) fn start(network: Network, info: CheckpointInfo) -> Self {
+        Self {
+            optimizer: AdamW::new(network.parameters()),
+            network,
+            info,
+        }
+    }
+
+    /// From a checkpoint of the run that `info` describes.
+    pub(crate) fn resume(
+        bytes: &[u8],
+        info: &CheckpointInfo,
+        device: tch::Device,
+    ) -> Result<Resumed, LearnError> {
+        let (stored, named) = checkpoint::read(bytes, info.kind)?;
+        let same = [
+            ("spec", stored.spec == info.spec),
+            ("shape", stored.shape == info.shape),
+            ("model", stored.model == info.model),
+        ];
+        if let Some((field, _)) = same.iter().find(|(_, same)| !same) {
+            return Err(LearnError::invalid(
+                *field,
+                "differs from the run the checkpoint is of; \
+                 resume with the same settings or start anew",
+            ));
+        }
+        if stored.finished {
+            return Ok(Resumed::Finished(bytes.to_vec()));
+        }
+        let network = Network::from_named(&stored.shape, stored.model, &named, device)?;
+        let mut training = Self::start(network, stored);
+        training.optimizer.load(&named)?;
+        Ok(Resumed::Unfinished(Box::new(training)))
+    }
+
+    /// Takes the remaining steps and gives the finished checkpoint, without optimiser state.
+    pub(crate) fn run(
+        mut self,
+        optim: &OptimSpec,
+        checkpoint_every: u32,
+        loss: &dyn Fn(&Network, u64) -> Loss,
+        monitor: &mut dyn Monitor,
+    ) -> Result<Vec<u8>, LearnError> {
+        while self.info.step < optim.steps {
+            if monitor.cancelled() {
+                return Err(LearnError::Cancelled);
+            }
+            let metrics = self.step(optim, loss)?;
+            let done = self.info.step;
+            monitor.progress(done, optim.steps, &metrics);
+            if done % u64::from(checkpoint_every) == 0 && done < optim.steps {
+                let bytes = checkpoint::write(&self.info, &self.state())?;
+                monitor
+                    .checkpoint(done, &bytes)
+                    .map_err(|message| LearnError::Monitor {
+                        step: done,
+                        message,
+                    })?;
+            }
+        }
+        self.info.finished = true;
+        checkpoint::write(&self.info, &self.network.named())
+    }
+
+    fn step(
+        &mut self,
+        optim: &OptimSpec,
+        loss: &dyn Fn(&Network, u64) -> Loss,
+    ) -> Result<Vec<(&'static str, f64)>, LearnError> {
+        let begin = Instant::now();
+        let step = self.info.step;
+        let rate = optim.learning_rate_at(step);
+        self.optimizer.zero_grad();
+        let loss = loss(&self.network, step);
+        loss.total.backward();
+        let norm = self.optimizer.step(step, rate, optim);
+        let total = loss.total.double_value(&[]);
+        if !(total.is_finite() && norm.is_finite()) {
+            return Err(LearnError::Diverged { step });
+        }
+        self.info.step += 1;
+        let mut metrics = vec![("loss", total)];
+        metrics.extend(loss.parts);
+        metrics.extend([
+            ("grad_norm", norm),
+            ("learning_rate", rate),
+            ("ms_per_step", begin.elapsed().as_secs_f64() * 1e3),
+        ]);
+        Ok(metrics)
+    }
+
+    /// Everything a resume needs.
+    fn state(&self) -> Vec<(String, Tensor)> {
+        let mut named = self.network.named();
+        named.extend(self.optimizer.named());
+        named
+    }
 }

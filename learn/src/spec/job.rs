@@ -71,13 +71,7 @@ impl PretrainSpec {
 
     /// The settings a resumed run must share with the run that wrote the checkpoint.
     pub(crate) fn identity(&self) -> String {
-        let same = Self {
-            checkpoint_every: 0,
-            device: Device::Cpu,
-            threads: None,
-            ..self.clone()
-        };
-        to_json(&same)
+        identity(self)
     }
 }
 
@@ -196,13 +190,7 @@ impl TrainSpec {
 
     /// The settings a resumed run must share with the run that wrote the checkpoint.
     pub(crate) fn identity(&self) -> String {
-        let same = Self {
-            checkpoint_every: 0,
-            device: Device::Cpu,
-            threads: None,
-            ..self.clone()
-        };
-        to_json(&same)
+        identity(self)
     }
 }
 
@@ -216,9 +204,16 @@ fn validate_run(checkpoint_every: u32, threads: Option<u32>) -> Result<(), Learn
     within("threads", f64::from(threads.unwrap_or(1)), 1.0, 1024.0)
 }
 
-/// These structs hold only numbers, strings and lists, so they always have a JSON form.
-fn to_json(spec: &impl Serialize) -> String {
-    serde_json::to_string(spec).unwrap_or_default()
+/// The settings as JSON without those that only say how a run is carried out. The specs hold only
+/// numbers, strings and lists, so they always have a JSON form.
+fn identity(spec: &impl Serialize) -> String {
+    let mut json = serde_json::to_value(spec).unwrap_or_default();
+    if let Some(fields) = json.as_object_mut() {
+        for field in ["checkpoint_every", "device", "threads"] {
+            fields.remove(field);
+        }
+    }
+    json.to_string()
 }
 
 #[cfg(test)]

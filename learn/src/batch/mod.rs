@@ -1,0 +1,84 @@
+//! The door between plain arrays and tensors: draws segments, lays out their windows so that each
+//! step is there once, and moves bytes and floats into tensors. Knows nothing of the model.
+
+mod draw;
+mod images;
+mod windows;
+
+pub(crate) use draw::{Segment, Segments};
+pub(crate) use images::images;
+pub(crate) use windows::Windows;
+
+use tch::{Device, Tensor};
+
+use crate::spec::TaskShape;
+use crate::trajectory::Trajectory;
+
+/// The tensors of some segments. Each of the N steps they touch is there once.
+pub(crate) struct Batch {
+    /// Per camera `[N, C, H, W]`, values in 0 … 1.
+    pub(crate) images: Vec<Tensor>,
+    /// `[N, M]` in physical units.
+    pub(crate) proprioception: Tensor,
+    /// `[N, A]` in physical units.
+    pub(crate) action: Tensor,
+    /// Where each place of each window lies among the steps.
+    pub(crate) windows: Windows,
+    /// `[W]`, the segments' weights.
+    pub(crate) weight: Tensor,
+}
+
+impl Batch {
+    /// Collects what `segments` of `data` touch; `window` is the number of steps in a segment.
+    pub(crate) fn collect(
+        shape: &TaskShape,
+        data: &[&Trajectory],
+        segments: &[Segment],
+        window: usize,
+        device: Device,
+    ) -> Self {
+        let (windows, steps) = Windows::lay_out(segments, window, device);
+        let frames: Vec<&[u8]> = steps
+            .iter()
+            .map(|(trajectory, step)| data[*trajectory].frame(shape, *step))
+            .collect();
+        let (mut proprioception, mut action) = (Vec::new(), Vec::new());
+        for (trajectory, step) in &steps {
+            proprioception.extend_from_slice(data[*trajectory].proprioception_at(shape, *step));
+            action.extend_from_slice(data[*trajectory].action_at(shape, *step));
+        }
+        let weight: Vec<f32> = segments.iter().map(|segment| segment.weight).collect();
+        Self {
+            images: images(shape, &frames, device),
+            proprioception: rows(&proprioception, shape.proprioception, device),
+            action: rows(&action, shape.action, device),
+            windows,
+            weight: Tensor::from_slice(&weight).to_device(device),
+        }
+    }
+}
+
+/// `values` as `[values.len() / width, width]`.
+pub(crate) fn rows(values: &[f32], width: usize, device: Device) -> Tensor {
+    Tensor::from_slice(values)
+        .view([-1, int(width)])
+        .to_device(device)
+}
+
+/// A tensor's values, row-major.
+pub(crate) fn values(tensor: &Tensor) -> Vec<f32> {
+    let tensor = tensor
+        .detach()
+        .to_device(Device::Cpu)
+        .to_kind(tch::Kind::Float)
+        .contiguous();
+    let mut values = vec![0f32; tensor.numel()];
+    let count = values.len();
+    tensor.copy_data(&mut values, count);
+    values
+}
+
+/// A length as the tensor library wants it. Lengths of things in memory always fit.
+pub(crate) fn int(length: usize) -> i64 {
+    i64::try_from(length).unwrap_or(i64::MAX)
+}

@@ -1,0 +1,70 @@
+//! The decoder heads H_o, H_m and H_a: features to standardised predictions.
+
+use tch::Tensor;
+use tch::nn::{self, Module};
+
+use super::Size;
+use crate::batch::int;
+use crate::normalize::target_size;
+use crate::spec::TaskShape;
+
+/// One hidden layer.
+struct Head {
+    hidden: nn::Linear,
+    out: nn::Linear,
+}
+
+impl Head {
+    fn new(path: &nn::Path<'_>, width: i64, outputs: i64) -> Self {
+        Self {
+            hidden: nn::linear(path / "hidden", width, width, Default::default()),
+            out: nn::linear(path / "out", width, outputs, Default::default()),
+        }
+    }
+
+    fn forward(&self, z: &Tensor) -> Tensor {
+        self.out.forward(&self.hidden.forward(z).gelu("none"))
+    }
+}
+
+/// The three heads.
+pub(crate) struct Heads {
+    image: Head,
+    proprioception: Head,
+    action: Head,
+}
+
+impl Heads {
+    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size) -> Self {
+        let pixels = |camera| target_size(camera, size.target).iter().product::<i64>();
+        let image = shape
+            .cameras
+            .iter()
+            .map(|camera| int(camera.channels()) * pixels(camera))
+            .sum();
+        Self {
+            image: Head::new(&(path / "image"), size.width, image),
+            proprioception: Head::new(
+                &(path / "proprioception"),
+                size.width,
+                int(shape.proprioception),
+            ),
+            action: Head::new(&(path / "action"), size.width, int(shape.action)),
+        }
+    }
+
+    /// H_o: `[..., d]` to all cameras' down-sampled images, flat and one after the other.
+    pub(crate) fn image(&self, z: &Tensor) -> Tensor {
+        self.image.forward(z)
+    }
+
+    /// H_m: `[..., d]` to `[..., M]`.
+    pub(crate) fn proprioception(&self, z: &Tensor) -> Tensor {
+        self.proprioception.forward(z)
+    }
+
+    /// H_a: `[..., d]` to `[..., A]`.
+    pub(crate) fn action(&self, z: &Tensor) -> Tensor {
+        self.action.forward(z)
+    }
+}

@@ -1,0 +1,165 @@
+//! The multi-modality transformer T(·) with its heads: plain layers and their shapes. Knows
+//! nothing of losses, optimisers or scores.
+
+mod heads;
+mod image_encoder;
+mod size;
+mod tokens;
+mod transformer;
+mod weights;
+
+pub(crate) use size::Size;
+pub(crate) use tokens::Modality;
+pub(crate) use transformer::{Attention, mask};
+
+use std::collections::BTreeMap;
+
+use tch::{Device, Tensor, nn};
+
+use crate::batch::{Batch, Windows};
+use crate::error::LearnError;
+use crate::normalize::Statistics;
+use crate::spec::{ModelSpec, TaskShape};
+use heads::Heads;
+use image_encoder::ImageEncoder;
+use tokens::Tokens;
+use transformer::Transformer;
+
+/// The network of one task.
+pub(crate) struct Network {
+    pub(crate) shape: TaskShape,
+    pub(crate) spec: ModelSpec,
+    pub(crate) statistics: Statistics,
+    pub(crate) heads: Heads,
+    store: nn::VarStore,
+    images: ImageEncoder,
+    tokens: Tokens,
+    transformer: Transformer,
+}
+
+impl Network {
+    /// The network with first weights drawn from `seed`.
+    pub(crate) fn new(
+        shape: &TaskShape,
+        spec: ModelSpec,
+        statistics: Statistics,
+        seed: u64,
+        device: Device,
+    ) -> Self {
+        let network = Self::build(shape, spec, statistics, device);
+        weights::draw(&network.parameters(), seed);
+        network
+    }
+
+    /// The network with the weights in `named`.
+    pub(crate) fn from_named(
+        shape: &TaskShape,
+        spec: ModelSpec,
+        named: &BTreeMap<String, Tensor>,
+        device: Device,
+    ) -> Result<Self, LearnError> {
+        let target = Size::of(spec.preset).target;
+        let statistics = Statistics::from_named(shape, target, named, device)?;
+        let network = Self::build(shape, spec, statistics, device);
+        weights::load(&network.parameters(), named)?;
+        Ok(network)
+    }
+
+    fn build(shape: &TaskShape, spec: ModelSpec, statistics: Statistics, device: Device) -> Self {
+        let store = nn::VarStore::new(device);
+        let root = store.root() / "model";
+        let size = Size::of(spec.preset);
+        Self {
+            heads: Heads::new(&(&root / "head"), shape, &size),
+            images: ImageEncoder::new(&(&root / "image"), shape, &size),
+            tokens: Tokens::new(&(&root / "token"), shape, size.width, spec.window()),
+            transformer: Transformer::new(&(&root / "transformer"), &size),
+            shape: shape.clone(),
+            spec,
+            statistics,
+            store,
+        }
+    }
+
+    /// Every parameter in name order.
+    pub(crate) fn parameters(&self) -> Vec<(String, Tensor)> {
+        let sorted: BTreeMap<_, _> = self.store.variables().into_iter().collect();
+        sorted.into_iter().collect()
+    }
+
+    /// Parameters and statistics with their names in a checkpoint.
+    pub(crate) fn named(&self) -> Vec<(String, Tensor)> {
+        let mut named = self.parameters();
+        named.extend(self.statistics.named());
+        named
+    }
+
+    pub(crate) fn device(&self) -> Device {
+        self.store.device()
+    }
+
+    /// Width d of tokens and features.
+    pub(crate) fn width(&self) -> usize {
+        usize::try_from(Size::of(self.spec.preset).width).unwrap_or(0)
+    }
+
+    /// Images, per camera `[N, C, H, W]`, to one embedding a step `[N, d]`.
+    pub(crate) fn embed_images(&self, images: &[Tensor]) -> Tensor {
+        let standard: Vec<Tensor> = images
+            .iter()
+            .zip(&self.statistics.cameras)
+            .map(|(image, camera)| camera.input.apply(image))
+            .collect();
+        self.images.forward(&standard)
+    }
+
+    /// Embedded o `[N, d]`, m `[N, M]` and a `[N, A]` in physical units, to `[N, 3, d]`.
+    pub(crate) fn steps(&self, embedded: &Tensor, m: &Tensor, a: &Tensor) -> Tensor {
+        let m = self.statistics.proprioception.apply(m);
+        let a = self.statistics.action.apply(a);
+        self.tokens.steps(embedded, &m, &a)
+    }
+
+    /// The steps of a batch, `[N, 3, d]`; every frame is encoded once.
+    pub(crate) fn batch_steps(&self, batch: &Batch) -> Tensor {
+        let embedded = self.embed_images(&batch.images);
+        self.steps(&embedded, &batch.proprioception, &batch.action)
+    }
+
+    /// Features z of the last `keep` steps of each window, `[W, keep, 3, d]`.
+    ///
+    /// `steps` is `[N, 3, d]`; `hidden` `[W, L, 3]` says which elements are masked out, M(τ).
+    pub(crate) fn features(
+        &self,
+        steps: &Tensor,
+        windows: &Windows,
+        view: View<'_>,
+        keep: usize,
+    ) -> Tensor {
+        let tokens = self.tokens.windows(steps, windows, view.hidden);
+        let mask = mask(&windows.valid, view.attention);
+        self.transformer.forward(&tokens, &mask, keep)
+    }
+}
+
+/// How a pass sees its windows.
+#[derive(Clone, Copy)]
+pub(crate) struct View<'a> {
+    /// Which tokens see which.
+    pub(crate) attention: Attention,
+    /// `[W, L, 3]` of `bool`: elements replaced by the mask token.
+    pub(crate) hidden: Option<&'a Tensor>,
+}
+
+impl View<'_> {
+    /// Nothing hidden, every token sees every other.
+    pub(crate) const WHOLE: Self = View {
+        attention: Attention::Bidirectional,
+        hidden: None,
+    };
+    /// Nothing hidden, a token sees itself and what came before.
+    pub(crate) const CAUSAL: Self = View {
+        attention: Attention::Causal,
+        hidden: None,
+    };
+}

@@ -1,0 +1,81 @@
+//! The self-supervised objectives of pretraining, one a file, and what they share: the errors of
+//! the heads' predictions. Knows nothing of batches or optimisers.
+//!
+//! log P is Gaussian with fixed variance, so minus log P is the squared error up to constants. The
+//! error of an element is the mean over its values of standardised m or a, or of the down-sampled
+//! standardised image. A loss is the mean over its elements, taken per modality first, so that
+//! o, m and a weigh the same whatever their sizes.
+
+pub(crate) mod action_autoregression;
+pub(crate) mod masked_transition;
+pub(crate) mod masking;
+pub(crate) mod reconstruction;
+
+use tch::{Kind, Tensor};
+
+use crate::batch::{Batch, int};
+use crate::model::{Modality, Network};
+
+/// What the heads should say at each place of each window, standardised.
+pub(crate) struct Targets {
+    /// `[W, L, O]`.
+    image: Tensor,
+    /// `[W, L, M]`.
+    proprioception: Tensor,
+    /// `[W, L, A]`.
+    pub(crate) action: Tensor,
+}
+
+impl Targets {
+    /// The targets of `batch`.
+    pub(crate) fn new(network: &Network, batch: &Batch) -> Self {
+        let statistics = &network.statistics;
+        let spread = |steps: &Tensor| {
+            steps
+                .index_select(0, &batch.windows.index)
+                .unflatten(0, [-1, int(batch.windows.length)])
+        };
+        let images: Vec<Tensor> = batch
+            .images
+            .iter()
+            .zip(&statistics.cameras)
+            .map(|(image, camera)| camera.small(image).flatten(1, -1))
+            .collect();
+        Self {
+            image: spread(&Tensor::cat(&images, 1)),
+            proprioception: spread(&statistics.proprioception.apply(&batch.proprioception)),
+            action: spread(&statistics.action.apply(&batch.action)),
+        }
+    }
+
+    /// Squared error of every element, `[W, L, 3]`, from features `[W, L, 3, d]`.
+    pub(crate) fn errors(&self, network: &Network, features: &Tensor) -> Tensor {
+        let heads = &network.heads;
+        let image = heads.image(&Modality::Image.of(features));
+        let proprioception = heads.proprioception(&Modality::Proprioception.of(features));
+        let action = heads.action(&Modality::Action.of(features));
+        let errors = [
+            squared_error(&image, &self.image),
+            squared_error(&proprioception, &self.proprioception),
+            squared_error(&action, &self.action),
+        ];
+        Tensor::stack(&errors, -1)
+    }
+}
+
+/// Mean over the last dimension of the squared difference.
+pub(crate) fn squared_error(prediction: &Tensor, target: &Tensor) -> Tensor {
+    (prediction - target)
+        .square()
+        .mean_dim([-1i64].as_slice(), false, Kind::Float)
+}
+
+/// Mean over o, m, a of the mean of `errors` `[W, L, 3]` where `counted` `[W, L, 3]` is true; a
+/// modality with no counted element gives 0.
+fn modality_mean(errors: &Tensor, counted: &Tensor) -> Tensor {
+    let counted = counted.to_kind(Kind::Float);
+    let places = [0i64, 1];
+    let count = counted.sum_dim_intlist(places.as_slice(), false, Kind::Float);
+    let sum = (errors * counted).sum_dim_intlist(places.as_slice(), false, Kind::Float);
+    (sum / count.clamp_min(1.0)).mean(Kind::Float)
+}

@@ -1,0 +1,145 @@
+//! Step one of SSDF: the transformer learns D_u by itself.
+//!
+//! L_pretrain = L_MTP + L_TR + L_AA.
+
+use tch::Tensor;
+
+use crate::batch::{Batch, Segments, Windows};
+use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
+use crate::device;
+use crate::error::{LearnError, guard};
+use crate::model::{Attention, Network, Size, View};
+use crate::normalize::Statistics;
+use crate::objective::{
+    Targets, action_autoregression, masked_transition, masking, reconstruction,
+};
+use crate::random::{Purpose, generator};
+use crate::spec::{Objective, PretrainSpec, TaskShape};
+use crate::train::{Loss, Monitor, Resumed, Training};
+use crate::trajectory::Trajectory;
+
+/// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and gives its checkpoint.
+///
+/// `resume` is a checkpoint the monitor kept; on the CPU, with the same number of threads, the
+/// resumed run gives the same bytes as a straight one. Metrics: `loss`, `loss_mtp`, `loss_tr`,
+/// `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`.
+///
+/// # Errors
+/// [`LearnError::Invalid`] for bad input, [`LearnError::Cancelled`], [`LearnError::Diverged`],
+/// and what reading a checkpoint or the tensor library may give.
+pub fn pretrain(
+    shape: &TaskShape,
+    data: &[Trajectory],
+    spec: &PretrainSpec,
+    resume: Option<&[u8]>,
+    monitor: &mut dyn Monitor,
+) -> Result<Vec<u8>, LearnError> {
+    shape.validate()?;
+    spec.validate()?;
+    if data.is_empty() {
+        return Err(LearnError::invalid("data", "has no episode to learn from"));
+    }
+    for trajectory in data {
+        trajectory.validate(shape)?;
+    }
+    let data: Vec<&Trajectory> = data.iter().collect();
+    guard(|| {
+        let training = match begin(shape, &data, spec, resume)? {
+            Resumed::Finished(bytes) => return Ok(bytes),
+            Resumed::Unfinished(training) => training,
+        };
+        let segments = Segments::every(shape, &data);
+        let loss = |network: &Network, step| {
+            let batch = draw(network, &data, &segments, spec, step);
+            pretrain_loss(network, &batch, spec, step)
+        };
+        training.run(&spec.optim, spec.checkpoint_every, &loss, monitor)
+    })
+}
+
+fn begin(
+    shape: &TaskShape,
+    data: &[&Trajectory],
+    spec: &PretrainSpec,
+    resume: Option<&[u8]>,
+) -> Result<Resumed, LearnError> {
+    let device = device::open(spec.device, spec.threads)?;
+    let info = CheckpointInfo {
+        format_version: FORMAT_VERSION,
+        kind: CheckpointKind::Encoder,
+        step: 0,
+        finished: false,
+        shape: shape.clone(),
+        model: spec.model,
+        spec: spec.identity(),
+    };
+    if let Some(bytes) = resume {
+        return Training::resume(bytes, &info, device);
+    }
+    let target = Size::of(spec.model.preset).target;
+    let statistics = Statistics::measure(shape, data, target, device);
+    let network = Network::new(shape, spec.model, statistics, spec.seed, device);
+    Ok(Resumed::Unfinished(Box::new(Training::start(
+        network, info,
+    ))))
+}
+
+fn draw(
+    network: &Network,
+    data: &[&Trajectory],
+    segments: &Segments,
+    spec: &PretrainSpec,
+    step: u64,
+) -> Batch {
+    let mut rng = generator(spec.seed, Purpose::Batch, step);
+    let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
+    let window = spec.model.window();
+    Batch::collect(&network.shape, data, &drawn, window, network.device())
+}
+
+/// The sum of the objectives asked for. MTP and TR share one bidirectional pass over M(τ).
+fn pretrain_loss(network: &Network, batch: &Batch, spec: &PretrainSpec, step: u64) -> Loss {
+    let wants = |objective| spec.objectives.contains(&objective);
+    let steps = network.batch_steps(batch);
+    let targets = Targets::new(network, batch);
+    let windows = &batch.windows;
+    let mut losses = Vec::new();
+    if wants(Objective::Mtp) || wants(Objective::Tr) {
+        let masked = mask(windows, spec.seed, step, network.device());
+        let view = View {
+            attention: Attention::Bidirectional,
+            hidden: Some(&masked),
+        };
+        let features = network.features(&steps, windows, view, windows.length);
+        let errors = targets.errors(network, &features);
+        if wants(Objective::Mtp) {
+            losses.push(("loss_mtp", masked_transition::loss(&errors, &masked)));
+        }
+        if wants(Objective::Tr) {
+            let loss = reconstruction::loss(&errors, &masked, &windows.valid);
+            losses.push(("loss_tr", loss));
+        }
+    }
+    if wants(Objective::Aa) {
+        let features = network.features(&steps, windows, View::CAUSAL, windows.length);
+        let prediction = action_autoregression::predict(network, &features);
+        let loss = action_autoregression::loss(&prediction, &targets.action, &windows.valid);
+        losses.push(("loss_aa", loss));
+    }
+    let total: Tensor = losses.iter().map(|(_, loss)| loss).sum();
+    let parts = losses
+        .iter()
+        .map(|(name, loss)| (*name, loss.double_value(&[])));
+    Loss {
+        parts: parts.collect(),
+        total,
+    }
+}
+
+/// The indicator I(e_t) of one step's batch, `[W, L, 3]`.
+fn mask(windows: &Windows, seed: u64, step: u64, device: tch::Device) -> Tensor {
+    let mut rng = generator(seed, Purpose::Mask, step);
+    let masked = masking::draw(&mut rng, &windows.valid_places, windows.length);
+    let length = crate::batch::int(windows.length);
+    Windows::grid(&masked, &[-1, length, 3], device)
+}
