@@ -1,1 +1,32 @@
-//! The gleaner client library and command line.
+//! The gleaner client: everything a program needs to talk to a gleaner server.
+//!
+//! [`Client`] is the connection. Plain calls go through the generated service clients it hands out
+//! (`client.tasks()`, `client.jobs()`, ...); what needs a loop or a rule is a method of its own:
+//! [`Client::upload`] and [`Client::push`], [`Client::watch`] and [`Client::wait`], the downloads,
+//! [`Session`] for robots and [`Client::drive`] for closed-loop evaluation in the simulator.
+//!
+//! Links no libtorch. Prints nothing; what prints is the command line, in this package's binary.
+
+mod connection;
+mod digest;
+mod download;
+mod drive;
+mod error;
+mod labels;
+mod push;
+mod retry;
+mod session;
+pub mod spec;
+mod token;
+mod upload;
+mod watch;
+
+pub use connection::{Authorize, Client, Transport};
+pub use drive::{DrivePlan, Driven, DrivenEpisode};
+pub use error::{ClientError, Result};
+pub use labels::{LabelledFile, find_recordings, outcome_from_word, read_labels};
+pub use push::{PushEvent, PushItem, PushResult, Pushed};
+pub use session::{Session, observation};
+pub use token::Token;
+pub use upload::{UploadLabel, Uploaded};
+pub use watch::has_ended;

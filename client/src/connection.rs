@@ -1,0 +1,180 @@
+//! The connection: one HTTP/2 channel with its limits, and a typed client for each service.
+//!
+//! Plain calls go through the generated clients that [`Client`] hands out; what needs a loop or a rule
+//! (upload, watch, download, session) is a method of `Client` in the file of that name.
+
+use std::time::Duration;
+
+use gleaner_proto::v1::dataset_service_client::DatasetServiceClient;
+use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
+use gleaner_proto::v1::job_service_client::JobServiceClient;
+use gleaner_proto::v1::policy_service_client::PolicyServiceClient;
+use gleaner_proto::v1::schedule_service_client::ScheduleServiceClient;
+use gleaner_proto::v1::score_service_client::ScoreServiceClient;
+use gleaner_proto::v1::snapshot_service_client::SnapshotServiceClient;
+use gleaner_proto::v1::task_service_client::TaskServiceClient;
+use tonic::service::Interceptor;
+use tonic::service::interceptor::InterceptedService;
+use tonic::transport::{Channel, Endpoint};
+
+use crate::error::{ClientError, Result};
+use crate::token::Token;
+
+// A segment of large raw frames is the biggest message the server sends.
+const LARGEST_REPLY: usize = 256 << 20;
+// 64 KiB, the protocol's default, would cap a distant link near 1 MB/s.
+const WINDOW: u32 = 8 << 20;
+
+/// What the service clients talk through: the channel plus the token.
+pub type Transport = InterceptedService<Channel, Authorize>;
+
+/// Adds the token to each request.
+#[derive(Clone, Debug)]
+pub struct Authorize {
+    token: Option<Token>,
+}
+
+impl Interceptor for Authorize {
+    fn call(
+        &mut self,
+        mut request: tonic::Request<()>,
+    ) -> std::result::Result<tonic::Request<()>, tonic::Status> {
+        if let Some(token) = &self.token {
+            request
+                .metadata_mut()
+                .insert("authorization", token.header());
+        }
+        Ok(request)
+    }
+}
+
+/// A connection to a gleaner server. Cheap to clone; clones share the connection, which mends itself when
+/// it breaks.
+#[derive(Clone, Debug)]
+pub struct Client {
+    transport: Transport,
+}
+
+impl Client {
+    /// Connects to a server, for example `http://127.0.0.1:7400`.
+    ///
+    /// # Errors
+    /// [`ClientError::Invalid`] when the address is not one, [`ClientError::Connect`] when nobody answers.
+    pub async fn connect(url: &str, token: Option<Token>) -> Result<Self> {
+        if !url.starts_with("http://") {
+            return Err(ClientError::Invalid(format!(
+                "server address {url}: it must begin with http:// (this client speaks no TLS yet; use a tunnel)"
+            )));
+        }
+        let endpoint = Endpoint::from_shared(url.to_owned())
+            .map_err(|error| ClientError::Invalid(format!("server address {url}: {error}")))?
+            .user_agent(concat!("gleaner/", env!("CARGO_PKG_VERSION")))
+            .map_err(|error| ClientError::Invalid(error.to_string()))?
+            .connect_timeout(Duration::from_secs(10))
+            .tcp_nodelay(true)
+            .initial_stream_window_size(WINDOW)
+            .initial_connection_window_size(2 * WINDOW)
+            .http2_keep_alive_interval(Duration::from_secs(30))
+            .keep_alive_timeout(Duration::from_secs(20));
+        let channel = endpoint
+            .connect()
+            .await
+            .map_err(|error| ClientError::Connect {
+                url: url.to_owned(),
+                problem: innermost(&error),
+            })?;
+        Ok(Self {
+            transport: InterceptedService::new(channel, Authorize { token }),
+        })
+    }
+
+    /// Tasks.
+    #[must_use]
+    pub fn tasks(&self) -> TaskServiceClient<Transport> {
+        TaskServiceClient::new(self.transport.clone())
+    }
+
+    /// Episodes and their labels.
+    #[must_use]
+    pub fn episodes(&self) -> EpisodeServiceClient<Transport> {
+        EpisodeServiceClient::new(self.transport.clone())
+    }
+
+    /// Snapshots.
+    #[must_use]
+    pub fn snapshots(&self) -> SnapshotServiceClient<Transport> {
+        SnapshotServiceClient::new(self.transport.clone())
+    }
+
+    /// Jobs and pipelines.
+    #[must_use]
+    pub fn jobs(&self) -> JobServiceClient<Transport> {
+        JobServiceClient::new(self.transport.clone()).max_decoding_message_size(LARGEST_REPLY)
+    }
+
+    /// Schedules.
+    #[must_use]
+    pub fn schedules(&self) -> ScheduleServiceClient<Transport> {
+        ScheduleServiceClient::new(self.transport.clone())
+    }
+
+    /// Score runs.
+    #[must_use]
+    pub fn scores(&self) -> ScoreServiceClient<Transport> {
+        ScoreServiceClient::new(self.transport.clone()).max_decoding_message_size(LARGEST_REPLY)
+    }
+
+    /// Datasets and exports.
+    #[must_use]
+    pub fn datasets(&self) -> DatasetServiceClient<Transport> {
+        DatasetServiceClient::new(self.transport.clone()).max_decoding_message_size(LARGEST_REPLY)
+    }
+
+    /// Policies, deployments and sessions.
+    #[must_use]
+    pub fn policies(&self) -> PolicyServiceClient<Transport> {
+        PolicyServiceClient::new(self.transport.clone()).max_encoding_message_size(LARGEST_REPLY)
+    }
+}
+
+// The transport's own message is "transport error"; what helps is the cause at the bottom.
+fn innermost(error: &dyn std::error::Error) -> String {
+    let mut cause = error;
+    while let Some(next) = cause.source() {
+        cause = next;
+    }
+    cause.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[tokio::test]
+    async fn addresses_that_are_none_are_refused() {
+        for url in ["127.0.0.1:7400", "https://lab.example", "http://a b"] {
+            let error = Client::connect(url, None).await.unwrap_err();
+            assert!(matches!(error, ClientError::Invalid(_)), "{url}: {error}");
+        }
+    }
+
+    #[tokio::test]
+    async fn nobody_there_is_said_with_the_mend() {
+        // Bound and dropped at once: a port where surely nobody listens.
+        let port = std::net::TcpListener::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+            .port();
+        let error = Client::connect(&format!("http://127.0.0.1:{port}"), None)
+            .await
+            .unwrap_err();
+        let said = error.to_string();
+        assert!(
+            said.contains("gleaner-server serve") && said.contains(&port.to_string()),
+            "{said}"
+        );
+        assert!(error.is_transient());
+    }
+}

@@ -1,0 +1,198 @@
+//! Downloads: a stream of bytes into a file, which appears under its name only when it is whole and verified.
+
+use std::path::{Component, Path, PathBuf};
+
+use bytes::Bytes;
+use futures::{Stream, StreamExt as _};
+use gleaner_proto::v1::{
+    DownloadEpisodeRequest, DownloadExportFileRequest, Episode, ExportFile, GetEpisodeRequest,
+    ListExportFilesRequest,
+};
+use tokio::io::AsyncWriteExt as _;
+
+use crate::connection::Client;
+use crate::error::{ClientError, Result};
+
+impl Client {
+    /// Downloads an episode's recording, as it was uploaded, and checks its digest.
+    ///
+    /// # Errors
+    /// [`ClientError::Rejected`] when there is no such episode, [`ClientError::Damaged`] when other bytes
+    /// arrive than were uploaded, [`ClientError::Io`] when the file can't be written.
+    pub async fn download_episode(
+        &self,
+        episode_id: &str,
+        path: &Path,
+        progress: impl Fn(u64),
+    ) -> Result<Episode> {
+        let mut service = self.episodes();
+        let request = GetEpisodeRequest {
+            episode_id: episode_id.to_owned(),
+        };
+        let episode = service.get_episode(request).await?.into_inner().episode;
+        let episode = episode.ok_or(ClientError::Contract {
+            missing: "an episode",
+        })?;
+        let request = DownloadEpisodeRequest {
+            episode_id: episode_id.to_owned(),
+        };
+        let pieces = service.download_episode(request).await?.into_inner();
+        save(
+            pieces.map(|piece| Ok(piece?.data)),
+            path,
+            &episode.blake3,
+            progress,
+        )
+        .await?;
+        Ok(episode)
+    }
+
+    /// Lists the files of a finished export.
+    ///
+    /// # Errors
+    /// The codes of `ListExportFiles`.
+    pub async fn export_files(&self, export_id: &str) -> Result<Vec<ExportFile>> {
+        let request = ListExportFilesRequest {
+            export_id: export_id.to_owned(),
+        };
+        Ok(self
+            .datasets()
+            .list_export_files(request)
+            .await?
+            .into_inner()
+            .files)
+    }
+
+    /// Downloads one file of an export into a folder and checks its digest. Returns where it lies.
+    ///
+    /// # Errors
+    /// As for [`Client::download_episode`].
+    pub async fn download_export_file(
+        &self,
+        export_id: &str,
+        file: &ExportFile,
+        folder: &Path,
+        progress: impl Fn(u64),
+    ) -> Result<PathBuf> {
+        let path = folder.join(relative(&file.name)?);
+        let request = DownloadExportFileRequest {
+            export_id: export_id.to_owned(),
+            name: file.name.clone(),
+        };
+        let pieces = self
+            .datasets()
+            .download_export_file(request)
+            .await?
+            .into_inner();
+        save(
+            pieces.map(|piece| Ok(piece?.data)),
+            &path,
+            &file.blake3,
+            progress,
+        )
+        .await?;
+        Ok(path)
+    }
+}
+
+// A name that stays inside the folder it is joined to.
+fn relative(name: &str) -> Result<&Path> {
+    let path = Path::new(name);
+    let stays = path
+        .components()
+        .all(|part| matches!(part, Component::Normal(_)));
+    if stays && !name.is_empty() {
+        return Ok(path);
+    }
+    Err(ClientError::Invalid(format!(
+        "the export holds a file named {name:?}, which leaves the folder; not written"
+    )))
+}
+
+async fn save(
+    mut pieces: impl Stream<Item = Result<Bytes>> + Unpin,
+    path: &Path,
+    blake3: &str,
+    progress: impl Fn(u64),
+) -> Result<()> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        Some(_) | None => Path::new("."),
+    };
+    std::fs::create_dir_all(folder).map_err(ClientError::io(folder))?;
+    // Deleted by itself when anything goes wrong on the way.
+    let part = tempfile::NamedTempFile::with_prefix_in(".gleaner-", folder)
+        .map_err(ClientError::io(folder))?;
+    let mut file = tokio::fs::File::create(part.path())
+        .await
+        .map_err(ClientError::io(path))?;
+    let mut hasher = blake3::Hasher::new();
+    while let Some(piece) = pieces.next().await {
+        let piece = piece?;
+        hasher.update(&piece);
+        file.write_all(&piece)
+            .await
+            .map_err(ClientError::io(path))?;
+        progress(hasher.count());
+    }
+    file.sync_all().await.map_err(ClientError::io(path))?;
+    let found = hasher.finalize().to_hex().to_string();
+    if found != blake3 {
+        let what = path.display().to_string();
+        return Err(ClientError::Damaged {
+            what,
+            expected: blake3.to_owned(),
+            found,
+        });
+    }
+    part.persist(path).map_err(|error| ClientError::Io {
+        path: path.to_owned(),
+        source: error.error,
+    })?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn pieces(parts: &[&'static str]) -> impl Stream<Item = Result<Bytes>> + Unpin {
+        futures::stream::iter(
+            parts
+                .iter()
+                .map(|part| Ok(Bytes::from(*part)))
+                .collect::<Vec<_>>(),
+        )
+    }
+
+    #[tokio::test]
+    async fn a_whole_file_appears_and_a_damaged_one_does_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep/er/a.mcap");
+        let digest = blake3::hash(b"hello world").to_hex().to_string();
+        save(pieces(&["hello ", "world"]), &path, &digest, |_| {})
+            .await
+            .unwrap();
+        assert_eq!(std::fs::read(&path).unwrap(), b"hello world");
+
+        let other = folder.path().join("b.mcap");
+        let error = save(pieces(&["hello ", "word"]), &other, &digest, |_| {})
+            .await
+            .unwrap_err();
+        assert!(matches!(error, ClientError::Damaged { .. }), "{error}");
+        assert_eq!(
+            std::fs::read_dir(folder.path()).unwrap().count(),
+            1,
+            "only the folder of the first is left"
+        );
+    }
+
+    #[test]
+    fn names_that_leave_the_folder_are_refused() {
+        for name in ["", "/etc/passwd", "../up", "a/../../up"] {
+            assert!(relative(name).is_err(), "{name}");
+        }
+        assert!(relative("a/b.mcap").is_ok());
+    }
+}

@@ -1,0 +1,173 @@
+//! What can go wrong on the client's side, each with what to do about it.
+//!
+//! Knows no command and prints nothing.
+
+use std::path::PathBuf;
+
+use gleaner_proto::v1::{Job, JobState};
+use gleaner_recording::RecordingError;
+
+/// The result of every call of this library.
+pub type Result<T> = std::result::Result<T, ClientError>;
+
+/// Why a call did not do what was asked.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum ClientError {
+    /// There is no server at that address, or no way to it.
+    #[error("cannot reach {url}: {problem}; is the server running there (gleaner-server serve)?")]
+    Connect {
+        /// The address.
+        url: String,
+        /// What the transport said.
+        problem: String,
+    },
+    /// The server said no. The message is the server's own and names the mend.
+    #[error("{}", describe(.0))]
+    Rejected(Box<tonic::Status>),
+    /// The file system refused.
+    #[error("{}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+    /// Something the caller gave can't be used.
+    #[error("{0}")]
+    Invalid(String),
+    /// A recording or a task specification can't be used.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// Bytes that arrived are not the bytes that were promised.
+    #[error("{what} arrived damaged: its BLAKE3 is {found}, expected {expected}; fetch it again")]
+    Damaged {
+        /// What was fetched.
+        what: String,
+        /// Digest expected, hex.
+        expected: String,
+        /// Digest found, hex.
+        found: String,
+    },
+    /// The server broke the contract of its own API.
+    #[error(
+        "the server answered without {missing}; client and server may be of different versions"
+    )]
+    Contract {
+        /// What the answer lacks.
+        missing: &'static str,
+    },
+    /// A job ended, but did not succeed.
+    #[error("{}", describe_job(.0))]
+    JobEnded(Box<Job>),
+}
+
+impl ClientError {
+    /// An [`ClientError::Io`] that names the path.
+    pub fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Io { path, source }
+    }
+
+    /// The server's status code, when the server said no.
+    #[must_use]
+    pub fn code(&self) -> Option<tonic::Code> {
+        if let Self::Rejected(status) = self {
+            Some(status.code())
+        } else {
+            None
+        }
+    }
+
+    /// Whether the same call may succeed when it is made again a little later: the connection broke, or
+    /// the server is starting or stopping.
+    #[must_use]
+    pub fn is_transient(&self) -> bool {
+        match self {
+            Self::Connect { .. } => true,
+            Self::Rejected(status) => is_transient(status),
+            Self::Io { .. }
+            | Self::Invalid(_)
+            | Self::Recording(_)
+            | Self::Damaged { .. }
+            | Self::Contract { .. }
+            | Self::JobEnded(_) => false,
+        }
+    }
+}
+
+impl From<tonic::Status> for ClientError {
+    fn from(status: tonic::Status) -> Self {
+        Self::Rejected(Box::new(status))
+    }
+}
+
+// A broken connection reaches us as Unavailable, or as Unknown, Internal or Cancelled with the transport's
+// error as its source. A status that the server itself sent has no source.
+fn is_transient(status: &tonic::Status) -> bool {
+    status.code() == tonic::Code::Unavailable || std::error::Error::source(status).is_some()
+}
+
+fn describe(status: &tonic::Status) -> String {
+    let message = status.message();
+    match (message.is_empty(), std::error::Error::source(status)) {
+        (_, Some(_)) => format!(
+            "the connection to the server broke ({message}); is it still running? try again"
+        ),
+        (false, None) => message.to_owned(),
+        (true, None) => format!("the server refused: {}", status.code().description()),
+    }
+}
+
+fn describe_job(job: &Job) -> String {
+    match job.state() {
+        JobState::Failed => format!("job {} failed: {}", job.id, job.error),
+        JobState::Cancelled => format!("job {} was cancelled", job.id),
+        JobState::Unspecified | JobState::Queued | JobState::Running | JobState::Succeeded => {
+            format!(
+                "job {} has not ended as expected ({})",
+                job.id,
+                job.state().as_str_name()
+            )
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_servers_message_is_passed_on_as_it_is() {
+        let error = ClientError::from(tonic::Status::invalid_argument(
+            "beta: 1.5 is outside [0, 1]",
+        ));
+        assert_eq!(error.to_string(), "beta: 1.5 is outside [0, 1]");
+        assert!(!error.is_transient());
+        assert_eq!(error.code(), Some(tonic::Code::InvalidArgument));
+    }
+
+    #[test]
+    fn a_broken_connection_is_transient_and_a_server_error_is_not() {
+        let broken = tonic::Status::from_error(Box::new(std::io::Error::from(
+            std::io::ErrorKind::BrokenPipe,
+        )));
+        assert!(ClientError::from(broken).is_transient());
+        assert!(ClientError::from(tonic::Status::unavailable("starting")).is_transient());
+        assert!(!ClientError::from(tonic::Status::internal("request 7 failed")).is_transient());
+    }
+
+    #[test]
+    fn a_failed_job_says_why() {
+        let job = Job {
+            id: "job_1".into(),
+            state: JobState::Failed.into(),
+            error: "out of memory".into(),
+            ..Job::default()
+        };
+        assert_eq!(
+            ClientError::JobEnded(Box::new(job)).to_string(),
+            "job job_1 failed: out of memory"
+        );
+    }
+}

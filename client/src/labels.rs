@@ -1,0 +1,224 @@
+//! What to push: recordings found in folders, and the labels that a labels.csv gives them.
+//!
+//! Reads the file system; knows no server.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use gleaner_proto::v1::Outcome;
+use serde::Deserialize;
+
+use crate::error::{ClientError, Result};
+
+/// One row of a labels.csv: `file,task,outcome,cohort`. Other columns are ignored.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct LabelledFile {
+    /// The recording; relative paths in the file are relative to the file's folder.
+    pub path: PathBuf,
+    /// The task it says, if the column is there.
+    pub task: Option<String>,
+    /// How the attempt ended.
+    pub outcome: Outcome,
+    /// Its cohort; empty when the column is not there.
+    pub cohort: String,
+}
+
+#[derive(Deserialize)]
+struct Row {
+    file: String,
+    task: Option<String>,
+    outcome: String,
+    cohort: Option<String>,
+}
+
+/// The word for an outcome: `success`, `failure` or `unknown`.
+///
+/// # Errors
+/// Another word; the message lists the three.
+pub fn outcome_from_word(word: &str) -> std::result::Result<Outcome, String> {
+    match word.trim().to_ascii_lowercase().as_str() {
+        "success" => Ok(Outcome::Success),
+        "failure" => Ok(Outcome::Failure),
+        "unknown" => Ok(Outcome::Unknown),
+        _ => Err(format!(
+            "outcome {word:?}: write success, failure or unknown"
+        )),
+    }
+}
+
+/// Reads a labels.csv. The recordings need not be there.
+///
+/// # Errors
+/// [`ClientError::Io`] when it can't be read; [`ClientError::Invalid`] names the line that is wrong, a missing
+/// column, or a recording that is listed twice.
+pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
+    let text = std::fs::read_to_string(csv_path).map_err(ClientError::io(csv_path))?;
+    let folder = csv_path.parent().unwrap_or_else(|| Path::new(""));
+    let wrong =
+        |problem: String| ClientError::Invalid(format!("{}: {problem}", csv_path.display()));
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let headers = reader.headers().map_err(|error| wrong(error.to_string()))?;
+    for needed in ["file", "outcome"] {
+        if !headers.iter().any(|header| header == needed) {
+            return Err(wrong(format!(
+                "there is no column {needed:?}; the first line must be file,task,outcome,cohort (task and cohort may be left out)"
+            )));
+        }
+    }
+    let mut seen = BTreeSet::new();
+    let mut files = Vec::new();
+    for (index, row) in reader.deserialize().enumerate() {
+        let row: Row = row.map_err(|error| wrong(error.to_string()))?;
+        let at_line = |problem: String| wrong(format!("line {}: {problem}", index + 2));
+        if row.file.is_empty() {
+            return Err(at_line("the file is empty".into()));
+        }
+        if !seen.insert(row.file.clone()) {
+            return Err(at_line(format!(
+                "{} is listed twice; keep one line",
+                row.file
+            )));
+        }
+        files.push(LabelledFile {
+            path: folder.join(&row.file),
+            task: row.task.filter(|task| !task.is_empty()),
+            outcome: outcome_from_word(&row.outcome).map_err(at_line)?,
+            cohort: row.cohort.unwrap_or_default(),
+        });
+    }
+    Ok(files)
+}
+
+/// Finds recordings: a file stands for itself, a folder for every `*.mcap` below it. Sorted, each once.
+///
+/// # Errors
+/// [`ClientError::Io`] for a path that is not there; [`ClientError::Invalid`] for a folder without recordings.
+pub fn find_recordings(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut found = BTreeSet::new();
+    for path in paths {
+        let metadata = std::fs::metadata(path).map_err(ClientError::io(path))?;
+        if !metadata.is_dir() {
+            found.insert(path.clone());
+            continue;
+        }
+        let before = found.len();
+        search(path, &mut found)?;
+        if found.len() == before {
+            return Err(ClientError::Invalid(format!(
+                "{}: there is no *.mcap in this folder or below it",
+                path.display()
+            )));
+        }
+    }
+    Ok(found.into_iter().collect())
+}
+
+fn search(folder: &Path, found: &mut BTreeSet<PathBuf>) -> Result<()> {
+    for entry in std::fs::read_dir(folder).map_err(ClientError::io(folder))? {
+        let entry = entry.map_err(ClientError::io(folder))?;
+        let path = entry.path();
+        // Not followed when it is a link: a link to a folder above would never end.
+        if entry.file_type().map_err(ClientError::io(&path))?.is_dir() {
+            search(&path, found)?;
+        } else if path
+            .extension()
+            .is_some_and(|extension| extension == "mcap")
+        {
+            found.insert(path);
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn read(text: &str) -> Result<Vec<LabelledFile>> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("labels.csv");
+        std::fs::write(&path, text).unwrap();
+        let mut files = read_labels(&path)?;
+        for file in &mut files {
+            file.path = file.path.strip_prefix(folder.path()).unwrap().to_owned();
+        }
+        Ok(files)
+    }
+
+    #[test]
+    fn rows_become_labels_relative_to_the_csv() {
+        let files = read(
+            "file,task,outcome,cohort\na.mcap,PickCube-v0,success,expert\nsub/b.mcap,,failure,noise3\n",
+        );
+        let a = LabelledFile {
+            path: "a.mcap".into(),
+            task: Some("PickCube-v0".into()),
+            outcome: Outcome::Success,
+            cohort: "expert".into(),
+        };
+        let b = LabelledFile {
+            path: "sub/b.mcap".into(),
+            task: None,
+            outcome: Outcome::Failure,
+            cohort: "noise3".into(),
+        };
+        assert_eq!(files.unwrap(), [a, b]);
+    }
+
+    #[test]
+    fn columns_may_be_in_any_order_missing_or_extra() {
+        let files = read("outcome, note, file\nUnknown, x, a.mcap\n").unwrap();
+        assert_eq!(
+            (files[0].outcome, files[0].cohort.as_str()),
+            (Outcome::Unknown, "")
+        );
+    }
+
+    #[test]
+    fn a_wrong_line_is_named() {
+        for (text, part) in [
+            (
+                "file,outcome\na.mcap,success\nb.mcap,maybe\n",
+                "line 3: outcome \"maybe\"",
+            ),
+            (
+                "file,outcome\na.mcap,success\na.mcap,failure\n",
+                "line 3: a.mcap is listed twice",
+            ),
+            ("file,cohort\na.mcap,x\n", "no column \"outcome\""),
+            ("file,outcome\n,success\n", "line 2: the file is empty"),
+            ("file,outcome\na.mcap\n", "line: 2"),
+        ] {
+            let said = read(text).unwrap_err().to_string();
+            assert!(said.contains(part) && said.contains("labels.csv"), "{said}");
+        }
+    }
+
+    #[test]
+    fn folders_are_searched_and_files_stand_for_themselves() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        std::fs::create_dir_all(at("sub/empty")).unwrap();
+        for name in ["b.mcap", "sub/a.mcap", "notes.txt", "odd.bag"] {
+            std::fs::write(at(name), b"x").unwrap();
+        }
+        let found =
+            find_recordings(&[folder.path().to_owned(), at("b.mcap"), at("odd.bag")]).unwrap();
+        assert_eq!(found, [at("b.mcap"), at("odd.bag"), at("sub/a.mcap")]);
+        assert!(
+            find_recordings(&[at("sub/empty")])
+                .unwrap_err()
+                .to_string()
+                .contains("no *.mcap")
+        );
+        assert!(
+            find_recordings(&[at("nowhere")])
+                .unwrap_err()
+                .to_string()
+                .contains("nowhere")
+        );
+    }
+}

@@ -1,0 +1,47 @@
+//! Patience with a connection that broke: waits that grow, and an end to them.
+
+use std::time::Duration;
+
+/// Tries left, for calls that are safe to make again.
+#[derive(Debug)]
+pub(crate) struct Patience {
+    failures: u32,
+}
+
+// 0.1 + 0.2 + 0.4 + ... + 6.4 s: about 13 s in which a server can restart.
+const TRIES: u32 = 7;
+
+impl Patience {
+    pub(crate) fn new() -> Self {
+        Self { failures: 0 }
+    }
+
+    /// Something was achieved: the count begins anew.
+    pub(crate) fn restore(&mut self) {
+        self.failures = 0;
+    }
+
+    /// How long to wait before the next try; `None` when it is time to give up.
+    pub(crate) fn next_wait(&mut self) -> Option<Duration> {
+        let wait = Duration::from_millis(100 << self.failures.min(TRIES));
+        self.failures += 1;
+        (self.failures <= TRIES).then_some(wait)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn waits_grow_end_and_begin_anew_after_progress() {
+        let mut patience = Patience::new();
+        let waits: Vec<u128> = std::iter::from_fn(|| patience.next_wait())
+            .map(|wait| wait.as_millis())
+            .collect();
+        assert_eq!(waits, [100, 200, 400, 800, 1600, 3200, 6400]);
+        assert_eq!(patience.next_wait(), None);
+        patience.restore();
+        assert_eq!(patience.next_wait(), Some(Duration::from_millis(100)));
+    }
+}

@@ -1,0 +1,268 @@
+//! Upload: one recording to the server, hashed, in pieces, resumed when the connection breaks.
+//!
+//! Knows one file at a time; many at once is `push`'s concern.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
+use gleaner_proto::v1::{
+    Episode, FinishUploadRequest, GetUploadRequest, Outcome, Report, StartUploadRequest,
+};
+use tonic::Code;
+
+use crate::connection::{Client, Transport};
+use crate::digest::digest_file;
+use crate::error::{ClientError, Result};
+use crate::retry::Patience;
+use pieces::{Pieces, ReadFailure};
+
+mod pieces;
+
+/// The label an episode is uploaded with.
+#[derive(Clone, Debug)]
+pub struct UploadLabel {
+    /// How the attempt ended.
+    pub outcome: Outcome,
+    /// Free-form tag of where it comes from; may be empty.
+    pub cohort: String,
+    /// Who says so; may be empty.
+    pub author: String,
+}
+
+/// A recording that the server now holds.
+#[derive(Clone, Debug)]
+pub struct Uploaded {
+    /// The episode it became, or was already.
+    pub episode: Episode,
+    /// What the inspection found; `None` when the episode was there already.
+    pub report: Option<Report>,
+    /// The task already held this very content under this label.
+    pub existed: bool,
+}
+
+// Called with the bytes sent so far, from the file's beginning.
+type Progress = Arc<dyn Fn(u64) + Send + Sync>;
+
+impl Client {
+    /// Uploads a recording (MCAP) to a task (name or id) under a label. `progress` is called with the bytes
+    /// sent so far; the number falls back when the connection breaks and the upload resumes.
+    ///
+    /// # Errors
+    /// [`ClientError::Io`] when the file can't be read, [`ClientError::Rejected`] with the server's reason
+    /// (the codes of `StartUpload` and `FinishUpload`), or the last error once patience with a broken
+    /// connection has run out.
+    pub async fn upload(
+        &self,
+        task: &str,
+        path: &Path,
+        label: &UploadLabel,
+        progress: impl Fn(u64) + Send + Sync + 'static,
+    ) -> Result<Uploaded> {
+        let digest = digest_file(path).await?;
+        let mut upload = Upload {
+            service: self.episodes(),
+            path: path.to_owned(),
+            start: StartUploadRequest {
+                task: task.to_owned(),
+                file_name: path
+                    .file_name()
+                    .map(|name| name.to_string_lossy().into_owned())
+                    .unwrap_or_default(),
+                size_bytes: digest.size_bytes,
+                blake3: digest.blake3,
+                outcome: label.outcome.into(),
+                cohort: label.cohort.clone(),
+                author: label.author.clone(),
+            },
+            progress: Arc::new(progress),
+            stage: Stage::Unopened,
+        };
+        upload.run().await
+    }
+}
+
+#[derive(Clone, Debug)]
+enum Stage {
+    Unopened,
+    // How much is on disk is unknown after a failure, until the server is asked.
+    Open { id: String, committed: Option<u64> },
+}
+
+enum Step {
+    Done(Box<Uploaded>),
+    Forward,
+    // Did not work, but another try from `stage` may.
+    Back(ClientError),
+}
+
+struct Upload {
+    service: EpisodeServiceClient<Transport>,
+    path: PathBuf,
+    start: StartUploadRequest,
+    progress: Progress,
+    stage: Stage,
+}
+
+impl Upload {
+    async fn run(&mut self) -> Result<Uploaded> {
+        let mut patience = Patience::new();
+        let mut furthest = 0;
+        loop {
+            match self.advance().await? {
+                Step::Done(uploaded) => {
+                    (self.progress)(self.start.size_bytes);
+                    return Ok(*uploaded);
+                }
+                Step::Forward => {
+                    if let Stage::Open {
+                        committed: Some(committed),
+                        ..
+                    } = self.stage
+                        && committed > furthest
+                    {
+                        furthest = committed;
+                        patience.restore();
+                    }
+                }
+                Step::Back(error) => match patience.next_wait() {
+                    Some(wait) => tokio::time::sleep(wait).await,
+                    None => return Err(error),
+                },
+            }
+        }
+    }
+
+    async fn advance(&mut self) -> Result<Step> {
+        let size = self.start.size_bytes;
+        match self.stage.clone() {
+            Stage::Unopened => self.open().await,
+            Stage::Open {
+                id,
+                committed: None,
+            } => self.ask(id).await,
+            Stage::Open {
+                id,
+                committed: Some(committed),
+            } if committed < size => self.write(id, committed).await,
+            Stage::Open {
+                id,
+                committed: Some(_),
+            } => self.finish(id).await,
+        }
+    }
+
+    async fn open(&mut self) -> Result<Step> {
+        let reply = match self.service.start_upload(self.start.clone()).await {
+            Ok(reply) => reply.into_inner(),
+            Err(status) => return self.after(status, &[]),
+        };
+        if let Some(episode) = reply.existing {
+            return Ok(Step::Done(Box::new(Uploaded {
+                episode,
+                report: None,
+                existed: true,
+            })));
+        }
+        self.stage = Stage::Open {
+            id: reply.upload_id,
+            committed: Some(reply.committed_size),
+        };
+        Ok(Step::Forward)
+    }
+
+    async fn ask(&mut self, id: String) -> Result<Step> {
+        match self
+            .service
+            .get_upload(GetUploadRequest {
+                upload_id: id.clone(),
+            })
+            .await
+        {
+            Ok(reply) => {
+                self.stage = Stage::Open {
+                    id,
+                    committed: Some(reply.into_inner().committed_size),
+                };
+                Ok(Step::Forward)
+            }
+            Err(status) => self.after(status, &[Code::NotFound]),
+        }
+    }
+
+    async fn write(&mut self, id: String, committed: u64) -> Result<Step> {
+        let failure = ReadFailure::default();
+        let pieces = Pieces {
+            upload_id: id.clone(),
+            offset: committed,
+            end: self.start.size_bytes,
+            progress: Arc::clone(&self.progress),
+            failure: failure.clone(),
+        };
+        let pieces = pieces.of(&self.path).await?;
+        let reply = self.service.write_upload(pieces).await;
+        if let Some(source) = failure.take() {
+            return Err(ClientError::Io {
+                path: self.path.clone(),
+                source,
+            });
+        }
+        match reply.map(|reply| reply.into_inner().committed_size) {
+            Ok(now) if now > committed => {
+                self.stage = Stage::Open {
+                    id,
+                    committed: Some(now),
+                };
+                Ok(Step::Forward)
+            }
+            Ok(_) => Err(ClientError::Invalid(format!(
+                "{}: the file became shorter while it was sent; push it again once it is whole",
+                self.path.display()
+            ))),
+            // InvalidArgument: an older stream of ours was still being written when this one began.
+            Err(status) => self.after(status, &[Code::NotFound, Code::InvalidArgument]),
+        }
+    }
+
+    async fn finish(&mut self, id: String) -> Result<Step> {
+        match self
+            .service
+            .finish_upload(FinishUploadRequest { upload_id: id })
+            .await
+        {
+            Ok(reply) => {
+                let reply = reply.into_inner();
+                let episode = reply.episode.ok_or(ClientError::Contract {
+                    missing: "an episode",
+                })?;
+                Ok(Step::Done(Box::new(Uploaded {
+                    episode,
+                    report: reply.report,
+                    existed: false,
+                })))
+            }
+            // NotFound: an earlier finish arrived, only its answer was lost; opening again finds the episode.
+            Err(status) => self.after(status, &[Code::NotFound]),
+        }
+    }
+
+    // What a failed call means for the upload. `recoverable` are the codes that another try can mend.
+    fn after(&mut self, status: tonic::Status, recoverable: &[Code]) -> Result<Step> {
+        let code = status.code();
+        let error = ClientError::from(status);
+        if !error.is_transient() && !recoverable.contains(&code) {
+            return Err(error);
+        }
+        self.stage = match std::mem::replace(&mut self.stage, Stage::Unopened) {
+            Stage::Open { id, .. } if code != Code::NotFound => Stage::Open {
+                id,
+                committed: None,
+            },
+            Stage::Open { .. } | Stage::Unopened => Stage::Unopened,
+        };
+        Ok(Step::Back(error))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,95 @@
+//! A file's bytes as upload messages, read as the connection takes them.
+
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use bytes::BytesMut;
+use futures::Stream;
+use gleaner_proto::v1::WriteUploadRequest;
+use tokio::io::{AsyncReadExt as _, AsyncSeekExt as _};
+
+use super::Progress;
+use crate::error::{ClientError, Result};
+
+// Half of what the server takes in one message.
+pub(super) const PIECE: usize = 1 << 20;
+
+/// Which bytes to send, and where.
+pub(super) struct Pieces {
+    pub(super) upload_id: String,
+    /// From here ...
+    pub(super) offset: u64,
+    /// ... up to here, or to the file's end if that comes first.
+    pub(super) end: u64,
+    pub(super) progress: Progress,
+    pub(super) failure: ReadFailure,
+}
+
+impl Pieces {
+    /// Opens the file and turns it into messages.
+    pub(super) async fn of(
+        self,
+        path: &Path,
+    ) -> Result<impl Stream<Item = WriteUploadRequest> + Send + 'static> {
+        let open = async {
+            let mut file = tokio::fs::File::open(path).await?;
+            file.seek(std::io::SeekFrom::Start(self.offset)).await?;
+            Ok(file)
+        };
+        let file = open.await.map_err(ClientError::io(path))?;
+        Ok(futures::stream::unfold(
+            (self, file),
+            |(mut pieces, mut file)| async move {
+                let message = pieces.next(&mut file).await?;
+                Some((message, (pieces, file)))
+            },
+        ))
+    }
+
+    async fn next(&mut self, file: &mut tokio::fs::File) -> Option<WriteUploadRequest> {
+        let data = match read_piece(file, self.end.saturating_sub(self.offset)).await {
+            Ok(data) if data.is_empty() => return None,
+            Ok(data) => data.freeze(),
+            Err(error) => {
+                self.failure.set(error);
+                return None;
+            }
+        };
+        let offset = self.offset;
+        self.offset += data.len() as u64;
+        (self.progress)(self.offset);
+        Some(WriteUploadRequest {
+            upload_id: self.upload_id.clone(),
+            offset,
+            data,
+        })
+    }
+}
+
+async fn read_piece(file: &mut tokio::fs::File, left: u64) -> std::io::Result<BytesMut> {
+    let wanted = usize::try_from(left).map_or(PIECE, |left| left.min(PIECE));
+    let mut data = BytesMut::zeroed(wanted);
+    let mut filled = 0;
+    while filled < wanted {
+        match file.read(&mut data[filled..]).await? {
+            0 => break,
+            read => filled += read,
+        }
+    }
+    data.truncate(filled);
+    Ok(data)
+}
+
+// A stream of requests cannot carry an error, so a failed read is left here and found after the call.
+#[derive(Clone, Default)]
+pub(super) struct ReadFailure(Arc<Mutex<Option<std::io::Error>>>);
+
+impl ReadFailure {
+    fn set(&self, error: std::io::Error) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
+    }
+
+    pub(super) fn take(&self) -> Option<std::io::Error> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
+    }
+}
