@@ -1,9 +1,24 @@
-//! Copies the original messages of kept stretches of a recording into a file of their own.
+//! Copies the original messages of a kept stretch of a recording into a file of its own.
+//!
+//! The messages' bytes are not touched: the copy reads as the same steps, with the same task.
 
+use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fs::File;
+use std::io::BufWriter;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
+use mcap::records::{MessageHeader, Metadata};
+
+use crate::channels::Channels;
+use crate::container::{Record, scan};
 use crate::error::RecordingError;
+use crate::plan::{Plan, plan};
 use crate::spec::TaskSpec;
+use crate::write::mcap_writer;
+
+/// Topic of each kept step's q and w.
+const QUALITY_TOPIC: &str = "/gleaner/quality";
 
 /// A stretch of steps to keep.
 #[derive(Clone, Debug, PartialEq)]
@@ -18,8 +33,11 @@ pub struct Kept {
     pub weight: Vec<f32>,
 }
 
-/// Writes one stretch of a recording to `out`: its original messages unchanged, the qualities as JSON on
-/// `/gleaner/quality`, and a metadata record that names the source.
+/// Writes one stretch of a recording to `out`: its original messages unchanged, q and w of each step as JSON
+/// on `/gleaner/quality`, and a metadata record `gleaner` that names the source.
+///
+/// Of the topics that the task reads, the messages that the stretch's steps use and those between are
+/// copied; of the others, those logged during the stretch.
 ///
 /// # Errors
 /// As [`crate::read_episode`], and [`RecordingError::Step`] when the stretch is not in the episode.
@@ -29,9 +47,348 @@ pub fn extract(
     kept: &Kept,
     out: &Path,
 ) -> Result<(), RecordingError> {
-    let _ = (path, spec, kept, out);
-    Err(RecordingError::Step {
+    spec.validate()?;
+    let plan = plan(path, spec)?;
+    let steps = check(kept, plan.stamps.len())?;
+    let io = |source| RecordingError::Io {
+        path: out.to_path_buf(),
+        source,
+    };
+    let file = BufWriter::new(File::create(out).map_err(io)?);
+    let mut copy = Copy {
+        keep: keep(&plan, &steps),
+        clock: plan.clock_topic.as_str(),
+        ticks: steps.clone().map(|step| (plan.clock[step], step)).collect(),
+        window: plan.log_times[*steps.start()]..=plan.log_times[*steps.end()],
+        kept,
+        schemas: HashMap::new(),
+        copied: HashMap::new(),
+        writer: mcap_writer(file, &plan.profile)?,
+    };
+    let quality = copy
+        .writer
+        .add_channel(0, QUALITY_TOPIC, "json", &BTreeMap::new())
+        .map_err(RecordingError::Write)?;
+    let mut channels = Channels::default();
+    scan(path, &mut |record| match record {
+        Record::Message { header, data } => {
+            let Some((topic, at, _)) = channels.next(header.channel_id) else {
+                return Ok(());
+            };
+            copy.message(topic, at, header, data)?;
+            copy.quality(quality, topic, at, header)
+        }
+        other => {
+            channels.learn(&other, &|_| false);
+            copy.declare(&other)
+        }
+    })?;
+    let source = path
+        .file_name()
+        .unwrap_or_default()
+        .to_string_lossy()
+        .into_owned();
+    let values = [
+        ("source", source),
+        ("task", spec.name.clone()),
+        ("mapping", spec.mappings[plan.mapping].name.clone()),
+        ("first_step", kept.first_step.to_string()),
+        ("last_step", kept.last_step.to_string()),
+    ];
+    let metadata = values
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect();
+    copy.writer
+        .write_metadata(&Metadata {
+            name: "gleaner".to_owned(),
+            metadata,
+        })
+        .map_err(RecordingError::Write)?;
+    copy.writer.finish().map_err(RecordingError::Write)?;
+    let file = copy.writer.into_inner();
+    file.into_inner()
+        .map_err(|error| io(error.into_error()))?
+        .sync_all()
+        .map_err(io)
+}
+
+/// The stretch as a range of steps.
+fn check(kept: &Kept, steps: usize) -> Result<RangeInclusive<usize>, RecordingError> {
+    let wrong = |problem: String| RecordingError::Step {
         step: kept.first_step,
-        problem: "not there yet".into(),
-    })
+        problem,
+    };
+    let range = usize::try_from(kept.first_step)
+        .ok()
+        .zip(usize::try_from(kept.last_step).ok());
+    let Some((first, last)) = range.filter(|(first, last)| first <= last && *last < steps) else {
+        return Err(wrong(format!(
+            "the stretch up to step {} is not within the episode's {steps} steps; give first ≤ last < {steps}",
+            kept.last_step
+        )));
+    };
+    for (name, values) in [("quality", &kept.quality), ("weight", &kept.weight)] {
+        if values.len() != last - first + 1 {
+            return Err(wrong(format!(
+                "{name} has {} values for {} steps; give one a step",
+                values.len(),
+                last - first + 1
+            )));
+        }
+    }
+    Ok(first..=last)
+}
+
+/// For each topic that the task reads, the messages to keep.
+fn keep(plan: &Plan, steps: &RangeInclusive<usize>) -> HashMap<String, BTreeSet<usize>> {
+    let mut keep = HashMap::new();
+    for (topic, streams) in &plan.used {
+        let messages: &mut BTreeSet<usize> = keep.entry(topic.clone()).or_default();
+        for picks in streams {
+            let used = &picks[steps.clone()];
+            if topic == &plan.clock_topic {
+                // Only the ticks themselves: those that were thinned out would change the grid.
+                messages.extend(used);
+            } else if let (Some(&first), Some(&last)) = (used.iter().min(), used.iter().max()) {
+                messages.extend(first..=last);
+            }
+        }
+    }
+    keep
+}
+
+struct Copy<'a> {
+    keep: HashMap<String, BTreeSet<usize>>,
+    clock: &'a str,
+    /// The step of each kept message of the clock.
+    ticks: HashMap<usize, usize>,
+    /// Log times of the stretch.
+    window: RangeInclusive<i64>,
+    kept: &'a Kept,
+    /// Identifiers in the source to identifiers in the copy.
+    schemas: HashMap<u16, u16>,
+    copied: HashMap<u16, u16>,
+    writer: mcap::Writer<BufWriter<File>>,
+}
+
+impl Copy<'_> {
+    fn declare(&mut self, record: &Record<'_>) -> Result<(), RecordingError> {
+        match record {
+            Record::Schema {
+                id,
+                name,
+                encoding,
+                data,
+            } if !self.schemas.contains_key(id) => {
+                let copied = self
+                    .writer
+                    .add_schema(name, encoding, data)
+                    .map_err(RecordingError::Write)?;
+                self.schemas.insert(*id, copied);
+            }
+            Record::Channel {
+                id,
+                schema_id,
+                topic,
+                encoding,
+                metadata,
+            } if !self.copied.contains_key(id) => {
+                let schema = self.schemas.get(schema_id).copied().unwrap_or_default();
+                let copied = self
+                    .writer
+                    .add_channel(schema, topic, encoding, metadata)
+                    .map_err(RecordingError::Write)?;
+                self.copied.insert(*id, copied);
+            }
+            Record::Metadata { name, values } => {
+                let metadata = Metadata {
+                    name: (*name).to_owned(),
+                    metadata: values.clone(),
+                };
+                self.writer
+                    .write_metadata(&metadata)
+                    .map_err(RecordingError::Write)?;
+            }
+            Record::Schema { .. }
+            | Record::Channel { .. }
+            | Record::Header { .. }
+            | Record::Message { .. } => {}
+        }
+        Ok(())
+    }
+
+    fn message(
+        &mut self,
+        topic: &str,
+        at: usize,
+        header: MessageHeader,
+        data: &[u8],
+    ) -> Result<(), RecordingError> {
+        let wanted = match self.keep.get(topic) {
+            // An extract of an extract has its own.
+            _ if topic == QUALITY_TOPIC => false,
+            Some(messages) => messages.contains(&at),
+            None => i64::try_from(header.log_time).is_ok_and(|time| self.window.contains(&time)),
+        };
+        match self.copied.get(&header.channel_id) {
+            Some(&channel_id) if wanted => self
+                .writer
+                .write_to_known_channel(
+                    &MessageHeader {
+                        channel_id,
+                        ..header
+                    },
+                    data,
+                )
+                .map_err(RecordingError::Write),
+            _ => Ok(()),
+        }
+    }
+
+    /// After a kept message of the clock, its step's q and w.
+    fn quality(
+        &mut self,
+        channel_id: u16,
+        topic: &str,
+        at: usize,
+        header: MessageHeader,
+    ) -> Result<(), RecordingError> {
+        let Some(&step) = self.ticks.get(&at).filter(|_| topic == self.clock) else {
+            return Ok(());
+        };
+        // The stretch was checked to begin at or before the step and to hold a value for it.
+        let within =
+            usize::try_from(self.kept.first_step).map_or(0, |first| step.saturating_sub(first));
+        let value = serde_json::json!({"step": step, "q": self.kept.quality[within], "w": self.kept.weight[within]});
+        let header = MessageHeader {
+            channel_id,
+            ..header
+        };
+        self.writer
+            .write_to_known_channel(&header, value.to_string().as_bytes())
+            .map_err(RecordingError::Write)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+    use crate::read::read_episode;
+    use crate::write::tests::{written, written_arm};
+
+    fn messages(path: &Path) -> Vec<(String, u64, Vec<u8>)> {
+        let bytes = std::fs::read(path).unwrap();
+        let stream = mcap::MessageStream::new(&bytes).unwrap();
+        stream
+            .map(|message| {
+                message
+                    .map(|message| {
+                        (
+                            message.channel.topic.clone(),
+                            message.log_time,
+                            message.data.into_owned(),
+                        )
+                    })
+                    .unwrap()
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_stretch_reads_as_the_same_steps() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+        std::fs::write(&path, written(8)).unwrap();
+        let spec = written_arm();
+        let kept = Kept {
+            first_step: 2,
+            last_step: 5,
+            quality: vec![0.9, 0.91, 0.92, 0.93],
+            weight: vec![-1.0; 4],
+        };
+        extract(&path, &spec, &kept, &out).unwrap();
+        let (whole, part) = (
+            read_episode(&path, &spec).unwrap().episode,
+            read_episode(&out, &spec).unwrap().episode,
+        );
+        assert_eq!(part.stamps(), &whole.stamps()[2..6]);
+        assert_eq!(part.proprioception(), whole.proprioception()[6..18]);
+        assert_eq!(part.action(), whole.action()[4..12]);
+        let step = whole.frames().as_ref().len() / 8;
+        assert_eq!(
+            part.frames().as_ref(),
+            &whole.frames().as_ref()[2 * step..6 * step]
+        );
+    }
+
+    #[test]
+    fn the_messages_are_the_originals_with_quality_beside_them() {
+        let folder = tempfile::tempdir().unwrap();
+        let (path, out) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
+        std::fs::write(&path, written(8)).unwrap();
+        let kept = Kept {
+            first_step: 3,
+            last_step: 4,
+            quality: vec![0.5, 0.75],
+            weight: vec![-2.0, -1.5],
+        };
+        extract(&path, &written_arm(), &kept, &out).unwrap();
+        let originals = messages(&path);
+        let (quality, copies): (Vec<_>, Vec<_>) = messages(&out)
+            .into_iter()
+            .partition(|(topic, ..)| topic == QUALITY_TOPIC);
+        assert_eq!(copies.len(), 8);
+        assert!(copies.iter().all(|copy| originals.contains(copy)));
+        let values: Vec<serde_json::Value> = quality
+            .iter()
+            .map(|(.., data)| serde_json::from_slice(data).unwrap())
+            .collect();
+        assert_eq!(
+            values,
+            [
+                serde_json::json!({"step": 3, "q": 0.5, "w": -2.0}),
+                serde_json::json!({"step": 4, "q": 0.75, "w": -1.5})
+            ]
+        );
+        let mut names = Vec::new();
+        scan(&out, &mut |record| {
+            if let Record::Metadata { name, values } = record {
+                names.push((name.to_owned(), values.get("source").cloned()));
+            }
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(
+            names,
+            [
+                ("session".to_owned(), None),
+                ("gleaner".to_owned(), Some("a.mcap".to_owned()))
+            ]
+        );
+    }
+
+    #[test]
+    fn a_stretch_outside_the_episode_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        std::fs::write(&path, written(4)).unwrap();
+        let problem = |first_step, last_step, values| {
+            let kept = Kept {
+                first_step,
+                last_step,
+                quality: vec![1.0; values],
+                weight: vec![1.0; values],
+            };
+            extract(&path, &written_arm(), &kept, &folder.path().join("b.mcap"))
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(problem(2, 4, 3).contains("4 steps"));
+        assert!(problem(3, 2, 0).contains("first ≤ last"));
+        assert!(problem(1, 2, 1).contains("quality has 1 values"));
+        assert!(problem(u64::MAX, u64::MAX, 1).contains("4 steps"));
+    }
 }

@@ -1,9 +1,10 @@
-//! One decoded episode, in memory or in a frame cache that is mapped rather than read.
+//! One decoded episode: the layout of its steps in memory.
 //!
-//! Knows the layout of steps in bytes. Must not know MCAP.
+//! Must not know MCAP, nor how a frame cache looks on disk.
 
-use std::path::Path;
 use std::sync::Arc;
+
+use memmap2::Mmap;
 
 use crate::error::RecordingError;
 use crate::spec::TaskSpec;
@@ -11,20 +12,30 @@ use crate::spec::TaskSpec;
 /// One decoded episode of T aligned steps: stamps, proprioception (T×M), action (T×A) and frames.
 #[derive(Clone, Debug)]
 pub struct Episode {
-    stamps: Vec<i64>,
-    proprioception: Vec<f32>,
-    action: Vec<f32>,
-    frames: FrameBytes,
+    pub(crate) stamps: Vec<i64>,
+    pub(crate) proprioception: Vec<f32>,
+    pub(crate) action: Vec<f32>,
+    pub(crate) frames: FrameBytes,
 }
 
 /// The frames of an episode: for each step, for each camera in the task's order, height × width × 3 bytes of
 /// RGB and then, if the camera has depth, height × width 16-bit little-endian millimetres. Cheap to clone.
 #[derive(Clone, Debug)]
-pub struct FrameBytes(Arc<Vec<u8>>);
+pub struct FrameBytes(pub(crate) Bytes);
+
+#[derive(Clone, Debug)]
+pub(crate) enum Bytes {
+    Memory(Arc<Vec<u8>>),
+    /// A mapped file and where the frames begin in it.
+    Mapped(Arc<Mmap>, usize),
+}
 
 impl AsRef<[u8]> for FrameBytes {
     fn as_ref(&self) -> &[u8] {
-        &self.0
+        match &self.0 {
+            Bytes::Memory(bytes) => bytes,
+            Bytes::Mapped(map, begin) => map.get(*begin..).unwrap_or_default(),
+        }
     }
 }
 
@@ -40,7 +51,7 @@ impl Episode {
     /// Puts an episode together in memory.
     ///
     /// # Errors
-    /// [`RecordingError::Step`] when the arrays do not fit the task and the number of stamps.
+    /// [`RecordingError::Step`] when an array does not fit the task and the number of stamps.
     pub fn new(
         spec: &TaskSpec,
         stamps: Vec<i64>,
@@ -48,22 +59,32 @@ impl Episode {
         action: Vec<f32>,
         frames: Vec<u8>,
     ) -> Result<Self, RecordingError> {
-        let _ = spec;
+        let lengths = [
+            (
+                "proprioception",
+                proprioception.len(),
+                spec.proprioception_size(),
+            ),
+            ("action", action.len(), spec.action_size()),
+            ("frames", frames.len(), frame_bytes_per_step(spec)),
+        ];
+        for (what, found, per_step) in lengths {
+            if stamps.len().checked_mul(per_step) != Some(found) {
+                let problem = format!(
+                    "{what} has {found} elements, but {} steps of {per_step} are wanted; give every step all of them",
+                    stamps.len()
+                );
+                return Err(RecordingError::Step {
+                    step: stamps.len() as u64,
+                    problem,
+                });
+            }
+        }
         Ok(Self {
             stamps,
             proprioception,
             action,
-            frames: FrameBytes(Arc::new(frames)),
-        })
-    }
-
-    /// Opens a frame cache; the frames stay on disk until they are touched.
-    ///
-    /// # Errors
-    /// [`RecordingError::Io`] or [`RecordingError::Cache`].
-    pub fn open(path: &Path) -> Result<Self, RecordingError> {
-        Err(RecordingError::Cache {
-            problem: format!("{} is not there yet", path.display()),
+            frames: FrameBytes(Bytes::Memory(Arc::new(frames))),
         })
     }
 
@@ -91,14 +112,47 @@ impl Episode {
     pub fn frames(&self) -> FrameBytes {
         self.frames.clone()
     }
+}
 
-    /// Writes the episode as a frame cache.
-    ///
-    /// # Errors
-    /// [`RecordingError::Io`].
-    pub fn write_cache(&self, path: &Path) -> Result<(), RecordingError> {
-        Err(RecordingError::Cache {
-            problem: format!("{} is not there yet", path.display()),
-        })
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+    use crate::spec::tests::arm;
+
+    #[test]
+    fn a_step_holds_color_then_depth_of_each_camera() {
+        assert_eq!(frame_bytes_per_step(&arm()), 8 * 16 * 3 + 8 * 16 * 2);
+        let mut huge = arm();
+        huge.cameras[0].height = u32::MAX;
+        huge.cameras[0].width = u32::MAX;
+        assert_eq!(frame_bytes_per_step(&huge), usize::MAX);
+    }
+
+    #[test]
+    fn arrays_that_do_not_fit_are_refused_by_name() {
+        let step = frame_bytes_per_step(&arm());
+        let build =
+            |m, a, o| Episode::new(&arm(), vec![1, 2], vec![0.0; m], vec![0.0; a], vec![0; o]);
+        assert_eq!(build(6, 4, 2 * step).unwrap().steps(), 2);
+        assert!(
+            build(5, 4, 2 * step)
+                .unwrap_err()
+                .to_string()
+                .contains("proprioception")
+        );
+        assert!(
+            build(6, 3, 2 * step)
+                .unwrap_err()
+                .to_string()
+                .contains("action")
+        );
+        assert!(
+            build(6, 4, step)
+                .unwrap_err()
+                .to_string()
+                .contains("frames")
+        );
     }
 }

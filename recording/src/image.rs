@@ -2,7 +2,22 @@
 //!
 //! Every size is checked before memory is reserved for it. Must not know messages or topics.
 
+mod raw;
+
+use std::io::Cursor;
+
+use image::codecs::jpeg::JpegEncoder;
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageFormat, ImageReader, Limits};
+
 use crate::error::RecordingError;
+
+pub(crate) use raw::{RawImage, raw_color, raw_depth};
+
+/// Most bytes that decoding one image may reserve.
+const MAX_DECODE_BYTES: u64 = 1 << 30;
+const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
+/// Bytes that ROS's depth compression puts before its PNG.
+const ROS_DEPTH_PREFIX: usize = 12;
 
 /// How an image's bytes are to be read.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,10 +45,23 @@ pub fn decode_color(
     height: u32,
     width: u32,
 ) -> Result<Vec<u8>, RecordingError> {
-    let _ = (bytes, format, height, width);
-    Err(RecordingError::BrokenImage {
-        problem: "not there yet".into(),
-    })
+    let codec = match format {
+        PixelFormat::Jpeg => Some(ImageFormat::Jpeg),
+        PixelFormat::Png => Some(ImageFormat::Png),
+        PixelFormat::Rgb8 => None,
+        PixelFormat::Depth16 => {
+            return Err(broken(
+                "depth pixels are given where color is wanted; send RGB8, JPEG or PNG",
+            ));
+        }
+        PixelFormat::Auto => codec_of(bytes),
+    };
+    match codec {
+        Some(codec) => Ok(decode(bytes, codec, height, width)?.into_rgb8().into_raw()),
+        None => {
+            exact(bytes, pixels(height, width)?.saturating_mul(3), "8-bit RGB").map(<[u8]>::to_vec)
+        }
+    }
 }
 
 /// Decodes a depth image to height × width 16-bit little-endian millimetres.
@@ -46,10 +74,43 @@ pub fn decode_depth(
     height: u32,
     width: u32,
 ) -> Result<Vec<u8>, RecordingError> {
-    let _ = (bytes, format, height, width);
-    Err(RecordingError::BrokenImage {
-        problem: "not there yet".into(),
-    })
+    let bytes = match bytes.get(ROS_DEPTH_PREFIX..) {
+        Some(inner) if format == PixelFormat::Auto && inner.starts_with(PNG_MAGIC) => inner,
+        _ => bytes,
+    };
+    match format {
+        PixelFormat::Jpeg | PixelFormat::Rgb8 => {
+            return Err(broken(
+                "color pixels are given where depth is wanted; send 16-bit millimetres raw or as PNG",
+            ));
+        }
+        PixelFormat::Auto if !bytes.starts_with(PNG_MAGIC) && codec_of(bytes).is_some() => {
+            return Err(broken(
+                "depth is compressed with loss; record it raw or as 16-bit PNG",
+            ));
+        }
+        PixelFormat::Auto if bytes.starts_with(PNG_MAGIC) => {}
+        PixelFormat::Png => {}
+        PixelFormat::Depth16 | PixelFormat::Auto => {
+            return exact(
+                bytes,
+                pixels(height, width)?.saturating_mul(2),
+                "16-bit depth",
+            )
+            .map(<[u8]>::to_vec);
+        }
+    }
+    match decode(bytes, ImageFormat::Png, height, width)? {
+        DynamicImage::ImageLuma16(image) => Ok(image
+            .into_raw()
+            .into_iter()
+            .flat_map(u16::to_le_bytes)
+            .collect()),
+        other => Err(broken(format!(
+            "the depth PNG has {:?} pixels; save it as 16-bit gray in millimetres",
+            other.color()
+        ))),
+    }
 }
 
 /// Encodes height × width × 3 bytes of RGB as JPEG of this quality (1 to 100).
@@ -62,8 +123,201 @@ pub fn encode_jpeg(
     width: u32,
     quality: u8,
 ) -> Result<Vec<u8>, RecordingError> {
-    let _ = (rgb, height, width, quality);
-    Err(RecordingError::BrokenImage {
-        problem: "not there yet".into(),
+    let rgb = exact(rgb, pixels(height, width)?.saturating_mul(3), "8-bit RGB")?;
+    let mut out = Vec::new();
+    JpegEncoder::new_with_quality(&mut out, quality.clamp(1, 100))
+        .encode(rgb, width, height, ExtendedColorType::Rgb8)
+        .map_err(|error| broken(error.to_string()))?;
+    Ok(out)
+}
+
+/// The compression that the first bytes show.
+fn codec_of(bytes: &[u8]) -> Option<ImageFormat> {
+    match bytes {
+        [0xff, 0xd8, 0xff, ..] => Some(ImageFormat::Jpeg),
+        [
+            b'R',
+            b'I',
+            b'F',
+            b'F',
+            _,
+            _,
+            _,
+            _,
+            b'W',
+            b'E',
+            b'B',
+            b'P',
+            ..,
+        ] => Some(ImageFormat::WebP),
+        _ if bytes.starts_with(PNG_MAGIC) => Some(ImageFormat::Png),
+        _ => None,
+    }
+}
+
+/// Looks at the size in the image's header first, so that a false one costs nothing.
+fn decode(
+    bytes: &[u8],
+    codec: ImageFormat,
+    height: u32,
+    width: u32,
+) -> Result<DynamicImage, RecordingError> {
+    let mend =
+        |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));
+    // The decoder fills what a cut JPEG lacks with gray and says nothing.
+    if codec == ImageFormat::Jpeg && !bytes.windows(2).rev().any(|marker| marker == [0xff, 0xd9]) {
+        return Err(broken("the JPEG ends in the middle; record it again"));
+    }
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), codec);
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(MAX_DECODE_BYTES);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(mend)?;
+    let (found_width, found_height) = decoder.dimensions();
+    check_size((height, width), (found_height, found_width))?;
+    DynamicImage::from_decoder(decoder).map_err(mend)
+}
+
+/// Compares (height, width) pairs.
+fn check_size(wanted: (u32, u32), found: (u32, u32)) -> Result<(), RecordingError> {
+    if wanted == found {
+        return Ok(());
+    }
+    Err(RecordingError::WrongSize {
+        height: wanted.0,
+        width: wanted.1,
+        found_height: found.0,
+        found_width: found.1,
     })
+}
+
+fn exact<'a>(bytes: &'a [u8], length: usize, what: &str) -> Result<&'a [u8], RecordingError> {
+    if bytes.len() == length {
+        return Ok(bytes);
+    }
+    Err(broken(format!(
+        "{} bytes are neither JPEG, PNG nor WebP, and {what} of this size has {length}; send one of these",
+        bytes.len()
+    )))
+}
+
+fn pixels(height: u32, width: u32) -> Result<usize, RecordingError> {
+    usize::try_from(u64::from(height) * u64::from(width))
+        .map_err(|_| broken("the image is too large for this machine"))
+}
+
+fn broken(problem: impl Into<String>) -> RecordingError {
+    RecordingError::BrokenImage {
+        problem: problem.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use image::ImageEncoder;
+
+    use super::*;
+
+    fn png(bytes: &[u8], height: u32, width: u32, color: ExtendedColorType) -> Vec<u8> {
+        let mut out = Vec::new();
+        image::codecs::png::PngEncoder::new(&mut out)
+            .write_image(bytes, width, height, color)
+            .unwrap();
+        out
+    }
+
+    fn gradient(height: u32, width: u32) -> Vec<u8> {
+        (0..height)
+            .flat_map(|y| (0..width).flat_map(move |x| [x * 8, y * 8, 128]))
+            .map(|v| u8::try_from(v).unwrap())
+            .collect()
+    }
+
+    #[test]
+    fn jpeg_round_trip_is_close_and_png_exact() {
+        let rgb = gradient(16, 24);
+        let jpeg = encode_jpeg(&rgb, 16, 24, 92).unwrap();
+        let back = decode_color(&jpeg, PixelFormat::Auto, 16, 24).unwrap();
+        let worst = rgb
+            .iter()
+            .zip(&back)
+            .map(|(a, b)| a.abs_diff(*b))
+            .max()
+            .unwrap();
+        assert!(back.len() == rgb.len() && worst < 12, "{worst}");
+        let png = png(&rgb, 16, 24, ExtendedColorType::Rgb8);
+        assert_eq!(decode_color(&png, PixelFormat::Png, 16, 24).unwrap(), rgb);
+        assert_eq!(decode_color(&rgb, PixelFormat::Auto, 16, 24).unwrap(), rgb);
+    }
+
+    #[test]
+    fn depth_is_exact_raw_and_as_png() {
+        let millimetres: Vec<u16> = vec![0, 1, 999, 65535, 256, 255];
+        let little: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_le_bytes()).collect();
+        let native: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_ne_bytes()).collect();
+        let png = png(&native, 2, 3, ExtendedColorType::L16);
+        assert_eq!(
+            decode_depth(&little, PixelFormat::Depth16, 2, 3).unwrap(),
+            little
+        );
+        assert_eq!(decode_depth(&png, PixelFormat::Auto, 2, 3).unwrap(), little);
+        let with_prefix = [&[0; 12][..], &png].concat();
+        assert_eq!(
+            decode_depth(&with_prefix, PixelFormat::Auto, 2, 3).unwrap(),
+            little
+        );
+    }
+
+    #[test]
+    fn a_wrong_size_names_both() {
+        let jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
+        let error = decode_color(&jpeg, PixelFormat::Jpeg, 24, 16).unwrap_err();
+        assert!(matches!(
+            error,
+            RecordingError::WrongSize {
+                height: 24,
+                width: 16,
+                found_height: 16,
+                found_width: 24
+            }
+        ));
+        assert!(error.to_string().contains("16×24") && error.to_string().contains("24×16"));
+        assert!(
+            decode_color(&[0; 10], PixelFormat::Rgb8, 2, 2)
+                .unwrap_err()
+                .to_string()
+                .contains("12")
+        );
+    }
+
+    #[test]
+    fn broken_and_mistaken_images_are_errors() {
+        let mut jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
+        for length in [jpeg.len() - 20, 30] {
+            jpeg.truncate(length);
+            assert!(matches!(
+                decode_color(&jpeg, PixelFormat::Auto, 16, 24),
+                Err(RecordingError::BrokenImage { .. })
+            ));
+        }
+        assert!(decode_color(&[0; 12], PixelFormat::Depth16, 2, 2).is_err());
+        assert!(decode_depth(&[0; 8], PixelFormat::Rgb8, 2, 2).is_err());
+        let color = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
+        assert!(
+            decode_depth(&color, PixelFormat::Auto, 2, 2)
+                .unwrap_err()
+                .to_string()
+                .contains("16-bit gray")
+        );
+        assert!(encode_jpeg(&[0; 3], 2, 2, 90).is_err());
+    }
+
+    #[test]
+    fn a_false_size_in_the_header_reserves_nothing() {
+        let mut png = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
+        png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
+        assert!(decode_color(&png, PixelFormat::Auto, 2, 2).is_err());
+    }
 }

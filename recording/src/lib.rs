@@ -9,13 +9,25 @@
 //! error, never a panic of this crate's own; the `mcap` crate itself can still panic or reserve too much on
 //! hostile bytes, so untrusted files are read in a process with limits.
 
+mod align;
+mod cache;
+mod channels;
+mod container;
+mod dialect;
 mod error;
 mod extract;
+mod fill;
 mod frames;
 mod image;
+mod inspect;
+mod path;
+mod picture;
+mod plan;
 mod read;
 mod report;
 mod spec;
+mod tracks;
+mod validate;
 mod write;
 
 pub use error::RecordingError;

@@ -1,9 +1,11 @@
-//! From a recording to an episode and its report.
+//! From a recording to an episode and its report: the plan of the steps, then the pixels.
 
 use std::path::Path;
 
 use crate::error::RecordingError;
+use crate::fill::fill;
 use crate::frames::Episode;
+use crate::plan::plan;
 use crate::report::Report;
 use crate::spec::TaskSpec;
 
@@ -25,7 +27,16 @@ pub struct Reading {
 /// variants say why the file could not be read at all.
 pub fn read_episode(path: &Path, spec: &TaskSpec) -> Result<Reading, RecordingError> {
     spec.validate()?;
-    Err(RecordingError::NotMcap {
-        path: path.to_path_buf(),
+    let mut plan = plan(path, spec)?;
+    let frames = fill(path, spec, &mut plan)?;
+    let report = std::mem::take(&mut plan.report).sorted();
+    if report.has_errors() {
+        return Err(RecordingError::Rejected(Box::new(report)));
+    }
+    let episode = Episode::new(spec, plan.stamps, plan.proprioception, plan.action, frames)?;
+    Ok(Reading {
+        episode,
+        mapping: report.mapping.clone(),
+        report,
     })
 }

@@ -101,9 +101,35 @@ pub enum FindingCode {
     OffRate,
     /// Fewer steps than an episode needs.
     TooShort,
+    /// Header stamps and log times are of different clocks.
+    MixedClocks,
 }
 
 impl Report {
+    pub(crate) fn add(
+        &mut self,
+        severity: Severity,
+        code: FindingCode,
+        subject: &str,
+        first_step: Option<u64>,
+        detail: String,
+    ) {
+        self.findings.push(Finding {
+            severity,
+            code,
+            subject: subject.to_owned(),
+            first_step,
+            detail,
+        });
+    }
+
+    /// The worst findings first; those alike in severity stay in the order in which they were found.
+    pub(crate) fn sorted(mut self) -> Self {
+        self.findings
+            .sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+        self
+    }
+
     /// Whether any finding forbids the episode's use.
     pub fn has_errors(&self) -> bool {
         self.findings

@@ -1,10 +1,10 @@
 //! The task specification: what a step of this task holds and where a recording keeps it.
 //!
-//! Pure data and its checks. Must not know how recordings are read.
+//! Pure data; its checks are in `validate`. Must not know how recordings are read.
+
+use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
-
-use crate::error::RecordingError;
 
 /// What one step of a task holds (cameras, proprioception, action, rate) and how each is found in a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -120,14 +120,6 @@ fn default_tolerance() -> f64 {
 }
 
 impl TaskSpec {
-    /// Checks that the specification makes sense by itself.
-    ///
-    /// # Errors
-    /// [`RecordingError::Spec`] names the first field that does not, and the mend.
-    pub fn validate(&self) -> Result<(), RecordingError> {
-        Ok(())
-    }
-
     /// Number of proprioception values per step (M).
     pub fn proprioception_size(&self) -> usize {
         total(&self.proprioception)
@@ -139,6 +131,123 @@ impl TaskSpec {
     }
 }
 
+impl TaskSpec {
+    /// Size of a field by name; 0 when there is none.
+    pub(crate) fn field_size(&self, name: &str) -> usize {
+        let fields = self.proprioception.iter().chain(&self.action);
+        fields
+            .filter(|field| field.name == name)
+            .map(|field| field.size as usize)
+            .sum()
+    }
+}
+
+impl Mapping {
+    /// Topic whose stamps are the steps.
+    pub(crate) fn clock_topic(&self, spec: &TaskSpec) -> Option<&str> {
+        let first = spec.action.first()?;
+        let source = || self.fields.iter().find(|source| source.field == first.name);
+        self.clock
+            .as_deref()
+            .or_else(|| source().map(|source| source.topic.as_str()))
+    }
+
+    /// Every topic that this mapping reads, once.
+    pub(crate) fn topics(&self, spec: &TaskSpec) -> BTreeSet<&str> {
+        let cameras = self
+            .cameras
+            .iter()
+            .flat_map(|source| [Some(source.color.as_str()), source.depth.as_deref()]);
+        let fields = self.fields.iter().map(|source| Some(source.topic.as_str()));
+        cameras
+            .chain(fields)
+            .chain([self.clock_topic(spec)])
+            .flatten()
+            .collect()
+    }
+}
+
 fn total(fields: &[FieldSpec]) -> usize {
     fields.iter().map(|field| field.size as usize).sum()
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+
+    /// A small task with one RGBD camera and JSON topics, for the tests of this crate.
+    pub(crate) fn arm() -> TaskSpec {
+        let field = |field: &str, topic: &str, path: &str| FieldSource {
+            field: field.into(),
+            topic: topic.into(),
+            paths: vec![path.into()],
+            names: Vec::new(),
+        };
+        TaskSpec {
+            name: "arm".into(),
+            rate_hz: 10.0,
+            cameras: vec![CameraSpec {
+                name: "front".into(),
+                height: 8,
+                width: 16,
+                depth: true,
+            }],
+            proprioception: vec![
+                FieldSpec {
+                    name: "joint_position".into(),
+                    size: 2,
+                },
+                FieldSpec {
+                    name: "tool".into(),
+                    size: 1,
+                },
+            ],
+            action: vec![FieldSpec {
+                name: "command".into(),
+                size: 2,
+            }],
+            alignment: Alignment::default(),
+            tolerance: 0.25,
+            mappings: vec![Mapping {
+                name: "json".into(),
+                cameras: vec![CameraSource {
+                    camera: "front".into(),
+                    color: "/front/color".into(),
+                    depth: Some("/front/depth".into()),
+                }],
+                fields: vec![
+                    field("joint_position", "/joints", "position"),
+                    field("tool", "/tool", "x"),
+                    field("command", "/command", "values"),
+                ],
+                clock: None,
+            }],
+        }
+    }
+
+    #[test]
+    fn survives_json_and_refuses_unknown_keys() {
+        let spec = arm();
+        let text = serde_json::to_string(&spec).unwrap();
+        assert_eq!(serde_json::from_str::<TaskSpec>(&text).unwrap(), spec);
+        let strange = text.replacen("\"rate_hz\"", "\"rate\"", 1);
+        assert!(
+            serde_json::from_str::<TaskSpec>(&strange)
+                .unwrap_err()
+                .to_string()
+                .contains("rate")
+        );
+    }
+
+    #[test]
+    fn defaults_fill_what_is_left_out() {
+        let spec: TaskSpec =
+            serde_json::from_str(r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}]}"#)
+                .unwrap();
+        assert_eq!(spec.tolerance, 0.25);
+        assert_eq!(spec.alignment, Alignment::LatestBefore);
+        assert_eq!((spec.proprioception_size(), spec.action_size()), (0, 3));
+    }
 }

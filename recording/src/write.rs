@@ -1,10 +1,29 @@
-//! Writes an episode as MCAP in the foxglove/protobuf dialect.
+//! Writes an episode as MCAP in the foxglove/protobuf dialect: what the simulator and recorded sessions use.
+//!
+//! Color becomes JPEG in foxglove.CompressedImage, depth stays exact in foxglove.RawImage, and the numbers go
+//! to `/robot/state` and `/robot/action`. [`written_mapping`] reads all of it back.
+
+pub(crate) mod schema;
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
+use mcap::records::{MessageHeader, Metadata};
+use prost::Message as _;
+use prost_types::Timestamp;
+
 use crate::error::RecordingError;
-use crate::spec::{Mapping, TaskSpec};
+use crate::frames::frame_bytes_per_step;
+use crate::image::encode_jpeg;
+use crate::picture::Channel;
+use crate::spec::{CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
+use schema::{CompressedImage, Numbers, RawImage, Schema};
+
+const STATE_TOPIC: &str = "/robot/state";
+const ACTION_TOPIC: &str = "/robot/action";
+/// Name of the mapping that reads what is written here.
+const MAPPING: &str = "gleaner";
+const JPEG_QUALITY: u8 = 92;
 
 /// One step to be written.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +39,14 @@ pub struct StepRef<'a> {
 /// Writes steps as they come.
 pub struct EpisodeWriter<W: Write + Seek> {
     mcap: mcap::Writer<W>,
+    spec: TaskSpec,
+    /// Color and depth of each camera.
+    cameras: Vec<(u16, Option<u16>)>,
+    /// Absent when the task has no proprioception.
+    state: Option<(u16, Numbers)>,
+    action: (u16, Numbers),
+    notes: BTreeMap<String, u16>,
+    steps: u32,
 }
 
 impl<W: Write + Seek> EpisodeWriter<W> {
@@ -29,8 +56,37 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// [`RecordingError::Spec`] or [`RecordingError::Write`].
     pub fn create(writer: W, spec: &TaskSpec) -> Result<Self, RecordingError> {
         spec.validate()?;
+        let mut mcap = mcap_writer(writer, "")?;
+        let mut cameras = Vec::new();
+        for camera in &spec.cameras {
+            let color = add_channel(&mut mcap, &color_topic(camera), &schema::compressed_image())?;
+            let depth = camera
+                .depth
+                .then(|| add_channel(&mut mcap, &depth_topic(camera), &schema::raw_image()))
+                .transpose()?;
+            cameras.push((color, depth));
+        }
+        let mut add_numbers = |topic, name, specs: &[FieldSpec]| {
+            let schema = schema::numbers(name, specs);
+            let wrong = || RecordingError::Spec {
+                field: name.into(),
+                problem: "the fields make no message".into(),
+            };
+            let numbers = Numbers::new(&schema, specs).ok_or_else(wrong)?;
+            Ok::<_, RecordingError>((add_channel(&mut mcap, topic, &schema)?, numbers))
+        };
+        let state = (!spec.proprioception.is_empty())
+            .then(|| add_numbers(STATE_TOPIC, "State", &spec.proprioception))
+            .transpose()?;
+        let action = add_numbers(ACTION_TOPIC, "Action", &spec.action)?;
         Ok(Self {
-            mcap: mcap::Writer::new(writer).map_err(RecordingError::Write)?,
+            mcap,
+            spec: spec.clone(),
+            cameras,
+            state,
+            action,
+            notes: BTreeMap::new(),
+            steps: 0,
         })
     }
 
@@ -39,22 +95,54 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// # Errors
     /// [`RecordingError::Step`] when the step does not fit the task, or [`RecordingError::Write`].
     pub fn step(&mut self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
-        let _ = (stamp_ns, step);
+        self.check(stamp_ns, step)?;
+        let stamp = timestamp(stamp_ns);
+        let mut rest = step.frames;
+        for at in 0..self.spec.cameras.len() {
+            rest = self.images(at, stamp_ns, rest)?;
+        }
+        let state = self
+            .state
+            .as_ref()
+            .map(|(channel, numbers)| (*channel, numbers.encode(&stamp, step.proprioception)));
+        let action = Some((self.action.0, self.action.1.encode(&stamp, step.action)));
+        for (channel, bytes) in state.into_iter().chain(action) {
+            let bytes = bytes
+                .ok_or_else(|| self.wrong("the values do not fit the task's fields".to_owned()))?;
+            self.write(channel, stamp_ns, &bytes)?;
+        }
+        self.steps = self.steps.saturating_add(1);
         Ok(())
     }
 
-    /// Writes a JSON message that mappings ignore.
+    /// Writes a JSON message that mappings ignore. The topic must not be one of the step's own.
     ///
     /// # Errors
-    /// [`RecordingError::Write`].
+    /// [`RecordingError::Step`] for a topic of the steps, or [`RecordingError::Write`].
     pub fn annotate(
         &mut self,
         topic: &str,
         stamp_ns: i64,
         value: &serde_json::Value,
     ) -> Result<(), RecordingError> {
-        let _ = (topic, stamp_ns, value);
-        Ok(())
+        let own = written_mapping(&self.spec);
+        if own.topics(&self.spec).contains(topic) {
+            return Err(self.wrong(format!(
+                "{topic} holds the steps themselves; annotate on another topic"
+            )));
+        }
+        let channel = match self.notes.get(topic) {
+            Some(&channel) => channel,
+            None => {
+                let channel = self
+                    .mcap
+                    .add_channel(0, topic, "json", &BTreeMap::new())
+                    .map_err(RecordingError::Write)?;
+                self.notes.insert(topic.to_owned(), channel);
+                channel
+            }
+        };
+        self.write(channel, stamp_ns, value.to_string().as_bytes())
     }
 
     /// Writes a named map of strings into the file.
@@ -66,8 +154,12 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         name: &str,
         values: BTreeMap<String, String>,
     ) -> Result<(), RecordingError> {
-        let _ = (name, values);
-        Ok(())
+        self.mcap
+            .write_metadata(&Metadata {
+                name: name.to_owned(),
+                metadata: values,
+            })
+            .map_err(RecordingError::Write)
     }
 
     /// Ends the file and gives the writer back.
@@ -78,14 +170,326 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         self.mcap.finish().map_err(RecordingError::Write)?;
         Ok(self.mcap.into_inner())
     }
+
+    fn check(&self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
+        if stamp_ns <= 0 {
+            return Err(self.wrong(format!(
+                "the stamp {stamp_ns} is not after 1970; give nanoseconds of Unix time"
+            )));
+        }
+        for (what, found, wanted) in [
+            (
+                "frames",
+                step.frames.len(),
+                frame_bytes_per_step(&self.spec),
+            ),
+            (
+                "proprioception",
+                step.proprioception.len(),
+                self.spec.proprioception_size(),
+            ),
+            ("action", step.action.len(), self.spec.action_size()),
+        ] {
+            if found != wanted {
+                return Err(self.wrong(format!(
+                    "{what} has {found} elements, the task's steps have {wanted}"
+                )));
+            }
+        }
+        Ok(())
+    }
+
+    fn wrong(&self, problem: String) -> RecordingError {
+        RecordingError::Step {
+            step: self.steps.into(),
+            problem,
+        }
+    }
+
+    /// Writes the images of one camera from the front of the frames and gives the rest back.
+    fn images<'a>(
+        &mut self,
+        at: usize,
+        stamp_ns: i64,
+        frames: &'a [u8],
+    ) -> Result<&'a [u8], RecordingError> {
+        let (camera, (color, depth)) = (&self.spec.cameras[at], self.cameras[at]);
+        let (height, width, frame_id) = (camera.height, camera.width, camera.name.clone());
+        let (rgb, mut rest) = frames.split_at(Channel::Color.bytes(camera));
+        let stamp = Some(timestamp(stamp_ns));
+        let data = encode_jpeg(rgb, height, width, JPEG_QUALITY)?;
+        let image = CompressedImage {
+            timestamp: stamp,
+            data,
+            format: "jpeg".to_owned(),
+            frame_id: frame_id.clone(),
+        };
+        let depth_bytes = Channel::Depth.bytes(camera);
+        self.write(color, stamp_ns, &image.encode_to_vec())?;
+        if let Some(depth) = depth {
+            let (data, after) = rest.split_at(depth_bytes);
+            rest = after;
+            let encoding = "16UC1".to_owned();
+            let image = RawImage {
+                timestamp: stamp,
+                width,
+                height,
+                encoding,
+                step: width * 2,
+                data: data.to_vec(),
+                frame_id,
+            };
+            self.write(depth, stamp_ns, &image.encode_to_vec())?;
+        }
+        Ok(rest)
+    }
+
+    fn write(&mut self, channel_id: u16, stamp_ns: i64, data: &[u8]) -> Result<(), RecordingError> {
+        let time = u64::try_from(stamp_ns).unwrap_or_default();
+        let header = MessageHeader {
+            channel_id,
+            sequence: self.steps,
+            log_time: time,
+            publish_time: time,
+        };
+        self.mcap
+            .write_to_known_channel(&header, data)
+            .map_err(RecordingError::Write)
+    }
 }
 
 /// The mapping that reads what [`EpisodeWriter`] writes for this task.
 pub fn written_mapping(spec: &TaskSpec) -> Mapping {
+    let fields = |specs: &[FieldSpec], topic: &str| -> Vec<FieldSource> {
+        let source = |field: &FieldSpec| FieldSource {
+            field: field.name.clone(),
+            topic: topic.to_owned(),
+            paths: vec![field.name.clone()],
+            names: Vec::new(),
+        };
+        specs.iter().map(source).collect()
+    };
+    let cameras = spec.cameras.iter().map(|camera| CameraSource {
+        camera: camera.name.clone(),
+        color: color_topic(camera),
+        depth: camera.depth.then(|| depth_topic(camera)),
+    });
     Mapping {
-        name: format!("{}_gleaner", spec.name),
-        cameras: Vec::new(),
-        fields: Vec::new(),
-        clock: None,
+        name: MAPPING.to_owned(),
+        cameras: cameras.collect(),
+        fields: [
+            fields(&spec.proprioception, STATE_TOPIC),
+            fields(&spec.action, ACTION_TOPIC),
+        ]
+        .concat(),
+        clock: Some(ACTION_TOPIC.to_owned()),
+    }
+}
+
+/// An MCAP writer as this crate uses it: zstd, and no threads of its own.
+pub(crate) fn mcap_writer<W: Write + Seek>(
+    writer: W,
+    profile: &str,
+) -> Result<mcap::Writer<W>, RecordingError> {
+    let options = mcap::WriteOptions::new()
+        .compression_threads(0)
+        .profile(profile)
+        .library(concat!("gleaner-recording/", env!("CARGO_PKG_VERSION")));
+    options.create(writer).map_err(RecordingError::Write)
+}
+
+fn add_channel<W: Write + Seek>(
+    mcap: &mut mcap::Writer<W>,
+    topic: &str,
+    schema: &Schema,
+) -> Result<u16, RecordingError> {
+    let schema = mcap
+        .add_schema(&schema.name, "protobuf", &schema.descriptors)
+        .map_err(RecordingError::Write)?;
+    mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new())
+        .map_err(RecordingError::Write)
+}
+
+fn color_topic(camera: &CameraSpec) -> String {
+    format!("/camera/{}/color", camera.name)
+}
+
+fn depth_topic(camera: &CameraSpec) -> String {
+    format!("/camera/{}/depth", camera.name)
+}
+
+fn timestamp(stamp_ns: i64) -> Timestamp {
+    // The remainder is below 1e9, which fits.
+    let nanos = i32::try_from(stamp_ns.rem_euclid(1_000_000_000)).unwrap_or_default();
+    Timestamp {
+        seconds: stamp_ns.div_euclid(1_000_000_000),
+        nanos,
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use std::io::Cursor;
+
+    use super::*;
+    use crate::read::read_episode;
+    use crate::spec::tests::arm;
+
+    /// Name and descriptors of the small test task's state message.
+    pub(crate) fn state_schema() -> (String, Vec<u8>) {
+        let schema = schema::numbers("State", &arm().proprioception);
+        (schema.name, schema.descriptors)
+    }
+
+    /// The small test task with the writer's mapping alone.
+    pub(crate) fn written_arm() -> TaskSpec {
+        let mut spec = arm();
+        spec.mappings = vec![written_mapping(&spec)];
+        spec
+    }
+
+    pub(crate) const START: i64 = 1_700_000_000_000_000_000;
+
+    /// Numbers and frames of a step, different for each.
+    pub(crate) fn step_data(spec: &TaskSpec, step: u8) -> (Vec<u8>, Vec<f32>, Vec<f32>) {
+        let s = f32::from(step);
+        let camera = &spec.cameras[0];
+        let pixels = Channel::Depth.bytes(camera) / 2;
+        let color = [100 + step, 50, 200 - step].repeat(pixels);
+        let depth = (0..pixels).flat_map(|at| {
+            u16::try_from(at * 7 + usize::from(step))
+                .unwrap()
+                .to_le_bytes()
+        });
+        let frames = color.into_iter().chain(depth).collect();
+        (
+            frames,
+            vec![0.1 * s, -0.2 * s, 0.3],
+            vec![s, 1.0 / (s + 3.0)],
+        )
+    }
+
+    /// A recording of so many steps at 10 Hz in memory.
+    pub(crate) fn written(steps: u8) -> Vec<u8> {
+        let spec = written_arm();
+        let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).unwrap();
+        for at in 0..steps {
+            let (frames, proprioception, action) = step_data(&spec, at);
+            let step = StepRef {
+                frames: &frames,
+                proprioception: &proprioception,
+                action: &action,
+            };
+            writer
+                .step(START + i64::from(at) * 100_000_000, step)
+                .unwrap();
+        }
+        writer
+            .annotate("/note", START, &serde_json::json!({"by": "hand"}))
+            .unwrap();
+        writer
+            .metadata(
+                "session",
+                BTreeMap::from([("outcome".into(), "success".into())]),
+            )
+            .unwrap();
+        writer.finish().unwrap().into_inner()
+    }
+
+    #[test]
+    fn what_is_written_reads_back() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mcap");
+        std::fs::write(&path, written(5)).unwrap();
+        let spec = written_arm();
+        let reading = read_episode(&path, &spec).unwrap();
+        assert_eq!(reading.mapping, "gleaner");
+        assert!(
+            reading.report.findings.is_empty(),
+            "{:?}",
+            reading.report.findings
+        );
+        assert_eq!(
+            reading.episode.stamps(),
+            [0, 1, 2, 3, 4].map(|at| START + at * 100_000_000)
+        );
+        let frames = reading.episode.frames();
+        for step in 0..5u8 {
+            let (expected, proprioception, action) = step_data(&spec, step);
+            let at = usize::from(step);
+            assert_eq!(
+                reading.episode.proprioception()[at * 3..at * 3 + 3],
+                proprioception
+            );
+            assert_eq!(reading.episode.action()[at * 2..at * 2 + 2], action);
+            let found = &frames.as_ref()[at * expected.len()..(at + 1) * expected.len()];
+            let color = Channel::Color.bytes(&spec.cameras[0]);
+            assert_eq!(found[color..], expected[color..], "depth of step {step}");
+            let worst = found[..color]
+                .iter()
+                .zip(&expected)
+                .map(|(a, b)| a.abs_diff(*b))
+                .max()
+                .unwrap();
+            assert!(worst <= 3, "color of step {step} is off by {worst}");
+        }
+        let note = reading
+            .report
+            .topics
+            .iter()
+            .find(|topic| topic.topic == "/note")
+            .unwrap();
+        assert!(!note.used && note.messages == 1);
+    }
+
+    #[test]
+    fn a_step_that_does_not_fit_is_refused_by_name() {
+        let spec = written_arm();
+        let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).unwrap();
+        let (frames, proprioception, action) = step_data(&spec, 0);
+        let step = StepRef {
+            frames: &frames,
+            proprioception: &proprioception,
+            action: &action,
+        };
+        let mut problem = |stamp, step| writer.step(stamp, step).unwrap_err().to_string();
+        assert!(
+            problem(
+                START,
+                StepRef {
+                    frames: &[],
+                    ..step
+                }
+            )
+            .contains("frames")
+        );
+        assert!(
+            problem(
+                START,
+                StepRef {
+                    proprioception: &[0.0],
+                    ..step
+                }
+            )
+            .contains("proprioception")
+        );
+        assert!(
+            problem(
+                START,
+                StepRef {
+                    action: &[0.0],
+                    ..step
+                }
+            )
+            .contains("action")
+        );
+        assert!(problem(0, step).contains("1970"));
+        assert!(
+            writer
+                .annotate(STATE_TOPIC, START, &serde_json::Value::Null)
+                .is_err()
+        );
     }
 }

@@ -1,0 +1,58 @@
+//! The dialects: how a topic's bytes become one [`Value`], whatever encoding they are in.
+//!
+//! Knows schemas and encodings. Must not know tasks, mappings or steps.
+
+mod cdr;
+mod json;
+mod protobuf;
+mod ros2msg;
+mod value;
+
+pub(crate) use value::Value;
+
+/// Turns the messages of one channel into values.
+#[derive(Debug)]
+pub(crate) enum Decoder {
+    Protobuf(protobuf::Decoder),
+    Cdr(cdr::Decoder),
+    Json,
+}
+
+/// What an MCAP channel says about its messages.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ChannelSchema<'a> {
+    /// Encoding of the messages.
+    pub(crate) message_encoding: &'a str,
+    /// Encoding of the schema; empty without one.
+    pub(crate) schema_encoding: &'a str,
+    /// Name of the message type; empty without a schema.
+    pub(crate) name: &'a str,
+    /// The schema itself.
+    pub(crate) data: &'a [u8],
+}
+
+impl Decoder {
+    /// Prepares to read a channel's messages; the error says why that can't be done and the mend.
+    pub(crate) fn new(schema: ChannelSchema<'_>) -> Result<Self, String> {
+        match (schema.message_encoding, schema.schema_encoding) {
+            ("protobuf", "protobuf") => {
+                protobuf::Decoder::new(schema.name, schema.data).map(Self::Protobuf)
+            }
+            ("cdr", "ros2msg") => cdr::Decoder::new(schema.name, schema.data).map(Self::Cdr),
+            ("json", _) => Ok(Self::Json),
+            (message, schema) => Err(format!(
+                "messages are encoded as `{message}` with a `{schema}` schema, which can't be read; record with \
+                 protobuf (protobuf schema), cdr (ros2msg schema) or json"
+            )),
+        }
+    }
+
+    /// Reads one message; the error says where its bytes leave the schema.
+    pub(crate) fn decode<'a>(&'a self, bytes: &'a [u8]) -> Result<Value<'a>, String> {
+        match self {
+            Self::Protobuf(decoder) => decoder.decode(bytes),
+            Self::Cdr(decoder) => decoder.decode(bytes),
+            Self::Json => json::decode(bytes),
+        }
+    }
+}

@@ -1,0 +1,249 @@
+//! What is wrong with a recording's data: one function for each kind of finding.
+//!
+//! Looks at tracks, steps and values; changes nothing but the report.
+
+use crate::plan::Steps;
+use crate::report::{FindingCode, Report, Severity};
+use crate::spec::{FieldSpec, TaskSpec};
+use crate::tracks::{Failure, Tracks};
+
+/// Periods without a message that make a gap.
+const GAP_PERIODS: f64 = 2.5;
+/// Fewest steps from which a joint can be called frozen.
+const FROZEN_STEPS: usize = 20;
+/// A value has moved when it spans more than this (radians or metres).
+const MOVED: f32 = 1e-3;
+/// Share by which the measured interval may differ from the task's period.
+const RATE_SHARE: f64 = 0.2;
+
+/// Schemas, messages and paths that could not be read, among those that the mapping uses.
+pub(crate) fn failures(tracks: &Tracks, spec: &TaskSpec, mapping: usize, report: &mut Report) {
+    let used = &spec.mappings[mapping];
+    for topic in used.topics(spec) {
+        let Some(track) = tracks.tracks.get(topic) else {
+            continue;
+        };
+        if let Some(Failure { code, first, count }) = &track.failure {
+            report.add(
+                Severity::Error,
+                *code,
+                topic,
+                None,
+                format!("{first} ({count} messages alike)"),
+            );
+        }
+        for field in track.fields.iter().filter(|field| field.mapping == mapping) {
+            let source = &used.fields[field.source];
+            let place = format!("topic {topic}, path {}", source.paths.join(" "));
+            if let Some(Failure { code, first, count }) = &field.failure {
+                let detail = format!(
+                    "{place}: {first} ({count} messages alike); correct the mapping or the recording"
+                );
+                report.add(Severity::Error, *code, &source.field, None, detail);
+            } else if let (true, Some(absent)) = (field.messages.is_empty(), &field.absent) {
+                let detail = format!(
+                    "{place}: no message has all the wanted names: {absent}; correct the mapping's names"
+                );
+                report.add(
+                    Severity::Error,
+                    FindingCode::MissingField,
+                    &source.field,
+                    None,
+                    detail,
+                );
+            } else if field.messages.is_empty() && track.failure.is_none() {
+                let detail =
+                    format!("{place}: no message carries it; correct the mapping or the recording");
+                report.add(
+                    Severity::Error,
+                    FindingCode::MissingField,
+                    &source.field,
+                    None,
+                    detail,
+                );
+            }
+        }
+    }
+}
+
+/// Time: order, rate, gaps and length.
+pub(crate) fn steps(steps: &Steps, spec: &TaskSpec, report: &mut Report) {
+    let (stamps, period) = (&steps.stamps, steps.rule.period);
+    report.steps = stamps.len() as u64;
+    report.dropped_ticks = (steps.clock.stamps.len() - stamps.len()) as u64;
+    if let [first, .., last] = stamps[..] {
+        report.duration_ns = last.saturating_sub(first);
+        report.rate_hz = (stamps.len() - 1) as f64 * 1e9 / report.duration_ns.max(1) as f64;
+    }
+    if stamps.len() < 2 {
+        let detail = format!(
+            "{} of {} messages of the clock have every stream beside them, at least 2 are needed; record longer, or check \
+             that all streams run at the same time",
+            stamps.len(),
+            steps.clock.stamps.len()
+        );
+        report.add(Severity::Error, FindingCode::TooShort, "file", None, detail);
+        return;
+    }
+    let clock = ("clock".to_owned(), steps.clock.clone());
+    for (subject, line) in steps.streams.iter().chain([&clock]) {
+        if let Some(at) = line.first_reversed {
+            let detail = format!(
+                "message {at} is stamped before the one before it; the messages were put in order of their stamps"
+            );
+            report.add(
+                Severity::Warning,
+                FindingCode::TimeReversed,
+                subject,
+                None,
+                detail,
+            );
+        }
+    }
+    let interval = steps.clock.median_interval(&steps.ticks);
+    if (interval as f64 / period as f64 - 1.0).abs() > RATE_SHARE {
+        let detail = format!(
+            "steps come every {:.1} ms, but the task's rate of {} Hz means {:.1} ms; correct rate_hz or record at that rate",
+            interval as f64 / 1e6,
+            spec.rate_hz,
+            period as f64 / 1e6
+        );
+        report.add(
+            Severity::Warning,
+            FindingCode::OffRate,
+            "clock",
+            None,
+            detail,
+        );
+    }
+    gaps(steps, report);
+}
+
+fn gaps(steps: &Steps, report: &mut Report) {
+    let limit = steps.rule.period as f64 * GAP_PERIODS;
+    let mut note = |subject: &str, distances: Vec<i64>| {
+        let is_gap = |distance: &i64| *distance as f64 > limit;
+        let Some(first) = distances.iter().position(is_gap) else {
+            return;
+        };
+        let count = distances.iter().filter(|distance| is_gap(distance)).count();
+        let longest = distances.iter().max().copied().unwrap_or_default();
+        let detail = format!(
+            "nothing for more than {GAP_PERIODS} periods at {count} steps, at most {:.0} ms; the last message was held. \
+             Look for a dropped connection, or leave these steps out",
+            longest as f64 / 1e6
+        );
+        report.add(
+            Severity::Warning,
+            FindingCode::Gap,
+            subject,
+            Some(first as u64),
+            detail,
+        );
+    };
+    let between = steps
+        .stamps
+        .windows(2)
+        .map(|pair| pair[1].saturating_sub(pair[0]));
+    note("clock", std::iter::once(0).chain(between).collect());
+    for ((subject, line), picks) in steps.streams.iter().zip(&steps.picks) {
+        // A single message is one that was meant to be held, such as a goal.
+        if line.stamps.len() > 1 {
+            let ages = steps
+                .stamps
+                .iter()
+                .zip(picks)
+                .map(|(stamp, &at)| stamp.saturating_sub(line.stamps[at]));
+            note(subject, ages.collect());
+        }
+    }
+}
+
+/// Values that are NaN or infinite.
+pub(crate) fn values(values: &[f32], fields: &[FieldSpec], report: &mut Report) {
+    for (column, subject) in columns(fields) {
+        let mut rows = values.chunks_exact(width(fields)).enumerate();
+        let first =
+            rows.find_map(|(step, row)| (!row[column].is_finite()).then_some((step, row[column])));
+        if let Some((step, value)) = first {
+            let detail = format!(
+                "the value is {value} at step {step}; leave such messages out of the recording or mend their source"
+            );
+            report.add(
+                Severity::Error,
+                FindingCode::NotFinite,
+                &subject,
+                Some(step as u64),
+                detail,
+            );
+        }
+    }
+}
+
+/// Joint positions that stay exactly the same while most of their neighbours in the field move. Only fields
+/// of joint positions are looked at: a base, a goal or a velocity may well stay the same.
+pub(crate) fn frozen_joints(values: &[f32], fields: &[FieldSpec], report: &mut Report) {
+    let width = width(fields);
+    if width == 0 || values.len() < FROZEN_STEPS * width {
+        return;
+    }
+    let mut begin = 0;
+    for field in fields {
+        let columns = begin..begin + field.size as usize;
+        begin = columns.end;
+        if !is_joint_position(&field.name) {
+            continue;
+        }
+        let span = |column: usize| {
+            let column = values.iter().skip(column).step_by(width);
+            let (low, high) = column.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &v| {
+                (low.min(v), high.max(v))
+            });
+            high - low
+        };
+        let spans: Vec<f32> = columns.map(span).collect();
+        let moving = spans.iter().filter(|&&span| span > MOVED).count();
+        for (at, _) in spans
+            .iter()
+            .enumerate()
+            .filter(|(_, span)| **span == 0.0 && moving * 2 > spans.len())
+        {
+            let subject = format!("{}[{at}]", field.name);
+            let detail = format!(
+                "the value never changes while {moving} of {} in the field move; check the joint's encoder, or ignore this \
+                 if the joint was meant to rest",
+                spans.len()
+            );
+            report.add(
+                Severity::Warning,
+                FindingCode::FrozenJoint,
+                &subject,
+                None,
+                detail,
+            );
+        }
+    }
+}
+
+fn is_joint_position(name: &str) -> bool {
+    let name = name.to_lowercase();
+    let rates = ["vel", "acc", "effort", "torque", "current", "force"];
+    (name.contains("joint") || name.contains("qpos"))
+        && !rates.iter().any(|rate| name.contains(rate))
+}
+
+fn width(fields: &[FieldSpec]) -> usize {
+    fields
+        .iter()
+        .map(|field| field.size as usize)
+        .sum::<usize>()
+        .max(1)
+}
+
+/// Each column's number and name, such as `joint_position[3]`.
+fn columns(fields: &[FieldSpec]) -> impl Iterator<Item = (usize, String)> {
+    let names = fields
+        .iter()
+        .flat_map(|field| (0..field.size).map(move |at| format!("{}[{at}]", field.name)));
+    names.enumerate()
+}

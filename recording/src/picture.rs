@@ -1,0 +1,150 @@
+//! Images inside messages: foxglove.CompressedImage and RawImage, sensor_msgs CompressedImage and Image.
+//!
+//! They are told by their fields, so a lab's own message with the same fields works too.
+
+use crate::dialect::Value;
+use crate::error::RecordingError;
+use crate::image::{PixelFormat, RawImage, decode_color, decode_depth, raw_color, raw_depth};
+use crate::spec::CameraSpec;
+
+/// What a camera's topic carries.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Channel {
+    Color,
+    Depth,
+}
+
+impl Channel {
+    /// Bytes of one decoded image.
+    pub(crate) fn bytes(self, camera: &CameraSpec) -> usize {
+        let pixels = (camera.height as usize).saturating_mul(camera.width as usize);
+        match self {
+            Self::Color => pixels.saturating_mul(3),
+            Self::Depth => pixels.saturating_mul(2),
+        }
+    }
+}
+
+/// Decodes the image that a message holds, at the size of the camera.
+pub(crate) fn decode(
+    message: &Value<'_>,
+    channel: Channel,
+    camera: &CameraSpec,
+) -> Result<Vec<u8>, RecordingError> {
+    let (height, width) = (camera.height, camera.width);
+    let data = message.bytes("data").ok_or_else(|| not_an_image(message))?;
+    if let Some(encoding) = message.text("encoding") {
+        let size = |name| {
+            message
+                .number(name)
+                .and_then(whole)
+                .ok_or_else(|| not_an_image(message))
+        };
+        let image = RawImage {
+            height: size("height")?,
+            width: size("width")?,
+            step: size("step")?,
+            encoding,
+            big_endian: message.number("is_bigendian").unwrap_or_default() != 0.0,
+            data,
+        };
+        return match channel {
+            Channel::Color => raw_color(image, height, width),
+            Channel::Depth => raw_depth(image, height, width),
+        };
+    }
+    let format = message
+        .text("format")
+        .ok_or_else(|| not_an_image(message))?;
+    // The bytes themselves tell the compression; drivers fill the format in as they like.
+    let decoded = match channel {
+        Channel::Color => decode_color(data, PixelFormat::Auto, height, width),
+        Channel::Depth => decode_depth(data, PixelFormat::Auto, height, width),
+    };
+    decoded.map_err(|error| match error {
+        RecordingError::BrokenImage { problem } => RecordingError::BrokenImage {
+            problem: format!("format `{format}`: {problem}"),
+        },
+        other => other,
+    })
+}
+
+fn whole(number: f64) -> Option<u32> {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "the range is checked first"
+    )]
+    (number >= 0.0 && number <= f64::from(u32::MAX) && number.fract() == 0.0)
+        .then_some(number as u32)
+}
+
+fn not_an_image(message: &Value<'_>) -> RecordingError {
+    RecordingError::BrokenImage {
+        problem: format!(
+            "the message has {}, which is no image; use foxglove.CompressedImage, foxglove.RawImage, \
+             sensor_msgs/CompressedImage or sensor_msgs/Image",
+            message.field_names()
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use super::*;
+
+    fn camera() -> CameraSpec {
+        CameraSpec {
+            name: "c".into(),
+            height: 1,
+            width: 2,
+            depth: true,
+        }
+    }
+
+    fn raw(encoding: &'static str, data: &'static [u8]) -> Value<'static> {
+        Value::Message(vec![
+            ("height".into(), Value::Number(1.0)),
+            ("width".into(), Value::Number(2.0)),
+            ("encoding".into(), Value::Text(encoding.into())),
+            ("is_bigendian".into(), Value::Number(1.0)),
+            ("step".into(), Value::Number(0.0)),
+            ("data".into(), Value::Bytes(data.into())),
+        ])
+    }
+
+    #[test]
+    fn reads_raw_images_by_their_fields() {
+        assert_eq!(
+            decode(&raw("bgr8", &[3, 2, 1, 6, 5, 4]), Channel::Color, &camera()).unwrap(),
+            [1, 2, 3, 4, 5, 6]
+        );
+        assert_eq!(
+            decode(&raw("16UC1", &[1, 2, 3, 4]), Channel::Depth, &camera()).unwrap(),
+            [2, 1, 4, 3]
+        );
+    }
+
+    #[test]
+    fn a_video_packet_or_another_message_is_named() {
+        let video = Value::Message(vec![
+            ("format".into(), Value::Text("h264".into())),
+            ("data".into(), Value::Bytes(vec![0, 0, 0, 1].into())),
+        ]);
+        assert!(
+            decode(&video, Channel::Color, &camera())
+                .unwrap_err()
+                .to_string()
+                .contains("`h264`")
+        );
+        let other = Value::Message(vec![("position".into(), Value::Number(1.0))]);
+        assert!(
+            decode(&other, Channel::Color, &camera())
+                .unwrap_err()
+                .to_string()
+                .contains("position")
+        );
+    }
+}

@@ -1,0 +1,268 @@
+//! The first pass over a recording: the stamps and numbers of every topic that any mapping names.
+//!
+//! Images are only stamped here; decoding them waits until it is known which ones a step uses, so memory
+//! follows the episode and not the recording. Must not know alignment.
+
+use std::collections::BTreeMap;
+use std::path::Path as FilePath;
+
+use crate::channels::Channels;
+use crate::container::{Ending, Record, scan};
+use crate::dialect::{Decoder, Value};
+use crate::error::RecordingError;
+use crate::path::{Missing, Path};
+use crate::report::{FindingCode, TopicReport};
+use crate::spec::{FieldSource, TaskSpec};
+
+/// Most messages of one topic.
+const MAX_MESSAGES: usize = 10_000_000;
+/// Most numbers of one field over the recording.
+const MAX_NUMBERS: usize = 500_000_000;
+
+/// What the first pass found.
+#[derive(Debug, Default)]
+pub(crate) struct Tracks {
+    pub(crate) ending: Option<Ending>,
+    pub(crate) profile: String,
+    pub(crate) messages: u64,
+    /// Every topic of the file.
+    pub(crate) topics: BTreeMap<String, TopicReport>,
+    /// The topics that some mapping names and the file has.
+    pub(crate) tracks: BTreeMap<String, Track>,
+}
+
+/// One topic that some mapping names.
+#[derive(Debug, Default)]
+pub(crate) struct Track {
+    /// Of each message in the file's order.
+    pub(crate) stamps: Vec<Stamp>,
+    /// One for each field source that reads this topic.
+    pub(crate) fields: Vec<FieldTrack>,
+    /// The first message or schema that can't be read, and how many there are.
+    pub(crate) failure: Option<Failure>,
+}
+
+/// When a message was made and logged, in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Stamp {
+    pub(crate) header: Option<i64>,
+    pub(crate) log: i64,
+}
+
+/// The numbers of one field source.
+#[derive(Debug)]
+pub(crate) struct FieldTrack {
+    pub(crate) mapping: usize,
+    pub(crate) source: usize,
+    pub(crate) size: usize,
+    /// Which messages of the topic carry the field.
+    pub(crate) messages: Vec<usize>,
+    /// `size` numbers of each of them.
+    pub(crate) values: Vec<f32>,
+    pub(crate) failure: Option<Failure>,
+    /// What the first message without the wanted names lacks.
+    pub(crate) absent: Option<String>,
+    paths: Vec<Path>,
+    names: Vec<String>,
+}
+
+/// The first of several failures alike.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Failure {
+    pub(crate) code: FindingCode,
+    pub(crate) first: String,
+    pub(crate) count: u64,
+}
+
+/// Reads the stamps and numbers of a recording.
+pub(crate) fn collect(path: &FilePath, spec: &TaskSpec) -> Result<Tracks, RecordingError> {
+    let mut wanted = wanted_tracks(spec)?;
+    let mut tracks = Tracks::default();
+    let mut channels = Channels::default();
+    let ending = scan(path, &mut |record| match record {
+        Record::Message { header, data } => {
+            let Some((topic, _, decoder)) = channels.next(header.channel_id) else {
+                return Ok(());
+            };
+            tracks.messages += 1;
+            if let Some(report) = tracks.topics.get_mut(topic) {
+                report.messages += 1;
+            }
+            match wanted.get_mut(topic) {
+                Some(track) => track.push(decoder, header.log_time, data, topic),
+                None => Ok(()),
+            }
+        }
+        Record::Header { profile } => {
+            profile.clone_into(&mut tracks.profile);
+            Ok(())
+        }
+        other => {
+            if let Some(report) = channels.learn(&other, &|topic| wanted.contains_key(topic)) {
+                tracks.topics.entry(report.topic.clone()).or_insert(report);
+            }
+            Ok(())
+        }
+    })?;
+    tracks.ending = Some(ending);
+    tracks.tracks = wanted
+        .into_iter()
+        .filter(|(_, track)| !track.stamps.is_empty() || track.failure.is_some())
+        .collect();
+    Ok(tracks)
+}
+
+/// An empty track for each topic that a mapping names.
+fn wanted_tracks(spec: &TaskSpec) -> Result<BTreeMap<String, Track>, RecordingError> {
+    let mut wanted: BTreeMap<String, Track> = BTreeMap::new();
+    for (at, mapping) in spec.mappings.iter().enumerate() {
+        for topic in mapping.topics(spec) {
+            wanted.entry(topic.to_owned()).or_default();
+        }
+        for (source_at, source) in mapping.fields.iter().enumerate() {
+            let size = spec.field_size(&source.field);
+            let field = FieldTrack::new(source, (at, source_at), size)?;
+            wanted
+                .entry(source.topic.clone())
+                .or_default()
+                .fields
+                .push(field);
+        }
+    }
+    Ok(wanted)
+}
+
+impl Track {
+    fn push(
+        &mut self,
+        decoder: &Result<Decoder, String>,
+        log_time: u64,
+        data: &[u8],
+        topic: &str,
+    ) -> Result<(), RecordingError> {
+        if self.stamps.len() >= MAX_MESSAGES {
+            return Err(RecordingError::TooLarge {
+                problem: format!(
+                    "topic {topic} has more than {MAX_MESSAGES} messages; split the recording"
+                ),
+            });
+        }
+        let log = i64::try_from(log_time).unwrap_or(i64::MAX);
+        let value = match decoder {
+            Ok(decoder) => decoder
+                .decode(data)
+                .map_err(|problem| (FindingCode::BadMessage, problem)),
+            Err(problem) => Err((FindingCode::BadSchema, problem.clone())),
+        };
+        let at = self.stamps.len();
+        match value {
+            Ok(value) => {
+                self.stamps.push(Stamp {
+                    header: value.stamp(),
+                    log,
+                });
+                self.fields
+                    .iter_mut()
+                    .try_for_each(|field| field.push(at, &value))
+            }
+            Err((code, problem)) => {
+                // The message keeps its place, so that the second pass counts alike.
+                self.stamps.push(Stamp { header: None, log });
+                Failure::note(&mut self.failure, code, || {
+                    format!("message {at}: {problem}")
+                });
+                Ok(())
+            }
+        }
+    }
+}
+
+impl FieldTrack {
+    fn new(
+        source: &FieldSource,
+        (mapping, at): (usize, usize),
+        size: usize,
+    ) -> Result<Self, RecordingError> {
+        let paths = source.paths.iter().map(|path| {
+            Path::parse(path).map_err(|problem| RecordingError::Field {
+                topic: source.topic.clone(),
+                path: path.clone(),
+                problem,
+            })
+        });
+        Ok(Self {
+            mapping,
+            source: at,
+            size,
+            messages: Vec::new(),
+            values: Vec::new(),
+            failure: None,
+            absent: None,
+            paths: paths.collect::<Result<_, _>>()?,
+            names: source.names.clone(),
+        })
+    }
+
+    fn push(&mut self, at: usize, message: &Value<'_>) -> Result<(), RecordingError> {
+        let mut numbers = Vec::with_capacity(self.size);
+        for path in &self.paths {
+            let found = if self.names.is_empty() {
+                path.numbers(message, &mut numbers)
+            } else {
+                path.numbers_by_name(message, &self.names, &mut numbers)
+            };
+            match found {
+                Ok(()) => {}
+                // Arm and gripper often take turns on one topic: these joints are in another message.
+                Err(Missing::Names(problem)) => {
+                    self.absent.get_or_insert(problem);
+                    return Ok(());
+                }
+                Err(Missing::Path(problem)) => {
+                    Failure::note(&mut self.failure, FindingCode::MissingField, || {
+                        format!("message {at}: {problem}")
+                    });
+                    return Ok(());
+                }
+            }
+        }
+        if numbers.len() != self.size {
+            let found = numbers.len();
+            Failure::note(&mut self.failure, FindingCode::WrongSize, || {
+                format!(
+                    "message {at} gives {found} values, the task expects {}; correct the paths or the size",
+                    self.size
+                )
+            });
+            return Ok(());
+        }
+        if self.values.len() >= MAX_NUMBERS {
+            return Err(RecordingError::TooLarge {
+                problem: format!("a field has more than {MAX_NUMBERS} values; split the recording"),
+            });
+        }
+        self.messages.push(at);
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "steps hold 32-bit floats; beyond them is infinite and found"
+        )]
+        self.values
+            .extend(numbers.into_iter().map(|number| number as f32));
+        Ok(())
+    }
+}
+
+impl Failure {
+    fn note(slot: &mut Option<Self>, code: FindingCode, first: impl FnOnce() -> String) {
+        match slot {
+            Some(failure) => failure.count += 1,
+            None => {
+                *slot = Some(Self {
+                    code,
+                    first: first(),
+                    count: 1,
+                })
+            }
+        }
+    }
+}
