@@ -1,9 +1,9 @@
 //! Protobuf messages of any type, read through the descriptors that the file carries.
 
 use prost::Message as _;
-use prost_reflect::ReflectMessage as _;
 use prost_reflect::{
-    DescriptorPool, DynamicMessage, FieldDescriptor, MessageDescriptor, Value as Proto,
+    DescriptorPool, DynamicMessage, FieldDescriptor, MessageDescriptor, ReflectMessage as _,
+    Value as Proto,
 };
 use prost_types::FileDescriptorSet;
 
