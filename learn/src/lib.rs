@@ -19,6 +19,8 @@ mod pretrain;
 mod random;
 mod score;
 mod spec;
+#[cfg(test)]
+mod toy;
 mod train;
 mod trajectory;
 

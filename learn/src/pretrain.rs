@@ -143,3 +143,99 @@ fn mask(windows: &Windows, seed: u64, step: u64, device: tch::Device) -> Tensor 
     let length = crate::batch::int(windows.length);
     Windows::grid(&masked, &[-1, length, 3], device)
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::checkpoint::inspect;
+    use crate::toy::{self, Recorder};
+    use crate::train::Silent;
+
+    #[test]
+    fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
+        let (shape, data) = (toy::shape(), toy::experts(3, 12));
+        let spec = PretrainSpec {
+            checkpoint_every: 3,
+            ..toy::pretrain_spec(8)
+        };
+        let mut straight = Recorder::default();
+        let result = pretrain(&shape, &data, &spec, None, &mut straight).unwrap();
+        let steps: Vec<u64> = straight.checkpoints.iter().map(|(step, _)| *step).collect();
+        assert_eq!(steps, [3, 6]);
+
+        let mut resumed = Recorder::default();
+        let half = &straight.checkpoints[0].1;
+        let again = pretrain(&shape, &data, &spec, Some(half), &mut resumed).unwrap();
+        assert_eq!(straight.losses[3..], resumed.losses);
+        // The checkpoint of step 6 holds weights and optimiser state.
+        assert_eq!(straight.checkpoints[1], resumed.checkpoints[0]);
+        assert_eq!(result, again);
+        let finished = pretrain(&shape, &data, &spec, Some(&result), &mut Silent).unwrap();
+        assert_eq!(result, finished);
+    }
+
+    #[test]
+    fn a_checkpoint_of_another_run_is_refused() {
+        let (shape, data) = (toy::shape(), toy::experts(2, 8));
+        let spec = toy::pretrain_spec(2);
+        let bytes = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
+        let other = PretrainSpec { seed: 99, ..spec };
+        let error = pretrain(&shape, &data, &other, Some(&bytes), &mut Silent).unwrap_err();
+        assert!(error.to_string().starts_with("spec: "), "{error}");
+    }
+
+    #[test]
+    fn the_loss_falls_and_the_result_describes_itself() {
+        let (shape, data) = (toy::shape(), toy::experts(6, 12));
+        let mut monitor = Recorder::default();
+        let spec = toy::pretrain_spec(120);
+        let bytes = pretrain(&shape, &data, &spec, None, &mut monitor).unwrap();
+        let mean = |part: &[(u64, f64)]| {
+            part.iter().map(|(_, loss)| loss).sum::<f64>()
+                / f64::from(u32::try_from(part.len()).unwrap())
+        };
+        let (first, last) = (mean(&monitor.losses[..10]), mean(&monitor.losses[110..]));
+        assert!(last < 0.5 * first, "{first} {last}");
+        let info = inspect(&bytes).unwrap();
+        assert_eq!(
+            (info.kind, info.step, info.finished),
+            (CheckpointKind::Encoder, 120, true)
+        );
+        assert_eq!((info.shape, info.model), (shape, spec.model));
+    }
+
+    #[test]
+    fn each_objective_alone_trains() {
+        let (shape, data) = (toy::shape(), toy::experts(2, 8));
+        for objective in [Objective::Mtp, Objective::Tr, Objective::Aa] {
+            let spec = PretrainSpec {
+                objectives: vec![objective],
+                ..toy::pretrain_spec(2)
+            };
+            assert!(pretrain(&shape, &data, &spec, None, &mut Silent).is_ok());
+        }
+    }
+
+    #[test]
+    fn cancelling_and_diverging_are_told_apart() {
+        let (shape, data) = (toy::shape(), toy::experts(2, 8));
+        let mut monitor = Recorder {
+            stop_after: Some(2),
+            ..Recorder::default()
+        };
+        let result = pretrain(&shape, &data, &toy::pretrain_spec(9), None, &mut monitor);
+        assert!(matches!(result, Err(LearnError::Cancelled)));
+        assert_eq!(monitor.losses.len(), 2);
+
+        let mut spec = toy::pretrain_spec(60);
+        spec.optim.learning_rate = 10.0;
+        spec.optim.clip_norm = 1e12;
+        spec.optim.weight_decay = 10.0;
+        let result = pretrain(&shape, &data, &spec, None, &mut Silent);
+        assert!(
+            matches!(result, Err(LearnError::Diverged { .. })),
+            "{result:?}"
+        );
+    }
+}

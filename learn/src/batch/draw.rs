@@ -62,6 +62,11 @@ impl Segments {
         Self { all, bounds }
     }
 
+    /// All of them.
+    pub(crate) fn all(&self) -> &[Segment] {
+        &self.all
+    }
+
     /// Whether there is nothing to draw.
     pub(crate) fn is_empty(&self) -> bool {
         self.all.is_empty()

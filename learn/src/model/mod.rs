@@ -163,3 +163,6 @@ impl View<'_> {
         hidden: None,
     };
 }
+
+#[cfg(test)]
+mod tests;

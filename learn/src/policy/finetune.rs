@@ -163,3 +163,6 @@ fn weighted_loss(
     let target = network.statistics.action.apply(&target);
     (squared_error(&prediction, &target) * &batch.weight).mean(Kind::Float)
 }
+
+#[cfg(test)]
+mod tests;
