@@ -88,6 +88,30 @@ pub struct Label {
     pub created_at: Millis,
 }
 
+/// A label to be given to episodes.
+#[derive(Debug, Clone)]
+pub struct NewLabel {
+    /// How they ended.
+    pub outcome: Outcome,
+    /// Their cohort; `None` keeps each one's own.
+    pub cohort: Option<String>,
+    /// Who says so.
+    pub author: String,
+    /// Why; may be empty.
+    pub reason: String,
+}
+
+/// Which of a task's episodes are meant.
+#[derive(Debug, Clone)]
+pub struct EpisodeFilter {
+    /// The task.
+    pub task_id: TaskId,
+    /// Only with this outcome.
+    pub outcome: Option<Outcome>,
+    /// Only of this cohort.
+    pub cohort: Option<String>,
+}
+
 /// An upload that is not finished.
 #[derive(Debug, Clone)]
 pub struct Upload {

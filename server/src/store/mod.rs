@@ -3,16 +3,23 @@
 //! One connection writes, several read. Every write commits with `synchronous=FULL`: what returned is on disk.
 //! Values in and out are the domain's.
 
+mod blob;
 mod dataset;
 mod episode;
+pub(crate) mod finish;
 mod job;
+mod made;
 mod metric;
+mod packed;
 mod policy;
+pub(crate) mod queue;
 mod row;
 mod schedule;
 mod score;
 mod snapshot;
 mod task;
+#[cfg(test)]
+pub(crate) mod testing;
 mod upload;
 
 use std::{path::Path, time::Duration};

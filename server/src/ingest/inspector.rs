@@ -1,0 +1,198 @@
+//! Starts inspections: child processes of this very program, so many at once, each with limits and a deadline.
+
+use std::{
+    os::unix::process::ExitStatusExt as _,
+    path::{Path, PathBuf},
+    process::{ExitStatus, Stdio},
+    time::Duration,
+};
+
+use gleaner_recording::{Report, TaskSpec};
+use tempfile::TempDir;
+use tokio::{io::AsyncReadExt as _, process::Command, sync::Semaphore};
+
+use super::{inspect::Verdict, off_runtime, sync_folder};
+use crate::{
+    config::LimitConfig,
+    error::{Error, Result},
+};
+
+/// Most bytes of a child's standard error that are kept for the log.
+const STDERR_BYTES: u64 = 16 << 10;
+
+/// A refusal travels in an HTTP/2 header, where non-ASCII takes three bytes for one and 16 KiB is common.
+const REFUSAL_BYTES: usize = 3000;
+
+/// Starts inspections.
+#[derive(Debug)]
+pub(super) struct Inspector {
+    program: PathBuf,
+    tmp: PathBuf,
+    memory_bytes: u64,
+    seconds: u64,
+    permits: Semaphore,
+}
+
+/// A recording that passed.
+#[derive(Debug)]
+pub(super) struct Inspected {
+    pub(super) report: Report,
+    folder: TempDir,
+}
+
+impl Inspector {
+    pub(super) fn new(data_dir: &Path, limits: &LimitConfig) -> Result<Self> {
+        let program = std::env::current_exe().map_err(|error| Error::internal("finding this program", error))?;
+        Ok(Self {
+            program,
+            tmp: data_dir.join("tmp"),
+            memory_bytes: limits.inspect_memory_bytes,
+            seconds: limits.inspect_seconds,
+            permits: Semaphore::new(limits.inspect_parallel.max(1)),
+        })
+    }
+
+    /// The same limits, another program: the tests' own.
+    #[cfg(test)]
+    pub(super) fn with_program(self, program: PathBuf) -> Self {
+        Self { program, ..self }
+    }
+
+    /// Reads a recording under limits. `shown` is what the caller knows the file as.
+    ///
+    /// # Errors
+    /// Invalid when the task cannot use the recording, or reading it broke a limit; Internal when the inspection
+    /// itself failed.
+    pub(super) async fn inspect(&self, recording: &Path, spec: &TaskSpec, shown: &str) -> Result<Inspected> {
+        let _permit =
+            self.permits.acquire().await.map_err(|error| Error::internal("waiting for an inspection", error))?;
+        let (tmp, spec) = (self.tmp.clone(), spec.clone());
+        let folder = off_runtime("preparing an inspection", move || prepare(&tmp, &spec)).await?;
+        let (status, said) = self.run(recording, folder.path()).await?;
+        let report = folder.path().join(REPORT);
+        let verdict = off_runtime("reading an inspection's report", move || Ok(std::fs::read(report).ok())).await?;
+        let verdict = verdict.and_then(|json| serde_json::from_slice(&json).ok());
+        match verdict {
+            Some(Verdict::Usable(report)) if status.success() => Ok(Inspected { report, folder }),
+            Some(Verdict::Refused(why)) if status.success() => {
+                // The caller does not know our paths.
+                let why = why.replace(&recording.display().to_string(), shown);
+                Err(Error::invalid("recording", shortened(&why)))
+            }
+            Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
+            Some(Verdict::Usable(_) | Verdict::Refused(_)) | None => Err(self.broken(status, &said)),
+        }
+    }
+
+    /// Runs the child to its end, or to the deadline's.
+    async fn run(&self, recording: &Path, folder: &Path) -> Result<(ExitStatus, String)> {
+        let fault = |error| Error::internal("running an inspection", error);
+        let mut child = Command::new(&self.program)
+            .arg("inspect")
+            .arg("--recording")
+            .arg(recording)
+            .arg("--spec")
+            .arg(folder.join(SPEC))
+            .arg("--report")
+            .arg(folder.join(REPORT))
+            .arg("--frames")
+            .arg(folder.join(FRAMES))
+            .args(["--memory-bytes", &self.memory_bytes.to_string(), "--seconds", &self.seconds.to_string()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .kill_on_drop(true)
+            .spawn()
+            .map_err(fault)?;
+        let stderr = child.stderr.take();
+        let ended = async {
+            let mut said = Vec::new();
+            if let Some(stderr) = stderr {
+                stderr.take(STDERR_BYTES).read_to_end(&mut said).await?;
+            }
+            Ok((child.wait().await?, String::from_utf8_lossy(&said).into_owned()))
+        };
+        match tokio::time::timeout(Duration::from_secs(self.seconds), ended).await {
+            Ok(ended) => ended.map_err(fault),
+            Err(_) => {
+                child.kill().await.map_err(fault)?;
+                Err(self.took_too_long())
+            }
+        }
+    }
+
+    fn took_too_long(&self) -> Error {
+        Error::invalid(
+            "recording",
+            format!(
+                "reading it takes more than {} s; record shorter episodes, or raise --inspect-seconds at the server",
+                self.seconds
+            ),
+        )
+    }
+
+    /// What a child that ended without a verdict died of.
+    fn broken(&self, status: ExitStatus, said: &str) -> Error {
+        tracing::warn!(inspect.status = %status, inspect.stderr = said, "an inspection broke off");
+        let mib = self.memory_bytes >> 20;
+        match status.signal().and_then(rustix::process::Signal::from_named_raw) {
+            Some(rustix::process::Signal::XCPU) => self.took_too_long(),
+            Some(rustix::process::Signal::XFSZ) => Error::invalid(
+                "recording",
+                format!(
+                    "its decoded images take more than {mib} MiB; record shorter episodes or smaller images, or raise \
+                     --inspect-memory-bytes at the server"
+                ),
+            ),
+            // What the allocator does when it gets nothing, and what the kernel does.
+            Some(rustix::process::Signal::ABORT | rustix::process::Signal::KILL) => Error::invalid(
+                "recording",
+                format!(
+                    "reading it takes more than {mib} MiB of memory: the file is damaged, or the episode too long. \
+                     Record it again, or raise --inspect-memory-bytes at the server"
+                ),
+            ),
+            Some(_) => Error::invalid("recording", BROKE_READER),
+            None if status.code() == Some(PANICKED) => Error::invalid("recording", BROKE_READER),
+            None => Error::internal("inspecting a recording", format!("{status}: {said}")),
+        }
+    }
+}
+
+const SPEC: &str = "spec.json";
+const REPORT: &str = "report.json";
+const FRAMES: &str = "frames";
+
+/// The exit code of a Rust program that panicked.
+const PANICKED: i32 = 101;
+const BROKE_READER: &str = "the file is damaged in a way that breaks the reader; record the episode again";
+
+impl Inspected {
+    /// Moves the decoded frames to their place in the cache.
+    pub(super) async fn keep_frames(&self, place: &Path) -> Result<()> {
+        let (from, place) = (self.folder.path().join(FRAMES), place.to_owned());
+        off_runtime("keeping decoded frames", move || {
+            let fault = |error| Error::internal(format!("keeping {}", place.display()), error);
+            std::fs::File::open(&from).and_then(|file| file.sync_all()).map_err(fault)?;
+            std::fs::rename(&from, &place).map_err(fault)?;
+            place.parent().map_or(Ok(()), sync_folder)
+        })
+        .await
+    }
+}
+
+fn prepare(tmp: &Path, spec: &TaskSpec) -> Result<TempDir> {
+    let fault = |error| Error::internal("preparing an inspection", error);
+    let folder = tempfile::Builder::new().prefix("inspect-").tempdir_in(tmp).map_err(fault)?;
+    let json = serde_json::to_vec(spec).map_err(|error| Error::internal("writing a spec", error))?;
+    std::fs::write(folder.path().join(SPEC), json).map_err(fault)?;
+    Ok(folder)
+}
+
+fn shortened(text: &str) -> String {
+    if text.len() <= REFUSAL_BYTES {
+        return text.to_owned();
+    }
+    let end = text.floor_char_boundary(REFUSAL_BYTES);
+    format!("{} … (and more)", text.get(..end).unwrap_or_default())
+}

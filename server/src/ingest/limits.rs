@@ -1,0 +1,57 @@
+//! The limits that an inspecting process takes upon itself, before it touches a byte of the recording.
+
+use rustix::{
+    io::Errno,
+    process::{Resource, Rlimit, Signal, set_parent_process_death_signal, setrlimit},
+};
+
+use crate::{
+    config::InspectConfig,
+    error::{Error, Result},
+};
+
+/// The recording, the spec, the frames, the verdict, standard streams, and some for the runtime.
+const OPEN_FILES: u64 = 64;
+
+/// Limits memory, processor time, file size and open files of this process, and lets it die with its parent.
+pub(super) fn take(config: &InspectConfig) -> Result<()> {
+    let fault = |error| Error::internal("limiting this process", error);
+    set_parent_process_death_signal(Some(Signal::KILL)).map_err(fault)?;
+    let recording = std::fs::metadata(&config.recording).map_or(0, |file| file.len());
+    let taken = taken().map_err(|error| Error::internal("asking how much memory is taken", error))?;
+    // What the program and its libraries take before they do anything is not the recording's doing.
+    let data = taken.data.saturating_add(config.memory_bytes);
+    // The recording itself may be mapped.
+    let address_space = taken.size.saturating_add(config.memory_bytes).saturating_add(recording);
+    for (resource, limit) in [
+        (Resource::Data, data),
+        (Resource::As, address_space),
+        (Resource::Fsize, config.memory_bytes),
+        (Resource::Cpu, config.seconds),
+        (Resource::Nofile, OPEN_FILES),
+        (Resource::Core, 0),
+    ] {
+        limit_to(resource, limit).map_err(fault)?;
+    }
+    Ok(())
+}
+
+fn limit_to(resource: Resource, limit: u64) -> std::result::Result<(), Errno> {
+    setrlimit(resource, Rlimit { current: Some(limit), maximum: Some(limit) })
+}
+
+/// Bytes of address space that this process has taken.
+struct Taken {
+    size: u64,
+    data: u64,
+}
+
+fn taken() -> std::io::Result<Taken> {
+    let status = std::fs::read_to_string("/proc/self/status")?;
+    let kib = |name: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(name))?;
+        line.trim_start_matches(':').trim().strip_suffix(" kB")?.parse::<u64>().ok()
+    };
+    let bytes = |name| kib(name).map(|kib| kib << 10).ok_or_else(|| std::io::Error::other(format!("no {name}")));
+    Ok(Taken { size: bytes("VmSize")?, data: bytes("VmData")? })
+}

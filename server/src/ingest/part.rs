@@ -1,0 +1,91 @@
+//! The part file of one upload: appended to by its claim holder, synced before anything is acknowledged.
+
+use std::{
+    fs::File,
+    io::{self, Seek as _, SeekFrom, Write as _},
+    path::{Path, PathBuf},
+};
+
+use bytes::Bytes;
+
+use super::{claim::Claim, off_runtime};
+use crate::{
+    blobs::sync_folder,
+    error::{Error, Result},
+};
+
+/// An open part file. It carries the claim, so that a write which outlives its caller still holds it.
+#[derive(Debug)]
+pub(super) struct Part {
+    file: File,
+    path: PathBuf,
+    /// Bytes in the file.
+    pub(super) size: u64,
+    /// Bytes that are known to be on disk.
+    pub(super) synced: u64,
+    claim: Claim,
+}
+
+impl Part {
+    /// Opens the part file at `path` to append after `committed`. What lies beyond was never acknowledged and is cut.
+    pub(super) async fn open(path: PathBuf, committed: u64, claim: Claim) -> Result<Self> {
+        off_runtime("opening a part file", move || {
+            let file = open_at(&path, committed).map_err(|error| refused("opening", &path, error))?;
+            Ok(Self { file, path, size: committed, synced: committed, claim })
+        })
+        .await
+    }
+
+    /// Ends when somebody else wants to write this upload.
+    pub(super) async fn leave(&self) {
+        self.claim.leave.cancelled().await;
+    }
+
+    /// Appends bytes. They may be lost until [`Part::sync`].
+    pub(super) async fn append(mut self, data: Bytes) -> Result<Self> {
+        off_runtime("writing a part file", move || {
+            self.file.write_all(&data).map_err(|error| refused("writing", &self.path, error))?;
+            self.size = self.size.saturating_add(data.len() as u64);
+            Ok(self)
+        })
+        .await
+    }
+
+    /// Waits until every byte is on disk. After an error nobody knows which bytes are: the file is of no use.
+    pub(super) async fn sync(mut self) -> Result<Self> {
+        off_runtime("syncing a part file", move || {
+            self.file.sync_data().map_err(|error| refused("syncing", &self.path, error))?;
+            self.synced = self.size;
+            Ok(self)
+        })
+        .await
+    }
+}
+
+fn open_at(path: &Path, committed: u64) -> io::Result<File> {
+    let mut file = File::options().create(true).truncate(false).write(true).open(path)?;
+    let size = file.metadata()?.len();
+    if size < committed {
+        return Err(io::Error::other(format!("it has {size} bytes, but {committed} were acknowledged")));
+    }
+    if size > committed {
+        file.set_len(committed)?;
+    }
+    file.seek(SeekFrom::Start(committed))?;
+    Ok(file)
+}
+
+/// Makes an empty part file whose name is on disk too.
+pub(super) fn create(path: &Path) -> Result<()> {
+    File::create_new(path).and_then(|file| file.sync_all()).map_err(|error| refused("making", path, error))?;
+    path.parent().map_or(Ok(()), sync_folder)
+}
+
+fn refused(doing: &str, path: &Path, error: io::Error) -> Error {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            Error::exhausted("the server's disk is full; free some space there and go on with the upload")
+        }
+        _ => Error::internal(format!("{doing} {}", path.display()), error),
+    }
+}

@@ -1,0 +1,84 @@
+//! At start: what a crash left is put right, before anything new comes in.
+
+use std::{collections::HashMap, fs, path::Path};
+
+use super::{off_runtime, part_path};
+use crate::{
+    blobs::Blobs,
+    domain::{episode::Upload, time::Millis},
+    error::{Error, Result},
+    store::Store,
+};
+
+/// An upload that nobody finished for this long is forgotten.
+const ABANDONED_AFTER_DAYS: i64 = 7;
+
+/// Makes the folders; empties `tmp`; removes part files without a row and abandoned uploads; cuts parts that are
+/// longer than what was acknowledged, and gives up those that are shorter, which a sound disk never makes.
+pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
+    let week = ABANDONED_AFTER_DAYS * 24 * 60 * 60 * 1000;
+    let abandoned = store.delete_uploads_before(Millis(Millis::now().0 - week)).await?;
+    if abandoned > 0 {
+        tracing::info!(upload.count = abandoned, "abandoned uploads are forgotten");
+    }
+    let uploads = store.uploads().await?;
+    let (data_dir, blobs) = (data_dir.to_owned(), blobs.clone());
+    let torn = off_runtime("putting uploads right", move || {
+        let fault = |error| Error::internal(format!("putting uploads right in {}", data_dir.display()), error);
+        for folder in ["uploads", "cache", "tmp"] {
+            fs::create_dir_all(data_dir.join(folder)).map_err(fault)?;
+        }
+        empty(&data_dir.join("tmp")).map_err(fault)?;
+        settle_parts(&data_dir, uploads, &blobs).map_err(fault)
+    })
+    .await?;
+    for upload in torn {
+        store.delete_upload(&upload.id).await?;
+    }
+    Ok(())
+}
+
+fn empty(folder: &Path) -> std::io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        match entry.file_type()?.is_dir() {
+            true => fs::remove_dir_all(entry.path())?,
+            false => fs::remove_file(entry.path())?,
+        }
+    }
+    Ok(())
+}
+
+/// Answers with the uploads whose bytes are not there.
+fn settle_parts(data_dir: &Path, uploads: Vec<Upload>, blobs: &Blobs) -> std::io::Result<Vec<Upload>> {
+    let mut open: HashMap<_, _> =
+        uploads.into_iter().map(|upload| (part_path(data_dir, &upload.id), upload)).collect();
+    for entry in fs::read_dir(data_dir.join("uploads"))? {
+        let path = entry?.path();
+        let Some(upload) = open.get(&path) else {
+            fs::remove_file(&path)?;
+            continue;
+        };
+        let size = fs::metadata(&path)?.len();
+        if size > upload.committed {
+            let file = fs::File::options().write(true).open(&path)?;
+            file.set_len(upload.committed)?;
+            file.sync_all()?;
+        }
+        if size >= upload.committed {
+            open.remove(&path);
+        }
+    }
+    // A finish that a crash cut between the move and the row: the recording is in its place, the row remains.
+    open.retain(|_, upload| !(upload.committed == upload.size_bytes && blobs.contains(&upload.blake3)));
+    for (path, upload) in &open {
+        tracing::error!(
+            upload.id = %upload.id, upload.committed = upload.committed, file.path = %path.display(),
+            "acknowledged bytes of an upload are gone: the disk lost them. The upload must start again"
+        );
+        if path.exists() {
+            fs::remove_file(path)?;
+        }
+    }
+    Ok(open.into_values().collect())
+}

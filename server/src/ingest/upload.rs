@@ -1,0 +1,323 @@
+//! The life of an upload: start, write, status, finish.
+
+use bytes::Bytes;
+use futures::{Stream, StreamExt as _};
+use tokio::time::{Duration, Instant, sleep_until};
+
+use super::{Ingest, off_runtime, part, part::Part};
+use crate::{
+    blobs,
+    domain::{
+        episode::{Episode, InspectedEpisode, Outcome, Upload},
+        id::{BlobId, EpisodeId, TaskId, UploadId},
+        time::Millis,
+    },
+    error::{Error, Kind, Result},
+};
+
+/// Bytes are synced and acknowledged once there are this many, or once the oldest has waited this long.
+const SYNC_BYTES: u64 = 8 << 20;
+const SYNC_AFTER: Duration = Duration::from_millis(250);
+
+/// What a client declares of a recording it is going to send.
+#[derive(Debug, Clone)]
+pub(crate) struct NewUpload {
+    pub(crate) task_id: TaskId,
+    pub(crate) file_name: String,
+    pub(crate) size_bytes: u64,
+    pub(crate) blake3: BlobId,
+    pub(crate) outcome: Outcome,
+    pub(crate) cohort: String,
+    pub(crate) author: String,
+}
+
+/// How an upload starts.
+#[derive(Debug)]
+pub(crate) enum Started {
+    /// Write from its committed size on.
+    Open(Upload),
+    /// The task holds this content under this label already.
+    Existing(Episode),
+}
+
+/// Some bytes of a recording.
+#[derive(Debug)]
+pub(crate) struct Chunk {
+    /// The upload; the first chunk of a stream must name it.
+    pub(crate) upload_id: Option<UploadId>,
+    /// Where the bytes belong in the recording.
+    pub(crate) offset: u64,
+    pub(crate) data: Bytes,
+}
+
+impl Ingest {
+    /// Opens an upload, or goes on with one of the same content that nobody is at.
+    ///
+    /// # Errors
+    /// Exists when the task holds the content under another label; Exhausted above the size limit.
+    pub(crate) async fn start(&self, new: NewUpload) -> Result<Started> {
+        if new.size_bytes > self.max_upload_bytes {
+            return Err(Error::exhausted(format!(
+                "size_bytes: {} is above this server's limit of {} bytes a recording (--max-upload-bytes)",
+                new.size_bytes, self.max_upload_bytes
+            )));
+        }
+        if let Some(existing) = self.store.episode_of(&new.task_id, &new.blake3).await? {
+            return same_label(existing, new.outcome, &new.cohort).map(Started::Existing);
+        }
+        let mut upload = new.open();
+        for open in self.store.uploads_of(&upload.task_id, &upload.blake3).await? {
+            if open.size_bytes == upload.size_bytes && self.claims.offer(&open.id) {
+                (upload.id, upload.committed) = (open.id, open.committed);
+                self.store.relabel_upload(&upload).await?;
+                return Ok(Started::Open(upload));
+            }
+        }
+        let path = self.part_path(&upload.id);
+        off_runtime("making a part file", move || part::create(&path)).await?;
+        self.claims.offer(&upload.id);
+        self.store.insert_upload(&upload).await?;
+        Ok(Started::Open(upload))
+    }
+
+    /// An open upload, with how much of it is on disk.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn status(&self, id: &UploadId) -> Result<Upload> {
+        self.store.upload(id).await
+    }
+
+    /// Appends a stream of chunks. What came before the stream ends or breaks is kept, and counted in the answer:
+    /// the committed size.
+    ///
+    /// # Errors
+    /// Invalid for an offset that is not the end of what is there; NotFound; Unavailable when another stream of
+    /// the same upload takes over; or what broke the stream.
+    pub(crate) async fn write(&self, chunks: impl Stream<Item = Result<Chunk>> + Send) -> Result<u64> {
+        tokio::pin!(chunks);
+        let Some(first) = chunks.next().await.transpose()? else {
+            return Err(Error::invalid("upload_id", "the stream is empty: its first message must name the upload"));
+        };
+        let id = first.upload_id.clone().ok_or_else(|| Error::invalid("upload_id", "the first message must name the upload"))?;
+        self.store.upload(&id).await?;
+        let claim = self.claims.take(&id).await;
+        // Whoever held it has left: only now does its row stand still.
+        let upload = self.store.upload(&id).await?;
+        let part = Part::open(self.part_path(&id), upload.committed, claim).await?;
+        let mut writing = Writing { ingest: self, upload, part: Some(part), sync_at: Instant::now() };
+        let ended = writing.run(first, chunks).await;
+        // However the stream ended: what came is kept.
+        let committed = writing.settle().await;
+        ended.and(committed)
+    }
+
+    /// Checks size and digest, inspects the recording, and makes the episode visible. When the same content has
+    /// become visible meanwhile, that episode is the answer.
+    ///
+    /// # Errors
+    /// Precondition while bytes are missing; Invalid when the content is not as declared or the task cannot use it
+    /// (then nothing is kept); Exists when the same content became visible under another label; NotFound.
+    pub(crate) async fn finish(&self, id: &UploadId) -> Result<InspectedEpisode> {
+        self.store.upload(id).await?;
+        let _claim = self.claims.take(id).await;
+        let upload = self.store.upload(id).await?;
+        if upload.committed < upload.size_bytes {
+            return Err(Error::precondition(format!(
+                "{} of {} bytes are here: write the rest, then finish",
+                upload.committed, upload.size_bytes
+            )));
+        }
+        if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
+            self.discard(id).await?;
+            return self.settle_on(existing, &upload).await;
+        }
+        match self.admit(&upload).await {
+            Err(error) if error.kind() == Kind::Invalid => {
+                self.discard(id).await?;
+                Err(error)
+            }
+            result => result,
+        }
+    }
+
+    /// From a whole part file to a visible episode.
+    async fn admit(&self, upload: &Upload) -> Result<InspectedEpisode> {
+        let (part, blob) = (self.part_path(&upload.id), self.blobs.path(&upload.blake3));
+        let declared = upload.blake3.clone();
+        let recording = off_runtime("checking a digest", move || {
+            // A crash after the move, before the row, leaves the recording in its place already.
+            let recording = if part.exists() { part } else { blob };
+            match blobs::digest(&recording)? == declared {
+                true => Ok(recording),
+                false => Err(Error::invalid("blake3", "the content's digest is another one; push the file again")),
+            }
+        })
+        .await?;
+        let task = self.store.task_by_id(&upload.task_id).await?;
+        let inspected = self.inspector.inspect(&recording, &task.spec, &upload.file_name).await?;
+        inspected.keep_frames(&super::frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
+        let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
+        off_runtime("storing a recording", move || blobs.place(&id, &recording)).await?;
+
+        let episode = upload.become_episode(&inspected.report);
+        let inspected = InspectedEpisode { episode, report: inspected.report };
+        let kept = self.store.finish_upload(upload, &inspected).await?;
+        self.claims.forget(&upload.id);
+        tracing::info!(episode.id = %kept.id, episode.steps = kept.steps, episode.bytes = kept.size_bytes, "episode stored");
+        match kept.id == inspected.episode.id {
+            true => Ok(inspected),
+            false => self.settle_on(kept, upload).await,
+        }
+    }
+
+    /// The answer when the content is there already.
+    async fn settle_on(&self, existing: Episode, upload: &Upload) -> Result<InspectedEpisode> {
+        let existing = same_label(existing, upload.outcome, &upload.cohort)?;
+        self.store.episode(&existing.id).await
+    }
+
+    /// Keeps nothing of an upload.
+    async fn discard(&self, id: &UploadId) -> Result<()> {
+        self.store.delete_upload(id).await?;
+        self.claims.forget(id);
+        let path = self.part_path(id);
+        off_runtime("removing a part file", move || match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+                Err(Error::internal(format!("removing {}", path.display()), error))
+            }
+            Ok(()) | Err(_) => Ok(()),
+        })
+        .await
+    }
+}
+
+/// One stream that writes an upload.
+struct Writing<'a> {
+    ingest: &'a Ingest,
+    upload: Upload,
+    /// `None` after the disk refused: then the bytes since the last sync are not counted.
+    part: Option<Part>,
+    sync_at: Instant,
+}
+
+impl Writing<'_> {
+    async fn run(&mut self, first: Chunk, mut chunks: impl Stream<Item = Result<Chunk>> + Unpin) -> Result<()> {
+        self.append(first).await?;
+        loop {
+            let Some(part) = &self.part else { return Ok(()) };
+            let unsynced = part.size > part.synced;
+            let chunk = tokio::select! {
+                () = part.leave() => {
+                    return Err(Error::unavailable("another stream has taken this upload over"));
+                }
+                () = sleep_until(self.sync_at), if unsynced => {
+                    self.settle().await?;
+                    continue;
+                }
+                chunk = chunks.next() => chunk,
+            };
+            match chunk {
+                Some(chunk) => self.append(chunk?).await?,
+                None => return Ok(()),
+            }
+        }
+    }
+
+    async fn append(&mut self, chunk: Chunk) -> Result<()> {
+        let Some(part) = &self.part else { return Ok(()) };
+        let Chunk { upload_id, offset, data } = chunk;
+        if upload_id.is_some_and(|id| id != self.upload.id) {
+            return Err(Error::invalid("upload_id", "one stream writes one upload: open another stream"));
+        }
+        if offset != part.size {
+            return Err(Error::invalid(
+                "offset",
+                format!("{offset} is not where the upload goes on, which is {}: ask GetUpload, go on from there", part.size),
+            ));
+        }
+        if part.size.saturating_add(data.len() as u64) > self.upload.size_bytes {
+            return Err(Error::invalid(
+                "data",
+                format!("the upload was declared as {} bytes, and this is more", self.upload.size_bytes),
+            ));
+        }
+        if part.size == part.synced {
+            self.sync_at = Instant::now() + SYNC_AFTER;
+        }
+        if let Some(part) = self.part.take() {
+            let part = self.part.insert(part.append(data).await?);
+            if part.size - part.synced >= SYNC_BYTES {
+                self.settle().await?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Syncs, then raises the committed size: in this order, so that only what is on disk is acknowledged.
+    async fn settle(&mut self) -> Result<u64> {
+        let Some(part) = self.part.take() else { return Ok(self.upload.committed) };
+        if part.size > part.synced {
+            match part.sync().await {
+                Ok(part) => self.part = Some(part),
+                Err(error) => {
+                    self.ingest.discard(&self.upload.id).await?;
+                    return Err(error);
+                }
+            }
+        } else {
+            self.part = Some(part);
+        }
+        let synced = self.part.as_ref().map_or(self.upload.committed, |part| part.synced);
+        if synced > self.upload.committed {
+            self.ingest.store.commit_upload(&self.upload.id, synced).await?;
+            self.upload.committed = synced;
+        }
+        Ok(synced)
+    }
+}
+
+impl NewUpload {
+    fn open(self) -> Upload {
+        let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author } = self;
+        Upload { id: UploadId::new(), task_id, file_name, size_bytes, blake3, committed: 0, outcome, cohort, author }
+    }
+}
+
+impl Upload {
+    fn become_episode(&self, report: &gleaner_recording::Report) -> Episode {
+        let warnings = report.findings.iter().filter(|f| f.severity == gleaner_recording::Severity::Warning).count();
+        Episode {
+            id: EpisodeId::new(),
+            task_id: self.task_id.clone(),
+            file_name: self.file_name.clone(),
+            recording: self.blake3.clone(),
+            size_bytes: self.size_bytes,
+            steps: report.steps,
+            duration_s: seconds(report.duration_ns),
+            mapping: report.mapping.clone(),
+            warnings: warnings as u64,
+            outcome: self.outcome,
+            cohort: self.cohort.clone(),
+            created_at: Millis::now(),
+        }
+    }
+}
+
+fn seconds(nanoseconds: i64) -> f64 {
+    std::time::Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0)).as_secs_f64()
+}
+
+/// The episode itself, if it has this label.
+fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episode> {
+    if existing.outcome == outcome && existing.cohort == cohort {
+        return Ok(existing);
+    }
+    let cohort = if existing.cohort.is_empty() { "no cohort".to_owned() } else { format!("cohort {:?}", existing.cohort) };
+    Err(Error::exists(format!(
+        "the task holds this recording as {}, labelled {} with {cohort}: to change that, gleaner label {} --outcome …",
+        existing.id,
+        existing.outcome.as_str(),
+        existing.id,
+    )))
+}

@@ -1,0 +1,319 @@
+//! Rows of episodes and of their labels.
+
+use std::collections::HashSet;
+
+use sqlx::{QueryBuilder, Sqlite, Transaction};
+
+use super::{Store, commit, fault, row};
+use crate::{
+    domain::{
+        episode::{Episode, EpisodeFilter, InspectedEpisode, Label, NewLabel, Outcome},
+        id::{BlobId, EpisodeId, TaskId},
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+/// The columns of [`EpisodeRow`]: everything but the report, which may be long.
+pub(super) const COLUMNS: &str = "select episodes.id, episodes.task_id, file_name, recording, size_bytes, steps, \
+     duration_s, mapping, warnings, episodes.outcome, episodes.cohort, episodes.created_at from episodes ";
+
+#[derive(sqlx::FromRow)]
+pub(super) struct EpisodeRow {
+    id: String,
+    task_id: String,
+    file_name: String,
+    recording: String,
+    size_bytes: i64,
+    steps: i64,
+    duration_s: f64,
+    mapping: String,
+    warnings: i64,
+    outcome: String,
+    cohort: String,
+    created_at: i64,
+}
+
+impl EpisodeRow {
+    pub(super) fn read(self) -> Result<Episode> {
+        Ok(Episode {
+            id: row::id("episodes.id", self.id)?,
+            task_id: row::id("episodes.task_id", self.task_id)?,
+            file_name: self.file_name,
+            recording: row::id("episodes.recording", self.recording)?,
+            size_bytes: row::count("episodes.size_bytes", self.size_bytes)?,
+            steps: row::count("episodes.steps", self.steps)?,
+            duration_s: self.duration_s,
+            mapping: self.mapping,
+            warnings: row::count("episodes.warnings", self.warnings)?,
+            outcome: row::parsed("episodes.outcome", Outcome::from_word(&self.outcome))?,
+            cohort: self.cohort,
+            created_at: Millis(self.created_at),
+        })
+    }
+}
+
+impl Store {
+    /// An episode with its report.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode> {
+        let missing = || Error::not_found("episode", id);
+        let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
+        let episode = by_id(&mut tx, id).await?.ok_or_else(missing)?;
+        let report: String = sqlx::query_scalar("select report from episodes where id = ?")
+            .bind(id.as_str())
+            .fetch_one(&mut *tx)
+            .await
+            .map_err(fault("reading a report"))?;
+        Ok(InspectedEpisode { episode, report: row::json("episodes.report", &report)? })
+    }
+
+    /// The task's episode with this very recording, if any.
+    pub(crate) async fn episode_of(&self, task: &TaskId, recording: &BlobId) -> Result<Option<Episode>> {
+        let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
+        by_recording(&mut tx, task, recording).await
+    }
+
+    /// At most `size` episodes that fit the filter and come after the id `after`, oldest first. The second
+    /// value is where the next page goes on; `None` on the last one.
+    pub(crate) async fn episodes(
+        &self,
+        filter: &EpisodeFilter,
+        after: Option<&EpisodeId>,
+        size: u32,
+    ) -> Result<(Vec<Episode>, Option<EpisodeId>)> {
+        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        query.push("where task_id = ").push_bind(filter.task_id.as_str());
+        if let Some(outcome) = filter.outcome {
+            query.push(" and outcome = ").push_bind(outcome.as_str());
+        }
+        if let Some(cohort) = &filter.cohort {
+            query.push(" and cohort = ").push_bind(cohort);
+        }
+        if let Some(after) = after {
+            query.push(" and id > ").push_bind(after.as_str());
+        }
+        // One more than asked tells whether there is a next page.
+        query.push(" order by id limit ").push_bind(i64::from(size) + 1);
+        let rows: Vec<EpisodeRow> =
+            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing episodes"))?;
+        let size = usize::try_from(size).unwrap_or(usize::MAX);
+        let more = rows.len() > size;
+        let episodes = rows.into_iter().take(size).map(EpisodeRow::read).collect::<Result<Vec<_>>>()?;
+        let next = if more { episodes.last().map(|episode| episode.id.clone()) } else { None };
+        Ok((episodes, next))
+    }
+
+    /// Labels all these episodes or, when one is unknown, none. Every change is kept. The answer is in the
+    /// order of `ids`; one that is named twice is labelled once.
+    ///
+    /// # Errors
+    /// NotFound names the first unknown episode.
+    pub(crate) async fn label_episodes(&self, ids: &[EpisodeId], label: &NewLabel) -> Result<Vec<Episode>> {
+        let mut tx = self.write().await?;
+        let mut labelled: Vec<Episode> = Vec::with_capacity(ids.len());
+        let mut seen = HashSet::new();
+        for id in ids.iter().filter(|id| seen.insert(*id)) {
+            let mut episode = by_id(&mut tx, id)
+                .await?
+                .ok_or_else(|| Error::not_found("episode", format!("{id}; nothing was labelled")))?;
+            episode.outcome = label.outcome;
+            if let Some(cohort) = &label.cohort {
+                episode.cohort.clone_from(cohort);
+            }
+            sqlx::query("update episodes set outcome = ?, cohort = ? where id = ?")
+                .bind(episode.outcome.as_str())
+                .bind(&episode.cohort)
+                .bind(id.as_str())
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("labelling an episode"))?;
+            insert_label(&mut tx, &episode, &label.author, &label.reason).await?;
+            labelled.push(episode);
+        }
+        commit(tx).await?;
+        Ok(labelled)
+    }
+
+    /// Every label an episode ever had, oldest first.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn labels(&self, id: &EpisodeId) -> Result<Vec<Label>> {
+        let rows = sqlx::query_as::<_, (String, String, String, String, i64)>(
+            "select outcome, cohort, author, reason, created_at from labels where episode_id = ? order by id",
+        )
+        .bind(id.as_str())
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("listing labels"))?;
+        if rows.is_empty() {
+            // An episode has a label from its first moment on.
+            return Err(Error::not_found("episode", id));
+        }
+        rows.into_iter()
+            .map(|(outcome, cohort, author, reason, created_at)| {
+                Ok(Label {
+                    outcome: row::parsed("labels.outcome", Outcome::from_word(&outcome))?,
+                    cohort,
+                    author,
+                    reason,
+                    created_at: Millis(created_at),
+                })
+            })
+            .collect()
+    }
+}
+
+async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
+    let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+    query.push("where id = ").push_bind(id.as_str());
+    let row: Option<EpisodeRow> =
+        query.build_query_as().fetch_optional(&mut **tx).await.map_err(fault("reading an episode"))?;
+    row.map(EpisodeRow::read).transpose()
+}
+
+/// The task's episode with this very recording, if any.
+pub(super) async fn by_recording(
+    tx: &mut Transaction<'_, Sqlite>,
+    task: &TaskId,
+    recording: &BlobId,
+) -> Result<Option<Episode>> {
+    let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+    query.push("where task_id = ").push_bind(task.as_str());
+    query.push(" and recording = ").push_bind(recording.as_str());
+    let row: Option<EpisodeRow> =
+        query.build_query_as().fetch_optional(&mut **tx).await.map_err(fault("reading an episode"))?;
+    row.map(EpisodeRow::read).transpose()
+}
+
+/// Makes an episode visible, with its first label.
+pub(super) async fn insert(
+    tx: &mut Transaction<'_, Sqlite>,
+    inspected: &InspectedEpisode,
+    author: &str,
+) -> Result<()> {
+    let InspectedEpisode { episode, report } = inspected;
+    sqlx::query(
+        "insert into episodes (id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings, \
+             report, outcome, cohort, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(episode.id.as_str())
+    .bind(episode.task_id.as_str())
+    .bind(&episode.file_name)
+    .bind(episode.recording.as_str())
+    .bind(row::stored(episode.size_bytes))
+    .bind(row::stored(episode.steps))
+    .bind(episode.duration_s)
+    .bind(&episode.mapping)
+    .bind(row::stored(episode.warnings))
+    .bind(row::to_json(report)?)
+    .bind(episode.outcome.as_str())
+    .bind(&episode.cohort)
+    .bind(episode.created_at.0)
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("inserting an episode"))?;
+    insert_label(tx, episode, author, "").await
+}
+
+/// Keeps the episode's present label in its history.
+async fn insert_label(tx: &mut Transaction<'_, Sqlite>, episode: &Episode, author: &str, reason: &str) -> Result<()> {
+    sqlx::query(
+        "insert into labels (episode_id, outcome, cohort, author, reason, created_at) values (?, ?, ?, ?, ?, ?)",
+    )
+    .bind(episode.id.as_str())
+    .bind(episode.outcome.as_str())
+    .bind(&episode.cohort)
+    .bind(author)
+    .bind(reason)
+    .bind(Millis::now().0)
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("keeping a label"))?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::testing;
+    use super::*;
+    use crate::error::Kind;
+
+    fn label(outcome: Outcome, cohort: Option<&str>) -> NewLabel {
+        NewLabel { outcome, cohort: cohort.map(str::to_owned), author: "ada".into(), reason: "watched it".into() }
+    }
+
+    #[tokio::test]
+    async fn every_label_is_kept() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let first = testing::episode(&store, &task, Outcome::Unknown, "bob").await;
+        let second = testing::episode(&store, &task, Outcome::Success, "carol").await;
+        let ids = [second.id.clone(), first.id.clone(), second.id.clone()];
+        let labelled = store.label_episodes(&ids, &label(Outcome::Failure, None)).await.unwrap();
+        assert_eq!(labelled.iter().map(|e| (&e.id, e.outcome, e.cohort.as_str())).collect::<Vec<_>>(), [
+            (&second.id, Outcome::Failure, "carol"),
+            (&first.id, Outcome::Failure, "bob"),
+        ]);
+        store.label_episodes(&ids[1..2], &label(Outcome::Success, Some("dave"))).await.unwrap();
+        let now = store.episode(&first.id).await.unwrap().episode;
+        assert_eq!((now.outcome, now.cohort.as_str()), (Outcome::Success, "dave"));
+        let history = store.labels(&first.id).await.unwrap();
+        let words: Vec<_> = history.iter().map(|l| (l.outcome, l.cohort.as_str(), l.reason.as_str())).collect();
+        assert_eq!(words, [
+            (Outcome::Unknown, "bob", ""),
+            (Outcome::Failure, "bob", "watched it"),
+            (Outcome::Success, "dave", "watched it"),
+        ]);
+        assert_eq!(store.labels(&second.id).await.unwrap().len(), 2, "named twice, labelled once");
+    }
+
+    #[tokio::test]
+    async fn one_unknown_episode_labels_none() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let known = testing::episode(&store, &task, Outcome::Unknown, "").await;
+        let unknown = EpisodeId::new();
+        let ids = [known.id.clone(), unknown.clone()];
+        let error = store.label_episodes(&ids, &label(Outcome::Success, None)).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::NotFound);
+        assert!(error.message().contains(unknown.as_str()), "{error}");
+        assert_eq!(store.episode(&known.id).await.unwrap().episode.outcome, Outcome::Unknown);
+        assert_eq!(store.labels(&known.id).await.unwrap().len(), 1);
+        assert_eq!(store.labels(&unknown).await.unwrap_err().kind(), Kind::NotFound);
+        assert_eq!(store.episode(&unknown).await.unwrap_err().kind(), Kind::NotFound);
+    }
+
+    #[tokio::test]
+    async fn pages_meet_without_gap_or_overlap() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let mut all = Vec::new();
+        for number in 0..7 {
+            let cohort = if number % 2 == 0 { "even" } else { "odd" };
+            all.push(testing::episode(&store, &task, Outcome::Success, cohort).await.id);
+        }
+        all.sort();
+        let filter = EpisodeFilter { task_id: task.id.clone(), outcome: None, cohort: None };
+        let (mut paged, mut after, mut pages) = (Vec::new(), None, 0);
+        loop {
+            let (page, next) = store.episodes(&filter, after.as_ref(), 3).await.unwrap();
+            paged.extend(page.into_iter().map(|episode| episode.id));
+            pages += 1;
+            if next.is_none() {
+                break;
+            }
+            after = next;
+        }
+        assert_eq!((paged, pages), (all, 3));
+        let even = EpisodeFilter { outcome: Some(Outcome::Success), cohort: Some("even".into()), ..filter.clone() };
+        let (page, next) = store.episodes(&even, None, 4).await.unwrap();
+        assert_eq!((page.len(), next), (4, None), "a full last page has no next");
+        let failures = EpisodeFilter { outcome: Some(Outcome::Failure), ..filter };
+        assert!(store.episodes(&failures, None, 9).await.unwrap().0.is_empty());
+    }
+}

@@ -1,0 +1,292 @@
+//! Rows of snapshots: frozen lists of episodes with labels and roles.
+
+use std::collections::HashMap;
+
+use sqlx::{QueryBuilder, Sqlite, Transaction};
+
+use super::{
+    Store, commit,
+    episode::{self, EpisodeRow},
+    fault, row,
+};
+use crate::{
+    domain::{
+        episode::{Episode, Outcome},
+        id::{EpisodeId, SnapshotId, TaskId},
+        snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+const COLUMNS: &str = "select snapshots.id, task_id, rule, created_at, \
+     (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'expert') as experts, \
+     (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'imperfect') as imperfect \
+     from snapshots ";
+
+#[derive(sqlx::FromRow)]
+struct SnapshotRow {
+    id: String,
+    task_id: String,
+    rule: String,
+    created_at: i64,
+    experts: i64,
+    imperfect: i64,
+}
+
+impl SnapshotRow {
+    fn read(self) -> Result<Snapshot> {
+        Ok(Snapshot {
+            id: row::id("snapshots.id", self.id)?,
+            task_id: row::id("snapshots.task_id", self.task_id)?,
+            rule: row::json("snapshots.rule", &self.rule)?,
+            expert_episodes: row::count("experts", self.experts)?,
+            imperfect_episodes: row::count("imperfect", self.imperfect)?,
+            created_at: Millis(self.created_at),
+        })
+    }
+}
+
+#[derive(sqlx::FromRow)]
+struct LabelledRow {
+    id: String,
+    outcome: String,
+    cohort: String,
+}
+
+#[derive(sqlx::FromRow)]
+struct MemberRow {
+    episode_id: String,
+    outcome: String,
+    cohort: String,
+    role: String,
+    steps: i64,
+}
+
+impl MemberRow {
+    fn read(self) -> Result<SnapshotEpisode> {
+        Ok(SnapshotEpisode {
+            episode_id: row::id("snapshot_episodes.episode_id", self.episode_id)?,
+            outcome: row::parsed("snapshot_episodes.outcome", Outcome::from_word(&self.outcome))?,
+            cohort: self.cohort,
+            role: row::parsed("snapshot_episodes.role", Role::from_word(&self.role))?,
+            steps: row::count("episodes.steps", self.steps)?,
+        })
+    }
+}
+
+impl Store {
+    /// Freezes the task's present episodes and labels under a rule.
+    ///
+    /// # Errors
+    /// Precondition when the rule leaves no expert or no imperfect episode.
+    pub(crate) async fn create_snapshot(&self, task: &TaskId, rule: &RoleRule) -> Result<Snapshot> {
+        let mut tx = self.write().await?;
+        let members = members_now(&mut tx, task, rule).await?;
+        let count = |role| members.iter().filter(|(_, of)| *of == role).count() as u64;
+        let snapshot = Snapshot {
+            id: SnapshotId::new(),
+            task_id: task.clone(),
+            rule: rule.clone(),
+            expert_episodes: count(Role::Expert),
+            imperfect_episodes: count(Role::Imperfect),
+            created_at: Millis::now(),
+        };
+        check_both_sides(&snapshot)?;
+        insert(&mut tx, &snapshot, &members).await?;
+        commit(tx).await?;
+        Ok(snapshot)
+    }
+
+    /// A snapshot with its episodes, in its order.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn snapshot(&self, id: &SnapshotId) -> Result<(Snapshot, Vec<SnapshotEpisode>)> {
+        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        query.push("where id = ").push_bind(id.as_str());
+        let row: Option<SnapshotRow> =
+            query.build_query_as().fetch_optional(self.read()).await.map_err(fault("reading a snapshot"))?;
+        let snapshot = row.ok_or_else(|| Error::not_found("snapshot", id))?.read()?;
+        let members = sqlx::query_as::<_, MemberRow>(
+            "select episode_id, snapshot_episodes.outcome, snapshot_episodes.cohort, role, steps \
+             from snapshot_episodes join episodes on episodes.id = episode_id \
+             where snapshot_id = ? order by position",
+        )
+        .bind(id.as_str())
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading a snapshot's episodes"))?;
+        Ok((snapshot, members.into_iter().map(MemberRow::read).collect::<Result<_>>()?))
+    }
+
+    /// A task's snapshots, newest first.
+    pub(crate) async fn snapshots(&self, task: &TaskId) -> Result<Vec<Snapshot>> {
+        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        query.push("where task_id = ").push_bind(task.as_str()).push(" order by created_at desc, id desc");
+        let rows: Vec<SnapshotRow> =
+            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing snapshots"))?;
+        rows.into_iter().map(SnapshotRow::read).collect()
+    }
+
+    /// The episodes of a snapshot in its order, each with its role and with outcome and cohort as they were then.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn recordings(&self, id: &SnapshotId) -> Result<Vec<(Episode, Role)>> {
+        let (_, members) = self.snapshot(id).await?;
+        let mut query = QueryBuilder::<Sqlite>::new(episode::COLUMNS);
+        query.push("join snapshot_episodes on episode_id = episodes.id where snapshot_id = ").push_bind(id.as_str());
+        let rows: Vec<EpisodeRow> =
+            query.build_query_as().fetch_all(self.read()).await.map_err(fault("reading a snapshot's episodes"))?;
+        let episodes = rows.into_iter().map(EpisodeRow::read).collect::<Result<Vec<_>>>()?;
+        let mut by_id: HashMap<EpisodeId, Episode> =
+            episodes.into_iter().map(|episode| (episode.id.clone(), episode)).collect();
+        members
+            .into_iter()
+            .map(|member| {
+                let episode = row::parsed("snapshot_episodes.episode_id", by_id.remove(&member.episode_id))?;
+                Ok((Episode { outcome: member.outcome, cohort: member.cohort, ..episode }, member.role))
+            })
+            .collect()
+    }
+}
+
+/// The task's episodes that the rule gives a role, by id.
+async fn members_now(
+    tx: &mut Transaction<'_, Sqlite>,
+    task: &TaskId,
+    rule: &RoleRule,
+) -> Result<Vec<(LabelledRow, Role)>> {
+    let rows =
+        sqlx::query_as::<_, LabelledRow>("select id, outcome, cohort from episodes where task_id = ? order by id")
+            .bind(task.as_str())
+            .fetch_all(&mut **tx)
+            .await
+            .map_err(fault("reading the task's episodes"))?;
+    let mut members = Vec::with_capacity(rows.len());
+    for labelled in rows {
+        let outcome = row::parsed("episodes.outcome", Outcome::from_word(&labelled.outcome))?;
+        if let Some(role) = rule.role(outcome, &labelled.cohort) {
+            members.push((labelled, role));
+        }
+    }
+    Ok(members)
+}
+
+fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
+    let by_cohort = snapshot.rule != RoleRule::default();
+    for (role, episodes, word) in [
+        (Role::Expert, snapshot.expert_episodes, "success"),
+        (Role::Imperfect, snapshot.imperfect_episodes, "failure"),
+    ] {
+        if episodes == 0 {
+            let mend = if by_cohort {
+                "name cohorts that the task's episodes have".to_owned()
+            } else {
+                format!("push or label episodes as {word}")
+            };
+            return Err(Error::precondition(format!("the task has no {} episode under this rule: {mend}", role.as_str())));
+        }
+    }
+    Ok(())
+}
+
+async fn insert(
+    tx: &mut Transaction<'_, Sqlite>,
+    snapshot: &Snapshot,
+    members: &[(LabelledRow, Role)],
+) -> Result<()> {
+    sqlx::query("insert into snapshots (id, task_id, rule, created_at) values (?, ?, ?, ?)")
+        .bind(snapshot.id.as_str())
+        .bind(snapshot.task_id.as_str())
+        .bind(row::to_json(&snapshot.rule)?)
+        .bind(snapshot.created_at.0)
+        .execute(&mut **tx)
+        .await
+        .map_err(fault("inserting a snapshot"))?;
+    for (position, (labelled, role)) in members.iter().enumerate() {
+        sqlx::query(
+            "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) \
+             values (?, ?, ?, ?, ?, ?)",
+        )
+        .bind(snapshot.id.as_str())
+        .bind(row::stored(position as u64))
+        .bind(&labelled.id)
+        .bind(&labelled.outcome)
+        .bind(&labelled.cohort)
+        .bind(role.as_str())
+        .execute(&mut **tx)
+        .await
+        .map_err(fault("inserting a snapshot's episode"))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::testing;
+    use super::*;
+    use crate::{domain::episode::NewLabel, error::Kind};
+
+    #[tokio::test]
+    async fn a_snapshot_does_not_change_when_labels_do() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let expert = testing::episode(&store, &task, Outcome::Success, "ada").await;
+        let imperfect = testing::episode(&store, &task, Outcome::Failure, "bob").await;
+        testing::episode(&store, &task, Outcome::Unknown, "bob").await;
+        let frozen = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap();
+        assert_eq!((frozen.expert_episodes, frozen.imperfect_episodes), (1, 1));
+
+        let label = NewLabel {
+            outcome: Outcome::Failure,
+            cohort: Some("carol".into()),
+            author: "ada".into(),
+            reason: String::new(),
+        };
+        store.label_episodes(std::slice::from_ref(&expert.id), &label).await.unwrap();
+        let (snapshot, members) = store.snapshot(&frozen.id).await.unwrap();
+        assert_eq!((snapshot.expert_episodes, snapshot.imperfect_episodes), (1, 1));
+        let mut seen: Vec<_> = members.iter().map(|m| (&m.episode_id, m.outcome, m.cohort.as_str(), m.role)).collect();
+        seen.sort_by_key(|member| member.3 == Role::Imperfect);
+        assert_eq!(seen, [
+            (&expert.id, Outcome::Success, "ada", Role::Expert),
+            (&imperfect.id, Outcome::Failure, "bob", Role::Imperfect),
+        ]);
+        let recordings = store.recordings(&frozen.id).await.unwrap();
+        let order: Vec<_> = recordings.iter().map(|(episode, role)| (&episode.id, episode.outcome, *role)).collect();
+        assert_eq!(order, members.iter().map(|m| (&m.episode_id, m.outcome, m.role)).collect::<Vec<_>>());
+        assert_eq!(store.snapshot(&SnapshotId::new()).await.unwrap_err().kind(), Kind::NotFound);
+    }
+
+    #[tokio::test]
+    async fn a_snapshot_needs_both_sides() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "ada").await;
+        let error = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Precondition);
+        assert!(error.message().contains("no imperfect"), "{error}");
+        let rule = RoleRule { expert_cohorts: vec!["bob".into()], imperfect_cohorts: vec!["ada".into()] };
+        let error = store.create_snapshot(&task.id, &rule).await.unwrap_err();
+        assert!(error.message().contains("no expert"), "{error}");
+        assert!(store.snapshots(&task.id).await.unwrap().is_empty());
+    }
+
+    #[tokio::test]
+    async fn snapshots_come_newest_first() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "ada").await;
+        testing::episode(&store, &task, Outcome::Success, "bob").await;
+        let rule = RoleRule { expert_cohorts: vec!["ada".into()], imperfect_cohorts: vec!["bob".into()] };
+        for _ in 0..3 {
+            store.create_snapshot(&task.id, &rule).await.unwrap();
+        }
+        let listed = store.snapshots(&task.id).await.unwrap();
+        assert_eq!((listed.len(), &listed[0].rule), (3, &rule));
+        assert!(listed.windows(2).all(|pair| pair[0].created_at >= pair[1].created_at));
+    }
+}

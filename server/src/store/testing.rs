@@ -1,0 +1,88 @@
+//! Fixtures for tests of this crate: a fresh database, and rows in it.
+
+#![allow(clippy::unwrap_used, reason = "tests only")]
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use gleaner_recording::{Alignment, FieldSpec, Report, TaskSpec};
+use tempfile::TempDir;
+
+use super::Store;
+use crate::domain::{
+    episode::{Episode, InspectedEpisode, Outcome, Upload},
+    id::{EpisodeId, UploadId},
+    task::Task,
+    time::Millis,
+};
+
+/// Makes contents differ.
+static CONTENT: AtomicU64 = AtomicU64::new(0);
+
+/// A fresh database; it is gone with the folder.
+pub(crate) async fn store() -> (TempDir, Store) {
+    let dir = tempfile::tempdir().unwrap();
+    let store = Store::open(&dir.path().join("gleaner.db")).await.unwrap();
+    (dir, store)
+}
+
+/// A task without cameras: two joints, one action, 10 steps a second.
+pub(crate) fn spec() -> TaskSpec {
+    let field = |name: &str, size| FieldSpec { name: name.into(), size };
+    TaskSpec {
+        name: "reach".into(),
+        rate_hz: 10.0,
+        cameras: Vec::new(),
+        proprioception: vec![field("joint_position", 2)],
+        action: vec![field("joint_velocity", 1)],
+        alignment: Alignment::LatestBefore,
+        tolerance: 0.25,
+        mappings: Vec::new(),
+    }
+}
+
+/// The task of [`spec`], stored.
+pub(crate) async fn task(store: &Store) -> Task {
+    store.insert_task(&spec()).await.unwrap()
+}
+
+/// An upload of `content`, not stored, of an episode labelled success.
+pub(crate) fn upload(task: &Task, content: &[u8]) -> Upload {
+    Upload {
+        id: UploadId::new(),
+        task_id: task.id.clone(),
+        file_name: "reach.mcap".into(),
+        size_bytes: content.len() as u64,
+        blake3: blake3::hash(content).into(),
+        committed: 0,
+        outcome: Outcome::Success,
+        cohort: String::new(),
+        author: "tests".into(),
+    }
+}
+
+/// What an inspection of the upload could have found: 20 steps, nothing wrong.
+pub(crate) fn inspected(task: &Task, upload: &Upload) -> InspectedEpisode {
+    let episode = Episode {
+        id: EpisodeId::new(),
+        task_id: task.id.clone(),
+        file_name: upload.file_name.clone(),
+        recording: upload.blake3.clone(),
+        size_bytes: upload.size_bytes,
+        steps: 20,
+        duration_s: 1.9,
+        mapping: "plain".into(),
+        warnings: 0,
+        outcome: upload.outcome,
+        cohort: upload.cohort.clone(),
+        created_at: Millis::now(),
+    };
+    InspectedEpisode { episode, report: Report { steps: 20, mapping: "plain".into(), ..Report::default() } }
+}
+
+/// A stored episode of 20 steps with content of its own (rows only, no blob).
+pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort: &str) -> Episode {
+    let content = format!("recording {}", CONTENT.fetch_add(1, Ordering::Relaxed));
+    let upload = Upload { outcome, cohort: cohort.to_owned(), ..upload(task, content.as_bytes()) };
+    store.insert_upload(&upload).await.unwrap();
+    store.finish_upload(&upload, &inspected(task, &upload)).await.unwrap()
+}

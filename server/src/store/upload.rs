@@ -1,0 +1,223 @@
+//! Rows of open uploads. A row's `committed` counts bytes that are synced to disk.
+
+use super::{Store, commit, episode, fault, row};
+use crate::{
+    domain::{
+        episode::{Episode, InspectedEpisode, Outcome, Upload},
+        id::{BlobId, TaskId, UploadId},
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+const COLUMNS: &str = "select id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author from uploads ";
+
+#[derive(sqlx::FromRow)]
+struct UploadRow {
+    id: String,
+    task_id: String,
+    file_name: String,
+    size_bytes: i64,
+    blake3: String,
+    committed: i64,
+    outcome: String,
+    cohort: String,
+    author: String,
+}
+
+impl UploadRow {
+    fn read(self) -> Result<Upload> {
+        Ok(Upload {
+            id: row::id("uploads.id", self.id)?,
+            task_id: row::id("uploads.task_id", self.task_id)?,
+            file_name: self.file_name,
+            size_bytes: row::count("uploads.size_bytes", self.size_bytes)?,
+            blake3: row::id("uploads.blake3", self.blake3)?,
+            committed: row::count("uploads.committed", self.committed)?,
+            outcome: row::parsed("uploads.outcome", Outcome::from_word(&self.outcome))?,
+            cohort: self.cohort,
+            author: self.author,
+        })
+    }
+}
+
+impl Store {
+    /// Opens an upload.
+    pub(crate) async fn insert_upload(&self, upload: &Upload) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query(
+            "insert into uploads (id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author, \
+                 created_at) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        )
+        .bind(upload.id.as_str())
+        .bind(upload.task_id.as_str())
+        .bind(&upload.file_name)
+        .bind(row::stored(upload.size_bytes))
+        .bind(upload.blake3.as_str())
+        .bind(row::stored(upload.committed))
+        .bind(upload.outcome.as_str())
+        .bind(&upload.cohort)
+        .bind(&upload.author)
+        .bind(Millis::now().0)
+        .execute(&mut *tx)
+        .await
+        .map_err(fault("opening an upload"))?;
+        commit(tx).await
+    }
+
+    /// An open upload.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn upload(&self, id: &UploadId) -> Result<Upload> {
+        let mut query = sqlx::QueryBuilder::new(COLUMNS);
+        query.push("where id = ").push_bind(id.as_str());
+        let row: Option<UploadRow> =
+            query.build_query_as().fetch_optional(self.read()).await.map_err(fault("reading an upload"))?;
+        row.ok_or_else(|| Error::not_found("open upload", format!("{id}; start again")))?.read()
+    }
+
+    /// The task's open uploads of this content, the one with the most bytes first.
+    pub(crate) async fn uploads_of(&self, task: &TaskId, blake3: &BlobId) -> Result<Vec<Upload>> {
+        let mut query = sqlx::QueryBuilder::new(COLUMNS);
+        query.push("where task_id = ").push_bind(task.as_str());
+        query.push(" and blake3 = ").push_bind(blake3.as_str()).push(" order by committed desc, id");
+        let rows: Vec<UploadRow> =
+            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing uploads"))?;
+        rows.into_iter().map(UploadRow::read).collect()
+    }
+
+    /// Every open upload, oldest first.
+    pub(crate) async fn uploads(&self) -> Result<Vec<Upload>> {
+        let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
+        query.push("order by id");
+        let rows: Vec<UploadRow> =
+            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing uploads"))?;
+        rows.into_iter().map(UploadRow::read).collect()
+    }
+
+    /// Raises an upload's committed size; it never falls. Call it once the bytes are synced.
+    ///
+    /// # Errors
+    /// NotFound when the upload is not open any more.
+    pub(crate) async fn commit_upload(&self, id: &UploadId, committed: u64) -> Result<()> {
+        let mut tx = self.write().await?;
+        let result = sqlx::query("update uploads set committed = max(committed, ?) where id = ?")
+            .bind(row::stored(committed))
+            .bind(id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("committing an upload's bytes"))?;
+        if result.rows_affected() == 0 {
+            return Err(Error::not_found("open upload", format!("{id}; start again")));
+        }
+        commit(tx).await
+    }
+
+    /// Gives an open upload the name and label of a newer request for the same content.
+    pub(crate) async fn relabel_upload(&self, upload: &Upload) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("update uploads set file_name = ?, outcome = ?, cohort = ?, author = ? where id = ?")
+            .bind(&upload.file_name)
+            .bind(upload.outcome.as_str())
+            .bind(&upload.cohort)
+            .bind(&upload.author)
+            .bind(upload.id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("relabelling an upload"))?;
+        commit(tx).await
+    }
+
+    /// Forgets an upload; one that is not open is no error.
+    pub(crate) async fn delete_upload(&self, id: &UploadId) -> Result<()> {
+        let mut tx = self.write().await?;
+        delete(&mut tx, id).await?;
+        commit(tx).await
+    }
+
+    /// Forgets the uploads that were opened before `time`, and says how many.
+    pub(crate) async fn delete_uploads_before(&self, time: Millis) -> Result<u64> {
+        let mut tx = self.write().await?;
+        let result = sqlx::query("delete from uploads where created_at < ?")
+            .bind(time.0)
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("deleting old uploads"))?;
+        commit(tx).await?;
+        Ok(result.rows_affected())
+    }
+
+    /// Ends an upload: in one act its row goes and the episode is visible. When the same content has become
+    /// visible meanwhile, the answer is that episode, whatever its label.
+    pub(crate) async fn finish_upload(&self, upload: &Upload, inspected: &InspectedEpisode) -> Result<Episode> {
+        let mut tx = self.write().await?;
+        delete(&mut tx, &upload.id).await?;
+        let (task, recording) = (&inspected.episode.task_id, &inspected.episode.recording);
+        let episode = match episode::by_recording(&mut tx, task, recording).await? {
+            Some(existing) => existing,
+            None => {
+                episode::insert(&mut tx, inspected, &upload.author).await?;
+                inspected.episode.clone()
+            }
+        };
+        commit(tx).await?;
+        Ok(episode)
+    }
+}
+
+async fn delete(tx: &mut sqlx::Transaction<'_, sqlx::Sqlite>, id: &UploadId) -> Result<()> {
+    sqlx::query("delete from uploads where id = ?")
+        .bind(id.as_str())
+        .execute(&mut **tx)
+        .await
+        .map_err(fault("deleting an upload"))?;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::testing;
+    use super::*;
+    use crate::error::Kind;
+
+    #[tokio::test]
+    async fn committed_never_falls() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let upload = testing::upload(&task, b"recording");
+        store.insert_upload(&upload).await.unwrap();
+        store.commit_upload(&upload.id, 7).await.unwrap();
+        store.commit_upload(&upload.id, 4).await.unwrap();
+        assert_eq!(store.upload(&upload.id).await.unwrap().committed, 7);
+        assert_eq!(store.uploads_of(&task.id, &upload.blake3).await.unwrap()[0].id, upload.id);
+    }
+
+    #[tokio::test]
+    async fn the_same_content_becomes_one_episode() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let (one, two) = (testing::upload(&task, b"recording"), testing::upload(&task, b"recording"));
+        let mut finished = Vec::new();
+        for upload in [&one, &two] {
+            store.insert_upload(upload).await.unwrap();
+            let episode = testing::inspected(&task, upload);
+            finished.push(store.finish_upload(upload, &episode).await.unwrap().id);
+        }
+        assert_eq!(finished[0], finished[1]);
+        assert_eq!(store.episode_of(&task.id, &one.blake3).await.unwrap().unwrap().id, finished[0]);
+        assert_eq!(store.labels(&finished[0]).await.unwrap().len(), 1);
+        assert!(store.uploads().await.unwrap().is_empty());
+        assert_eq!(store.commit_upload(&one.id, 9).await.unwrap_err().kind(), Kind::NotFound);
+    }
+
+    #[tokio::test]
+    async fn old_uploads_are_forgotten() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        store.insert_upload(&testing::upload(&task, b"recording")).await.unwrap();
+        assert_eq!(store.delete_uploads_before(Millis(0)).await.unwrap(), 0);
+        assert_eq!(store.delete_uploads_before(Millis(i64::MAX)).await.unwrap(), 1);
+    }
+}

@@ -1,0 +1,271 @@
+//! Episodes, labels, reports and uploads on the wire.
+
+use gleaner_proto::v1;
+use gleaner_recording::{Finding, Report, Severity};
+
+use super::field;
+use crate::{
+    domain::{
+        episode::{Episode, EpisodeFilter, InspectedEpisode, Label, NewLabel, Outcome, Upload},
+        id::{BlobId, EpisodeId, TaskId, UploadId},
+    },
+    error::{Error, Result},
+    ingest::{Chunk, NewUpload, Started},
+};
+
+/// Most bytes in one message of an upload.
+const CHUNK_BYTES: usize = 2 << 20;
+
+/// Most episodes labelled in one act.
+const LABEL_EPISODES: usize = 100_000;
+
+/// Reads an episode's id.
+pub(crate) fn episode_id(text: &str) -> Result<EpisodeId> {
+    EpisodeId::parse("episode_id", text)
+}
+
+/// Reads an upload's id.
+pub(crate) fn upload_id(text: &str) -> Result<UploadId> {
+    UploadId::parse("upload_id", text)
+}
+
+/// Reads an outcome; `None` when unspecified.
+fn outcome_from_proto(outcome: i32) -> Result<Option<Outcome>> {
+    match v1::Outcome::try_from(outcome) {
+        Ok(v1::Outcome::Unspecified) => Ok(None),
+        Ok(v1::Outcome::Success) => Ok(Some(Outcome::Success)),
+        Ok(v1::Outcome::Failure) => Ok(Some(Outcome::Failure)),
+        Ok(v1::Outcome::Unknown) => Ok(Some(Outcome::Unknown)),
+        Err(_) => Err(Error::invalid("outcome", "is none of success, failure and unknown")),
+    }
+}
+
+/// An outcome.
+pub(crate) fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
+    match outcome {
+        Outcome::Success => v1::Outcome::Success,
+        Outcome::Failure => v1::Outcome::Failure,
+        Outcome::Unknown => v1::Outcome::Unknown,
+    }
+}
+
+/// What is to be uploaded to the task. An upload without an outcome is labelled unknown.
+pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId) -> Result<NewUpload> {
+    let v1::StartUploadRequest { task: _, file_name, size_bytes, blake3, outcome, cohort, author } = request;
+    if size_bytes == 0 {
+        return Err(Error::invalid("size_bytes", "the file is empty; record the episode again or push the right file"));
+    }
+    Ok(NewUpload {
+        task_id,
+        file_name: field::text("file_name", file_name)?,
+        size_bytes,
+        blake3: BlobId::parse("blake3", &blake3)?,
+        outcome: outcome_from_proto(outcome)?.unwrap_or(Outcome::Unknown),
+        cohort: field::tag("cohort", cohort)?,
+        author: field::tag("author", author)?,
+    })
+}
+
+/// How an upload started.
+pub(crate) fn start_response(started: Started) -> v1::StartUploadResponse {
+    match started {
+        Started::Open(upload) => {
+            v1::StartUploadResponse { upload_id: upload.id.into(), committed_size: upload.committed, existing: None }
+        }
+        Started::Existing(existing) => v1::StartUploadResponse {
+            upload_id: String::new(),
+            committed_size: existing.size_bytes,
+            existing: Some(episode(existing)),
+        },
+    }
+}
+
+/// Some bytes of an upload.
+pub(crate) fn chunk(request: v1::WriteUploadRequest) -> Result<Chunk> {
+    let v1::WriteUploadRequest { upload_id: id, offset, data } = request;
+    if data.len() > CHUNK_BYTES {
+        return Err(Error::invalid("data", format!("{} bytes are too many: send at most {CHUNK_BYTES} a message", data.len())));
+    }
+    let upload_id = if id.is_empty() { None } else { Some(upload_id(&id)?) };
+    Ok(Chunk { upload_id, offset, data })
+}
+
+/// How far an upload is.
+pub(crate) fn upload_status(upload: &Upload) -> v1::GetUploadResponse {
+    v1::GetUploadResponse { committed_size: upload.committed, size_bytes: upload.size_bytes }
+}
+
+/// Which episodes to list.
+pub(crate) struct Listing {
+    pub(crate) filter: EpisodeFilter,
+    pub(crate) after: Option<EpisodeId>,
+    pub(crate) size: u32,
+}
+
+/// Which of the task's episodes to list. A page token is the id of the last episode before the page.
+pub(crate) fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result<Listing> {
+    let v1::ListEpisodesRequest { task: _, outcome, cohort, page_size, page_token } = request;
+    let after = match page_token.as_str() {
+        "" => None,
+        token => Some(EpisodeId::parse("page_token", token).map_err(|_| {
+            Error::invalid("page_token", "is not ours: leave it empty, or send the next_page_token of the last answer")
+        })?),
+    };
+    let cohort = (!cohort.is_empty()).then_some(cohort);
+    let filter = EpisodeFilter { task_id, outcome: outcome_from_proto(outcome)?, cohort };
+    Ok(Listing { filter, after, size: field::page_size(page_size)? })
+}
+
+/// The episodes to label, and their label.
+pub(crate) fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<EpisodeId>, NewLabel)> {
+    let v1::LabelEpisodesRequest { episode_ids, outcome, cohort, author, reason } = request;
+    if episode_ids.is_empty() || episode_ids.len() > LABEL_EPISODES {
+        return Err(Error::invalid("episode_ids", format!("name 1 to {LABEL_EPISODES} episodes")));
+    }
+    let ids = episode_ids.iter().enumerate().map(|(i, id)| EpisodeId::parse(&format!("episode_ids[{i}]"), id));
+    let label = NewLabel {
+        outcome: outcome_from_proto(outcome)?
+            .ok_or_else(|| Error::invalid("outcome", "say how the episodes ended: success, failure or unknown"))?,
+        cohort: cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
+        author: field::tag("author", author)?,
+        reason: field::tag("reason", reason)?,
+    };
+    Ok((ids.collect::<Result<_>>()?, label))
+}
+
+/// An episode.
+pub(crate) fn episode(episode: Episode) -> v1::Episode {
+    let Episode {
+        id,
+        task_id,
+        file_name,
+        recording,
+        size_bytes,
+        steps,
+        duration_s,
+        mapping,
+        warnings,
+        outcome,
+        cohort,
+        created_at,
+    } = episode;
+    v1::Episode {
+        id: id.into(),
+        task_id: task_id.into(),
+        file_name,
+        blake3: recording.into(),
+        size_bytes,
+        steps,
+        duration_s,
+        outcome: outcome_to_proto(outcome).into(),
+        cohort,
+        mapping,
+        warnings: u32::try_from(warnings).unwrap_or(u32::MAX),
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+/// An episode and what its inspection found.
+pub(crate) fn inspected(inspected: InspectedEpisode) -> (v1::Episode, v1::Report) {
+    let duration_s = inspected.episode.duration_s;
+    (episode(inspected.episode), report(inspected.report, duration_s))
+}
+
+fn report(report: Report, duration_s: f64) -> v1::Report {
+    let Report { mapping, messages, steps, duration_ns: _, rate_hz, dropped_ticks: _, topics: _, findings } = report;
+    v1::Report { findings: findings.into_iter().map(finding).collect(), mapping, messages, steps, duration_s, rate_hz }
+}
+
+fn finding(finding: Finding) -> v1::Finding {
+    let Finding { severity, code, subject, first_step, detail } = finding;
+    let severity = match severity {
+        Severity::Note => v1::Severity::Note,
+        Severity::Warning => v1::Severity::Warning,
+        Severity::Error => v1::Severity::Error,
+    };
+    // The word that JSON has for it, such as missing_topic.
+    let code = serde_json::to_value(code).ok().and_then(|code| code.as_str().map(str::to_owned)).unwrap_or_default();
+    v1::Finding { severity: severity.into(), code, subject, first_step, detail }
+}
+
+/// A label.
+pub(crate) fn label(label: Label) -> v1::Label {
+    let Label { outcome, cohort, author, reason, created_at } = label;
+    v1::Label {
+        outcome: outcome_to_proto(outcome).into(),
+        cohort,
+        author,
+        reason,
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use gleaner_recording::FindingCode;
+
+    use super::*;
+
+    #[test]
+    fn a_page_token_must_be_ours() {
+        let request = |token: &str, page_size| v1::ListEpisodesRequest {
+            page_token: token.into(),
+            page_size,
+            ..Default::default()
+        };
+        let after = EpisodeId::new();
+        let listing = list_request(request(after.as_str(), 0), TaskId::new()).unwrap();
+        assert_eq!((listing.after, listing.size), (Some(after), 100));
+        for (token, size, field) in [("17", 5, "page_token: "), ("", 1001, "page_size: ")] {
+            let error = list_request(request(token, size), TaskId::new()).err().unwrap();
+            assert!(error.message().starts_with(field), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_label_needs_episodes_and_an_outcome() {
+        let id = EpisodeId::new();
+        let request = |ids: &[&str], outcome: v1::Outcome| v1::LabelEpisodesRequest {
+            episode_ids: ids.iter().map(|&id| id.to_owned()).collect(),
+            outcome: outcome.into(),
+            ..Default::default()
+        };
+        let (ids, label) = label_request(request(&[id.as_str()], v1::Outcome::Failure)).unwrap();
+        assert_eq!((ids, label.outcome, label.cohort), (vec![id.clone()], Outcome::Failure, None));
+        for (request, field) in [
+            (request(&[], v1::Outcome::Failure), "episode_ids: "),
+            (request(&[id.as_str(), "x"], v1::Outcome::Failure), "episode_ids[1]: "),
+            (request(&[id.as_str()], v1::Outcome::Unspecified), "outcome: "),
+        ] {
+            let error = label_request(request).unwrap_err();
+            assert!(error.message().starts_with(field), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_chunk_is_at_most_two_mebibytes() {
+        let request = |size| v1::WriteUploadRequest { data: vec![0; size].into(), ..Default::default() };
+        assert!(chunk(request(CHUNK_BYTES)).unwrap().upload_id.is_none());
+        assert!(chunk(request(CHUNK_BYTES + 1)).unwrap_err().message().starts_with("data: "));
+    }
+
+    #[test]
+    fn an_empty_file_is_refused_before_it_is_sent() {
+        let request = v1::StartUploadRequest { file_name: "a.mcap".into(), ..Default::default() };
+        assert!(start_request(request, TaskId::new()).unwrap_err().message().starts_with("size_bytes: "));
+    }
+
+    #[test]
+    fn a_finding_keeps_its_word() {
+        let found = finding(Finding {
+            severity: Severity::Warning,
+            code: FindingCode::MissingTopic,
+            subject: "/joints".into(),
+            first_step: Some(3),
+            detail: "record it".into(),
+        });
+        assert_eq!((found.code.as_str(), found.first_step), ("missing_topic", Some(3)));
+        assert_eq!(found.severity, i32::from(v1::Severity::Warning));
+    }
+}

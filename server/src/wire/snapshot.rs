@@ -1,0 +1,97 @@
+//! Snapshots on the wire.
+
+use gleaner_proto::v1;
+
+use super::{episode, field};
+use crate::{
+    domain::{
+        id::SnapshotId,
+        snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
+    },
+    error::{Error, Result},
+};
+
+/// Reads a snapshot's id.
+pub(crate) fn snapshot_id(text: &str) -> Result<SnapshotId> {
+    SnapshotId::parse("snapshot_id", text)
+}
+
+/// The task's name or id, and the rule.
+///
+/// # Errors
+/// Invalid when a cohort is on both sides of the rule.
+pub(crate) fn create_request(request: v1::CreateSnapshotRequest) -> Result<(String, RoleRule)> {
+    let v1::CreateSnapshotRequest { task, rule } = request;
+    Ok((field::text("task", task)?, rule_from_proto("rule", rule)?))
+}
+
+/// Reads a rule; none is the default one: success is expert, failure imperfect.
+///
+/// # Errors
+/// Invalid when a cohort is on both sides.
+pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<RoleRule> {
+    let v1::RoleRule { expert_cohorts, imperfect_cohorts } = rule.unwrap_or_default();
+    let rule = RoleRule { expert_cohorts, imperfect_cohorts };
+    match rule.contradiction() {
+        Some(cohort) => Err(Error::invalid(
+            at,
+            format!("the cohort {cohort:?} is both expert and imperfect; leave it on one side"),
+        )),
+        None => Ok(rule),
+    }
+}
+
+/// A rule.
+pub(crate) fn rule_to_proto(rule: RoleRule) -> v1::RoleRule {
+    let RoleRule { expert_cohorts, imperfect_cohorts } = rule;
+    v1::RoleRule { expert_cohorts, imperfect_cohorts }
+}
+
+/// A role.
+pub(crate) fn role_to_proto(role: Role) -> v1::Role {
+    match role {
+        Role::Expert => v1::Role::Expert,
+        Role::Imperfect => v1::Role::Imperfect,
+    }
+}
+
+/// A snapshot.
+pub(crate) fn snapshot(snapshot: Snapshot) -> v1::Snapshot {
+    let Snapshot { id, task_id, rule, expert_episodes, imperfect_episodes, created_at } = snapshot;
+    v1::Snapshot {
+        id: id.into(),
+        task_id: task_id.into(),
+        rule: Some(rule_to_proto(rule)),
+        expert_episodes,
+        imperfect_episodes,
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+/// An episode as a snapshot holds it.
+pub(crate) fn snapshot_episode(member: SnapshotEpisode) -> v1::SnapshotEpisode {
+    let SnapshotEpisode { episode_id, outcome, cohort, role, steps } = member;
+    v1::SnapshotEpisode {
+        episode_id: episode_id.into(),
+        outcome: episode::outcome_to_proto(outcome).into(),
+        cohort,
+        role: role_to_proto(role).into(),
+        steps,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_cohort_has_one_side() {
+        let both = v1::RoleRule { expert_cohorts: vec!["ada".into()], imperfect_cohorts: vec!["ada".into()] };
+        let error = rule_from_proto("plan.rule", Some(both)).unwrap_err();
+        assert!(error.message().starts_with("plan.rule: ") && error.message().contains("\"ada\""), "{error}");
+        assert_eq!(rule_from_proto("rule", None).unwrap(), RoleRule::default());
+        let fine = RoleRule { expert_cohorts: vec!["ada".into()], imperfect_cohorts: vec!["bob".into()] };
+        assert_eq!(rule_from_proto("rule", Some(rule_to_proto(fine.clone()))).unwrap(), fine);
+    }
+}
