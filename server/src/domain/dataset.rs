@@ -1,7 +1,8 @@
 //! Datasets: a score run seen through a threshold; exports: files made from one.
 
 use super::{
-    id::{BlobId, DatasetId, ScoreRunId, TaskId},
+    id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
+    score::ScoreRun,
     time::Millis,
 };
 
@@ -29,4 +30,54 @@ pub struct ExportFile {
     pub blob: BlobId,
     /// Its size in bytes.
     pub size_bytes: u64,
+}
+
+/// How much a dataset holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DatasetCounts {
+    /// Imperfect segments kept.
+    pub kept_segments: u64,
+    /// Imperfect episodes that contribute at least one.
+    pub kept_episodes: u64,
+    /// The experts' segments.
+    pub expert_segments: u64,
+}
+
+/// What a dataset holds, by reference to episodes and their steps.
+#[derive(Debug, Clone)]
+pub struct DatasetContents {
+    /// The dataset.
+    pub dataset: Dataset,
+    /// The run it filters.
+    pub run: ScoreRun,
+    /// The run's snapshot.
+    pub snapshot_id: SnapshotId,
+    /// The run's encoder.
+    pub encoder_id: EncoderId,
+    /// Every expert, whole, each segment with weight 1.
+    pub experts: Vec<EpisodeId>,
+    /// Imperfect episodes with at least one kept segment, in the snapshot's order.
+    pub kept: Vec<KeptEpisode>,
+}
+
+/// The kept segments of one imperfect episode.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KeptEpisode {
+    /// The episode.
+    pub episode_id: EpisodeId,
+    /// Its kept segments by end step.
+    pub segments: Vec<KeptSegment>,
+}
+
+/// One kept segment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KeptSegment {
+    /// The step the segment ends at.
+    pub end_step: u32,
+    /// Its q.
+    pub weight: f32,
+    /// The expert whose segment is nearest.
+    pub match_episode: EpisodeId,
+    /// The step that segment ends at.
+    pub match_step: u32,
 }

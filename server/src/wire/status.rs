@@ -30,3 +30,16 @@ pub(crate) fn from_error(error: Error) -> Status {
 pub(crate) fn not_this_job() -> Status {
     Status::unauthenticated("this call needs the token of a running attempt of a job")
 }
+
+/// What a stream's sender did wrong, when the transport tells instead of a message: it went away, or sent one that
+/// is too large or no message at all.
+pub(crate) fn from_peer(status: Status) -> Error {
+    let message = status.message();
+    if matches!(status.code(), Code::OutOfRange | Code::ResourceExhausted) {
+        Error::exhausted(format!("{message}; send smaller messages"))
+    } else if matches!(status.code(), Code::Internal | Code::InvalidArgument) {
+        Error::invalid("message", format!("cannot be read: {message}"))
+    } else {
+        Error::cancelled(format!("the caller has gone: {message}"))
+    }
+}

@@ -1,0 +1,121 @@
+//! What robots send and get back: observations, actions, and where the time went.
+//!
+//! Observations are as they came: not yet checked against a task, images not yet decoded.
+
+use super::id::{PolicyId, SessionId, TaskId};
+
+/// How an image's bytes are to be read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ImageFormat {
+    /// Told from the first bytes: JPEG or PNG.
+    Any,
+    /// JPEG.
+    Jpeg,
+    /// PNG.
+    Png,
+    /// Rows of RGB bytes, or of little-endian 16-bit millimetres for depth.
+    Raw,
+}
+
+/// One image as it came.
+#[derive(Debug, Clone)]
+pub struct Image {
+    /// How to read it.
+    pub format: ImageFormat,
+    /// Its bytes.
+    pub data: bytes::Bytes,
+}
+
+/// What one camera saw.
+#[derive(Debug, Clone)]
+pub struct CameraFrame {
+    /// The task's name for the camera.
+    pub camera: String,
+    /// The color image.
+    pub color: Option<Image>,
+    /// The depth image, for cameras with depth.
+    pub depth: Option<Image>,
+}
+
+/// What a robot sees and feels at one step.
+#[derive(Debug, Clone)]
+pub struct Observation {
+    /// The robot's clock, in nanoseconds; comes back with the actions.
+    pub stamp_ns: i64,
+    /// One frame for each of the task's cameras, in any order.
+    pub cameras: Vec<CameraFrame>,
+    /// The proprioception vector, in physical units.
+    pub proprioception: Vec<f32>,
+    /// The action executed since the observation before; empty: the one the policy gave.
+    pub executed_action: Vec<f32>,
+}
+
+/// Where the time of one request went, in microseconds.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Timings {
+    /// Checking and decoding.
+    pub decode_us: u64,
+    /// Waiting for the model.
+    pub queue_us: u64,
+    /// In the model, with everything that was batched.
+    pub model_us: u64,
+    /// From arrival to answer.
+    pub total_us: u64,
+}
+
+/// The answer to one observation.
+#[derive(Debug, Clone)]
+pub struct Acted {
+    /// The stamp of the observation that was answered.
+    pub stamp_ns: i64,
+    /// Actions in physical units, one a control period.
+    pub actions: Vec<Vec<f32>>,
+    /// The policy that answered.
+    pub policy_id: PolicyId,
+    /// Where the time went.
+    pub timings: Timings,
+}
+
+/// What a robot says in a session.
+#[derive(Debug, Clone)]
+pub enum SessionInput {
+    /// First, and only once.
+    Open {
+        /// The deployment to act for it.
+        deployment: String,
+        /// Steps per second the robot will run at; 0: the task's.
+        control_rate_hz: f64,
+    },
+    /// What it sees now.
+    Observation(Observation),
+    /// Last.
+    Close,
+}
+
+/// What a session answers.
+#[derive(Debug, Clone)]
+pub enum SessionOutput {
+    /// The session is there; its policy will not change.
+    Opened {
+        /// Its id.
+        session_id: SessionId,
+        /// The policy it keeps.
+        policy_id: PolicyId,
+        /// The task.
+        task_id: TaskId,
+    },
+    /// Actions for an observation.
+    Action {
+        /// The actions.
+        acted: Acted,
+        /// Observations passed over since the last answer.
+        dropped: u64,
+    },
+    /// The session is over.
+    Closed {
+        /// Observations answered.
+        observations: u64,
+        /// Observations passed over.
+        dropped: u64,
+    },
+}

@@ -1,0 +1,128 @@
+//! What a model thread runs, behind a small seam: `learn`'s policies, or in tests anything.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use gleaner_learn::{History, LearnError, Policy, TaskShape};
+
+use crate::error::{Error, Result};
+
+/// One step of an observation, checked and decoded.
+#[derive(Debug, Clone)]
+pub(super) struct Step {
+    /// Images as the model takes them.
+    pub(super) frame: Vec<u8>,
+    /// In physical units.
+    pub(super) proprioception: Vec<f32>,
+    /// The action executed since the step before; `None` for a history's first step.
+    pub(super) executed: Option<Vec<f32>>,
+}
+
+/// What is asked of a model: to remember these steps on top of a history and to act on the last.
+#[derive(Debug)]
+pub(super) struct Turn<H> {
+    /// `None` begins a new one.
+    pub(super) history: Option<H>,
+    /// Oldest first, at least one.
+    pub(super) steps: Vec<Step>,
+}
+
+/// What came of a turn.
+#[derive(Debug)]
+pub(super) struct Advanced<H> {
+    /// The history with the turn's steps.
+    pub(super) history: H,
+    /// Actions in physical units, one a control period.
+    pub(super) actions: Vec<Vec<f32>>,
+}
+
+/// A policy as its thread sees it. Turns go in by reference, so that a failed batch can be run again turn by turn.
+pub(super) trait Model: 'static {
+    /// What it remembers of a session.
+    type History: Send + Sync + 'static;
+
+    /// What a step must hold.
+    fn shape(&self) -> &TaskShape;
+
+    /// Steps it looks at: l + 1.
+    fn window(&self) -> usize;
+
+    /// Answers every turn of a batch, in order.
+    fn advance(&self, turns: &[&Turn<Self::History>]) -> Result<Vec<Advanced<Self::History>>>;
+}
+
+impl Model for Policy {
+    type History = History;
+
+    fn shape(&self) -> &TaskShape {
+        self.shape()
+    }
+
+    fn window(&self) -> usize {
+        usize::try_from(self.segment_length()).unwrap_or(usize::MAX).saturating_add(1)
+    }
+
+    fn advance(&self, turns: &[&Turn<History>]) -> Result<Vec<Advanced<History>>> {
+        let frames: Vec<&[u8]> =
+            turns.iter().flat_map(|turn| &turn.steps).map(|step| step.frame.as_slice()).collect();
+        let mut embeddings = self.embed(&frames).map_err(learned)?.into_iter();
+        let mut histories = Vec::with_capacity(turns.len());
+        for turn in turns {
+            let mut history = turn.history.clone().unwrap_or_else(|| History::new(self.segment_length()));
+            for step in &turn.steps {
+                if let Some(action) = &step.executed {
+                    history.set_executed(action.clone()).map_err(learned)?;
+                }
+                let embedding = embeddings
+                    .next()
+                    .ok_or_else(|| Error::internal("embedding frames", "fewer embeddings came than frames went"))?;
+                history.push(embedding, step.proprioception.clone()).map_err(learned)?;
+            }
+            histories.push(history);
+        }
+        let actions = self.act(&histories.iter().collect::<Vec<_>>()).map_err(learned)?;
+        let advanced = histories.into_iter().zip(actions);
+        Ok(advanced.map(|(history, action)| Advanced { history, actions: vec![action] }).collect())
+    }
+}
+
+/// What an error of `learn` means to who asked for a policy.
+pub(super) fn learned(error: LearnError) -> Error {
+    match error {
+        LearnError::Version { .. } | LearnError::Checkpoint(_) => Error::precondition(error.to_string()),
+        LearnError::Invalid { ref field, ref message } => Error::invalid(field, message),
+        LearnError::Cancelled => Error::cancelled(error.to_string()),
+        LearnError::Diverged { .. } | LearnError::Monitor { .. } | LearnError::Torch(_) => {
+            Error::internal("running a policy", error)
+        }
+    }
+}
+
+/// Runs `work` and turns a panic into an error: a fault of one batch must not end the thread that serves all.
+pub(super) fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    // What the work had borrowed is only read, so nothing half-written is seen after a panic.
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let text = panic
+            .downcast_ref::<String>()
+            .map(String::as_str)
+            .or_else(|| panic.downcast_ref::<&str>().copied())
+            .unwrap_or("a panic without a message");
+        Err(Error::internal(doing, text))
+    })
+}
+
+/// Answers a batch and checks what came: one entry for each turn, every value finite.
+pub(super) fn answer<M: Model>(model: &M, turns: &[&Turn<M::History>]) -> Result<Vec<Advanced<M::History>>> {
+    let advanced = guarded("running a policy", || model.advance(turns))?;
+    if advanced.len() != turns.len() {
+        return Err(Error::internal("running a policy", "it gave another number of answers than it was asked"));
+    }
+    for turn in &advanced {
+        let right = |action: &Vec<f32>| {
+            action.len() == model.shape().action && action.iter().all(|value| value.is_finite())
+        };
+        if turn.actions.is_empty() || !turn.actions.iter().all(right) {
+            return Err(Error::internal("running a policy", "it gave an action that is not finite or of another size"));
+        }
+    }
+    Ok(advanced)
+}

@@ -1,0 +1,112 @@
+//! Observations to steps: checks everything against the task's shape and decodes the images. Blocking work: never on
+//! the runtime, never on a model's thread.
+
+use gleaner_learn::{CameraShape, TaskShape};
+use gleaner_recording::{PixelFormat, decode_color, decode_depth};
+
+use super::model::Step;
+use crate::{
+    domain::observation::{CameraFrame, Image, ImageFormat, Observation},
+    error::{Error, Result},
+};
+
+/// Checks and decodes one observation; `path` is its place in the request. An empty executed action stays `None`.
+///
+/// # Errors
+/// Invalid, naming the field and the mend.
+pub(super) fn step(shape: &TaskShape, path: &str, observation: &Observation) -> Result<Step> {
+    let Observation { stamp_ns: _, cameras, proprioception, executed_action } = observation;
+    vector(&format!("{path}.proprioception"), proprioception, shape.proprioception)?;
+    if !executed_action.is_empty() {
+        vector(&format!("{path}.executed_action"), executed_action, shape.action)?;
+    }
+    let expected = names(shape);
+    for (index, frame) in cameras.iter().enumerate() {
+        let field = format!("{path}.cameras[{index}].camera");
+        if !shape.cameras.iter().any(|camera| camera.name == frame.camera) {
+            let found: String = frame.camera.chars().take(64).collect();
+            return Err(Error::invalid(&field, format!("the task has no camera {found:?}; it has {expected}")));
+        }
+        if cameras[..index].iter().any(|before| before.camera == frame.camera) {
+            return Err(Error::invalid(&field, format!("{} comes twice; send each camera once", frame.camera)));
+        }
+    }
+    let mut frame = Vec::with_capacity(shape.frame_bytes());
+    for camera in &shape.cameras {
+        let Some(index) = cameras.iter().position(|frame| frame.camera == camera.name) else {
+            return Err(Error::invalid(
+                &format!("{path}.cameras"),
+                format!("camera {} is missing; the task needs {expected}", camera.name),
+            ));
+        };
+        pixels(&mut frame, camera, &format!("{path}.cameras[{index}]"), &cameras[index])?;
+    }
+    Ok(Step {
+        frame,
+        proprioception: proprioception.clone(),
+        executed: (!executed_action.is_empty()).then(|| executed_action.clone()),
+    })
+}
+
+/// Appends one camera's pixels: RGB, then depth if it has any.
+fn pixels(into: &mut Vec<u8>, camera: &CameraShape, path: &str, frame: &CameraFrame) -> Result<()> {
+    let (height, width) = (camera.height, camera.width);
+    let field = format!("{path}.color");
+    let color = present(&field, frame.color.as_ref())?;
+    let format = pixel_format(color.format, PixelFormat::Rgb8);
+    into.extend(decode_color(&color.data, format, height, width).map_err(|error| Error::invalid(&field, error))?);
+
+    let field = format!("{path}.depth");
+    if !camera.depth {
+        return match frame.depth {
+            None => Ok(()),
+            Some(_) => Err(Error::invalid(&field, format!("camera {} has no depth in this task; leave it out", camera.name))),
+        };
+    }
+    let depth = present(&field, frame.depth.as_ref())?;
+    if depth.format == ImageFormat::Jpeg {
+        return Err(Error::invalid(&field, "depth cannot be JPEG, which loses millimetres; send PNG or RAW"));
+    }
+    let format = pixel_format(depth.format, PixelFormat::Depth16);
+    into.extend(decode_depth(&depth.data, format, height, width).map_err(|error| Error::invalid(&field, error))?);
+    Ok(())
+}
+
+fn present<'a>(field: &str, image: Option<&'a Image>) -> Result<&'a Image> {
+    image
+        .filter(|image| !image.data.is_empty())
+        .ok_or_else(|| Error::invalid(field, "is missing; send an image of the task's size"))
+}
+
+fn pixel_format(format: ImageFormat, raw: PixelFormat) -> PixelFormat {
+    match format {
+        ImageFormat::Any => PixelFormat::Auto,
+        ImageFormat::Jpeg => PixelFormat::Jpeg,
+        ImageFormat::Png => PixelFormat::Png,
+        ImageFormat::Raw => raw,
+    }
+}
+
+/// Checks a list of numbers.
+fn vector(field: &str, values: &[f32], length: usize) -> Result<()> {
+    if values.len() != length {
+        return Err(Error::invalid(field, format!("has {} values, the task has {length}", values.len())));
+    }
+    match values.iter().position(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(index) => Err(Error::invalid(&format!("{field}[{index}]"), format!("is {}, must be finite", values[index]))),
+    }
+}
+
+fn names(shape: &TaskShape) -> String {
+    shape.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", ")
+}
+
+/// An observation of nothing, to warm a model up with.
+pub(super) fn blank(shape: &TaskShape) -> Step {
+    Step {
+        frame: vec![0; shape.frame_bytes()],
+        proprioception: vec![0.0; shape.proprioception],
+        executed: None,
+    }
+}

@@ -1,0 +1,76 @@
+//! ScoreService: views of what score runs found.
+
+use gleaner_proto::v1::{self, score_service_server::ScoreService};
+use tonic::{Request, Response};
+
+use super::Rooms;
+use crate::{
+    error::Result,
+    wire::{self, status::from_error},
+};
+
+/// Serves score runs.
+pub(crate) struct Scores(pub(crate) Rooms);
+
+impl Scores {
+    async fn get_run(&self, id: &str) -> Result<v1::GetScoreRunResponse> {
+        let run = self.0.store.score_run(&wire::score::score_run_id(id)?).await?;
+        let counts = self.0.store.run_counts(&run).await?;
+        Ok(v1::GetScoreRunResponse { score_run: Some(wire::score::score_run(run, counts)) })
+    }
+
+    async fn list_runs(&self, task: &str) -> Result<v1::ListScoreRunsResponse> {
+        let task = self.0.store.task(task).await?;
+        let mut score_runs = Vec::new();
+        for run in self.0.store.score_runs(&task.id).await? {
+            let counts = self.0.store.run_counts(&run).await?;
+            score_runs.push(wire::score::score_run(run, counts));
+        }
+        Ok(v1::ListScoreRunsResponse { score_runs })
+    }
+
+    async fn scores(&self, request: v1::GetEpisodeScoresRequest) -> Result<v1::GetEpisodeScoresResponse> {
+        let (run, episode) = wire::score::episode_scores_request(request)?;
+        let run = self.0.store.score_run(&run).await?;
+        let scores = self.0.store.episode_scores(&run.id, &episode).await?;
+        Ok(v1::GetEpisodeScoresResponse { scores: Some(wire::score::episode_scores(scores, run.expert_ids)) })
+    }
+
+    async fn histogram(&self, request: v1::GetHistogramRequest) -> Result<v1::GetHistogramResponse> {
+        let (run, empty) = wire::score::histogram_request(request)?;
+        Ok(wire::score::histogram_response(&self.0.store.fill(&run, empty).await?))
+    }
+}
+
+#[tonic::async_trait]
+impl ScoreService for Scores {
+    async fn get_score_run(
+        &self,
+        request: Request<v1::GetScoreRunRequest>,
+    ) -> tonic::Result<Response<v1::GetScoreRunResponse>> {
+        let v1::GetScoreRunRequest { score_run_id } = request.into_inner();
+        self.get_run(&score_run_id).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn list_score_runs(
+        &self,
+        request: Request<v1::ListScoreRunsRequest>,
+    ) -> tonic::Result<Response<v1::ListScoreRunsResponse>> {
+        let v1::ListScoreRunsRequest { task } = request.into_inner();
+        self.list_runs(&task).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn get_episode_scores(
+        &self,
+        request: Request<v1::GetEpisodeScoresRequest>,
+    ) -> tonic::Result<Response<v1::GetEpisodeScoresResponse>> {
+        self.scores(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn get_histogram(
+        &self,
+        request: Request<v1::GetHistogramRequest>,
+    ) -> tonic::Result<Response<v1::GetHistogramResponse>> {
+        self.histogram(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+}

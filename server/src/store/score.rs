@@ -1,0 +1,355 @@
+//! Encoders, score runs and the scores themselves: one row an episode, arrays packed.
+
+use futures::TryStreamExt as _;
+use sqlx::{Sqlite, Transaction};
+
+use super::{
+    Store, fault,
+    packed::{pack, unpack},
+    row,
+};
+use crate::{
+    domain::{
+        id::{EncoderId, EpisodeId, ScoreRunId, TaskId},
+        job::{JobKind, JobSpec},
+        score::{Encoder, EpisodeScores, Histogram, RunCounts, ScoreRun},
+        snapshot::Role,
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+const RUN: &str = "score run";
+
+#[derive(sqlx::FromRow)]
+struct EncoderRow {
+    id: String,
+    task_id: String,
+    job_id: String,
+    snapshot_id: String,
+    checkpoint: String,
+    created_at: i64,
+}
+
+impl EncoderRow {
+    fn encoder(self) -> Result<Encoder> {
+        Ok(Encoder {
+            id: row::id("encoders.id", self.id)?,
+            task_id: row::id("encoders.task_id", self.task_id)?,
+            job_id: row::id("encoders.job_id", self.job_id)?,
+            snapshot_id: row::id("encoders.snapshot_id", self.snapshot_id)?,
+            checkpoint: row::id("encoders.checkpoint", self.checkpoint)?,
+            created_at: Millis(self.created_at),
+        })
+    }
+}
+
+#[derive(sqlx::FromRow)]
+struct RunRow {
+    id: String,
+    task_id: String,
+    job_id: String,
+    encoder_id: String,
+    snapshot_id: String,
+    similarity: String,
+    normaliser: String,
+    lo: f64,
+    hi: f64,
+    expert_ids: String,
+    created_at: i64,
+}
+
+impl RunRow {
+    fn run(self) -> Result<ScoreRun> {
+        Ok(ScoreRun {
+            id: row::id("score_runs.id", self.id)?,
+            task_id: row::id("score_runs.task_id", self.task_id)?,
+            job_id: row::id("score_runs.job_id", self.job_id)?,
+            encoder_id: row::id("score_runs.encoder_id", self.encoder_id)?,
+            snapshot_id: row::id("score_runs.snapshot_id", self.snapshot_id)?,
+            similarity: self.similarity,
+            normaliser: self.normaliser,
+            lo: self.lo,
+            hi: self.hi,
+            expert_ids: row::json("score_runs.expert_ids", &self.expert_ids)?,
+            created_at: Millis(self.created_at),
+        })
+    }
+}
+
+#[derive(sqlx::FromRow)]
+struct ScoresRow {
+    episode_id: String,
+    role: String,
+    w: Vec<u8>,
+    q: Vec<u8>,
+    match_episode: Vec<u8>,
+    match_step: Vec<u8>,
+    distances: Vec<u8>,
+}
+
+impl ScoresRow {
+    fn scores(self) -> Result<EpisodeScores> {
+        let distances: Vec<f32> = unpack("episode_scores.distances", &self.distances)?.collect();
+        let scores = EpisodeScores {
+            episode_id: row::id("episode_scores.episode_id", self.episode_id)?,
+            role: row::parsed("episode_scores.role", Role::from_word(&self.role))?,
+            w: unpack("episode_scores.w", &self.w)?.collect(),
+            q: unpack("episode_scores.q", &self.q)?.collect(),
+            match_episode: unpack("episode_scores.match_episode", &self.match_episode)?.collect(),
+            match_step: unpack("episode_scores.match_step", &self.match_step)?.collect(),
+            distances: distances.as_chunks().0.to_vec(),
+        };
+        if same_steps(&scores) {
+            return Ok(scores);
+        }
+        Err(Error::internal("reading episode_scores", "the arrays of one row differ in length"))
+    }
+}
+
+/// Whether every array has one entry a step.
+fn same_steps(scores: &EpisodeScores) -> bool {
+    [scores.q.len(), scores.match_episode.len(), scores.match_step.len(), scores.distances.len()]
+        .iter()
+        .all(|&length| length == scores.w.len())
+}
+
+/// Adds a finished encoder.
+pub(super) async fn insert_encoder(tx: &mut Transaction<'_, Sqlite>, encoder: &Encoder) -> Result<()> {
+    sqlx::query(
+        "insert into encoders (id, task_id, job_id, snapshot_id, checkpoint, created_at) values (?, ?, ?, ?, ?, ?)",
+    )
+    .bind(encoder.id.as_str())
+    .bind(encoder.task_id.as_str())
+    .bind(encoder.job_id.as_str())
+    .bind(encoder.snapshot_id.as_str())
+    .bind(encoder.checkpoint.as_str())
+    .bind(encoder.created_at.0)
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("adding an encoder"))?;
+    Ok(())
+}
+
+/// Adds a finished score run with its scores, in the snapshot's order.
+pub(super) async fn insert_run(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: &ScoreRun,
+    scores: &[EpisodeScores],
+) -> Result<()> {
+    sqlx::query(
+        "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, similarity, normaliser, lo, hi, \
+         expert_ids, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(run.id.as_str())
+    .bind(run.task_id.as_str())
+    .bind(run.job_id.as_str())
+    .bind(run.encoder_id.as_str())
+    .bind(run.snapshot_id.as_str())
+    .bind(&run.similarity)
+    .bind(&run.normaliser)
+    .bind(run.lo)
+    .bind(run.hi)
+    .bind(row::to_json(&run.expert_ids)?)
+    .bind(run.created_at.0)
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("adding a score run"))?;
+    for (position, episode) in (0i64..).zip(scores) {
+        insert_scores(tx, &run.id, position, episode).await?;
+    }
+    Ok(())
+}
+
+async fn insert_scores(
+    tx: &mut Transaction<'_, Sqlite>,
+    run: &ScoreRunId,
+    position: i64,
+    scores: &EpisodeScores,
+) -> Result<()> {
+    if !same_steps(scores) {
+        return Err(Error::invalid(
+            "scores",
+            format!("the lists of {} differ in length; give one entry a step", scores.episode_id),
+        ));
+    }
+    sqlx::query(
+        "insert into episode_scores (score_run_id, position, episode_id, role, w, q, match_episode, match_step, \
+         distances) values (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+    )
+    .bind(run.as_str())
+    .bind(position)
+    .bind(scores.episode_id.as_str())
+    .bind(scores.role.as_str())
+    .bind(pack(scores.w.iter().copied()))
+    .bind(pack(scores.q.iter().copied()))
+    .bind(pack(scores.match_episode.iter().copied()))
+    .bind(pack(scores.match_step.iter().copied()))
+    .bind(pack(scores.distances.iter().flatten().copied()))
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("adding an episode's scores"))?;
+    Ok(())
+}
+
+impl Store {
+    /// A finished encoder.
+    ///
+    /// # Errors
+    /// NotFound, or Precondition naming its job when that has not succeeded.
+    pub async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {
+        let found: Option<EncoderRow> = sqlx::query_as("select * from encoders where id = ?")
+            .bind(id.as_str())
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("reading an encoder"))?;
+        match found {
+            Some(found) => found.encoder(),
+            None => Err(self.missing(JobKind::Pretrain, "encoder", id.as_str()).await),
+        }
+    }
+
+    /// The encoder's l: a segment is the window of l + 1 steps that ends at its step.
+    ///
+    /// # Errors
+    /// As for [`Store::encoder`].
+    pub async fn segment_length(&self, id: &EncoderId) -> Result<u32> {
+        let encoder = self.encoder(id).await?;
+        let spec: String = sqlx::query_scalar("select spec from jobs where id = ?")
+            .bind(encoder.job_id.as_str())
+            .fetch_one(self.read())
+            .await
+            .map_err(fault("reading an encoder's spec"))?;
+        match row::json("jobs.spec", &spec)? {
+            JobSpec::Pretrain { spec, .. } => Ok(spec.model.segment_length),
+            JobSpec::Score { .. } | JobSpec::Train { .. } | JobSpec::Export { .. } => {
+                Err(Error::internal("reading an encoder's spec", "its job is no pretraining"))
+            }
+        }
+    }
+
+    /// A finished score run.
+    ///
+    /// # Errors
+    /// NotFound, or Precondition naming its job when that has not succeeded.
+    pub async fn score_run(&self, id: &ScoreRunId) -> Result<ScoreRun> {
+        let found: Option<RunRow> = sqlx::query_as("select * from score_runs where id = ?")
+            .bind(id.as_str())
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("reading a score run"))?;
+        match found {
+            Some(found) => found.run(),
+            None => Err(self.missing(JobKind::Score, RUN, id.as_str()).await),
+        }
+    }
+
+    /// A task's finished score runs, newest first.
+    ///
+    /// # Errors
+    /// Internal.
+    pub async fn score_runs(&self, task: &TaskId) -> Result<Vec<ScoreRun>> {
+        let rows: Vec<RunRow> = sqlx::query_as("select * from score_runs where task_id = ? order by id desc")
+            .bind(task.as_str())
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading score runs"))?;
+        rows.into_iter().map(RunRow::run).collect()
+    }
+
+    /// The task of a score run that is there or still may come.
+    ///
+    /// # Errors
+    /// NotFound, or Precondition when its job gave up.
+    pub async fn score_run_task(&self, id: &ScoreRunId) -> Result<TaskId> {
+        let maker = self.maker(JobKind::Score, id.as_str()).await?.ok_or_else(|| Error::not_found(RUN, id))?;
+        maker.refuse_if_given_up(RUN, id.as_str())?;
+        Ok(maker.task_id)
+    }
+
+    /// How much a finished run covers.
+    ///
+    /// # Errors
+    /// Internal.
+    pub async fn run_counts(&self, run: &ScoreRun) -> Result<RunCounts> {
+        // The length of a blob is in its row's header: no array is read.
+        let (episodes, segments): (i64, i64) = sqlx::query_as(
+            "select count(*), coalesce(sum(length(match_step)) / 4, 0) from episode_scores \
+             where score_run_id = ? and role = 'imperfect'",
+        )
+        .bind(run.id.as_str())
+        .fetch_one(self.read())
+        .await
+        .map_err(fault("counting a run's segments"))?;
+        // Not from the scores: a single expert has none, for an episode never matches itself.
+        let experts: i64 = sqlx::query_scalar(
+            "select coalesce(sum(steps), 0) from snapshot_episodes join episodes on episodes.id = episode_id \
+             where snapshot_id = ? and role = 'expert'",
+        )
+        .bind(run.snapshot_id.as_str())
+        .fetch_one(self.read())
+        .await
+        .map_err(fault("counting a run's experts"))?;
+        Ok(RunCounts {
+            imperfect_episodes: row::count("count of episodes", episodes)?,
+            imperfect_segments: row::count("count of segments", segments)?,
+            expert_segments: row::count("count of segments", experts)?,
+        })
+    }
+
+    /// One episode's scores.
+    ///
+    /// # Errors
+    /// As for [`Store::score_run`]; NotFound when the run has no scores of the episode.
+    pub async fn episode_scores(&self, run: &ScoreRunId, episode: &EpisodeId) -> Result<EpisodeScores> {
+        let found: Option<ScoresRow> =
+            sqlx::query_as("select * from episode_scores where score_run_id = ? and episode_id = ?")
+                .bind(run.as_str())
+                .bind(episode.as_str())
+                .fetch_optional(self.read())
+                .await
+                .map_err(fault("reading an episode's scores"))?;
+        match found {
+            Some(found) => found.scores(),
+            None => {
+                self.score_run(run).await?;
+                Err(Error::not_found(&format!("scores in {run} of"), episode))
+            }
+        }
+    }
+
+    /// The scores of a finished run, in the snapshot's order; of one role, if given.
+    ///
+    /// # Errors
+    /// As for [`Store::score_run`].
+    pub async fn run_scores(&self, run: &ScoreRunId, role: Option<Role>) -> Result<Vec<EpisodeScores>> {
+        self.score_run(run).await?;
+        let rows: Vec<ScoresRow> = sqlx::query_as(
+            "select * from episode_scores where score_run_id = ?1 and (?2 is null or role = ?2) order by position",
+        )
+        .bind(run.as_str())
+        .bind(role.map(Role::as_str))
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading a run's scores"))?;
+        rows.into_iter().map(ScoresRow::scores).collect()
+    }
+
+    /// Fills a histogram with the q of a run's imperfect segments. Rows come one by one from the database's own
+    /// thread, so that neither memory nor the runtime is held by a large run.
+    ///
+    /// # Errors
+    /// As for [`Store::score_run`].
+    pub async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<Histogram> {
+        self.score_run(run).await?;
+        let mut rows = sqlx::query_scalar::<_, Vec<u8>>(
+            "select q from episode_scores where score_run_id = ? and role = 'imperfect' order by position",
+        )
+        .bind(run.as_str())
+        .fetch(self.read());
+        while let Some(q) = rows.try_next().await.map_err(fault("reading a run's q"))? {
+            histogram.add(unpack("episode_scores.q", &q)?);
+        }
+        Ok(histogram)
+    }
+}

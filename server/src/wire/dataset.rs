@@ -1,0 +1,61 @@
+//! Datasets, segments and exports on the wire.
+
+use gleaner_proto::v1;
+
+use super::{field, score};
+use crate::{
+    domain::{
+        dataset::{Dataset, DatasetCounts, ExportFile},
+        id::{DatasetId, ExportId, ScoreRunId},
+    },
+    error::Result,
+};
+
+/// What to stream of a dataset.
+pub(crate) struct SegmentsRequest {
+    pub(crate) dataset_id: DatasetId,
+    pub(crate) include_frames: bool,
+    pub(crate) kept_only: bool,
+}
+
+pub(crate) fn dataset_id(text: &str) -> Result<DatasetId> {
+    DatasetId::parse("dataset_id", text)
+}
+
+pub(crate) fn export_id(text: &str) -> Result<ExportId> {
+    ExportId::parse("export_id", text)
+}
+
+pub(crate) fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, f64)> {
+    let v1::CreateDatasetRequest { score_run_id, beta } = request;
+    Ok((score::score_run_id(&score_run_id)?, score::beta("beta", beta)?))
+}
+
+pub(crate) fn segments_request(request: v1::StreamSegmentsRequest) -> Result<SegmentsRequest> {
+    let v1::StreamSegmentsRequest { dataset_id: id, include_frames, kept_only } = request;
+    Ok(SegmentsRequest { dataset_id: dataset_id(&id)?, include_frames, kept_only })
+}
+
+pub(crate) fn download_request(request: v1::DownloadExportFileRequest) -> Result<(ExportId, String)> {
+    let v1::DownloadExportFileRequest { export_id: id, name } = request;
+    Ok((export_id(&id)?, field::text("name", name)?))
+}
+
+pub(crate) fn dataset(dataset: Dataset, counts: Option<DatasetCounts>) -> v1::Dataset {
+    let Dataset { id, task_id, score_run_id, beta, created_at } = dataset;
+    v1::Dataset {
+        id: id.into(),
+        task_id: task_id.into(),
+        score_run_id: score_run_id.into(),
+        beta,
+        kept_segments: counts.map(|counts| counts.kept_segments),
+        kept_episodes: counts.map(|counts| counts.kept_episodes),
+        expert_segments: counts.map(|counts| counts.expert_segments),
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+pub(crate) fn export_file(file: ExportFile) -> v1::ExportFile {
+    let ExportFile { name, blob, size_bytes } = file;
+    v1::ExportFile { name, size_bytes, blake3: blob.into() }
+}

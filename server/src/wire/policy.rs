@@ -1,0 +1,190 @@
+//! Policies, deployments, observations and sessions on the wire.
+
+use gleaner_proto::v1::{self, session_request, session_response};
+
+use super::field;
+use crate::{
+    domain::{
+        id::PolicyId,
+        observation::{Acted, CameraFrame, Image, ImageFormat, Observation, SessionInput, SessionOutput, Timings},
+        policy::{Deployment, Policy},
+    },
+    error::{Error, Result},
+};
+
+const NAME_BYTES: usize = 128;
+
+/// A deployment's name, which may become part of a path or an address elsewhere.
+pub(crate) fn deployment_name(field: &str, name: String) -> Result<String> {
+    let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-' | '@');
+    if name.is_empty() || name.len() > NAME_BYTES || !name.chars().all(fits) {
+        return Err(Error::invalid(
+            field,
+            format!("must be 1 to {NAME_BYTES} of the characters A-Z a-z 0-9 . _ - @, such as pick_cube@prod"),
+        ));
+    }
+    Ok(name)
+}
+
+pub(crate) fn deploy_request(request: v1::DeployRequest) -> Result<(String, PolicyId)> {
+    let v1::DeployRequest { name, policy_id } = request;
+    Ok((deployment_name("name", name)?, PolicyId::parse("policy_id", &policy_id)?))
+}
+
+pub(crate) fn act_request(request: v1::ActRequest) -> Result<(String, Vec<Observation>)> {
+    let v1::ActRequest { deployment, observations } = request;
+    let deployment = deployment_name("deployment", deployment)?;
+    let read = |(index, sent)| observation(&format!("observations[{index}]"), sent);
+    Ok((deployment, observations.into_iter().enumerate().map(read).collect::<Result<_>>()?))
+}
+
+pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput> {
+    let v1::SessionRequest { message } = request;
+    match field::required("message", message)? {
+        session_request::Message::Open(v1::SessionOpen { deployment, control_rate_hz }) => Ok(SessionInput::Open {
+            deployment: deployment_name("open.deployment", deployment)?,
+            control_rate_hz: control_rate("open.control_rate_hz", control_rate_hz)?,
+        }),
+        session_request::Message::Observation(sent) => {
+            Ok(SessionInput::Observation(observation("observation", sent)?))
+        }
+        session_request::Message::Close(v1::SessionClose {}) => Ok(SessionInput::Close),
+    }
+}
+
+fn control_rate(field: &str, hertz: f64) -> Result<f64> {
+    if (0.0..=10_000.0).contains(&hertz) {
+        return Ok(hertz);
+    }
+    Err(Error::invalid(field, format!("is {hertz}, must be between 0 (the task's rate) and 10000")))
+}
+
+fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
+    let v1::Observation { stamp_ns, cameras, proprioception, executed_action } = sent;
+    let read = |(index, frame)| camera_frame(&format!("{path}.cameras[{index}]"), frame);
+    Ok(Observation {
+        stamp_ns,
+        cameras: cameras.into_iter().enumerate().map(read).collect::<Result<_>>()?,
+        proprioception,
+        executed_action,
+    })
+}
+
+fn camera_frame(path: &str, sent: v1::CameraFrame) -> Result<CameraFrame> {
+    let v1::CameraFrame { camera, color, depth } = sent;
+    let read = |name: &str, sent: Option<v1::Image>| sent.map(|sent| image(&format!("{path}.{name}"), sent)).transpose();
+    Ok(CameraFrame { camera, color: read("color", color)?, depth: read("depth", depth)? })
+}
+
+fn image(path: &str, sent: v1::Image) -> Result<Image> {
+    let v1::Image { format, data } = sent;
+    let format = match v1::ImageFormat::try_from(format) {
+        Ok(v1::ImageFormat::Unspecified) => ImageFormat::Any,
+        Ok(v1::ImageFormat::Jpeg) => ImageFormat::Jpeg,
+        Ok(v1::ImageFormat::Png) => ImageFormat::Png,
+        Ok(v1::ImageFormat::Raw) => ImageFormat::Raw,
+        Err(_) => {
+            return Err(Error::invalid(&format!("{path}.format"), format!("{format} is unknown; use JPEG, PNG or RAW")));
+        }
+    };
+    Ok(Image { format, data })
+}
+
+pub(crate) fn policy(policy: Policy) -> v1::Policy {
+    let Policy { id, task_id, job_id, kind, encoder_id, dataset_id, checkpoint: _, created_at } = policy;
+    v1::Policy {
+        id: id.into(),
+        task_id: task_id.into(),
+        kind,
+        encoder_id: encoder_id.into(),
+        dataset_id: dataset_id.map(Into::into).unwrap_or_default(),
+        job_id: job_id.into(),
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+pub(crate) fn deployment(deployment: Deployment) -> v1::Deployment {
+    let policy_id = deployment.policy_id().map(ToString::to_string).unwrap_or_default();
+    let Deployment { name, task_id, history } = deployment;
+    let history = history.into_iter().map(|(policy, since)| v1::DeploymentChange {
+        policy_id: policy.into(),
+        deploy_time: Some(field::timestamp(since)),
+    });
+    v1::Deployment { name, task_id: task_id.into(), policy_id, history: history.collect() }
+}
+
+pub(crate) fn act_response(acted: Acted) -> v1::ActResponse {
+    let Acted { stamp_ns, actions, policy_id, timings: spent } = acted;
+    v1::ActResponse {
+        observation_stamp_ns: stamp_ns,
+        actions: action_steps(actions),
+        policy_id: policy_id.into(),
+        timings: Some(timings(spent)),
+    }
+}
+
+pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
+    let message = match output {
+        SessionOutput::Opened { session_id, policy_id, task_id } => {
+            session_response::Message::Opened(v1::SessionOpened {
+                session_id: session_id.into(),
+                policy_id: policy_id.into(),
+                task_id: task_id.into(),
+            })
+        }
+        SessionOutput::Action { acted, dropped } => {
+            let Acted { stamp_ns, actions, policy_id: _, timings: spent } = acted;
+            session_response::Message::Action(v1::SessionAction {
+                observation_stamp_ns: stamp_ns,
+                actions: action_steps(actions),
+                dropped,
+                timings: Some(timings(spent)),
+            })
+        }
+        SessionOutput::Closed { observations, dropped } => {
+            session_response::Message::Closed(v1::SessionClosed { observations, dropped })
+        }
+    };
+    v1::SessionResponse { message: Some(message) }
+}
+
+fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
+    actions.into_iter().map(|values| v1::ActionStep { values }).collect()
+}
+
+fn timings(spent: Timings) -> v1::Timings {
+    let Timings { decode_us, queue_us, model_us, total_us } = spent;
+    v1::Timings { decode_us, queue_us, model_us, total_us }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn names_are_narrow() {
+        assert_eq!(deployment_name("name", "pick_cube@prod".into()).unwrap(), "pick_cube@prod");
+        for bad in ["", "a b", "../x", "ö", &"x".repeat(129)] {
+            assert!(deployment_name("name", bad.into()).unwrap_err().message().starts_with("name: "), "{bad}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_image_format_is_named_by_its_path() {
+        let color = Some(v1::Image { format: 9, data: Default::default() });
+        let frame = v1::CameraFrame { camera: "top".into(), color, depth: None };
+        let observations = vec![v1::Observation { cameras: vec![frame], ..Default::default() }];
+        let error = act_request(v1::ActRequest { deployment: "d".into(), observations }).unwrap_err();
+        assert!(error.message().starts_with("observations[0].cameras[0].color.format: "), "{error}");
+    }
+
+    #[test]
+    fn a_session_message_must_say_something() {
+        assert!(session_input(v1::SessionRequest { message: None }).is_err());
+        let open = v1::SessionOpen { deployment: "d".into(), control_rate_hz: f64::NAN };
+        let message = Some(session_request::Message::Open(open));
+        let error = session_input(v1::SessionRequest { message }).unwrap_err();
+        assert!(error.message().starts_with("open.control_rate_hz: "), "{error}");
+    }
+}

@@ -1,0 +1,132 @@
+//! Score runs, scores and histograms on the wire.
+
+use gleaner_proto::v1;
+
+use super::{field, snapshot};
+use crate::{
+    domain::{
+        id::{EpisodeId, ScoreRunId},
+        score::{EpisodeScores, Histogram, KeptCount, RunCounts, ScoreRun},
+    },
+    error::{Error, Result},
+};
+
+const MAX_BINS: u32 = 1000;
+const MAX_BETAS: usize = 1000;
+
+pub(crate) fn score_run_id(text: &str) -> Result<ScoreRunId> {
+    ScoreRunId::parse("score_run_id", text)
+}
+
+/// A threshold that a caller gave in `field`.
+pub(crate) fn beta(field: &str, beta: f64) -> Result<f64> {
+    if (0.0..=1.0).contains(&beta) {
+        return Ok(beta);
+    }
+    Err(Error::invalid(field, format!("is {beta}, must be between 0 and 1")))
+}
+
+pub(crate) fn episode_scores_request(request: v1::GetEpisodeScoresRequest) -> Result<(ScoreRunId, EpisodeId)> {
+    let v1::GetEpisodeScoresRequest { score_run_id: run, episode_id } = request;
+    Ok((score_run_id(&run)?, EpisodeId::parse("episode_id", &episode_id)?))
+}
+
+/// The run, and the empty histogram to fill from it.
+pub(crate) fn histogram_request(request: v1::GetHistogramRequest) -> Result<(ScoreRunId, Histogram)> {
+    let v1::GetHistogramRequest { score_run_id: run, bins, betas } = request;
+    let run = score_run_id(&run)?;
+    let bins = match bins {
+        0 => 20,
+        1..=MAX_BINS => bins,
+        _ => return Err(Error::invalid("bins", format!("is {bins}, must be at most {MAX_BINS}"))),
+    };
+    if betas.len() > MAX_BETAS {
+        return Err(Error::invalid("betas", format!("are {}, must be at most {MAX_BETAS}", betas.len())));
+    }
+    for (index, &value) in betas.iter().enumerate() {
+        beta(&format!("betas[{index}]"), value)?;
+    }
+    let bins = usize::try_from(bins).map_err(|error| Error::internal("reading bins", error))?;
+    Ok((run, Histogram::new(bins, &betas)))
+}
+
+pub(crate) fn histogram_response(histogram: &Histogram) -> v1::GetHistogramResponse {
+    let kept = histogram.kept().into_iter().map(|KeptCount { beta, segments, episodes }| v1::KeptCount {
+        beta,
+        segments,
+        episodes,
+    });
+    v1::GetHistogramResponse {
+        counts: histogram.counts().to_vec(),
+        segments: histogram.segments(),
+        kept: kept.collect(),
+    }
+}
+
+pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
+    let ScoreRun {
+        id,
+        task_id,
+        job_id: _,
+        encoder_id,
+        snapshot_id,
+        similarity,
+        normaliser,
+        lo,
+        hi,
+        expert_ids: _,
+        created_at,
+    } = run;
+    let RunCounts { imperfect_episodes, imperfect_segments, expert_segments } = counts;
+    v1::ScoreRun {
+        id: id.into(),
+        task_id: task_id.into(),
+        encoder_id: encoder_id.into(),
+        snapshot_id: snapshot_id.into(),
+        similarity,
+        normaliser,
+        lo,
+        hi,
+        imperfect_episodes,
+        imperfect_segments,
+        expert_segments,
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+pub(crate) fn episode_scores(scores: EpisodeScores, expert_ids: Vec<EpisodeId>) -> v1::EpisodeScores {
+    let EpisodeScores { episode_id, role, w, q, match_episode, match_step, distances } = scores;
+    let distance = |modality: usize| distances.iter().map(|all| all[modality]).collect();
+    v1::EpisodeScores {
+        episode_id: episode_id.into(),
+        role: snapshot::role_to_proto(role).into(),
+        w,
+        q,
+        match_episode,
+        match_step,
+        distance_o: distance(0),
+        distance_m: distance(1),
+        distance_a: distance(2),
+        expert_ids: expert_ids.into_iter().map(Into::into).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn request(bins: u32, betas: Vec<f64>) -> v1::GetHistogramRequest {
+        v1::GetHistogramRequest { score_run_id: ScoreRunId::new().into(), bins, betas }
+    }
+
+    #[test]
+    fn a_bad_threshold_is_named() {
+        for bad in [-0.1, 1.1, f64::NAN, f64::INFINITY] {
+            let error = histogram_request(request(0, vec![0.5, bad])).unwrap_err();
+            assert!(error.message().starts_with("betas[1]: "), "{error}");
+        }
+        assert!(histogram_request(request(1001, vec![])).unwrap_err().message().starts_with("bins: "));
+        assert_eq!(histogram_request(request(0, vec![])).unwrap().1.counts().len(), 20);
+    }
+}
