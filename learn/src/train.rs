@@ -119,7 +119,7 @@ impl Training {
             let metrics = self.step(optim, loss)?;
             let done = self.info.step;
             monitor.progress(done, optim.steps, &metrics);
-            if done % u64::from(checkpoint_every) == 0 && done < optim.steps {
+            if done.is_multiple_of(u64::from(checkpoint_every)) && done < optim.steps {
                 let bytes = checkpoint::write(&self.info, &self.state())?;
                 monitor
                     .checkpoint(done, &bytes)

@@ -95,7 +95,7 @@ const TILES: [Tiles; 4] = [
 #[test]
 fn near_and_exact_duplicates_at_large_norms_are_found_exactly() {
     let mut episodes: Vec<Features> = (0..6).map(|seed| features(seed, 40, 100.0)).collect();
-    let mut queries = features(99, 60, 100.0);
+    let queries = features(99, 60, 100.0);
     for query in 0..30 {
         // The same row in two episodes and twice in one: the first must win.
         for place in [(1, query), (4, query), (4, (query + 1) % 40)] {
