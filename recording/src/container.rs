@@ -1,54 +1,26 @@
 //! The MCAP container: a file's records in order, with every length checked.
 //!
-//! Records are read one at a time, so memory follows the largest record, not the file. The bodies of the
-//! few records that matter are parsed here, because the container crate reserves memory for a string
-//! before it knows that the string is there. Knows nothing of dialects or tasks.
+//! Records are read one at a time, so memory follows the largest record, not the file. Knows nothing of
+//! dialects or tasks.
 
-use std::collections::BTreeMap;
+mod record;
+
 use std::fs::File;
 use std::io::Read;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
 use mcap::McapError;
-use mcap::records::{MessageHeader, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use crate::error::RecordingError;
+
+pub(crate) use record::Record;
 
 /// Largest single record; images and attachments are far below.
 const MAX_RECORD_BYTES: usize = 256 << 20;
 /// Bytes asked of the file at once.
 const READ_BYTES: usize = 256 << 10;
-
-/// A record that matters here.
-#[derive(Debug)]
-pub(crate) enum Record<'a> {
-    Header {
-        profile: &'a str,
-    },
-    Schema {
-        id: u16,
-        name: &'a str,
-        encoding: &'a str,
-        data: &'a [u8],
-    },
-    Channel {
-        id: u16,
-        schema_id: u16,
-        topic: &'a str,
-        encoding: &'a str,
-        metadata: BTreeMap<String, String>,
-    },
-    Message {
-        header: MessageHeader,
-        data: &'a [u8],
-    },
-    Metadata {
-        name: &'a str,
-        values: BTreeMap<String, String>,
-    },
-}
 
 /// How a file ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -97,7 +69,7 @@ pub(crate) fn scan(
                 reader.notify_read(read);
             }
             Some(Ok(LinearReadEvent::Record { data, opcode })) => {
-                if let Some(record) = parse(opcode, data)? {
+                if let Some(record) = record::parse(opcode, data)? {
                     visit(record)?;
                 }
             }
@@ -136,108 +108,13 @@ fn damaged(error: &McapError) -> RecordingError {
     }
 }
 
-fn parse(opcode: u8, body: &[u8]) -> Result<Option<Record<'_>>, RecordingError> {
-    let mut fields = Fields { rest: body };
-    let record = match opcode {
-        op::HEADER => fields.text().map(|profile| Record::Header { profile }),
-        op::SCHEMA => fields.schema(),
-        op::CHANNEL => fields.channel(),
-        op::MESSAGE => fields.message(),
-        op::METADATA => fields.metadata(),
-        _ => return Ok(None),
-    };
-    record.map(Some).ok_or_else(|| RecordingError::Damaged {
-        problem: format!(
-            "a record of kind {opcode:#04x} does not fit its length; record or copy the file again"
-        ),
-    })
-}
-
-/// The fields of a record's body, read from the front; `None` once they do not fit.
-struct Fields<'a> {
-    rest: &'a [u8],
-}
-
-impl<'a> Fields<'a> {
-    fn array<const N: usize>(&mut self) -> Option<[u8; N]> {
-        let (head, rest) = self.rest.split_first_chunk()?;
-        self.rest = rest;
-        Some(*head)
-    }
-
-    fn u16(&mut self) -> Option<u16> {
-        self.array().map(u16::from_le_bytes)
-    }
-
-    fn u64(&mut self) -> Option<u64> {
-        self.array().map(u64::from_le_bytes)
-    }
-
-    fn bytes(&mut self) -> Option<&'a [u8]> {
-        let length = usize::try_from(u32::from_le_bytes(self.array()?)).ok()?;
-        let (head, rest) = self.rest.split_at_checked(length)?;
-        self.rest = rest;
-        Some(head)
-    }
-
-    fn text(&mut self) -> Option<&'a str> {
-        std::str::from_utf8(self.bytes()?).ok()
-    }
-
-    fn map(&mut self) -> Option<BTreeMap<String, String>> {
-        let mut inner = Fields {
-            rest: self.bytes()?,
-        };
-        let mut map = BTreeMap::new();
-        while !inner.rest.is_empty() {
-            map.insert(inner.text()?.to_owned(), inner.text()?.to_owned());
-        }
-        Some(map)
-    }
-
-    fn schema(&mut self) -> Option<Record<'a>> {
-        Some(Record::Schema {
-            id: self.u16()?,
-            name: self.text()?,
-            encoding: self.text()?,
-            data: self.bytes()?,
-        })
-    }
-
-    fn channel(&mut self) -> Option<Record<'a>> {
-        Some(Record::Channel {
-            id: self.u16()?,
-            schema_id: self.u16()?,
-            topic: self.text()?,
-            encoding: self.text()?,
-            metadata: self.map()?,
-        })
-    }
-
-    fn message(&mut self) -> Option<Record<'a>> {
-        let header = MessageHeader {
-            channel_id: self.u16()?,
-            sequence: u32::from_le_bytes(self.array()?),
-            log_time: self.u64()?,
-            publish_time: self.u64()?,
-        };
-        Some(Record::Message {
-            header,
-            data: self.rest,
-        })
-    }
-
-    fn metadata(&mut self) -> Option<Record<'a>> {
-        Some(Record::Metadata {
-            name: self.text()?,
-            values: self.map()?,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+    use std::collections::BTreeMap;
+
+    use mcap::records::{MessageHeader, op};
 
     use super::*;
 

@@ -67,7 +67,7 @@ pub(crate) fn failures(tracks: &Tracks, spec: &TaskSpec, mapping: usize, report:
 }
 
 /// Time: order, rate, gaps and length.
-pub(crate) fn steps(steps: &Steps, spec: &TaskSpec, report: &mut Report) {
+pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
     let (stamps, period) = (&steps.stamps, steps.rule.period);
     report.steps = stamps.len() as u64;
     report.dropped_ticks = (steps.clock.stamps.len() - stamps.len()) as u64;
@@ -85,8 +85,11 @@ pub(crate) fn steps(steps: &Steps, spec: &TaskSpec, report: &mut Report) {
         report.add(Severity::Error, FindingCode::TooShort, "file", None, detail);
         return;
     }
-    let clock = ("clock".to_owned(), steps.clock.clone());
-    for (subject, line) in steps.streams.iter().chain([&clock]) {
+    let streams = steps
+        .streams
+        .iter()
+        .map(|stream| (stream.topic.as_str(), &stream.timeline));
+    for (subject, line) in streams.chain([("clock", &steps.clock)]) {
         if let Some(at) = line.first_reversed {
             let detail = format!(
                 "message {at} is stamped before the one before it; the messages were put in order of their stamps"
@@ -119,7 +122,7 @@ pub(crate) fn steps(steps: &Steps, spec: &TaskSpec, report: &mut Report) {
     gaps(steps, report);
 }
 
-fn gaps(steps: &Steps, report: &mut Report) {
+fn gaps(steps: &Steps<'_>, report: &mut Report) {
     let limit = steps.rule.period as f64 * GAP_PERIODS;
     let mut note = |subject: &str, distances: Vec<i64>| {
         let is_gap = |distance: &i64| *distance as f64 > limit;
@@ -146,7 +149,8 @@ fn gaps(steps: &Steps, report: &mut Report) {
         .windows(2)
         .map(|pair| pair[1].saturating_sub(pair[0]));
     note("clock", std::iter::once(0).chain(between).collect());
-    for ((subject, line), picks) in steps.streams.iter().zip(&steps.picks) {
+    for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
+        let line = &stream.timeline;
         // A single message is one that was meant to be held, such as a goal.
         if line.stamps.len() > 1 {
             let ages = steps
@@ -154,7 +158,7 @@ fn gaps(steps: &Steps, report: &mut Report) {
                 .iter()
                 .zip(picks)
                 .map(|(stamp, &at)| stamp.saturating_sub(line.stamps[at]));
-            note(subject, ages.collect());
+            note(&stream.topic, ages.collect());
         }
     }
 }

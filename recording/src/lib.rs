@@ -26,6 +26,8 @@ mod plan;
 mod read;
 mod report;
 mod spec;
+#[cfg(test)]
+mod tests;
 mod tracks;
 mod validate;
 mod write;

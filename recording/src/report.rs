@@ -106,6 +106,7 @@ pub enum FindingCode {
 }
 
 impl Report {
+    /// Adds a finding, unless there is one of this kind on this subject already.
     pub(crate) fn add(
         &mut self,
         severity: Severity,
@@ -114,6 +115,13 @@ impl Report {
         first_step: Option<u64>,
         detail: String,
     ) {
+        if self
+            .findings
+            .iter()
+            .any(|known| known.code == code && known.subject == subject)
+        {
+            return;
+        }
         self.findings.push(Finding {
             severity,
             code,

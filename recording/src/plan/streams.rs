@@ -1,0 +1,113 @@
+//! The streams of one mapping: each camera's topics and each field, on a timeline of their own.
+
+use super::clocks::Clocks;
+use crate::align::Timeline;
+use crate::picture::Channel;
+use crate::spec::{FieldSpec, TaskSpec};
+use crate::tracks::{FieldTrack, Tracks};
+
+/// Something that a step takes one message of.
+pub(crate) struct Stream<'a> {
+    /// Topic or field, for findings.
+    pub(crate) subject: String,
+    pub(crate) topic: String,
+    pub(crate) timeline: Timeline,
+    pub(super) source: Source<'a>,
+}
+
+/// What a stream's messages carry.
+pub(super) enum Source<'a> {
+    Images {
+        /// Index of the camera in the task.
+        camera: usize,
+        channel: Channel,
+    },
+    Field(&'a FieldTrack),
+}
+
+impl Stream<'_> {
+    /// Whether this is the field of that name; a topic could be called the same.
+    pub(super) fn is_field(&self, name: &str) -> bool {
+        matches!(self.source, Source::Field(_)) && self.subject == name
+    }
+
+    /// Index in the topic of the message at a position of the timeline.
+    pub(super) fn message(&self, at: usize) -> usize {
+        let sample = self.timeline.order[at];
+        match self.source {
+            Source::Images { .. } => sample,
+            Source::Field(track) => track.messages[sample],
+        }
+    }
+
+    /// Numbers of a field at a position of the timeline; none of an image.
+    pub(super) fn values(&self, at: usize) -> &[f32] {
+        let sample = self.timeline.order[at];
+        match self.source {
+            Source::Images { .. } => &[],
+            Source::Field(track) => &track.values[sample * track.size..(sample + 1) * track.size],
+        }
+    }
+}
+
+/// All streams of a mapping: images in the order of the cameras, then fields in the order of proprioception
+/// and action. `None` when a field has no values.
+pub(super) fn streams<'a>(
+    tracks: &'a Tracks,
+    mapping: usize,
+    spec: &TaskSpec,
+    clocks: &Clocks,
+) -> Option<Vec<Stream<'a>>> {
+    let mut streams = Vec::new();
+    let chosen = &spec.mappings[mapping];
+    for (camera, wanted) in spec.cameras.iter().enumerate() {
+        let source = chosen
+            .cameras
+            .iter()
+            .find(|source| source.camera == wanted.name)?;
+        for (topic, channel) in [
+            (Some(&source.color), Channel::Color),
+            (source.depth.as_ref(), Channel::Depth),
+        ] {
+            let Some(topic) = topic else { continue };
+            streams.push(Stream {
+                subject: topic.clone(),
+                topic: topic.clone(),
+                timeline: clocks.timeline(tracks, topic),
+                source: Source::Images { camera, channel },
+            });
+        }
+    }
+    for field in spec.proprioception.iter().chain(&spec.action) {
+        streams.push(field_stream(tracks, mapping, (spec, field), clocks)?);
+    }
+    Some(streams)
+}
+
+fn field_stream<'a>(
+    tracks: &'a Tracks,
+    mapping: usize,
+    (spec, field): (&TaskSpec, &FieldSpec),
+    clocks: &Clocks,
+) -> Option<Stream<'a>> {
+    let sources = &spec.mappings[mapping].fields;
+    let at = sources
+        .iter()
+        .position(|source| source.field == field.name)?;
+    let topic = &sources[at].topic;
+    let track = tracks.tracks.get(topic)?;
+    let values = track
+        .fields
+        .iter()
+        .find(|values| (values.mapping, values.source) == (mapping, at))?;
+    let times = values
+        .messages
+        .iter()
+        .map(|&message| clocks.time(track.stamps[message]));
+    (!values.messages.is_empty()).then(|| Stream {
+        subject: field.name.clone(),
+        topic: topic.clone(),
+        timeline: Timeline::new(times),
+        source: Source::Field(values),
+    })
+}

@@ -1,0 +1,117 @@
+//! Makes small recordings in memory, each message as a test wants it.
+
+use std::collections::BTreeMap;
+use std::io::Cursor;
+use std::path::Path;
+
+use mcap::records::MessageHeader;
+use serde_json::{Value, json};
+
+use crate::spec::tests::arm;
+use crate::{Reading, RecordingError, Report, TaskSpec, read_episode};
+
+/// The small test task without its camera, read from JSON topics.
+pub(super) fn numbers_only() -> TaskSpec {
+    let mut spec = arm();
+    spec.cameras.clear();
+    spec.mappings[0].cameras.clear();
+    spec
+}
+
+/// Messages of a recording: topic, stamp and log time in milliseconds, content.
+#[derive(Clone, Default)]
+pub(super) struct Scene {
+    pub(super) messages: Vec<(&'static str, Option<i64>, i64, Value)>,
+}
+
+impl Scene {
+    /// So many steps at 10 Hz, all streams stamped alike, both joints moving.
+    pub(super) fn steps(count: i64) -> Self {
+        let mut scene = Self::default();
+        for at in 0..count {
+            let (ms, value) = (1000 + at * 100, f64::from(i32::try_from(at).unwrap()) * 0.1);
+            scene.add("/joints", ms, json!({"position": [value, -value]}));
+            scene.add("/tool", ms, json!({"x": value}));
+            scene.add("/command", ms, json!({"values": [value, 1.0]}));
+        }
+        scene
+    }
+
+    pub(super) fn add(&mut self, topic: &'static str, ms: i64, content: Value) {
+        self.messages.push((topic, Some(ms), ms, content));
+    }
+
+    /// Changes the messages of one topic; those for which `change` gives false are left out.
+    pub(super) fn change(
+        mut self,
+        topic: &str,
+        mut change: impl FnMut(usize, &mut i64, &mut Value) -> bool,
+    ) -> Self {
+        let mut at = 0;
+        self.messages.retain_mut(|(of, stamp, _, content)| {
+            if *of != topic {
+                return true;
+            }
+            at += 1;
+            stamp
+                .as_mut()
+                .is_none_or(|stamp| change(at - 1, stamp, content))
+        });
+        self
+    }
+
+    pub(super) fn mcap(&self) -> Vec<u8> {
+        let mut writer = mcap::WriteOptions::new()
+            .use_chunks(false)
+            .create(Cursor::new(Vec::new()))
+            .unwrap();
+        for (topic, stamp, log, content) in &self.messages {
+            let channel = writer
+                .add_channel(0, topic, "json", &BTreeMap::new())
+                .unwrap();
+            let mut content = content.clone();
+            if let (Some(ms), Some(fields)) = (stamp, content.as_object_mut()) {
+                fields.insert(
+                    "timestamp".into(),
+                    json!({"sec": ms.div_euclid(1000), "nsec": ms.rem_euclid(1000) * 1_000_000}),
+                );
+            }
+            let time = u64::try_from(log * 1_000_000).unwrap();
+            let header = MessageHeader {
+                channel_id: channel,
+                sequence: 0,
+                log_time: time,
+                publish_time: time,
+            };
+            writer
+                .write_to_known_channel(&header, content.to_string().as_bytes())
+                .unwrap();
+        }
+        writer.finish().unwrap();
+        writer.into_inner().into_inner()
+    }
+
+    pub(super) fn read(&self, spec: &TaskSpec) -> Result<Reading, RecordingError> {
+        read_bytes(&self.mcap(), spec)
+    }
+
+    /// The report, whether the recording is accepted or not.
+    pub(super) fn report(&self, spec: &TaskSpec) -> Report {
+        match self.read(spec) {
+            Ok(reading) => reading.report,
+            Err(RecordingError::Rejected(report)) => *report,
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+pub(super) fn read_bytes(bytes: &[u8], spec: &TaskSpec) -> Result<Reading, RecordingError> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    write(&path, bytes);
+    read_episode(&path, spec)
+}
+
+fn write(path: &Path, bytes: &[u8]) {
+    std::fs::write(path, bytes).unwrap();
+}
