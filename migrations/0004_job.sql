@@ -35,7 +35,8 @@ create table job_dependencies (
 create index job_dependents on job_dependencies (needs);
 
 create table job_metrics (
-    id integer primary key,          -- the order of arrival: `watch` goes on from here
+    -- The order of arrival, where `watch` goes on; never used again when a resumed job's metrics are cut back.
+    id integer primary key autoincrement,
     job_id text not null references jobs (id),
     step integer not null,
     name text not null,

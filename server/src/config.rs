@@ -86,7 +86,7 @@ pub struct JobsConfig {
     pub workers: usize,
     /// Threads of one worker's tensor library.
     #[arg(long, env = "GLEANER_WORKER_THREADS", default_value_t = 2)]
-    pub worker_threads: usize,
+    pub worker_threads: u32,
     /// Niceness of workers, so that training never slows serving.
     #[arg(long, env = "GLEANER_WORKER_NICE", default_value_t = 10)]
     pub worker_nice: i32,
@@ -117,7 +117,13 @@ pub struct WorkerConfig {
     pub data_dir: PathBuf,
     /// Threads of the tensor library.
     #[arg(long, default_value_t = 2)]
-    pub threads: usize,
+    pub threads: u32,
+    /// Niceness to take on.
+    #[arg(long, default_value_t = 0)]
+    pub nice: i32,
+    /// Process to end with: the server, when it started this worker on its own machine.
+    #[arg(long)]
+    pub parent: Option<u32>,
     /// Largest gRPC message, in bytes.
     #[arg(long, default_value_t = 32 << 20)]
     pub max_message_bytes: usize,
@@ -147,6 +153,26 @@ pub struct InspectConfig {
     /// Most processor time to take, in seconds.
     #[arg(long)]
     pub seconds: u64,
+}
+
+/// What of this process's environment a worker gets: where programs and libraries are, which devices may be
+/// used, and what to log. Nothing else, so that no secret of the server's reaches it.
+pub fn worker_environment() -> Vec<(&'static str, std::ffi::OsString)> {
+    const PASSED: [&str; 12] = [
+        "PATH",
+        "HOME",
+        "TMPDIR",
+        "TZ",
+        "LANG",
+        "LD_LIBRARY_PATH",
+        "CUDA_VISIBLE_DEVICES",
+        "OMP_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "RUST_BACKTRACE",
+        "GLEANER_LOG",
+        "GLEANER_LOG_JSON",
+    ];
+    PASSED.into_iter().filter_map(|name| std::env::var_os(name).map(|value| (name, value))).collect()
 }
 
 /// Text that must never reach a log.

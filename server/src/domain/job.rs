@@ -88,7 +88,7 @@ impl JobState {
 }
 
 /// What a job is to do, complete: kept in its row as JSON.
-#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum JobSpec {
     /// Self-supervised pretraining on a snapshot.
@@ -138,7 +138,7 @@ impl JobSpec {
 }
 
 /// A queued unit of work.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Job {
     /// Its id.
     pub id: JobId,
@@ -168,6 +168,8 @@ pub struct Job {
     pub cancel_requested: bool,
     /// Blob to resume from.
     pub checkpoint: Option<BlobId>,
+    /// The step after which that blob was written.
+    pub checkpoint_step: Option<u64>,
     /// Most memory its worker has held, in bytes.
     pub peak_memory_bytes: u64,
     /// The jobs it waits for.

@@ -2,13 +2,17 @@
 //!
 //! Knows no wire type, no SQL and no file.
 
+pub mod attempt;
 pub mod dataset;
 pub mod episode;
 pub mod id;
 pub mod job;
+pub mod observation;
+pub mod order;
 pub mod policy;
 pub mod schedule;
 pub mod score;
 pub mod snapshot;
 pub mod task;
 pub mod time;
+pub mod work;

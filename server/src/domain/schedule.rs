@@ -1,17 +1,21 @@
 //! Schedules: pipelines that start by themselves.
 
+use croner::parser::{CronParser, Seconds, Year};
 use gleaner_learn::{PretrainSpec, TrainSpec};
 
 use super::{
-    id::{ScheduleId, TaskId},
+    id::{ScheduleId, SnapshotId, TaskId},
     snapshot::RoleRule,
     time::Millis,
 };
+use crate::error::{Error, Result};
 
 /// A chain of jobs: pretrain, then score, then a dataset at β, then train. Later stages are optional.
-#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PipelineSpec {
-    /// Which episodes play which role in the snapshot each start takes.
+    /// The snapshot to learn from; `None` takes a new one at each start.
+    pub snapshot_id: Option<SnapshotId>,
+    /// Which episodes play which role in a new snapshot.
     pub rule: RoleRule,
     /// The first stage.
     pub pretrain: PretrainSpec,
@@ -30,6 +34,49 @@ pub enum Trigger {
     Cron(String),
     /// So many newly labelled episodes of the task.
     LabelledEpisodes(u32),
+}
+
+impl Trigger {
+    /// When it starts something next, after `now`; `None` for triggers that time does not move.
+    ///
+    /// # Errors
+    /// Invalid, under `field`, when the cron expression is wrong or names no day that ever comes.
+    pub fn next_run(&self, field: &str, now: Millis) -> Result<Option<Millis>> {
+        match self {
+            Self::LabelledEpisodes(_) => Ok(None),
+            Self::Cron(expression) => next_by_cron(expression, now).map(Some).map_err(|problem| {
+                Error::invalid(
+                    field,
+                    format!("{problem}; give minute, hour, day of month, month and day of week, such as 30 2 * * 1-5 (UTC)"),
+                )
+            }),
+        }
+    }
+}
+
+fn next_by_cron(expression: &str, now: Millis) -> std::result::Result<Millis, String> {
+    let cron = CronParser::builder()
+        .seconds(Seconds::Disallowed)
+        .year(Year::Disallowed)
+        .build()
+        .parse(expression)
+        .map_err(|error| error.to_string())?;
+    let now = jiff::Timestamp::from_millisecond(now.0).map_err(|error| error.to_string())?;
+    let next = cron.find_next_occurrence(&now.to_zoned(jiff::tz::TimeZone::UTC), false).map_err(|error| error.to_string())?;
+    Ok(Millis(next.timestamp().as_millisecond()))
+}
+
+/// Where a schedule stands once it has started.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ScheduleStart {
+    /// The schedule.
+    pub id: ScheduleId,
+    /// When it started.
+    pub at: Millis,
+    /// When cron starts it next.
+    pub next_run_at: Option<Millis>,
+    /// The newest label now counted.
+    pub label_mark: i64,
 }
 
 /// A pipeline with what starts it.
@@ -53,6 +100,44 @@ pub struct Schedule {
     pub last_run_at: Option<Millis>,
     /// The newest label already counted.
     pub label_mark: i64,
+    /// Episodes labelled since then.
+    pub labelled_since: u32,
     /// Why the last start failed; empty when it did not.
     pub last_error: String,
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn at(text: &str) -> Millis {
+        Millis(text.parse::<jiff::Timestamp>().unwrap().as_millisecond())
+    }
+
+    fn next(expression: &str, now: &str) -> Millis {
+        Trigger::Cron(expression.to_owned()).next_run("cron", at(now)).unwrap().unwrap()
+    }
+
+    #[test]
+    fn cron_is_in_utc_and_never_now() {
+        assert_eq!(next("30 2 * * *", "2026-03-01T02:29:59Z"), at("2026-03-01T02:30:00Z"));
+        assert_eq!(next("30 2 * * *", "2026-03-01T02:30:00Z"), at("2026-03-02T02:30:00Z"));
+        assert_eq!(next("0 0 29 2 *", "2026-03-01T00:00:00Z"), at("2028-02-29T00:00:00Z"));
+        // Friday the 20th: the next working day is Monday.
+        assert_eq!(next("15 9 * * 1-5", "2026-11-20T10:00:00Z"), at("2026-11-23T09:15:00Z"));
+    }
+
+    #[test]
+    fn a_wrong_expression_is_told_with_the_mend() {
+        for expression in ["", "every day", "61 * * * *", "* * * * * *", "0 0 30 2 *"] {
+            let error = Trigger::Cron(expression.to_owned()).next_run("cron", at("2026-03-01T00:00:00Z")).unwrap_err();
+            assert!(error.message().starts_with("cron: ") && error.message().contains("UTC"), "{expression:?}: {error}");
+        }
+    }
+
+    #[test]
+    fn labels_have_no_clock() {
+        assert_eq!(Trigger::LabelledEpisodes(3).next_run("cron", Millis::now()).unwrap(), None);
+    }
 }

@@ -55,6 +55,15 @@ pub(crate) fn role_to_proto(role: Role) -> v1::Role {
     }
 }
 
+/// Reads a role.
+pub(crate) fn role_from_proto(at: &str, role: i32) -> Result<Role> {
+    match v1::Role::try_from(role) {
+        Ok(v1::Role::Expert) => Ok(Role::Expert),
+        Ok(v1::Role::Imperfect) => Ok(Role::Imperfect),
+        Ok(v1::Role::Unspecified) | Err(_) => Err(Error::invalid(at, "must be expert or imperfect")),
+    }
+}
+
 /// A snapshot.
 pub(crate) fn snapshot(snapshot: Snapshot) -> v1::Snapshot {
     let Snapshot { id, task_id, rule, expert_episodes, imperfect_episodes, created_at } = snapshot;

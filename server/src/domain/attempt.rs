@@ -1,0 +1,124 @@
+//! Attempts of a job: who makes one, how it ends, and what follows.
+
+use super::{id::JobId, job::JobState};
+
+/// One attempt of a job, as its worker proves to be it.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct Attempt {
+    /// The job.
+    pub job_id: JobId,
+    /// BLAKE3 of the secret part of the attempt's token, hex.
+    pub token_hash: String,
+}
+
+/// How an attempt ended without a result.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum AttemptEnd {
+    /// The server stopped it, or died with it: no fault of the job, so the attempt does not count.
+    Stopped,
+    /// Another attempt could help, such as after a crash of the worker. Says what happened.
+    Broken(String),
+    /// No attempt can help, such as with input that cannot be learned from. Says what is wrong.
+    Hopeless(String),
+}
+
+/// What of a job decides how it goes on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Standing {
+    /// The attempt that ended, from 1.
+    pub attempt: u32,
+    /// How many it gets.
+    pub max_attempts: u32,
+    /// Where the next attempt would resume.
+    pub checkpoint_step: Option<u64>,
+    /// Somebody asked it to stop.
+    pub cancel_requested: bool,
+}
+
+/// How a job goes on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Next {
+    /// Queued, failed or cancelled.
+    pub state: JobState,
+    /// Attempts used so far.
+    pub attempt: u32,
+    /// What to tell.
+    pub message: String,
+    /// Why it failed; empty if it did not.
+    pub error: String,
+}
+
+impl AttemptEnd {
+    /// The retry rule.
+    pub fn next(&self, standing: Standing) -> Next {
+        let Standing { attempt, max_attempts, checkpoint_step, cancel_requested } = standing;
+        let over = |state, message: String, error: String| Next { state, attempt, message, error };
+        let again = |used: u32, what: &str| {
+            let how = match checkpoint_step {
+                Some(step) => format!("resumes from step {step}"),
+                None => "starts from the beginning".to_owned(),
+            };
+            Next {
+                state: JobState::Queued,
+                attempt: used,
+                message: format!("{what}; attempt {} of {max_attempts} {how}", used + 1),
+                error: String::new(),
+            }
+        };
+        if cancel_requested {
+            return over(JobState::Cancelled, "cancelled".to_owned(), String::new());
+        }
+        match self {
+            Self::Stopped => again(attempt.saturating_sub(1), "the server stopped"),
+            Self::Broken(what) if attempt < max_attempts => again(attempt, what),
+            Self::Broken(what) => {
+                over(JobState::Failed, "failed".to_owned(), format!("{what}; that was attempt {attempt} of {max_attempts}"))
+            }
+            Self::Hopeless(what) => over(JobState::Failed, "failed".to_owned(), what.clone()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SECOND_OF_THREE: Standing =
+        Standing { attempt: 2, max_attempts: 3, checkpoint_step: Some(400), cancel_requested: false };
+
+    fn killed() -> AttemptEnd {
+        AttemptEnd::Broken("the worker was killed by signal 9".to_owned())
+    }
+
+    #[test]
+    fn a_crash_uses_up_an_attempt_and_says_where_the_next_begins() {
+        let next = killed().next(SECOND_OF_THREE);
+        assert_eq!((next.state, next.attempt), (JobState::Queued, 2));
+        assert_eq!(next.message, "the worker was killed by signal 9; attempt 3 of 3 resumes from step 400");
+        let fresh = killed().next(Standing { checkpoint_step: None, ..SECOND_OF_THREE });
+        assert!(fresh.message.ends_with("attempt 3 of 3 starts from the beginning"), "{}", fresh.message);
+    }
+
+    #[test]
+    fn the_last_crash_fails_the_job() {
+        let next = killed().next(Standing { attempt: 3, ..SECOND_OF_THREE });
+        assert_eq!(next.state, JobState::Failed);
+        assert_eq!(next.error, "the worker was killed by signal 9; that was attempt 3 of 3");
+    }
+
+    #[test]
+    fn a_stopped_server_costs_no_attempt() {
+        let next = AttemptEnd::Stopped.next(Standing { attempt: 3, ..SECOND_OF_THREE });
+        assert_eq!((next.state, next.attempt), (JobState::Queued, 2));
+    }
+
+    #[test]
+    fn wrong_input_fails_at_once_and_a_cancel_beats_everything() {
+        let wrong = AttemptEnd::Hopeless("episode ep_1: action is not finite".to_owned());
+        assert_eq!(wrong.next(Standing { attempt: 1, ..SECOND_OF_THREE }).state, JobState::Failed);
+        for end in [AttemptEnd::Stopped, killed(), wrong] {
+            let next = end.next(Standing { cancel_requested: true, ..SECOND_OF_THREE });
+            assert_eq!((next.state, next.error.as_str()), (JobState::Cancelled, ""));
+        }
+    }
+}

@@ -1,0 +1,96 @@
+//! What a worker is given: the episodes of its job's snapshot by role, the kept segments, and the blobs to begin from.
+
+use std::collections::HashMap;
+
+use super::Jobs;
+use crate::{
+    domain::{
+        dataset::KeptEpisode,
+        episode::Episode,
+        id::{DatasetId, EncoderId, EpisodeId, SnapshotId},
+        job::{Job, JobSpec},
+        snapshot::Role,
+        work::{InputEpisode, Inputs, KeptInput},
+    },
+    error::{Error, Result},
+};
+
+impl Jobs {
+    /// Everything a running job works on.
+    ///
+    /// # Errors
+    /// When the database cannot be read, or an input that must be there is not.
+    pub(crate) async fn inputs(&self, job: &Job) -> Result<Inputs> {
+        let task = self.0.store.task_by_id(&job.task_id).await?;
+        let mut inputs = Inputs {
+            task: task.spec,
+            experts: Vec::new(),
+            imperfect: Vec::new(),
+            kept: Vec::new(),
+            encoder: None,
+            checkpoint: job.checkpoint.clone(),
+            segment_length: 0,
+        };
+        match &job.spec {
+            JobSpec::Pretrain { snapshot_id, .. } => {
+                (inputs.experts, inputs.imperfect) = self.by_role(snapshot_id).await?;
+            }
+            JobSpec::Score { encoder_id, snapshot_id, .. } => {
+                (inputs.experts, inputs.imperfect) = self.by_role(snapshot_id).await?;
+                self.begin_from(&mut inputs, encoder_id).await?;
+            }
+            JobSpec::Train { encoder_id, snapshot_id, dataset_id, .. } => {
+                let (experts, imperfect) = self.by_role(snapshot_id).await?;
+                inputs.experts = experts;
+                if let Some(dataset) = dataset_id {
+                    inputs.kept = self.kept(dataset, imperfect).await?;
+                }
+                self.begin_from(&mut inputs, encoder_id).await?;
+            }
+            JobSpec::Export { dataset_id } => {
+                let contents = self.0.store.dataset_contents(dataset_id).await?;
+                let (experts, imperfect) = self.by_role(&contents.snapshot_id).await?;
+                inputs.experts = experts;
+                inputs.kept = join(contents.kept, imperfect)?;
+                inputs.segment_length = self.0.store.segment_length(&contents.encoder_id).await?;
+            }
+        }
+        Ok(inputs)
+    }
+
+    async fn by_role(&self, snapshot: &SnapshotId) -> Result<(Vec<InputEpisode>, Vec<InputEpisode>)> {
+        let recordings = self.0.store.recordings(snapshot).await?;
+        let (experts, imperfect): (Vec<_>, Vec<_>) = recordings.into_iter().partition(|(_, role)| *role == Role::Expert);
+        let input = |(episode, _): (Episode, Role)| InputEpisode {
+            id: episode.id,
+            recording: episode.recording,
+            steps: episode.steps,
+            file_name: episode.file_name,
+        };
+        Ok((experts.into_iter().map(input).collect(), imperfect.into_iter().map(input).collect()))
+    }
+
+    async fn begin_from(&self, inputs: &mut Inputs, encoder: &EncoderId) -> Result<()> {
+        inputs.encoder = Some(self.0.store.encoder(encoder).await?.checkpoint);
+        Ok(())
+    }
+
+    async fn kept(&self, dataset: &DatasetId, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
+        join(self.0.store.dataset_contents(dataset).await?.kept, imperfect)
+    }
+}
+
+/// The recordings of the episodes that a dataset keeps something of.
+fn join(kept: Vec<KeptEpisode>, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
+    let mut by_id: HashMap<EpisodeId, InputEpisode> =
+        imperfect.into_iter().map(|episode| (episode.id.clone(), episode)).collect();
+    kept.into_iter()
+        .map(|KeptEpisode { episode_id, segments }| match by_id.remove(&episode_id) {
+            Some(episode) => Ok(KeptInput { episode, segments }),
+            None => Err(Error::internal(
+                "gathering a job's input",
+                format!("the dataset keeps steps of {episode_id}, which is not imperfect in its snapshot"),
+            )),
+        })
+        .collect()
+}

@@ -1,0 +1,176 @@
+//! The job queue, the supervisor of worker processes, and the scheduler.
+//!
+//! Knows rows through `store` and files through `blobs`; must not know gRPC or tensors.
+
+mod assignment;
+mod attempt;
+mod lease;
+mod process;
+mod report;
+mod result;
+mod scheduler;
+mod submit;
+mod supervisor;
+#[cfg(test)]
+mod testing;
+mod token;
+mod watch;
+
+use std::{net::SocketAddr, sync::Arc};
+
+use tokio::sync::{Notify, watch as state};
+use tokio_util::{sync::CancellationToken, task::TaskTracker};
+
+use self::lease::Leases;
+use crate::{
+    blobs::Blobs,
+    config::ServeConfig,
+    domain::{
+        attempt::AttemptEnd,
+        id::{BlobId, JobId, ScheduleId},
+        job::Job,
+        schedule::Schedule,
+        time::Millis,
+    },
+    error::Result,
+    store::{Store, queue::Moved},
+};
+
+/// Handle to the queue; clones share it.
+#[derive(Clone)]
+pub struct Jobs(Arc<Room>);
+
+/// What the queue's tasks share.
+struct Room {
+    config: Arc<ServeConfig>,
+    store: Store,
+    blobs: Blobs,
+    /// Where workers find this server.
+    server: SocketAddr,
+    /// Something may have become ready to run.
+    ready: Notify,
+    /// Something that schedules wait for may have happened.
+    due: Notify,
+    /// Marked whenever any job or metric changes; watchers then look at theirs.
+    changed: state::Sender<()>,
+    /// Attempts whose worker processes this server runs.
+    leases: Leases,
+    /// Cancelled when the server stops.
+    stopping: CancellationToken,
+    tasks: TaskTracker,
+}
+
+impl Jobs {
+    /// Puts right what a dead server left, then starts the supervisor and the scheduler.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub async fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, server: SocketAddr) -> Result<Self> {
+        let stopping = CancellationToken::new();
+        let room = Arc::new(Room {
+            config: Arc::clone(config),
+            store,
+            blobs,
+            server: process::reachable(server),
+            ready: Notify::new(),
+            due: Notify::new(),
+            changed: state::Sender::new(()),
+            leases: Leases::new(stopping.clone()),
+            stopping,
+            tasks: TaskTracker::new(),
+        });
+        for attempt in room.store.running_attempts().await? {
+            room.end_attempt(&attempt, &AttemptEnd::Stopped).await?;
+        }
+        room.tasks.spawn(supervisor::supervise(Arc::clone(&room)));
+        room.tasks.spawn(scheduler::schedule(Arc::clone(&room)));
+        Ok(Self(room))
+    }
+
+    /// Asks the workers to stop, kills those that do not, and waits. Their jobs go back to the queue and no
+    /// attempt is counted. Call it while workers can still reach the server.
+    pub async fn stop(&self) {
+        self.0.stopping.cancel();
+        self.0.tasks.close();
+        self.0.tasks.wait().await;
+    }
+
+    /// Tells the scheduler that an episode was labelled or uploaded.
+    pub fn labelled(&self) {
+        self.0.due.notify_one();
+    }
+
+    /// Cancels a job, and the jobs that wait for it. A running one goes on until its worker has ended.
+    ///
+    /// # Errors
+    /// NotFound; Precondition when it has ended.
+    pub(crate) async fn cancel(&self, id: &JobId) -> Result<Job> {
+        let moved = self.0.store.cancel_job(id).await?;
+        self.0.leases.stop(id);
+        self.0.settle(moved).await
+    }
+
+    /// Keeps a new schedule.
+    ///
+    /// # Errors
+    /// Exists when the task has a schedule of this name.
+    pub(crate) async fn add_schedule(&self, schedule: &Schedule) -> Result<Schedule> {
+        let added = self.0.store.insert_schedule(schedule).await?;
+        self.0.due.notify_one();
+        Ok(added)
+    }
+
+    /// Pauses or resumes a schedule. What comes while it is paused is not made up for.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn pause_schedule(&self, id: &ScheduleId, paused: bool) -> Result<Schedule> {
+        let schedule = self.0.store.schedule(id).await?;
+        let next = if paused { None } else { schedule.trigger.next_run("cron", Millis::now())? };
+        let schedule = self.0.store.pause_schedule(id, paused, next).await?;
+        self.0.due.notify_one();
+        Ok(schedule)
+    }
+}
+
+impl Room {
+    /// Ends an attempt, unless it is over already.
+    async fn end_attempt(&self, attempt: &crate::domain::attempt::Attempt, end: &AttemptEnd) -> Result<()> {
+        if let Some(moved) = self.store.end_attempt(attempt, end).await? {
+            let job = self.settle(moved).await?;
+            tracing::info!(
+                job.id = %job.id, job.state = job.state.as_str(), job.attempt = job.attempt,
+                job.message = job.message, job.error = job.error, "attempt ended"
+            );
+        }
+        Ok(())
+    }
+
+    /// What follows every move of a job: others hear of it, and a blob that no row names is removed.
+    async fn settle(&self, moved: Moved) -> Result<Job> {
+        self.changed.send_replace(());
+        self.ready.notify_one();
+        if let Some(blob) = moved.dropped {
+            self.forget(blob).await;
+        }
+        Ok(moved.job)
+    }
+
+    /// Removes a blob unless a row names it. A blob that stays by mistake costs space, so that is only logged.
+    async fn forget(&self, blob: BlobId) {
+        let removed = match self.store.names_blob(&blob).await {
+            Ok(true) => Ok(()),
+            Ok(false) => {
+                let (blobs, id) = (self.blobs.clone(), blob.clone());
+                match tokio::task::spawn_blocking(move || blobs.remove(&id)).await {
+                    Ok(removed) => removed,
+                    Err(error) => Err(crate::error::Error::internal("removing a blob", error)),
+                }
+            }
+            Err(error) => Err(error),
+        };
+        if let Err(error) = removed {
+            tracing::warn!(blob.id = %blob, %error, "a checkpoint that nothing needs stays");
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! Worker processes: how one is started, and how its end reads in words.
+
+use std::{
+    net::{Ipv4Addr, Ipv6Addr, SocketAddr},
+    os::unix::process::ExitStatusExt as _,
+    process::{ExitStatus, Stdio},
+};
+
+use tokio::process::{Child, Command};
+
+use crate::config::{Secret, ServeConfig, worker_environment};
+
+/// Starts a worker for the attempt with this token. Dropped, it is killed; and it ends with this process.
+pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io::Result<Child> {
+    Command::new(std::env::current_exe()?)
+        .arg("worker")
+        .args(["--server", &format!("http://{server}")])
+        .arg("--data-dir")
+        .arg(&config.data_dir)
+        .args(["--threads", &config.jobs.worker_threads.to_string()])
+        .arg(format!("--nice={}", config.jobs.worker_nice))
+        .args(["--max-message-bytes", &config.limits.max_message_bytes.to_string()])
+        .args(["--parent", &std::process::id().to_string()])
+        .env_clear()
+        .envs(worker_environment())
+        .env("GLEANER_JOB_TOKEN", token.reveal())
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .kill_on_drop(true)
+        .spawn()
+}
+
+/// Where a worker on this machine finds a server that listens on `address`.
+pub(super) fn reachable(address: SocketAddr) -> SocketAddr {
+    match address {
+        SocketAddr::V4(v4) if v4.ip().is_unspecified() => (Ipv4Addr::LOCALHOST, v4.port()).into(),
+        SocketAddr::V6(v6) if v6.ip().is_unspecified() => (Ipv6Addr::LOCALHOST, v6.port()).into(),
+        SocketAddr::V4(_) | SocketAddr::V6(_) => address,
+    }
+}
+
+/// The end of a worker that left no result.
+pub(super) fn describe(status: ExitStatus) -> String {
+    /// SIGKILL, which the system sends when memory has run out.
+    const KILL: i32 = 9;
+    match (status.signal(), status.code()) {
+        (Some(KILL), _) => "the worker was killed by signal 9 (has memory run out?)".to_owned(),
+        (Some(signal), _) => format!("the worker was killed by signal {signal}"),
+        (None, Some(0)) => "the worker ended without a result".to_owned(),
+        (None, code) => format!("the worker ended with code {} and without a result", code.unwrap_or(-1)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn an_end_reads_as_what_happened() {
+        assert!(describe(ExitStatus::from_raw(9)).contains("killed by signal 9"));
+        assert_eq!(describe(ExitStatus::from_raw(11)), "the worker was killed by signal 11");
+        assert_eq!(describe(ExitStatus::from_raw(0)), "the worker ended without a result");
+        assert_eq!(describe(ExitStatus::from_raw(101 << 8)), "the worker ended with code 101 and without a result");
+    }
+
+    #[test]
+    fn a_server_that_listens_everywhere_is_reached_on_loopback() {
+        assert_eq!(reachable("0.0.0.0:7400".parse().unwrap()), "127.0.0.1:7400".parse().unwrap());
+        assert_eq!(reachable("[::]:7400".parse().unwrap()), "[::1]:7400".parse().unwrap());
+        assert_eq!(reachable("10.0.0.7:7400".parse().unwrap()), "10.0.0.7:7400".parse().unwrap());
+    }
+}

@@ -1,0 +1,82 @@
+//! What workers say while they run: who they are, how far they are, where to resume, and how it ended.
+
+use super::{Jobs, result, token};
+use crate::{
+    domain::{
+        attempt::{Attempt, AttemptEnd},
+        id::BlobId,
+        job::Job,
+        work::{Made, Progress},
+    },
+    error::{Error, Result},
+};
+
+impl Jobs {
+    /// The running attempt that a token proves, with its job; `None` for any other token. Counts as a word.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub(crate) async fn authenticate(&self, token: &str) -> Result<Option<(Attempt, Job)>> {
+        let Some(attempt) = token::attempt(token) else { return Ok(None) };
+        let Some(job) = self.0.store.attempted(&attempt).await? else { return Ok(None) };
+        self.0.leases.heard(&attempt);
+        Ok(Some((attempt, job)))
+    }
+
+    /// Keeps progress; the answer says whether to stop.
+    ///
+    /// # Errors
+    /// Precondition when the attempt is over.
+    pub(crate) async fn progress(&self, attempt: &Attempt, progress: &Progress) -> Result<bool> {
+        let cancelled = self.0.store.report_progress(attempt, progress).await?;
+        self.0.changed.send_replace(());
+        Ok(cancelled || self.0.leases.stopped(attempt))
+    }
+
+    /// Names the blob to resume from, then lets go of the one before it.
+    ///
+    /// # Errors
+    /// NotFound when the blob is not there; Precondition when the attempt is over.
+    pub(crate) async fn checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<()> {
+        self.expect_blob(blob)?;
+        if let Some(before) = self.0.store.save_checkpoint(attempt, step, blob).await? {
+            self.0.forget(before).await;
+        }
+        Ok(())
+    }
+
+    /// Ends the job with what it made.
+    ///
+    /// # Errors
+    /// Invalid when that does not fit the job; NotFound when a blob is not there; Precondition when the attempt
+    /// is over; Cancelled when the job was cancelled meanwhile.
+    pub(crate) async fn complete(&self, attempt: &Attempt, job: &Job, made: Made) -> Result<()> {
+        for blob in result::blobs(&made) {
+            self.expect_blob(blob)?;
+        }
+        let result = result::of(&self.0.store, job, made).await?;
+        let moved = self.0.store.finish_job(attempt, &result).await?;
+        let job = self.0.settle(moved).await?;
+        tracing::info!(job.id = %job.id, result.id = job.result_id, "job succeeded");
+        Ok(())
+    }
+
+    /// Ends an attempt with an error.
+    ///
+    /// # Errors
+    /// When the database refuses.
+    pub(crate) async fn fail(&self, attempt: &Attempt, error: String, retry: bool) -> Result<()> {
+        let end = if self.0.leases.stopped(attempt) {
+            AttemptEnd::Stopped
+        } else if retry {
+            AttemptEnd::Broken(error)
+        } else {
+            AttemptEnd::Hopeless(error)
+        };
+        self.0.end_attempt(attempt, &end).await
+    }
+
+    fn expect_blob(&self, blob: &BlobId) -> Result<()> {
+        if self.0.blobs.contains(blob) { Ok(()) } else { Err(Error::not_found("blob", blob)) }
+    }
+}

@@ -1,0 +1,75 @@
+//! The scheduler: starts pipelines when their time comes or enough episodes are labelled. Sleeps until then.
+
+use std::{sync::Arc, time::Duration};
+
+use super::{Jobs, Room};
+use crate::{
+    domain::{
+        schedule::{Schedule, ScheduleStart, Trigger},
+        time::Millis,
+    },
+    error::Result,
+};
+
+/// The longest sleep: the system's clock may be set meanwhile.
+const LONGEST: Duration = Duration::from_secs(600);
+
+/// Runs schedules until the server stops.
+pub(super) async fn schedule(room: Arc<Room>) {
+    let running = async {
+        loop {
+            // A permit is kept for us when something happens between the look and the wait.
+            let next = match start_due(&room, Millis::now()).await {
+                Ok(next) => next,
+                Err(error) => {
+                    tracing::error!(%error, "schedules cannot be read; trying again");
+                    None
+                }
+            };
+            // Which of the two ends the wait does not matter.
+            let _ = tokio::time::timeout(until(next), room.due.notified()).await;
+        }
+    };
+    room.stopping.run_until_cancelled(running).await;
+}
+
+fn until(next: Option<Millis>) -> Duration {
+    let Some(next) = next else { return LONGEST };
+    let wait = next.0.saturating_sub(Millis::now().0).max(0);
+    Duration::from_millis(u64::try_from(wait).unwrap_or(0)).min(LONGEST)
+}
+
+/// Starts every schedule that is due; the answer is when cron is due next.
+pub(super) async fn start_due(room: &Arc<Room>, now: Millis) -> Result<Option<Millis>> {
+    let mut next = None;
+    for schedule in room.store.schedules(None).await?.into_iter().filter(|schedule| !schedule.paused) {
+        let again = if due(&schedule, now) { start(room, &schedule, now).await? } else { schedule.next_run_at };
+        next = next.into_iter().chain(again).min();
+    }
+    Ok(next)
+}
+
+fn due(schedule: &Schedule, now: Millis) -> bool {
+    match &schedule.trigger {
+        // A time that passed while the server was down is made up for once.
+        Trigger::Cron(_) => schedule.next_run_at.is_some_and(|time| time <= now),
+        Trigger::LabelledEpisodes(episodes) => schedule.labelled_since >= *episodes,
+    }
+}
+
+/// Starts one schedule. What keeps it from starting is noted with it; then cron waits for its next time, and
+/// labels stay counted until one more arrives.
+async fn start(room: &Arc<Room>, schedule: &Schedule, now: Millis) -> Result<Option<Millis>> {
+    let next_run_at = schedule.trigger.next_run("cron", now)?;
+    let label_mark = room.store.newest_label().await?;
+    let start = ScheduleStart { id: schedule.id.clone(), at: now, next_run_at, label_mark };
+    let jobs = Jobs(Arc::clone(room));
+    match jobs.submit_pipeline(&schedule.task_id, &schedule.pipeline, 0, Some(start)).await {
+        Ok((queued, _)) => tracing::info!(schedule.id = %schedule.id, jobs = queued.len(), "schedule started"),
+        Err(error) => {
+            tracing::warn!(schedule.id = %schedule.id, %error, "schedule could not start");
+            room.store.schedule_failed(&schedule.id, error.message(), next_run_at).await?;
+        }
+    }
+    Ok(next_run_at)
+}

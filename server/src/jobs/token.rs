@@ -1,0 +1,63 @@
+//! Tokens: what proves that a call comes from the worker of one running attempt.
+//!
+//! A token is the job's id, a dot, and 256 random bits. Only the hash of the random part is kept.
+
+use crate::{
+    config::Secret,
+    domain::{attempt::Attempt, id::JobId},
+};
+
+/// The random part of a token that is not yet any job's.
+pub(super) struct Mint {
+    random: String,
+    /// What is kept of it.
+    pub(super) hash: String,
+}
+
+impl Mint {
+    /// New random bits.
+    pub(super) fn new() -> Self {
+        let bits: [u8; 32] = rand::random();
+        let random = blake3::Hash::from_bytes(bits).to_hex().to_string();
+        let hash = hash(&random);
+        Self { random, hash }
+    }
+
+    /// The attempt that has claimed this job.
+    pub(super) fn attempt(&self, job: &JobId) -> Attempt {
+        Attempt { job_id: job.clone(), token_hash: self.hash.clone() }
+    }
+
+    /// The token that proves to be it.
+    pub(super) fn token(&self, job: &JobId) -> Secret {
+        Secret::from(format!("{job}.{}", self.random))
+    }
+}
+
+/// The attempt that a token speaks for, if it has the form of one.
+pub(super) fn attempt(token: &str) -> Option<Attempt> {
+    let (job, random) = token.split_once('.')?;
+    Some(Attempt { job_id: JobId::try_from(job.to_owned()).ok()?, token_hash: hash(random) })
+}
+
+fn hash(random: &str) -> String {
+    blake3::hash(random.as_bytes()).to_hex().to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_token_leads_back_to_its_attempt_and_never_repeats() {
+        let (job, mint) = (JobId::new(), Mint::new());
+        let token = mint.token(&job);
+        assert_eq!(attempt(token.reveal()).unwrap(), mint.attempt(&job));
+        assert!(!token.reveal().contains(&mint.hash), "what is kept does not open anything");
+        assert_ne!(Mint::new().hash, mint.hash);
+        for other in ["", "token", "job_01ARZ3NDEKTSV4RRFFQ69G5FAV", "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV.00"] {
+            assert_eq!(attempt(other), None);
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Watching a job: how it stands now, then each change and each new metric, until it has ended.
+
+use std::sync::Arc;
+
+use futures::stream::{self, Stream};
+use tokio::sync::watch::Receiver;
+
+use super::{Jobs, Room};
+use crate::{
+    domain::{
+        id::JobId,
+        job::{Job, Metric},
+    },
+    error::{Error, Result},
+};
+
+/// Metrics of one answer.
+const PAGE: u32 = 2000;
+
+/// What one watcher has seen.
+struct Watching {
+    room: Arc<Room>,
+    id: JobId,
+    changed: Receiver<()>,
+    sequence: i64,
+    last: Option<Job>,
+}
+
+impl Jobs {
+    /// A job's course from now on. The first item has every metric so far (or the first page of them).
+    ///
+    /// # Errors
+    /// NotFound. Within the stream: Unavailable when the server stops before the job has ended.
+    pub(crate) async fn watch(
+        &self,
+        id: &JobId,
+    ) -> Result<impl Stream<Item = Result<(Job, Vec<Metric>)>> + Send + 'static + use<>> {
+        self.0.store.job(id).await?;
+        let watching = Watching {
+            room: Arc::clone(&self.0),
+            id: id.clone(),
+            changed: self.0.changed.subscribe(),
+            sequence: 0,
+            last: None,
+        };
+        Ok(stream::try_unfold(Some(watching), |watching| async move {
+            match watching {
+                Some(watching) => watching.next().await.map(Some),
+                None => Ok(None),
+            }
+        }))
+    }
+}
+
+impl Watching {
+    /// The next item, and what goes on watching after it.
+    async fn next(mut self) -> Result<((Job, Vec<Metric>), Option<Self>)> {
+        loop {
+            // Marked as seen before looking, so that a change during the look is not missed.
+            self.changed.mark_unchanged();
+            let job = self.room.store.job(&self.id).await?;
+            let metrics = self.room.store.metrics(&self.id, self.sequence, PAGE).await?;
+            // The job was read first: once it has ended, no metric can follow those read now.
+            let whole = u32::try_from(metrics.len()).is_ok_and(|count| count < PAGE);
+            if let Some(newest) = metrics.last() {
+                self.sequence = newest.sequence;
+            }
+            if !metrics.is_empty() || self.last.as_ref() != Some(&job) {
+                let ended = job.state.ended() && whole;
+                self.last = Some(job.clone());
+                return Ok(((job, metrics), (!ended).then_some(self)));
+            }
+            if job.state.ended() {
+                return Ok(((job, metrics), None));
+            }
+            tokio::select! {
+                // The sender lives in the room that we hold.
+                _ = self.changed.changed() => {}
+                () = self.room.stopping.cancelled() => {
+                    return Err(Error::unavailable(format!("the server is stopping; {} will go on after its next start", self.id)));
+                }
+            }
+        }
+    }
+}

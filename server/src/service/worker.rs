@@ -1,0 +1,103 @@
+//! WorkerService: what running workers ask and say. Every call proves to come from a running attempt.
+
+use gleaner_proto::v1::{self, worker_service_server::WorkerService};
+use tonic::{Request, Response, Streaming, metadata::MetadataMap};
+
+use super::Rooms;
+use crate::{
+    domain::{attempt::Attempt, job::Job},
+    error::Result,
+    wire::{
+        self,
+        status::{from_error, from_peer, not_this_job},
+        worker::Completion,
+    },
+};
+
+/// Serves workers.
+pub(crate) struct Workers(pub(crate) Rooms);
+
+impl Workers {
+    /// The attempt that the caller proves to be.
+    async fn caller(&self, metadata: &MetadataMap) -> tonic::Result<(Attempt, Job)> {
+        let token = metadata.get("authorization").and_then(|value| value.to_str().ok()?.strip_prefix("Bearer "));
+        let token = token.ok_or_else(not_this_job)?;
+        self.0.jobs.authenticate(token).await.map_err(from_error)?.ok_or_else(not_this_job)
+    }
+
+    async fn assignment(&self, job: Job) -> Result<v1::GetAssignmentResponse> {
+        let inputs = self.0.jobs.inputs(&job).await?;
+        Ok(wire::worker::assignment(job, inputs))
+    }
+
+    async fn progress(&self, attempt: &Attempt, request: v1::ReportProgressRequest) -> Result<v1::ReportProgressResponse> {
+        let cancel = self.0.jobs.progress(attempt, &wire::worker::progress_request(request)?).await?;
+        Ok(v1::ReportProgressResponse { cancel })
+    }
+
+    async fn checkpoint(&self, attempt: &Attempt, request: v1::SaveCheckpointRequest) -> Result<v1::SaveCheckpointResponse> {
+        let (step, blob) = wire::worker::checkpoint_request(request)?;
+        self.0.jobs.checkpoint(attempt, step, &blob).await?;
+        Ok(v1::SaveCheckpointResponse {})
+    }
+
+    async fn complete(
+        &self,
+        attempt: &Attempt,
+        job: &Job,
+        mut messages: Streaming<v1::CompleteJobRequest>,
+    ) -> Result<v1::CompleteJobResponse> {
+        let mut completion = Completion::default();
+        while let Some(message) = messages.message().await.map_err(from_peer)? {
+            completion.push(message)?;
+        }
+        self.0.jobs.complete(attempt, job, completion.whole()?).await?;
+        Ok(v1::CompleteJobResponse {})
+    }
+
+    async fn fail(&self, attempt: &Attempt, request: v1::FailJobRequest) -> Result<v1::FailJobResponse> {
+        let (error, retry) = wire::worker::fail_request(request);
+        self.0.jobs.fail(attempt, error, retry).await?;
+        Ok(v1::FailJobResponse {})
+    }
+}
+
+#[tonic::async_trait]
+impl WorkerService for Workers {
+    async fn get_assignment(
+        &self,
+        request: Request<v1::GetAssignmentRequest>,
+    ) -> tonic::Result<Response<v1::GetAssignmentResponse>> {
+        let (_, job) = self.caller(request.metadata()).await?;
+        self.assignment(job).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn report_progress(
+        &self,
+        request: Request<v1::ReportProgressRequest>,
+    ) -> tonic::Result<Response<v1::ReportProgressResponse>> {
+        let (attempt, _) = self.caller(request.metadata()).await?;
+        self.progress(&attempt, request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn save_checkpoint(
+        &self,
+        request: Request<v1::SaveCheckpointRequest>,
+    ) -> tonic::Result<Response<v1::SaveCheckpointResponse>> {
+        let (attempt, _) = self.caller(request.metadata()).await?;
+        self.checkpoint(&attempt, request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn complete_job(
+        &self,
+        request: Request<Streaming<v1::CompleteJobRequest>>,
+    ) -> tonic::Result<Response<v1::CompleteJobResponse>> {
+        let (attempt, job) = self.caller(request.metadata()).await?;
+        self.complete(&attempt, &job, request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn fail_job(&self, request: Request<v1::FailJobRequest>) -> tonic::Result<Response<v1::FailJobResponse>> {
+        let (attempt, _) = self.caller(request.metadata()).await?;
+        self.fail(&attempt, request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+}

@@ -1,0 +1,52 @@
+//! How a job succeeds: its result's rows and its move, in one transaction.
+
+use super::{Store, commit, dataset, policy, queue, score};
+use crate::{
+    domain::{
+        attempt::Attempt,
+        dataset::ExportFile,
+        id::{DatasetId, ExportId},
+        job::JobState,
+        policy::Policy,
+        score::{Encoder, EpisodeScores, ScoreRun},
+    },
+    error::{Error, Result},
+};
+
+/// The rows a job leaves.
+#[derive(Debug)]
+pub(crate) enum JobResult {
+    /// Of pretraining.
+    Encoder(Encoder),
+    /// Of scoring, with the episodes' scores in the snapshot's order.
+    Scores(ScoreRun, Vec<EpisodeScores>),
+    /// Of training.
+    Policy(Policy),
+    /// Of exporting.
+    Export(ExportId, DatasetId, Vec<ExportFile>),
+}
+
+impl Store {
+    /// Ends an attempt with its result.
+    ///
+    /// # Errors
+    /// Precondition when the attempt is over; Cancelled when somebody has asked the job to stop.
+    pub(crate) async fn finish_job(&self, attempt: &Attempt, result: &JobResult) -> Result<queue::Moved> {
+        let mut tx = self.write().await?;
+        let job = queue::running(&mut tx, attempt).await?.ok_or_else(queue::attempt_is_over)?;
+        if job.cancel_requested {
+            return Err(Error::cancelled(format!("{} was cancelled", job.id)));
+        }
+        match result {
+            JobResult::Encoder(encoder) => score::insert_encoder(&mut tx, encoder).await?,
+            JobResult::Scores(run, episodes) => score::insert_run(&mut tx, run, episodes).await?,
+            JobResult::Policy(policy) => policy::insert(&mut tx, policy).await?,
+            JobResult::Export(export, dataset, files) => {
+                dataset::insert_export(&mut tx, export, dataset, &job.id, files).await?;
+            }
+        }
+        let moved = queue::advance(&mut tx, &job, JobState::Succeeded, "done", "").await?;
+        commit(tx).await?;
+        Ok(moved)
+    }
+}

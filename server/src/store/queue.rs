@@ -1,0 +1,219 @@
+//! How jobs move: claimed, ended, cancelled. Every move asks `JobState::may_become`.
+
+use sqlx::{Sqlite, Transaction};
+
+use super::{
+    Store, commit, fault,
+    job::by_id,
+    metric, row,
+};
+use crate::{
+    domain::{
+        attempt::{Attempt, AttemptEnd, Standing},
+        id::{BlobId, JobId},
+        job::{Job, JobState},
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+/// A job that moved, and the blob that its row no longer names.
+#[derive(Debug)]
+pub(crate) struct Moved {
+    /// The job as it is now.
+    pub(crate) job: Job,
+    /// Its checkpoint until now, if nothing resumes from it any more.
+    pub(crate) dropped: Option<BlobId>,
+}
+
+impl Store {
+    /// Gives the best job that may run to the attempt with this token: the highest priority, then the oldest,
+    /// among queued jobs whose needs have all succeeded.
+    pub(crate) async fn claim_job(&self, token_hash: &str) -> Result<Option<Job>> {
+        let mut tx = self.write().await?;
+        let claimed: Option<String> = sqlx::query_scalar(
+            "update jobs set state = 'running', attempt = attempt + 1, token_hash = ?1, started_at = ?2 \
+             where id = (select id from jobs as ready where state = 'queued' and not exists ( \
+               select 1 from job_dependencies join jobs as needed on needed.id = job_dependencies.needs \
+               where job_dependencies.job_id = ready.id and needed.state <> 'succeeded') \
+             order by priority desc, id limit 1) returning id",
+        )
+        .bind(token_hash)
+        .bind(Millis::now().0)
+        .fetch_optional(&mut *tx)
+        .await
+        .map_err(fault("claiming a job"))?;
+        let job = match claimed {
+            Some(id) => by_id(&mut tx, &row::id("jobs.id", id)?).await?,
+            None => None,
+        };
+        commit(tx).await?;
+        Ok(job)
+    }
+
+    /// The job of a running attempt; `None` when that attempt is over or never was.
+    pub(crate) async fn attempted(&self, attempt: &Attempt) -> Result<Option<Job>> {
+        let running: bool =
+            sqlx::query_scalar("select exists (select 1 from jobs where id = ? and token_hash = ? and state = 'running')")
+                .bind(attempt.job_id.as_str())
+                .bind(&attempt.token_hash)
+                .fetch_one(self.read())
+                .await
+                .map_err(fault("looking for an attempt"))?;
+        if running { self.job(&attempt.job_id).await.map(Some) } else { Ok(None) }
+    }
+
+    /// Ends an attempt without a result. `None` when it was over already.
+    pub(crate) async fn end_attempt(&self, attempt: &Attempt, end: &AttemptEnd) -> Result<Option<Moved>> {
+        let mut tx = self.write().await?;
+        let Some(job) = running(&mut tx, attempt).await? else { return Ok(None) };
+        let next = end.next(Standing {
+            attempt: job.attempt,
+            max_attempts: job.max_attempts,
+            checkpoint_step: job.checkpoint_step,
+            cancel_requested: job.cancel_requested,
+        });
+        sqlx::query("update jobs set attempt = ? where id = ?")
+            .bind(next.attempt)
+            .bind(job.id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("counting attempts"))?;
+        let moved = advance(&mut tx, &job, next.state, &next.message, &next.error).await?;
+        if next.state == JobState::Queued {
+            metric::cut_back(&mut tx, &job.id, job.checkpoint_step).await?;
+        }
+        commit(tx).await?;
+        Ok(Some(moved))
+    }
+
+    /// Every attempt that is running, as the rows say: at start, those of a server that is gone.
+    pub(crate) async fn running_attempts(&self) -> Result<Vec<Attempt>> {
+        let rows: Vec<(String, String)> =
+            sqlx::query_as("select id, coalesce(token_hash, '') from jobs where state = 'running'")
+                .fetch_all(self.read())
+                .await
+                .map_err(fault("listing running attempts"))?;
+        rows.into_iter()
+            .map(|(id, token_hash)| Ok(Attempt { job_id: row::id("jobs.id", id)?, token_hash }))
+            .collect()
+    }
+
+    /// Cancels a job, and the jobs that wait for it: at once if it is queued, else by asking its worker.
+    ///
+    /// # Errors
+    /// NotFound; Precondition when it has ended.
+    pub(crate) async fn cancel_job(&self, id: &JobId) -> Result<Moved> {
+        let mut tx = self.write().await?;
+        let job = by_id(&mut tx, id).await?.ok_or_else(|| Error::not_found("job", id))?;
+        let moved = if job.state == JobState::Running {
+            sqlx::query("update jobs set cancel_requested = 1, message = 'cancelling' where id = ?")
+                .bind(id.as_str())
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("asking a job to stop"))?;
+            drop_dependents(&mut tx, id, JobState::Cancelled).await?;
+            Moved { job: reread(&mut tx, id).await?, dropped: None }
+        } else {
+            advance(&mut tx, &job, JobState::Cancelled, "cancelled", "").await?
+        };
+        commit(tx).await?;
+        Ok(moved)
+    }
+
+    /// Names the blob to resume from; the answer is the blob it named until now.
+    ///
+    /// # Errors
+    /// Precondition when the attempt is over.
+    pub(crate) async fn save_checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<Option<BlobId>> {
+        let mut tx = self.write().await?;
+        let job = running(&mut tx, attempt).await?.ok_or_else(attempt_is_over)?;
+        sqlx::query("update jobs set checkpoint = ?, checkpoint_step = ? where id = ?")
+            .bind(blob.as_str())
+            .bind(row::stored(step))
+            .bind(job.id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("saving a checkpoint"))?;
+        commit(tx).await?;
+        Ok(job.checkpoint.filter(|old| old != blob))
+    }
+}
+
+/// What a worker hears whose attempt is over.
+pub(super) fn attempt_is_over() -> Error {
+    Error::precondition("this attempt of the job is over")
+}
+
+/// The job of an attempt inside a write, if that attempt is running.
+pub(super) async fn running(tx: &mut Transaction<'_, Sqlite>, attempt: &Attempt) -> Result<Option<Job>> {
+    let held: Option<i64> =
+        sqlx::query_scalar("select 1 from jobs where id = ? and coalesce(token_hash, '') = ? and state = 'running'")
+            .bind(attempt.job_id.as_str())
+            .bind(&attempt.token_hash)
+            .fetch_optional(&mut **tx)
+            .await
+            .map_err(fault("looking for an attempt"))?;
+    if held.is_some() { by_id(tx, &attempt.job_id).await } else { Ok(None) }
+}
+
+/// Moves a job to `next`. No worker may speak for it afterwards; if it has ended, nothing resumes it, and the
+/// jobs that wait for a result that will not come end too.
+pub(super) async fn advance(
+    tx: &mut Transaction<'_, Sqlite>,
+    job: &Job,
+    next: JobState,
+    message: &str,
+    error: &str,
+) -> Result<Moved> {
+    if !job.state.may_become(next) {
+        return Err(Error::precondition(format!("{} has already ended: it is {}", job.id, job.state.as_str())));
+    }
+    let ended = next.ended();
+    sqlx::query(
+        "update jobs set state = ?1, message = ?2, error = ?3, token_hash = null, ended_at = ?4, \
+         checkpoint = iif(?5, null, checkpoint), checkpoint_step = iif(?5, null, checkpoint_step) where id = ?6",
+    )
+    .bind(next.as_str())
+    .bind(message)
+    .bind(error)
+    .bind(ended.then(|| Millis::now().0))
+    .bind(ended)
+    .bind(job.id.as_str())
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("moving a job"))?;
+    if matches!(next, JobState::Failed | JobState::Cancelled) {
+        drop_dependents(tx, &job.id, next).await?;
+    }
+    Ok(Moved { job: reread(tx, &job.id).await?, dropped: job.checkpoint.clone().filter(|_| ended) })
+}
+
+/// Ends every queued job that waits, directly or not, for a job that will give no result.
+async fn drop_dependents(tx: &mut Transaction<'_, Sqlite>, id: &JobId, state: JobState) -> Result<()> {
+    let (message, error) = match state {
+        JobState::Failed => ("failed", format!("{id}, which this job waits for, failed")),
+        JobState::Cancelled | JobState::Queued | JobState::Running | JobState::Succeeded => {
+            ("cancelled with the job it waits for", String::new())
+        }
+    };
+    sqlx::query(
+        "with recursive waiting(id) as (select job_id from job_dependencies where needs = ?1 \
+           union select job_id from job_dependencies join waiting on needs = waiting.id) \
+         update jobs set state = ?2, message = ?3, error = ?4, ended_at = ?5 \
+         where state = 'queued' and id in (select id from waiting)",
+    )
+    .bind(id.as_str())
+    .bind(state.as_str())
+    .bind(message)
+    .bind(error)
+    .bind(Millis::now().0)
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("ending the jobs that wait"))?;
+    Ok(())
+}
+
+async fn reread(tx: &mut Transaction<'_, Sqlite>, id: &JobId) -> Result<Job> {
+    by_id(tx, id).await?.ok_or_else(|| Error::internal("reading a job back", "it is gone"))
+}

@@ -1,0 +1,201 @@
+//! Rows of schedules, and how many episodes were labelled since each last started.
+
+use sqlx::{Sqlite, Transaction};
+
+use super::{Store, commit, fault, is_duplicate, row};
+use crate::{
+    domain::{
+        id::{ScheduleId, TaskId},
+        schedule::{PipelineSpec, Schedule, ScheduleStart, Trigger},
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+/// A schedule with its count; conditions follow. Only labels that say something count, each episode once.
+macro_rules! select_schedules {
+    ($rest:literal) => {
+        concat!(
+            "select *, (select count(distinct labels.episode_id) from labels \
+             join episodes on episodes.id = labels.episode_id where episodes.task_id = schedules.task_id \
+             and labels.id > schedules.label_mark and labels.outcome <> 'unknown') as labelled_since from schedules ",
+            $rest
+        )
+    };
+}
+
+#[derive(sqlx::FromRow)]
+struct ScheduleRow {
+    id: String,
+    task_id: String,
+    name: String,
+    cron: Option<String>,
+    labelled_episodes: Option<u32>,
+    pipeline: String,
+    paused: bool,
+    next_run_at: Option<i64>,
+    last_run_at: Option<i64>,
+    label_mark: i64,
+    last_error: String,
+    labelled_since: u32,
+}
+
+impl ScheduleRow {
+    fn read(self) -> Result<Schedule> {
+        let trigger = match (self.cron, self.labelled_episodes) {
+            (Some(cron), None) => Some(Trigger::Cron(cron)),
+            (None, Some(episodes)) => Some(Trigger::LabelledEpisodes(episodes)),
+            (None, None) | (Some(_), Some(_)) => None,
+        };
+        Ok(Schedule {
+            id: row::id("schedules.id", self.id)?,
+            task_id: row::id("schedules.task_id", self.task_id)?,
+            name: self.name,
+            trigger: row::parsed("schedules.cron", trigger)?,
+            pipeline: row::json::<PipelineSpec>("schedules.pipeline", &self.pipeline)?,
+            paused: self.paused,
+            next_run_at: self.next_run_at.map(Millis),
+            last_run_at: self.last_run_at.map(Millis),
+            label_mark: self.label_mark,
+            // Counting goes on while it stands still, but what came then is passed over.
+            labelled_since: if self.paused { 0 } else { self.labelled_since },
+            last_error: self.last_error,
+        })
+    }
+}
+
+impl Store {
+    /// Keeps a new schedule; labels given until now do not count.
+    ///
+    /// # Errors
+    /// Exists when the task has a schedule of this name.
+    pub(crate) async fn insert_schedule(&self, schedule: &Schedule) -> Result<Schedule> {
+        let (cron, labelled_episodes) = match &schedule.trigger {
+            Trigger::Cron(cron) => (Some(cron), None),
+            Trigger::LabelledEpisodes(episodes) => (None, Some(*episodes)),
+        };
+        let mut tx = self.write().await?;
+        sqlx::query(
+            "insert into schedules (id, task_id, name, cron, labelled_episodes, pipeline, paused, next_run_at, \
+             label_mark, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, (select coalesce(max(id), 0) from labels), ?)",
+        )
+        .bind(schedule.id.as_str())
+        .bind(schedule.task_id.as_str())
+        .bind(&schedule.name)
+        .bind(cron)
+        .bind(labelled_episodes)
+        .bind(row::to_json(&schedule.pipeline)?)
+        .bind(schedule.paused)
+        .bind(schedule.next_run_at.map(|time| time.0))
+        .bind(Millis::now().0)
+        .execute(&mut *tx)
+        .await
+        .map_err(|error| {
+            if is_duplicate(&error) {
+                Error::exists(format!(
+                    "the task has a schedule called {:?}; delete that one or choose another name",
+                    schedule.name
+                ))
+            } else {
+                fault("adding a schedule")(error)
+            }
+        })?;
+        commit(tx).await?;
+        self.schedule(&schedule.id).await
+    }
+
+    /// A schedule.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn schedule(&self, id: &ScheduleId) -> Result<Schedule> {
+        let found: Option<ScheduleRow> = sqlx::query_as(select_schedules!("where id = ?"))
+            .bind(id.as_str())
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("reading a schedule"))?;
+        found.ok_or_else(|| Error::not_found("schedule", id))?.read()
+    }
+
+    /// The schedules of a task, or of all, oldest first.
+    pub(crate) async fn schedules(&self, task: Option<&TaskId>) -> Result<Vec<Schedule>> {
+        let rows: Vec<ScheduleRow> =
+            sqlx::query_as(select_schedules!("where ?1 is null or task_id = ?1 order by id"))
+                .bind(task.map(TaskId::as_str))
+                .fetch_all(self.read())
+                .await
+                .map_err(fault("listing schedules"))?;
+        rows.into_iter().map(ScheduleRow::read).collect()
+    }
+
+    /// The newest label there is.
+    pub(crate) async fn newest_label(&self) -> Result<i64> {
+        sqlx::query_scalar("select coalesce(max(id), 0) from labels")
+            .fetch_one(self.read())
+            .await
+            .map_err(fault("asking for the newest label"))
+    }
+
+    /// Pauses or resumes a schedule. Either way counting begins anew: what comes while it is paused is lost.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn pause_schedule(&self, id: &ScheduleId, paused: bool, next_run_at: Option<Millis>) -> Result<Schedule> {
+        let mut tx = self.write().await?;
+        sqlx::query(
+            "update schedules set paused = ?1, next_run_at = ?2, label_mark = (select coalesce(max(id), 0) from labels) \
+             where id = ?3 and paused <> ?1",
+        )
+        .bind(paused)
+        .bind(next_run_at.map(|time| time.0))
+        .bind(id.as_str())
+        .execute(&mut *tx)
+        .await
+        .map_err(fault("pausing a schedule"))?;
+        commit(tx).await?;
+        self.schedule(id).await
+    }
+
+    /// Notes why a schedule could not start, and when cron tries again.
+    pub(crate) async fn schedule_failed(&self, id: &ScheduleId, error: &str, next_run_at: Option<Millis>) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("update schedules set last_error = ?, next_run_at = ? where id = ?")
+            .bind(error)
+            .bind(next_run_at.map(|time| time.0))
+            .bind(id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("noting a failed start"))?;
+        commit(tx).await
+    }
+
+    /// Deletes a schedule; its past jobs stay.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn delete_schedule(&self, id: &ScheduleId) -> Result<()> {
+        let mut tx = self.write().await?;
+        let done = sqlx::query("delete from schedules where id = ?")
+            .bind(id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("deleting a schedule"))?;
+        commit(tx).await?;
+        if done.rows_affected() == 0 { Err(Error::not_found("schedule", id)) } else { Ok(()) }
+    }
+}
+
+/// Moves a schedule on because it has started.
+pub(super) async fn started(tx: &mut Transaction<'_, Sqlite>, start: &ScheduleStart) -> Result<()> {
+    sqlx::query(
+        "update schedules set last_run_at = ?, next_run_at = ?, label_mark = ?, last_error = '' where id = ?",
+    )
+    .bind(start.at.0)
+    .bind(start.next_run_at.map(|time| time.0))
+    .bind(start.label_mark)
+    .bind(start.id.as_str())
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("moving a schedule on"))?;
+    Ok(())
+}
