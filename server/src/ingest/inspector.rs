@@ -1,6 +1,7 @@
 //! Starts inspections: child processes of this very program, so many at once, each with limits and a deadline.
 
 use std::{
+    ffi::OsString,
     os::unix::process::ExitStatusExt as _,
     path::{Path, PathBuf},
     process::{ExitStatus, Stdio},
@@ -13,7 +14,7 @@ use tokio::{io::AsyncReadExt as _, process::Command, sync::Semaphore};
 
 use super::{inspect::Verdict, off_runtime, sync_folder};
 use crate::{
-    config::LimitConfig,
+    config::{LimitConfig, worker_environment},
     error::{Error, Result},
 };
 
@@ -26,7 +27,8 @@ const REFUSAL_BYTES: usize = 3000;
 /// Starts inspections.
 #[derive(Debug)]
 pub(super) struct Inspector {
-    program: PathBuf,
+    /// A program and its first arguments.
+    command: Vec<OsString>,
     tmp: PathBuf,
     memory_bytes: u64,
     seconds: u64,
@@ -44,7 +46,7 @@ impl Inspector {
     pub(super) fn new(data_dir: &Path, limits: &LimitConfig) -> Result<Self> {
         let program = std::env::current_exe().map_err(|error| Error::internal("finding this program", error))?;
         Ok(Self {
-            program,
+            command: vec![program.into(), "inspect".into()],
             tmp: data_dir.join("tmp"),
             memory_bytes: limits.inspect_memory_bytes,
             seconds: limits.inspect_seconds,
@@ -52,10 +54,10 @@ impl Inspector {
         })
     }
 
-    /// The same limits, another program: the tests' own.
+    /// The same limits, another command: the tests' own.
     #[cfg(test)]
-    pub(super) fn with_program(self, program: PathBuf) -> Self {
-        Self { program, ..self }
+    pub(super) fn with_command(self, command: Vec<OsString>) -> Self {
+        Self { command, ..self }
     }
 
     /// Reads a recording under limits. `shown` is what the caller knows the file as.
@@ -86,9 +88,12 @@ impl Inspector {
 
     /// Runs the child to its end, or to the deadline's.
     async fn run(&self, recording: &Path, folder: &Path) -> Result<(ExitStatus, String)> {
-        let fault = |error| Error::internal("running an inspection", error);
-        let mut child = Command::new(&self.program)
-            .arg("inspect")
+        let fault = |error: std::io::Error| Error::internal("running an inspection", error);
+        let (program, first) = self.command.split_first().ok_or_else(|| fault(std::io::ErrorKind::NotFound.into()))?;
+        let mut child = Command::new(program)
+            .args(first)
+            .env_clear()
+            .envs(worker_environment())
             .arg("--recording")
             .arg(recording)
             .arg("--spec")

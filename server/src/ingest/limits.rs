@@ -27,17 +27,17 @@ pub(super) fn take(config: &InspectConfig) -> Result<()> {
         (Resource::Data, data),
         (Resource::As, address_space),
         (Resource::Fsize, config.memory_bytes),
-        (Resource::Cpu, config.seconds),
         (Resource::Nofile, OPEN_FILES),
         (Resource::Core, 0),
     ] {
-        limit_to(resource, limit).map_err(fault)?;
+        limit_to(resource, limit, limit).map_err(fault)?;
     }
-    Ok(())
+    // The soft limit's signal tells the parent what was too much; the hard one's would not.
+    limit_to(Resource::Cpu, config.seconds, config.seconds.saturating_add(1)).map_err(fault)
 }
 
-fn limit_to(resource: Resource, limit: u64) -> std::result::Result<(), Errno> {
-    setrlimit(resource, Rlimit { current: Some(limit), maximum: Some(limit) })
+fn limit_to(resource: Resource, soft: u64, hard: u64) -> std::result::Result<(), Errno> {
+    setrlimit(resource, Rlimit { current: Some(soft), maximum: Some(hard) })
 }
 
 /// Bytes of address space that this process has taken.

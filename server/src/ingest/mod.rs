@@ -9,7 +9,12 @@ mod inspector;
 mod limits;
 mod part;
 mod recover;
+#[cfg(test)]
+mod testing;
+#[cfg(test)]
+mod tests;
 mod upload;
+mod write;
 
 use std::{
     path::{Path, PathBuf},
@@ -20,7 +25,10 @@ use gleaner_recording::{Episode as Frames, TaskSpec};
 
 pub use self::inspect::inspect;
 use self::{claim::Claims, inspector::Inspector};
-pub(crate) use self::upload::{Chunk, NewUpload, Started};
+pub(crate) use self::{
+    upload::{NewUpload, Started},
+    write::Chunk,
+};
 use crate::{
     blobs::{Blobs, sync_folder},
     config::ServeConfig,

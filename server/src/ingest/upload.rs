@@ -1,10 +1,6 @@
-//! The life of an upload: start, write, status, finish.
+//! The life of an upload but for its bytes: start, status, finish.
 
-use bytes::Bytes;
-use futures::{Stream, StreamExt as _};
-use tokio::time::{Duration, Instant, sleep_until};
-
-use super::{Ingest, off_runtime, part, part::Part};
+use super::{Ingest, off_runtime, part};
 use crate::{
     blobs,
     domain::{
@@ -14,10 +10,6 @@ use crate::{
     },
     error::{Error, Kind, Result},
 };
-
-/// Bytes are synced and acknowledged once there are this many, or once the oldest has waited this long.
-const SYNC_BYTES: u64 = 8 << 20;
-const SYNC_AFTER: Duration = Duration::from_millis(250);
 
 /// What a client declares of a recording it is going to send.
 #[derive(Debug, Clone)]
@@ -38,16 +30,6 @@ pub(crate) enum Started {
     Open(Upload),
     /// The task holds this content under this label already.
     Existing(Episode),
-}
-
-/// Some bytes of a recording.
-#[derive(Debug)]
-pub(crate) struct Chunk {
-    /// The upload; the first chunk of a stream must name it.
-    pub(crate) upload_id: Option<UploadId>,
-    /// Where the bytes belong in the recording.
-    pub(crate) offset: u64,
-    pub(crate) data: Bytes,
 }
 
 impl Ingest {
@@ -86,30 +68,6 @@ impl Ingest {
     /// NotFound.
     pub(crate) async fn status(&self, id: &UploadId) -> Result<Upload> {
         self.store.upload(id).await
-    }
-
-    /// Appends a stream of chunks. What came before the stream ends or breaks is kept, and counted in the answer:
-    /// the committed size.
-    ///
-    /// # Errors
-    /// Invalid for an offset that is not the end of what is there; NotFound; Unavailable when another stream of
-    /// the same upload takes over; or what broke the stream.
-    pub(crate) async fn write(&self, chunks: impl Stream<Item = Result<Chunk>> + Send) -> Result<u64> {
-        tokio::pin!(chunks);
-        let Some(first) = chunks.next().await.transpose()? else {
-            return Err(Error::invalid("upload_id", "the stream is empty: its first message must name the upload"));
-        };
-        let id = first.upload_id.clone().ok_or_else(|| Error::invalid("upload_id", "the first message must name the upload"))?;
-        self.store.upload(&id).await?;
-        let claim = self.claims.take(&id).await;
-        // Whoever held it has left: only now does its row stand still.
-        let upload = self.store.upload(&id).await?;
-        let part = Part::open(self.part_path(&id), upload.committed, claim).await?;
-        let mut writing = Writing { ingest: self, upload, part: Some(part), sync_at: Instant::now() };
-        let ended = writing.run(first, chunks).await;
-        // However the stream ended: what came is kept.
-        let committed = writing.settle().await;
-        ended.and(committed)
     }
 
     /// Checks size and digest, inspects the recording, and makes the episode visible. When the same content has
@@ -178,7 +136,7 @@ impl Ingest {
     }
 
     /// Keeps nothing of an upload.
-    async fn discard(&self, id: &UploadId) -> Result<()> {
+    pub(super) async fn discard(&self, id: &UploadId) -> Result<()> {
         self.store.delete_upload(id).await?;
         self.claims.forget(id);
         let path = self.part_path(id);
@@ -189,91 +147,6 @@ impl Ingest {
             Ok(()) | Err(_) => Ok(()),
         })
         .await
-    }
-}
-
-/// One stream that writes an upload.
-struct Writing<'a> {
-    ingest: &'a Ingest,
-    upload: Upload,
-    /// `None` after the disk refused: then the bytes since the last sync are not counted.
-    part: Option<Part>,
-    sync_at: Instant,
-}
-
-impl Writing<'_> {
-    async fn run(&mut self, first: Chunk, mut chunks: impl Stream<Item = Result<Chunk>> + Unpin) -> Result<()> {
-        self.append(first).await?;
-        loop {
-            let Some(part) = &self.part else { return Ok(()) };
-            let unsynced = part.size > part.synced;
-            let chunk = tokio::select! {
-                () = part.leave() => {
-                    return Err(Error::unavailable("another stream has taken this upload over"));
-                }
-                () = sleep_until(self.sync_at), if unsynced => {
-                    self.settle().await?;
-                    continue;
-                }
-                chunk = chunks.next() => chunk,
-            };
-            match chunk {
-                Some(chunk) => self.append(chunk?).await?,
-                None => return Ok(()),
-            }
-        }
-    }
-
-    async fn append(&mut self, chunk: Chunk) -> Result<()> {
-        let Some(part) = &self.part else { return Ok(()) };
-        let Chunk { upload_id, offset, data } = chunk;
-        if upload_id.is_some_and(|id| id != self.upload.id) {
-            return Err(Error::invalid("upload_id", "one stream writes one upload: open another stream"));
-        }
-        if offset != part.size {
-            return Err(Error::invalid(
-                "offset",
-                format!("{offset} is not where the upload goes on, which is {}: ask GetUpload, go on from there", part.size),
-            ));
-        }
-        if part.size.saturating_add(data.len() as u64) > self.upload.size_bytes {
-            return Err(Error::invalid(
-                "data",
-                format!("the upload was declared as {} bytes, and this is more", self.upload.size_bytes),
-            ));
-        }
-        if part.size == part.synced {
-            self.sync_at = Instant::now() + SYNC_AFTER;
-        }
-        if let Some(part) = self.part.take() {
-            let part = self.part.insert(part.append(data).await?);
-            if part.size - part.synced >= SYNC_BYTES {
-                self.settle().await?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Syncs, then raises the committed size: in this order, so that only what is on disk is acknowledged.
-    async fn settle(&mut self) -> Result<u64> {
-        let Some(part) = self.part.take() else { return Ok(self.upload.committed) };
-        if part.size > part.synced {
-            match part.sync().await {
-                Ok(part) => self.part = Some(part),
-                Err(error) => {
-                    self.ingest.discard(&self.upload.id).await?;
-                    return Err(error);
-                }
-            }
-        } else {
-            self.part = Some(part);
-        }
-        let synced = self.part.as_ref().map_or(self.upload.committed, |part| part.synced);
-        if synced > self.upload.committed {
-            self.ingest.store.commit_upload(&self.upload.id, synced).await?;
-            self.upload.committed = synced;
-        }
-        Ok(synced)
     }
 }
 

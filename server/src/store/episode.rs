@@ -168,11 +168,9 @@ impl Store {
 }
 
 async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
-    let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+    let mut query = QueryBuilder::new(COLUMNS);
     query.push("where id = ").push_bind(id.as_str());
-    let row: Option<EpisodeRow> =
-        query.build_query_as().fetch_optional(&mut **tx).await.map_err(fault("reading an episode"))?;
-    row.map(EpisodeRow::read).transpose()
+    one(tx, query).await
 }
 
 /// The task's episode with this very recording, if any.
@@ -181,9 +179,13 @@ pub(super) async fn by_recording(
     task: &TaskId,
     recording: &BlobId,
 ) -> Result<Option<Episode>> {
-    let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+    let mut query = QueryBuilder::new(COLUMNS);
     query.push("where task_id = ").push_bind(task.as_str());
     query.push(" and recording = ").push_bind(recording.as_str());
+    one(tx, query).await
+}
+
+async fn one(tx: &mut Transaction<'_, Sqlite>, mut query: QueryBuilder<Sqlite>) -> Result<Option<Episode>> {
     let row: Option<EpisodeRow> =
         query.build_query_as().fetch_optional(&mut **tx).await.map_err(fault("reading an episode"))?;
     row.map(EpisodeRow::read).transpose()

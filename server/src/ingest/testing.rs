@@ -1,0 +1,199 @@
+//! Fixtures for tests of uploads: an ingest over a fresh folder, with inspectors real and played.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
+
+use std::{ffi::OsString, io::Cursor, path::PathBuf, sync::Arc};
+
+use clap::Parser as _;
+use futures::stream;
+use gleaner_recording::{EpisodeWriter, StepRef, written_mapping};
+use tempfile::TempDir;
+
+use super::{Chunk, Ingest, NewUpload, Started, inspect, limits};
+use crate::{
+    blobs::Blobs,
+    config::{Cli, Command, InspectConfig, ServeConfig},
+    domain::{
+        episode::{InspectedEpisode, Outcome, Upload},
+        id::UploadId,
+        task::Task,
+    },
+    error::Result,
+    store::{Store, testing},
+};
+
+/// Plays an inspector that finds nothing wrong.
+pub(super) const USABLE: &str = r#"printf '{"usable":{"mapping":"plain","steps":20}}' > "$report"; : > "$frames""#;
+
+/// Plays one that refuses, naming the file by our path as the reader does.
+pub(super) const REFUSING: &str = r#"printf '{"refused":"%s holds no /joints; record it"}' "$recording" > "$report""#;
+
+/// How a child of this test binary misbehaves once its limits are on.
+const MISBEHAVIOUR: &str = "GLEANER_TEST_MISBEHAVIOUR";
+const ARGUMENTS: &str = "GLEANER_TEST_INSPECT";
+
+pub(super) struct Fixture {
+    pub(super) dir: TempDir,
+    pub(super) store: Store,
+    pub(super) task: Task,
+    pub(super) ingest: Ingest,
+    command: Vec<OsString>,
+    config: Arc<ServeConfig>,
+}
+
+/// An ingest whose inspector is this shell script. It finds `$recording`, `$report` and `$frames`.
+pub(super) async fn playing(script: &str) -> Fixture {
+    let script = format!(
+        r#"while [ $# -gt 1 ]; do case $1 in --recording) recording=$2;; --report) report=$2;; --frames) frames=$2;; esac
+        shift 2; done; {script}"#
+    );
+    fixture(vec!["sh".into(), "-c".into(), script.into(), "sh".into()], &[]).await
+}
+
+/// An ingest whose inspector is the real one, in a child of this test binary.
+pub(super) async fn real(misbehaviour: &str, flags: &[&str]) -> Fixture {
+    fixture(child(misbehaviour), flags).await
+}
+
+/// The command of an inspecting child. What it is to do goes by the environment: the test harness reads the flags.
+pub(super) fn child(misbehaviour: &str) -> Vec<OsString> {
+    let exe = std::env::current_exe().unwrap();
+    let script = format!(
+        r#"{MISBEHAVIOUR}={misbehaviour} {ARGUMENTS}="$*" exec '{}' --exact ingest::testing::as_inspector --nocapture --test-threads=1"#,
+        exe.display()
+    );
+    vec!["sh".into(), "-c".into(), script.into(), "sh".into()]
+}
+
+async fn fixture(command: Vec<OsString>, flags: &[&str]) -> Fixture {
+    let (dir, store) = testing::store().await;
+    let mut spec = testing::spec();
+    spec.mappings.push(written_mapping(&spec));
+    let task = store.insert_task(&spec).await.unwrap();
+    let data_dir = dir.path().to_str().unwrap();
+    let args = [&["gleaner-server", "serve", "--data-dir", data_dir], flags].concat();
+    let Command::Serve(config) = Cli::try_parse_from(args).unwrap().command else { panic!("not serve") };
+    let config = Arc::new(*config);
+    let ingest = open(&config, &store, &command).await;
+    Fixture { dir, store, task, ingest, command, config }
+}
+
+async fn open(config: &Arc<ServeConfig>, store: &Store, command: &[OsString]) -> Ingest {
+    let blobs = Blobs::open(&config.data_dir).unwrap();
+    let mut ingest = Ingest::open(config, store.clone(), blobs).await.unwrap();
+    let inspector = Arc::into_inner(ingest.inspector).unwrap();
+    ingest.inspector = Arc::new(inspector.with_command(command.to_vec()));
+    ingest
+}
+
+impl Fixture {
+    /// What a restart would find.
+    pub(super) async fn reopen(&mut self) {
+        self.ingest = open(&self.config, &self.store, &self.command).await;
+    }
+
+    pub(super) fn new_upload(&self, content: &[u8]) -> NewUpload {
+        NewUpload {
+            task_id: self.task.id.clone(),
+            file_name: "reach.mcap".into(),
+            size_bytes: content.len() as u64,
+            blake3: blake3::hash(content).into(),
+            outcome: Outcome::Success,
+            cohort: "ada".into(),
+            author: "tests".into(),
+        }
+    }
+
+    /// Starts an upload that must be open.
+    pub(super) async fn start(&self, content: &[u8]) -> Upload {
+        match self.ingest.start(self.new_upload(content)).await.unwrap() {
+            Started::Open(upload) => upload,
+            Started::Existing(episode) => panic!("there already as {}", episode.id),
+        }
+    }
+
+    /// Sends these bytes as one stream that ends soundly.
+    pub(super) async fn write(&self, id: &UploadId, offset: usize, data: &[u8]) -> Result<u64> {
+        self.ingest.write(stream::iter([Ok(chunk(id, offset, data))])).await
+    }
+
+    /// Start, write, finish.
+    pub(super) async fn push(&self, content: &[u8]) -> Result<InspectedEpisode> {
+        let upload = self.start(content).await;
+        self.write(&upload.id, 0, content).await?;
+        self.ingest.finish(&upload.id).await
+    }
+
+    /// The names of the files in these folders of the data directory, blobs and all.
+    pub(super) fn files(&self, folders: &[&str]) -> Vec<PathBuf> {
+        let mut waiting: Vec<PathBuf> = folders.iter().map(|folder| self.dir.path().join(folder)).collect();
+        let mut files = Vec::new();
+        while let Some(path) = waiting.pop() {
+            match path.is_dir() {
+                true => waiting.extend(std::fs::read_dir(path).unwrap().map(|entry| entry.unwrap().path())),
+                false => files.push(path),
+            }
+        }
+        files
+    }
+}
+
+pub(super) fn chunk(id: &UploadId, offset: usize, data: &[u8]) -> Chunk {
+    Chunk { upload_id: Some(id.clone()), offset: offset as u64, data: data.to_vec().into() }
+}
+
+/// A real recording of the fixtures' task.
+pub(super) fn recording(task: &Task, steps: u8) -> Vec<u8> {
+    let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &task.spec).unwrap();
+    for step in 0..steps {
+        let value = f32::from(step);
+        let step_ref = StepRef { frames: &[], proprioception: &[value, value * 0.5], action: &[-value] };
+        writer.step(i64::from(step) * 100_000_000, step_ref).unwrap();
+    }
+    writer.finish().unwrap().into_inner()
+}
+
+/// Not a test of its own: the inspecting child, when the environment says so. Otherwise it checks that a child's
+/// arguments read back.
+#[test]
+fn as_inspector() {
+    let given = std::env::var(ARGUMENTS).ok();
+    let line = given.as_deref().unwrap_or("--recording r --spec s --report p --frames f --memory-bytes 7 --seconds 1");
+    let args = ["gleaner-server", "inspect"].into_iter().chain(line.split_whitespace());
+    let Command::Inspect(config) = Cli::try_parse_from(args).unwrap().command else { panic!("not inspect") };
+    match given {
+        Some(_) => misbehave(&std::env::var(MISBEHAVIOUR).unwrap(), &config),
+        None => assert_eq!((config.memory_bytes, config.seconds), (7, 1)),
+    }
+}
+
+fn misbehave(misbehaviour: &str, config: &InspectConfig) {
+    if misbehaviour != "none" {
+        limits::take(config).unwrap();
+    }
+    match misbehaviour {
+        "none" => inspect(config).unwrap(),
+        "memory" => {
+            let mut hoard: Vec<Vec<u8>> = Vec::new();
+            loop {
+                hoard.push(vec![1; 1 << 20]);
+            }
+        }
+        "reserve" => drop(std::hint::black_box(Vec::<u8>::with_capacity(20_000_000_000_000))),
+        "spin" => loop {
+            std::hint::spin_loop();
+        },
+        "wait" => loop {
+            std::thread::park();
+        },
+        "disk" => {
+            let flood = vec![1; 1 << 20];
+            let mut file = std::fs::File::create(&config.frames).unwrap();
+            loop {
+                std::io::Write::write_all(&mut file, &flood).unwrap();
+            }
+        }
+        "panic" => panic!("as hostile bytes would make the reader do"),
+        other => unreachable!("no misbehaviour is called {other}"),
+    }
+}

@@ -1,0 +1,292 @@
+//! Tests of uploads: what is kept, what is not, and what a crash or a hostile recording can do.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
+
+use std::{fs, time::Instant};
+
+use futures::{StreamExt as _, stream};
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+
+use super::{
+    NewUpload, Started, frames_path, part_path,
+    testing::{REFUSING, USABLE, child, chunk, playing, real, recording},
+};
+use crate::{
+    domain::{
+        episode::{EpisodeFilter, Outcome},
+        id::UploadId,
+    },
+    error::{Error, Kind},
+};
+
+#[tokio::test]
+async fn an_upload_becomes_an_episode() {
+    let f = playing(USABLE).await;
+    let inspected = f.push(b"recording").await.unwrap();
+    let episode = f.store.episode(&inspected.episode.id).await.unwrap().episode;
+    assert_eq!((episode.steps, episode.mapping.as_str(), episode.cohort.as_str()), (20, "plain", "ada"));
+    assert_eq!(f.ingest.blobs.get(&episode.recording).unwrap(), b"recording");
+    assert_eq!(f.store.labels(&episode.id).await.unwrap()[0].author, "tests");
+    assert!(f.files(&["uploads", "tmp"]).is_empty(), "{:?}", f.files(&["uploads", "tmp"]));
+    assert!(f.store.uploads().await.unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn a_broken_stream_is_resumed_after_a_restart() {
+    let mut f = playing(USABLE).await;
+    let upload = f.start(b"recording").await;
+    let broken = stream::iter([Ok(chunk(&upload.id, 0, b"reco")), Err(Error::cancelled("gone"))]);
+    assert_eq!(f.ingest.write(broken).await.unwrap_err().kind(), Kind::Cancelled);
+    assert_eq!(f.ingest.status(&upload.id).await.unwrap().committed, 4);
+
+    f.reopen().await;
+    let again = f.start(b"recording").await;
+    assert_eq!((&again.id, again.committed), (&upload.id, 4));
+    let early = f.ingest.finish(&upload.id).await.unwrap_err();
+    assert_eq!(early.kind(), Kind::Precondition);
+    assert!(early.message().contains("4 of 9 bytes"), "{early}");
+    assert_eq!(f.write(&upload.id, 4, b"rding").await.unwrap(), 9);
+    let inspected = f.ingest.finish(&upload.id).await.unwrap();
+    assert_eq!(f.ingest.blobs.get(&inspected.episode.recording).unwrap(), b"recording");
+}
+
+#[tokio::test]
+async fn bytes_are_acknowledged_while_the_stream_is_open() {
+    let f = playing(USABLE).await;
+    let upload = f.start(b"recording").await;
+    let (send, chunks) = mpsc::channel(1);
+    let writing = f.ingest.write(ReceiverStream::new(chunks));
+    let watching = async {
+        send.send(Ok(chunk(&upload.id, 0, b"reco"))).await.unwrap();
+        let deadline = Instant::now() + std::time::Duration::from_secs(10);
+        while f.ingest.status(&upload.id).await.unwrap().committed == 0 {
+            assert!(Instant::now() < deadline, "nothing was acknowledged");
+            tokio::task::yield_now().await;
+        }
+        drop(send);
+    };
+    let (committed, ()) = tokio::join!(writing, watching);
+    assert_eq!(committed.unwrap(), 4);
+}
+
+#[tokio::test]
+async fn a_wrong_chunk_is_refused_and_what_came_before_is_kept() {
+    let f = playing(USABLE).await;
+    let upload = f.start(b"recording").await;
+    for (at, last, field, committed) in [
+        (0, chunk(&upload.id, 4, b"x"), "offset: ", 2),
+        (2, chunk(&upload.id, 4, b"rding!"), "data: ", 4),
+        (4, chunk(&UploadId::new(), 6, b"ing"), "upload_id: ", 6),
+    ] {
+        let chunks = stream::iter([Ok(chunk(&upload.id, at, &b"recording"[at..at + 2])), Ok(last)]);
+        let error = f.ingest.write(chunks).await.unwrap_err();
+        assert!(error.message().starts_with(field), "{error}");
+        assert_eq!(f.ingest.status(&upload.id).await.unwrap().committed, committed);
+    }
+    let nothing = f.ingest.write(stream::empty().boxed()).await.unwrap_err();
+    assert!(nothing.message().starts_with("upload_id: "), "{nothing}");
+    assert_eq!(f.write(&UploadId::new(), 0, b"r").await.unwrap_err().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn a_new_stream_takes_over_from_one_that_hangs() {
+    let f = playing(USABLE).await;
+    let upload = f.start(b"recording").await;
+    let (send, chunks) = mpsc::channel(1);
+    let ingest = f.ingest.clone();
+    let hanging = tokio::spawn(async move { ingest.write(ReceiverStream::new(chunks)).await });
+    send.send(Ok(chunk(&upload.id, 0, b"reco"))).await.unwrap();
+    // Once this is accepted too, the first chunk has been taken.
+    send.send(Ok(chunk(&upload.id, 4, b"rd"))).await.unwrap();
+    let refused = f.write(&upload.id, 0, b"recording").await.unwrap_err();
+    assert!(refused.message().starts_with("offset: "), "{refused}");
+    assert_eq!(hanging.await.unwrap().unwrap_err().kind(), Kind::Unavailable);
+    let committed = usize::try_from(f.ingest.status(&upload.id).await.unwrap().committed).unwrap();
+    assert!(committed >= 4, "{committed}");
+    assert_eq!(f.write(&upload.id, committed, &b"recording"[committed..]).await.unwrap(), 9);
+}
+
+#[tokio::test]
+async fn the_same_content_twice_is_the_same_episode() {
+    let f = playing(USABLE).await;
+    // Neither takes the upload from the other.
+    let (one, two) = (f.start(b"recording").await, f.start(b"recording").await);
+    assert_ne!(one.id, two.id);
+    for upload in [&one, &two] {
+        f.write(&upload.id, 0, b"recording").await.unwrap();
+    }
+    let (first, second) = tokio::join!(f.ingest.finish(&one.id), f.ingest.finish(&two.id));
+    let id = first.unwrap().episode.id;
+    assert_eq!(second.unwrap().episode.id, id);
+    let Started::Existing(third) = f.ingest.start(f.new_upload(b"recording")).await.unwrap() else {
+        panic!("opened again")
+    };
+    assert_eq!(third.id, id);
+    let filter = EpisodeFilter { task_id: f.task.id.clone(), outcome: None, cohort: None };
+    assert_eq!(f.store.episodes(&filter, None, 9).await.unwrap().0.len(), 1);
+    assert!(f.files(&["uploads", "tmp"]).is_empty());
+}
+
+#[tokio::test]
+async fn the_same_content_under_another_label_is_told() {
+    let f = playing(USABLE).await;
+    let late = f.start(b"recording").await;
+    f.write(&late.id, 0, b"recording").await.unwrap();
+    let id = f.push(b"recording").await.unwrap().episode.id;
+    let other = NewUpload { outcome: Outcome::Failure, ..f.new_upload(b"recording") };
+    let error = f.ingest.start(other).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Exists);
+    for part in [id.as_str(), "labelled success", "\"ada\"", "gleaner label"] {
+        assert!(error.message().contains(part), "{error}");
+    }
+    // So it is when the content became visible while an upload was open.
+    let relabelled = crate::domain::episode::Upload { cohort: "bob".into(), ..late };
+    f.store.relabel_upload(&relabelled).await.unwrap();
+    assert_eq!(f.ingest.finish(&relabelled.id).await.unwrap_err().kind(), Kind::Exists);
+    assert!(f.files(&["uploads"]).is_empty());
+}
+
+#[tokio::test]
+async fn nothing_is_kept_of_what_an_inspection_refuses() {
+    let f = playing(REFUSING).await;
+    let error = f.push(b"recording").await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Invalid);
+    assert_eq!(error.message(), "recording: reach.mcap holds no /joints; record it");
+    assert!(f.store.uploads().await.unwrap().is_empty());
+    assert!(f.files(&["uploads", "blobs", "cache", "tmp"]).is_empty());
+}
+
+#[tokio::test]
+async fn nothing_is_kept_of_content_that_is_not_as_declared() {
+    let f = playing(USABLE).await;
+    let upload = f.start(b"recording").await;
+    f.write(&upload.id, 0, b"recordinG").await.unwrap();
+    let error = f.ingest.finish(&upload.id).await.unwrap_err();
+    assert!(error.message().starts_with("blake3: "), "{error}");
+    assert_eq!(f.ingest.status(&upload.id).await.unwrap_err().kind(), Kind::NotFound);
+    assert!(f.files(&["uploads", "blobs"]).is_empty());
+}
+
+#[tokio::test]
+async fn an_inspection_that_fails_by_itself_keeps_the_upload() {
+    let f = playing("echo no such library >&2; exit 127").await;
+    let upload = f.start(b"recording").await;
+    f.write(&upload.id, 0, b"recording").await.unwrap();
+    let error = f.ingest.finish(&upload.id).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Internal);
+    assert!(error.to_string().contains("no such library"), "{error}");
+    assert_eq!(f.ingest.status(&upload.id).await.unwrap().committed, 9);
+}
+
+#[tokio::test]
+async fn too_large_is_refused_before_a_byte_is_sent() {
+    let f = real("none", &["--max-upload-bytes", "8"]).await;
+    assert_eq!(f.ingest.start(f.new_upload(b"recording")).await.unwrap_err().kind(), Kind::Exhausted);
+}
+
+#[tokio::test]
+async fn a_start_puts_right_what_a_crash_left() {
+    let mut f = playing(USABLE).await;
+    let dir = f.dir.path().to_owned();
+    let (longer, shorter, gone, placed) =
+        (f.start(b"longer").await, f.start(b"shorter").await, f.start(b"gone").await, f.start(b"placed").await);
+    f.write(&longer.id, 0, b"long").await.unwrap();
+    fs::write(part_path(&dir, &longer.id), b"long, and what was never synced").unwrap();
+    f.write(&shorter.id, 0, b"short").await.unwrap();
+    fs::write(part_path(&dir, &shorter.id), b"sh").unwrap();
+    f.write(&gone.id, 0, b"gone").await.unwrap();
+    fs::remove_file(part_path(&dir, &gone.id)).unwrap();
+    // The crash came between the move of a finished upload and its row.
+    f.write(&placed.id, 0, b"placed").await.unwrap();
+    f.ingest.blobs.put_file(&part_path(&dir, &placed.id)).unwrap();
+    fs::write(part_path(&dir, &UploadId::new()), b"no row").unwrap();
+    fs::create_dir(dir.join("tmp/inspect-x")).unwrap();
+    fs::write(dir.join("tmp/blob-x"), b"half").unwrap();
+
+    f.reopen().await;
+    let open: Vec<_> = f.store.uploads().await.unwrap().into_iter().map(|upload| upload.id).collect();
+    assert_eq!(open.len(), 2);
+    assert!(open.contains(&longer.id) && open.contains(&placed.id));
+    assert_eq!(fs::read(part_path(&dir, &longer.id)).unwrap(), b"long");
+    assert_eq!(f.files(&["uploads", "tmp"]), [part_path(&dir, &longer.id)]);
+    assert_eq!(f.write(&longer.id, 4, b"er").await.unwrap(), 6);
+    assert!(f.ingest.finish(&placed.id).await.is_ok());
+}
+
+#[tokio::test]
+async fn a_real_recording_is_read_and_its_frames_are_rebuilt_when_torn() {
+    let f = real("none", &[]).await;
+    let content = recording(&f.task, 20);
+    let inspected = f.push(&content).await.unwrap();
+    assert_eq!((inspected.episode.steps, inspected.episode.warnings), (20, 0), "{:?}", inspected.report);
+    let blob = &inspected.episode.recording;
+    let actions = f.ingest.frames(&f.task.spec, blob).await.unwrap().action();
+    assert_eq!((actions.len(), actions[19]), (20, -19.0));
+    let cache = frames_path(f.dir.path(), blob, &f.task.spec);
+    let whole = fs::read(&cache).unwrap();
+    for torn in [Some(whole.len() / 2), None] {
+        match torn {
+            Some(size) => fs::write(&cache, &whole[..size]).unwrap(),
+            None => fs::remove_file(&cache).unwrap(),
+        }
+        assert_eq!(f.ingest.frames(&f.task.spec, blob).await.unwrap().action(), actions);
+        assert!(fs::read(&cache).unwrap() == whole);
+    }
+}
+
+#[tokio::test]
+async fn what_is_not_a_recording_is_refused_with_its_mend() {
+    let f = real("none", &[]).await;
+    for content in [&b"recording"[..], &recording(&f.task, 20)[..200]] {
+        let error = f.push(content).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{error}");
+        assert!(error.message().starts_with("recording: "), "{error}");
+        assert!(!error.message().contains(f.dir.path().to_str().unwrap()), "{error}");
+    }
+    assert!(f.files(&["uploads", "blobs", "cache", "tmp"]).is_empty());
+}
+
+#[tokio::test]
+async fn a_recording_that_breaks_a_limit_is_refused_and_nothing_is_kept() {
+    for (misbehaviour, said) in [
+        ("memory", "more than 64 MiB of memory"),
+        ("reserve", "more than 64 MiB of memory"),
+        ("disk", "decoded images take more than 64 MiB"),
+        ("panic", "breaks the reader"),
+    ] {
+        let f = real(misbehaviour, &["--inspect-memory-bytes", "67108864", "--inspect-seconds", "60"]).await;
+        let error = f.push(b"recording").await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{misbehaviour}: {error}");
+        assert!(error.message().contains(said), "{misbehaviour}: {error}");
+        assert!(f.store.uploads().await.unwrap().is_empty());
+        assert!(f.files(&["uploads", "blobs", "cache", "tmp"]).is_empty(), "{misbehaviour}");
+    }
+}
+
+#[tokio::test]
+async fn a_recording_that_never_ends_is_refused_in_time() {
+    for misbehaviour in ["spin", "wait"] {
+        let f = real(misbehaviour, &["--inspect-seconds", "1"]).await;
+        let error = f.push(b"recording").await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{misbehaviour}: {error}");
+        assert!(error.message().contains("more than 1 s"), "{misbehaviour}: {error}");
+    }
+}
+
+#[test]
+fn processor_time_is_limited_without_a_parent_that_watches() {
+    use std::{os::unix::process::ExitStatusExt as _, process::Command};
+
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let command = child("spin");
+    let status = Command::new(&command[0])
+        .args(&command[1..])
+        .args(["--recording", &file("r"), "--spec", &file("s"), "--report", &file("p"), "--frames", &file("f")])
+        .args(["--memory-bytes", "67108864", "--seconds", "1"])
+        .stdout(std::process::Stdio::null())
+        .status()
+        .unwrap();
+    assert_eq!(status.signal(), Some(rustix::process::Signal::XCPU.as_raw()), "{status}");
+}
