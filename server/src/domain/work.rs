@@ -3,7 +3,7 @@
 use gleaner_recording::TaskSpec;
 
 use super::{
-    dataset::ExportFile,
+    dataset::{ExportFile, KeptSegment},
     id::{BlobId, EpisodeId},
     score::EpisodeScores,
 };
@@ -46,7 +46,9 @@ pub struct KeptInput {
     /// The episode.
     pub episode: InputEpisode,
     /// Its kept segments.
-    pub segments: Vec<super::dataset::KeptSegment>,
+    pub segments: Vec<KeptSegment>,
+    /// w of each of them; for export.
+    pub similarities: Vec<f64>,
 }
 
 /// How far a worker is.

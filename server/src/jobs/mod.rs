@@ -13,6 +13,8 @@ mod submit;
 mod supervisor;
 #[cfg(test)]
 mod testing;
+#[cfg(test)]
+mod tests;
 mod token;
 mod watch;
 

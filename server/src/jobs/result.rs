@@ -42,9 +42,9 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
         })),
         (
             JobSpec::Score { encoder_id, snapshot_id, .. },
-            Made::Scores { similarity, normaliser, lo, hi, expert_ids, episodes },
+            Made::Scores { similarity, normaliser, lo, hi, expert_ids, mut episodes },
         ) => {
-            check_scores(store, snapshot_id, &expert_ids, &episodes).await?;
+            check_scores(store, snapshot_id, &expert_ids, &mut episodes).await?;
             let run = ScoreRun {
                 id: result_id(job, ScoreRunId::try_from)?,
                 task_id,
@@ -85,19 +85,21 @@ fn result_id<T>(job: &Job, read: impl FnOnce(String) -> std::result::Result<T, S
     read(job.result_id.clone()).map_err(|problem| Error::internal("reading a job's result id", problem))
 }
 
+/// Checks every list of scores against its episode, and puts them in the snapshot's order.
 async fn check_scores(
     store: &Store,
     snapshot: &SnapshotId,
     expert_ids: &[EpisodeId],
-    scores: &[EpisodeScores],
+    scores: &mut [EpisodeScores],
 ) -> Result<()> {
     let (_, episodes) = store.snapshot(snapshot).await?;
-    let expected: HashMap<&EpisodeId, &SnapshotEpisode> =
-        episodes.iter().map(|episode| (&episode.episode_id, episode)).collect();
-    for scores in scores {
+    let expected: HashMap<&EpisodeId, (usize, &SnapshotEpisode)> =
+        episodes.iter().enumerate().map(|(place, episode)| (&episode.episode_id, (place, episode))).collect();
+    for scores in scores.iter() {
         let field = format!("episode_scores of {}", scores.episode_id);
         let episode = expected
             .get(&scores.episode_id)
+            .map(|(_, episode)| episode)
             .filter(|episode| episode.role == scores.role)
             .ok_or_else(|| Error::invalid(&field, "is not in the job's snapshot with this role"))?;
         fit(&field, scores, episode.steps, expert_ids.len())?;
@@ -107,6 +109,10 @@ async fn check_scores(
     let all = episodes.iter().filter(|episode| imperfect(episode.role)).count();
     if scored != all {
         return Err(Error::invalid("episode_scores", format!("are of {scored} imperfect episodes, the snapshot has {all}")));
+    }
+    scores.sort_by_key(|scores| expected.get(&scores.episode_id).map(|(place, _)| *place));
+    if scores.windows(2).any(|pair| pair[0].episode_id == pair[1].episode_id) {
+        return Err(Error::invalid("episode_scores", "an episode comes twice"));
     }
     Ok(())
 }

@@ -1,1 +1,63 @@
-//! Fixtures for the tests of this room.
+//! Fixtures for the tests of this room: a queue without workers over a fresh database.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests only")]
+
+use std::sync::Arc;
+
+use clap::Parser as _;
+use tempfile::TempDir;
+
+use super::Jobs;
+use crate::{
+    blobs::Blobs,
+    config::{Cli, Command},
+    domain::{attempt::Attempt, episode::Outcome, job::Job, task::Task},
+    store::{Store, testing},
+};
+
+/// A queue that claims nothing by itself, a task, and the folder they live in.
+pub(super) struct Bench {
+    pub(super) dir: TempDir,
+    pub(super) store: Store,
+    pub(super) jobs: Jobs,
+    pub(super) task: Task,
+}
+
+impl Bench {
+    /// With an expert and an imperfect episode.
+    pub(super) async fn new() -> Self {
+        let bench = Self::empty().await;
+        testing::episode(&bench.store, &bench.task, Outcome::Success, "").await;
+        testing::episode(&bench.store, &bench.task, Outcome::Failure, "").await;
+        bench
+    }
+
+    /// Without episodes.
+    pub(super) async fn empty() -> Self {
+        let (dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let jobs = start(&dir, &store).await;
+        Self { dir, store, jobs, task }
+    }
+
+    /// Claims the next job, as a worker with a token would have it.
+    pub(super) async fn claim(&self) -> (Attempt, Job) {
+        let mint = super::token::Mint::new();
+        let job = self.store.claim_job(&mint.hash).await.unwrap().expect("a job is ready");
+        (mint.attempt(&job.id), job)
+    }
+
+    /// Blobs of the same folder.
+    pub(super) fn blobs(&self) -> Blobs {
+        Blobs::open(self.dir.path()).unwrap()
+    }
+}
+
+/// A queue over this folder and database.
+pub(super) async fn start(dir: &TempDir, store: &Store) -> Jobs {
+    let data = dir.path().to_str().unwrap();
+    let cli = Cli::try_parse_from(["gleaner-server", "serve", "--workers", "0", "--data-dir", data]).unwrap();
+    let Command::Serve(config) = cli.command else { panic!("not serve") };
+    let blobs = Blobs::open(dir.path()).unwrap();
+    Jobs::start(&Arc::new(*config), store.clone(), blobs, "127.0.0.1:1".parse().unwrap()).await.unwrap()
+}

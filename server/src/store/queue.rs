@@ -217,3 +217,6 @@ async fn drop_dependents(tx: &mut Transaction<'_, Sqlite>, id: &JobId, state: Jo
 async fn reread(tx: &mut Transaction<'_, Sqlite>, id: &JobId) -> Result<Job> {
     by_id(tx, id).await?.ok_or_else(|| Error::internal("reading a job back", "it is gone"))
 }
+
+#[cfg(test)]
+mod tests;

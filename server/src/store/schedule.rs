@@ -199,3 +199,6 @@ pub(super) async fn started(tx: &mut Transaction<'_, Sqlite>, start: &ScheduleSt
     .map_err(fault("moving a schedule on"))?;
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,12 +1,58 @@
-//! The worker process: one job, then it ends. A client of the server that started it.
+//! The worker process: one job, then it ends. A client of the server that gave it the job.
+//!
+//! The work itself runs on a thread of its own; this room's runtime only talks to the server. Any call that
+//! fails ends the process: the server then gives the job to another attempt.
 
-use crate::{config::WorkerConfig, error::{Error, Result}};
+mod client;
+mod episodes;
+mod export;
+mod failure;
+mod monitor;
+mod process;
+mod reporter;
+mod work;
+
+use self::{client::Client, failure::Failure, work::Work};
+use crate::{
+    blobs::Blobs,
+    config::WorkerConfig,
+    error::{Error, Result},
+};
 
 /// Runs one job to its end.
 ///
 /// # Errors
-/// When the server cannot be reached or the job fails.
+/// When the server cannot be reached or refuses a call. A job that fails is no error: the server knows why.
 pub fn run(config: WorkerConfig) -> Result<()> {
-    let _ = config;
-    Err(Error::unavailable("not there yet"))
+    process::settle(&config)?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Error::internal("starting the worker", error))?;
+    let result = runtime.block_on(serve(config));
+    // The job's thread may be amid a step; the process ends without waiting for it.
+    runtime.shutdown_background();
+    result
+}
+
+async fn serve(config: WorkerConfig) -> Result<()> {
+    let blobs = Blobs::open(&config.data_dir)?;
+    let mut client = Client::connect(&config).await?;
+    let (job_id, order, inputs) = client.assignment().await?;
+    tracing::info!(job.id = %job_id, "working");
+    let (monitor, events) = monitor::channel(blobs.clone());
+    let stop = monitor.stop();
+    let work = Work { data_dir: config.data_dir, threads: config.threads, blobs, inputs, monitor };
+    let working = tokio::task::spawn_blocking(move || work.perform(order));
+    reporter::report(&mut client, events, &stop).await?;
+    let made = match working.await {
+        Ok(made) => made,
+        Err(error) => Err(Failure::Broken(format!("the job's code gave up: {error}"))),
+    };
+    match made {
+        Ok(made) => client.complete(made).await,
+        Err(Failure::Cancelled) => Ok(()),
+        Err(Failure::Hopeless(error)) => client.fail(error, false).await,
+        Err(Failure::Broken(error)) => client.fail(error, true).await,
+    }
 }

@@ -1,0 +1,322 @@
+//! The queue as its callers see it: orders resolved, pipelines linked, results kept, watchers told.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+use futures::{StreamExt as _, TryStreamExt as _};
+use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
+
+use super::{Jobs, testing::{self, Bench}};
+use crate::{
+    domain::{
+        id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, TaskId},
+        job::{Job, JobSpec, JobState},
+        order::{JobFilter, JobOrder, Queueing, TrainData},
+        schedule::{PipelineSpec, Schedule, Trigger},
+        score::EpisodeScores,
+        snapshot::{Role, RoleRule},
+        time::Millis,
+        work::{Made, Progress},
+    },
+    error::{Kind, Result},
+};
+
+fn pretrain() -> JobOrder {
+    JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec: PretrainSpec::default() }
+}
+
+fn pipeline() -> PipelineSpec {
+    PipelineSpec {
+        snapshot_id: None,
+        rule: RoleRule::default(),
+        pretrain: PretrainSpec::default(),
+        score: true,
+        beta: Some(0.5),
+        train: Some(TrainSpec::default()),
+    }
+}
+
+async fn submit(bench: &Bench, order: JobOrder) -> Result<Job> {
+    bench.jobs.submit(&bench.task.id, order, Queueing::default()).await
+}
+
+fn encoder(job: &Job) -> EncoderId {
+    EncoderId::try_from(job.result_id.clone()).unwrap()
+}
+
+fn scores(episode: EpisodeId, role: Role, q: f32) -> EpisodeScores {
+    EpisodeScores {
+        episode_id: episode,
+        role,
+        w: vec![-1.0; 20],
+        q: vec![q; 20],
+        match_episode: vec![0; 20],
+        match_step: vec![0; 20],
+        distances: vec![[0.5, 0.25, 0.25]; 20],
+    }
+}
+
+#[tokio::test]
+async fn an_order_gets_a_snapshot_a_result_id_and_its_needs() {
+    let bench = Bench::new().await;
+    let first = submit(&bench, pretrain()).await.unwrap();
+    let JobSpec::Pretrain { snapshot_id, .. } = &first.spec else { panic!("not pretrain") };
+    assert_eq!((first.state, first.max_attempts, first.needs.len()), (JobState::Queued, 3, 0));
+
+    let encoder_id = encoder(&first);
+    let order = JobOrder::Score { encoder_id: encoder_id.clone(), snapshot_id: None, spec: ScoreSpec::default() };
+    let score = submit(&bench, order).await.unwrap();
+    assert_eq!(score.needs, [first.id.clone()]);
+    assert!(matches!(&score.spec, JobSpec::Score { snapshot_id: own, .. } if own == snapshot_id));
+
+    let order = JobOrder::Train { data: TrainData::ExpertsOf(encoder_id), spec: TrainSpec::default() };
+    let queueing = Queueing { priority: 7, needs: vec![score.id.clone()], max_attempts: Some(1) };
+    let base = bench.jobs.submit(&bench.task.id, order, queueing).await.unwrap();
+    assert_eq!((base.priority, base.max_attempts, base.needs.len()), (7, 1, 2));
+    assert!(matches!(&base.spec, JobSpec::Train { dataset_id: None, snapshot_id: own, .. } if own == snapshot_id));
+}
+
+#[tokio::test]
+async fn what_is_not_there_or_not_ready_is_refused() {
+    let bench = Bench::empty().await;
+    assert_eq!(submit(&bench, pretrain()).await.unwrap_err().kind(), Kind::Precondition, "no episodes");
+    let order = JobOrder::Score { encoder_id: EncoderId::new(), snapshot_id: None, spec: ScoreSpec::default() };
+    assert_eq!(submit(&bench, order).await.unwrap_err().kind(), Kind::NotFound);
+    let order = JobOrder::Export { dataset_id: DatasetId::new() };
+    assert_eq!(submit(&bench, order).await.unwrap_err().kind(), Kind::NotFound);
+
+    let bench = Bench::new().await;
+    let first = submit(&bench, pretrain()).await.unwrap();
+    let order = || JobOrder::Score { encoder_id: encoder(&first), snapshot_id: None, spec: ScoreSpec::default() };
+    let error = bench.jobs.submit(&TaskId::new(), order(), Queueing::default()).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Invalid, "{error}");
+    assert!(error.message().starts_with("spec.score.encoder_id: "), "{error}");
+    bench.jobs.cancel(&first.id).await.unwrap();
+    assert_eq!(submit(&bench, order()).await.unwrap_err().kind(), Kind::Precondition, "its maker gave up");
+}
+
+#[tokio::test]
+async fn a_pipeline_is_linked_and_whole() {
+    let bench = Bench::new().await;
+    let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 4, None).await.unwrap();
+    let [first, score, train] = jobs.as_slice() else { panic!("{} jobs", jobs.len()) };
+    assert_eq!((&score.needs, &train.needs), (&vec![first.id.clone()], &vec![score.id.clone()]));
+    assert!(jobs.iter().all(|job| job.priority == 4));
+    let dataset = bench.store.dataset(&dataset.unwrap()).await.unwrap();
+    assert_eq!((dataset.beta, String::from(dataset.score_run_id)), (0.5, score.result_id.clone()));
+    assert!(matches!(&train.spec, JobSpec::Train { dataset_id: Some(id), .. } if *id == dataset.id));
+
+    let short = PipelineSpec { score: false, beta: None, train: None, ..pipeline() };
+    let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &short, 0, None).await.unwrap();
+    assert_eq!((jobs.len(), dataset), (1, None));
+}
+
+#[tokio::test]
+async fn results_end_jobs_and_give_the_next_their_input() {
+    let bench = Bench::new().await;
+    let (jobs, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 0, None).await.unwrap();
+    let (attempt, job) = bench.claim().await;
+    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    assert_eq!((inputs.experts.len(), inputs.imperfect.len(), inputs.encoder), (1, 1, None));
+    let absent = BlobId::from(blake3::hash(b"absent"));
+    let refused = bench.jobs.complete(&attempt, &job, Made::Encoder { checkpoint: absent }).await.unwrap_err();
+    assert_eq!(refused.kind(), Kind::NotFound);
+    let checkpoint = bench.blobs().put(b"encoder").unwrap();
+    let wrong = Made::Policy { checkpoint: checkpoint.clone(), kind: "finetune".into() };
+    assert_eq!(bench.jobs.complete(&attempt, &job, wrong).await.unwrap_err().kind(), Kind::Invalid);
+    bench.jobs.complete(&attempt, &job, Made::Encoder { checkpoint: checkpoint.clone() }).await.unwrap();
+    assert_eq!(bench.store.encoder(&encoder(&jobs[0])).await.unwrap().checkpoint, checkpoint);
+
+    let (attempt, job) = bench.claim().await;
+    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    assert_eq!(inputs.encoder, Some(checkpoint));
+    let (expert, imperfect) = (inputs.experts[0].id.clone(), inputs.imperfect[0].id.clone());
+    let made = |episodes| Made::Scores {
+        similarity: "last_l2".into(),
+        normaliser: "minmax".into(),
+        lo: -2.0,
+        hi: -0.5,
+        expert_ids: vec![expert.clone()],
+        episodes,
+    };
+    let mut short = scores(imperfect.clone(), Role::Imperfect, 0.8);
+    short.q.pop();
+    let stranger = scores(EpisodeId::new(), Role::Imperfect, 0.8);
+    for wrong in [vec![], vec![short], vec![stranger], vec![scores(imperfect.clone(), Role::Imperfect, 1.5)]] {
+        assert_eq!(bench.jobs.complete(&attempt, &job, made(wrong)).await.unwrap_err().kind(), Kind::Invalid);
+    }
+    let mut whole = scores(imperfect.clone(), Role::Imperfect, 0.2);
+    whole.q[7] = 0.8;
+    bench.jobs.complete(&attempt, &job, made(vec![whole])).await.unwrap();
+    let run = ScoreRunId::try_from(job.result_id).unwrap();
+    assert_eq!(bench.store.score_run(&run).await.unwrap().expert_ids, [expert]);
+
+    let (_, job) = bench.claim().await;
+    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    assert_eq!((inputs.experts.len(), inputs.imperfect.len(), inputs.kept.len()), (1, 0, 1));
+    assert_eq!(inputs.kept[0].episode.id, imperfect);
+    assert_eq!(inputs.kept[0].segments.iter().map(|kept| (kept.end_step, kept.weight)).collect::<Vec<_>>(), [(7, 0.8)]);
+
+    let export = submit(&bench, JobOrder::Export { dataset_id: dataset.unwrap() }).await.unwrap();
+    let inputs = bench.jobs.inputs(&export).await.unwrap();
+    assert_eq!((inputs.segment_length, inputs.kept[0].similarities.as_slice()), (6, [-1.0].as_slice()));
+}
+
+#[tokio::test]
+async fn checkpoints_replace_one_another_but_never_take_what_others_name() {
+    let bench = Bench::new().await;
+    let blobs = bench.blobs();
+    submit(&bench, pretrain()).await.unwrap();
+    submit(&bench, pretrain()).await.unwrap();
+    let (one, job) = bench.claim().await;
+    let (other, _) = bench.claim().await;
+    let (first, second) = (blobs.put(b"first").unwrap(), blobs.put(b"second").unwrap());
+    bench.jobs.checkpoint(&one, 10, &first).await.unwrap();
+    bench.jobs.checkpoint(&other, 10, &first).await.unwrap();
+    bench.jobs.checkpoint(&one, 20, &second).await.unwrap();
+    assert!(blobs.contains(&first), "the other job resumes from it");
+    bench.jobs.checkpoint(&other, 20, &second).await.unwrap();
+    assert!(!blobs.contains(&first) && blobs.contains(&second));
+    let absent = BlobId::from(blake3::hash(b"absent"));
+    assert_eq!(bench.jobs.checkpoint(&one, 30, &absent).await.unwrap_err().kind(), Kind::NotFound);
+
+    bench.jobs.complete(&one, &job, Made::Encoder { checkpoint: second.clone() }).await.unwrap();
+    bench.jobs.fail(&other, "the loss is not finite".into(), false).await.unwrap();
+    assert!(blobs.contains(&second), "it is an encoder now");
+    assert_eq!(bench.store.job(&other.job_id).await.unwrap().error, "the loss is not finite");
+}
+
+#[tokio::test]
+async fn only_a_running_attempts_token_opens() {
+    let bench = Bench::new().await;
+    submit(&bench, pretrain()).await.unwrap();
+    let mint = super::token::Mint::new();
+    let job = bench.store.claim_job(&mint.hash).await.unwrap().unwrap();
+    let token = mint.token(&job.id);
+    let (attempt, known) = bench.jobs.authenticate(token.reveal()).await.unwrap().unwrap();
+    assert_eq!(known.id, job.id);
+    let forged = super::token::Mint::new().token(&job.id);
+    assert!(bench.jobs.authenticate(forged.reveal()).await.unwrap().is_none());
+    assert!(bench.jobs.authenticate("").await.unwrap().is_none());
+    bench.jobs.fail(&attempt, "no".into(), false).await.unwrap();
+    assert!(bench.jobs.authenticate(token.reveal()).await.unwrap().is_none());
+}
+
+#[tokio::test]
+async fn a_watcher_sees_every_metric_and_the_end() {
+    let bench = Bench::new().await;
+    let id = submit(&bench, pretrain()).await.unwrap().id;
+    let mut watched = Box::pin(bench.jobs.watch(&id).await.unwrap());
+    let (job, metrics) = watched.next().await.unwrap().unwrap();
+    assert_eq!((job.state, metrics.len()), (JobState::Queued, 0));
+
+    let (attempt, job) = bench.claim().await;
+    let metrics = (1..=5000).map(|step| (step, "loss".to_owned(), 0.5)).collect();
+    bench.jobs.progress(&attempt, &Progress { done: 5000, total: 5000, metrics, ..Progress::default() }).await.unwrap();
+    let checkpoint = bench.blobs().put(b"encoder").unwrap();
+    bench.jobs.complete(&attempt, &job, Made::Encoder { checkpoint }).await.unwrap();
+    let rest: Vec<_> = watched.try_collect().await.unwrap();
+    let steps: Vec<u64> = rest.iter().flat_map(|(_, metrics)| metrics.iter().map(|metric| metric.step)).collect();
+    assert_eq!(steps, (1..=5000).collect::<Vec<_>>());
+    assert_eq!(rest.last().unwrap().0.state, JobState::Succeeded);
+    assert_eq!(bench.jobs.watch(&crate::domain::id::JobId::new()).await.err().unwrap().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn a_stopping_server_tells_its_watchers() {
+    let bench = Bench::new().await;
+    let id = submit(&bench, pretrain()).await.unwrap().id;
+    let watched = Box::pin(bench.jobs.watch(&id).await.unwrap());
+    bench.jobs.stop().await;
+    let error = watched.try_collect::<Vec<_>>().await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Unavailable);
+}
+
+#[tokio::test]
+async fn a_new_server_takes_up_what_a_dead_one_left() {
+    let bench = Bench::new().await;
+    let id = submit(&bench, pretrain()).await.unwrap().id;
+    bench.claim().await;
+    let next = testing::start(&bench.dir, &bench.store).await;
+    let job = bench.store.job(&id).await.unwrap();
+    assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
+    next.stop().await;
+}
+
+fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Schedule {
+    Schedule {
+        id: crate::domain::id::ScheduleId::new(),
+        task_id: bench.task.id.clone(),
+        name: format!("{trigger:?}"),
+        trigger,
+        pipeline: pipeline(),
+        paused: false,
+        next_run_at,
+        last_run_at: None,
+        label_mark: 0,
+        labelled_since: 0,
+        last_error: String::new(),
+    }
+}
+
+async fn jobs(jobs: &Jobs) -> usize {
+    jobs.0.store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.len()
+}
+
+#[tokio::test]
+async fn cron_starts_once_when_due_and_moves_on() {
+    let bench = Bench::new().await;
+    // The scheduler's own task must not look at the same time.
+    bench.jobs.stop().await;
+    let hour = 3_600_000;
+    let nightly = schedule(&bench, Trigger::Cron("0 * * * *".into()), Some(Millis(hour)));
+    let id = bench.store.insert_schedule(&nightly).await.unwrap().id;
+    let due = |now| super::scheduler::start_due(&bench.jobs.0, Millis(now));
+    assert_eq!(due(hour - 1).await.unwrap(), Some(Millis(hour)));
+    assert_eq!(jobs(&bench.jobs).await, 0);
+    // Two hours late: made up for once.
+    assert_eq!(due(3 * hour + 5).await.unwrap(), Some(Millis(4 * hour)));
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    assert_eq!(due(3 * hour + 5).await.unwrap(), Some(Millis(4 * hour)));
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    assert_eq!(bench.store.schedule(&id).await.unwrap().last_run_at, Some(Millis(3 * hour + 5)));
+
+    let paused = bench.jobs.pause_schedule(&id, true).await.unwrap();
+    assert_eq!((paused.paused, paused.next_run_at), (true, None));
+    assert_eq!(due(9 * hour).await.unwrap(), None);
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    assert!(bench.jobs.pause_schedule(&id, false).await.unwrap().next_run_at.is_some());
+}
+
+#[tokio::test]
+async fn a_start_that_fails_says_why_and_keeps_its_count() {
+    let bench = Bench::empty().await;
+    bench.jobs.stop().await;
+    let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);
+    let id = bench.store.insert_schedule(&often).await.unwrap().id;
+    let outcome = crate::domain::episode::Outcome::Success;
+    crate::store::testing::episode(&bench.store, &bench.task, outcome, "").await;
+    super::scheduler::start_due(&bench.jobs.0, Millis(1)).await.unwrap();
+    let failed = bench.store.schedule(&id).await.unwrap();
+    assert!(failed.last_error.contains("imperfect"), "{:?}", failed.last_error);
+    assert_eq!((failed.labelled_since, jobs(&bench.jobs).await), (1, 0));
+
+    let outcome = crate::domain::episode::Outcome::Failure;
+    crate::store::testing::episode(&bench.store, &bench.task, outcome, "").await;
+    super::scheduler::start_due(&bench.jobs.0, Millis(2)).await.unwrap();
+    let started = bench.store.schedule(&id).await.unwrap();
+    assert_eq!((started.labelled_since, started.last_error.as_str(), jobs(&bench.jobs).await), (0, "", 3));
+}
+
+#[tokio::test]
+async fn a_label_wakes_the_scheduler() {
+    let bench = Bench::new().await;
+    let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);
+    bench.jobs.add_schedule(&often).await.unwrap();
+    let mut changed = bench.jobs.0.changed.subscribe();
+    let outcome = crate::domain::episode::Outcome::Success;
+    crate::store::testing::episode(&bench.store, &bench.task, outcome, "").await;
+    bench.jobs.labelled();
+    changed.changed().await.unwrap();
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    bench.jobs.stop().await;
+}

@@ -1,0 +1,241 @@
+//! Claims, moves, retries and cancels, on a real database.
+
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::{
+    domain::{
+        id::{DatasetId, ExportId},
+        job::JobSpec,
+        order::{NewJob, Plan},
+        task::Task,
+        work::Progress,
+    },
+    error::Kind,
+    store::testing,
+};
+
+fn export(task: &Task, priority: i32, needs: &[&JobId]) -> NewJob {
+    NewJob {
+        id: JobId::new(),
+        task_id: task.id.clone(),
+        spec: JobSpec::Export { dataset_id: DatasetId::new() },
+        result_id: ExportId::new().into(),
+        priority,
+        max_attempts: 3,
+        needs: needs.iter().map(|&id| id.clone()).collect(),
+    }
+}
+
+async fn queue(store: &Store, job: NewJob) -> Result<JobId> {
+    let id = job.id.clone();
+    store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.map(|_| id)
+}
+
+/// Claims the next job under a token of its own.
+async fn claim(store: &Store) -> Option<(Attempt, Job)> {
+    let token_hash = JobId::new().to_string();
+    let job = store.claim_job(&token_hash).await.unwrap()?;
+    Some((Attempt { job_id: job.id.clone(), token_hash }, job))
+}
+
+async fn succeed(store: &Store, attempt: &Attempt) {
+    let mut tx = store.write().await.unwrap();
+    let job = running(&mut tx, attempt).await.unwrap().unwrap();
+    advance(&mut tx, &job, JobState::Succeeded, "done", "").await.unwrap();
+    commit(tx).await.unwrap();
+}
+
+#[tokio::test]
+async fn the_highest_priority_goes_first_then_the_oldest() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let mut ids = Vec::new();
+    for priority in [0, 5, -1, 5] {
+        // Ids of one millisecond are in no order.
+        let mut job = export(&task, priority, &[]);
+        job.id = JobId::try_from(format!("job_01ARZ3NDEKTSV4RRFFQ69G5FA{}", ids.len())).unwrap();
+        ids.push(queue(&store, job).await.unwrap());
+    }
+    let mut claimed = Vec::new();
+    while let Some((_, job)) = claim(&store).await {
+        assert_eq!((job.state, job.attempt), (JobState::Running, 1));
+        assert!(job.started_at.is_some());
+        claimed.push(job.id);
+    }
+    assert_eq!(claimed, [1, 3, 0, 2].map(|i: usize| ids[i].clone()));
+}
+
+#[tokio::test]
+async fn a_job_waits_for_all_it_needs() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let first = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let second = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let last = queue(&store, export(&task, 9, &[&first, &second])).await.unwrap();
+    let needs = store.job(&last).await.unwrap().needs;
+    assert!(needs.len() == 2 && needs.contains(&first) && needs.contains(&second));
+
+    let (one, _) = claim(&store).await.unwrap();
+    let (other, _) = claim(&store).await.unwrap();
+    succeed(&store, &one).await;
+    assert!(claim(&store).await.is_none(), "one need is not enough");
+    succeed(&store, &other).await;
+    assert_eq!(claim(&store).await.unwrap().1.id, last);
+}
+
+#[tokio::test]
+async fn each_job_is_claimed_once_however_many_ask() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let mut ids = Vec::new();
+    for _ in 0..12 {
+        ids.push(queue(&store, export(&task, 0, &[])).await.unwrap());
+    }
+    let mut askers = tokio::task::JoinSet::new();
+    for _ in 0..24 {
+        let store = store.clone();
+        askers.spawn(async move { claim(&store).await.map(|(_, job)| job.id) });
+    }
+    let mut claimed: Vec<JobId> = askers.join_all().await.into_iter().flatten().collect();
+    claimed.sort();
+    ids.sort();
+    assert_eq!(claimed, ids);
+}
+
+#[tokio::test]
+async fn a_crash_resumes_until_the_attempts_are_used_up() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let waiting = queue(&store, export(&task, 0, &[&id])).await.unwrap();
+    let blob = BlobId::from(blake3::hash(b"checkpoint"));
+    let crash = AttemptEnd::Broken("the worker was killed by signal 9".to_owned());
+    for attempt in 1..=3 {
+        let (held, job) = claim(&store).await.unwrap();
+        assert_eq!((job.attempt, job.checkpoint_step), (attempt, (attempt > 1).then_some(400)));
+        if attempt == 1 {
+            assert_eq!(store.save_checkpoint(&held, 400, &blob).await.unwrap(), None);
+        }
+        let moved = store.end_attempt(&held, &crash).await.unwrap().unwrap();
+        assert!(store.end_attempt(&held, &crash).await.unwrap().is_none(), "an attempt ends once");
+        if attempt < 3 {
+            assert_eq!((moved.job.state, moved.dropped), (JobState::Queued, None));
+            assert!(moved.job.message.ends_with("resumes from step 400"), "{}", moved.job.message);
+        } else {
+            assert_eq!((moved.job.state, moved.dropped), (JobState::Failed, Some(blob.clone())));
+            assert!(moved.job.error.contains("attempt 3 of 3"), "{}", moved.job.error);
+        }
+    }
+    let dependent = store.job(&waiting).await.unwrap();
+    assert_eq!(dependent.state, JobState::Failed);
+    assert!(dependent.error.contains(id.as_str()), "{}", dependent.error);
+}
+
+#[tokio::test]
+async fn a_requeued_job_forgets_the_metrics_it_will_report_again() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let (held, _) = claim(&store).await.unwrap();
+    let blob = BlobId::from(blake3::hash(b"checkpoint"));
+    let metrics = (1..=5).map(|step| (step, "loss".to_owned(), 0.5)).collect();
+    let progress = Progress { done: 5, total: 9, metrics, peak_memory_bytes: 7, ..Progress::default() };
+    assert!(!store.report_progress(&held, &progress).await.unwrap());
+    store.save_checkpoint(&held, 3, &blob).await.unwrap();
+    let seen = store.metrics(&id, 0, 100).await.unwrap();
+    store.end_attempt(&held, &AttemptEnd::Stopped).await.unwrap();
+
+    let left = store.metrics(&id, 0, 100).await.unwrap();
+    assert_eq!(left.iter().map(|metric| metric.step).collect::<Vec<_>>(), [1, 2, 3]);
+    let (held, job) = claim(&store).await.unwrap();
+    assert_eq!((job.attempt, job.done, job.peak_memory_bytes), (1, 5, 7), "a stop costs no attempt");
+    let again = Progress { metrics: vec![(4, "loss".to_owned(), 0.25)], ..progress };
+    store.report_progress(&held, &again).await.unwrap();
+    let watched = store.metrics(&id, seen.last().unwrap().sequence, 100).await.unwrap();
+    assert_eq!(watched.len(), 1, "who watched before goes on with what comes after");
+}
+
+#[tokio::test]
+async fn a_cancel_takes_the_queued_dependents_along_and_asks_a_worker_to_stop() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let first = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let second = queue(&store, export(&task, 0, &[&first])).await.unwrap();
+    let third = queue(&store, export(&task, 0, &[&second])).await.unwrap();
+    let other = queue(&store, export(&task, -5, &[])).await.unwrap();
+    let (held, _) = claim(&store).await.unwrap();
+
+    let asked = store.cancel_job(&first).await.unwrap().job;
+    assert_eq!((asked.state, asked.cancel_requested), (JobState::Running, true));
+    for dependent in [&second, &third] {
+        assert_eq!(store.job(dependent).await.unwrap().state, JobState::Cancelled);
+    }
+    assert_eq!(store.job(&other).await.unwrap().state, JobState::Queued);
+    assert!(store.report_progress(&held, &Progress::default()).await.unwrap(), "the worker is told");
+    let crash = AttemptEnd::Broken("the worker ended with code 1".to_owned());
+    let ended = store.end_attempt(&held, &crash).await.unwrap().unwrap().job;
+    assert_eq!(ended.state, JobState::Cancelled);
+    assert!(ended.ended_at.is_some());
+    assert_eq!(store.cancel_job(&first).await.unwrap_err().kind(), Kind::Precondition);
+    assert_eq!(store.cancel_job(&JobId::new()).await.unwrap_err().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn what_gave_up_cannot_be_waited_for() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let first = queue(&store, export(&task, 0, &[])).await.unwrap();
+    store.cancel_job(&first).await.unwrap();
+    let error = queue(&store, export(&task, 0, &[&first])).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert!(error.message().contains("cancelled"), "{error}");
+    assert_eq!(queue(&store, export(&task, 0, &[&JobId::new()])).await.unwrap_err().kind(), Kind::NotFound);
+    let (listed, _) = store.jobs(&crate::domain::order::JobFilter::default(), None, 10).await.unwrap();
+    assert_eq!(listed.len(), 1, "a refused plan leaves nothing");
+}
+
+#[tokio::test]
+async fn a_worker_of_an_old_attempt_has_no_say() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let (old, _) = claim(&store).await.unwrap();
+    assert_eq!(store.attempted(&old).await.unwrap().unwrap().id, id);
+    store.end_attempt(&old, &AttemptEnd::Stopped).await.unwrap();
+    let (new, _) = claim(&store).await.unwrap();
+    let blob = BlobId::from(blake3::hash(b"checkpoint"));
+    assert!(store.attempted(&old).await.unwrap().is_none());
+    assert_eq!(store.report_progress(&old, &Progress::default()).await.unwrap_err().kind(), Kind::Precondition);
+    assert_eq!(store.save_checkpoint(&old, 1, &blob).await.unwrap_err().kind(), Kind::Precondition);
+    assert!(store.end_attempt(&old, &AttemptEnd::Stopped).await.unwrap().is_none());
+    assert_eq!(store.running_attempts().await.unwrap(), [new]);
+}
+
+#[tokio::test]
+async fn only_legal_moves_are_made() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = queue(&store, export(&task, 0, &[])).await.unwrap();
+    let mut tx = store.write().await.unwrap();
+    let job = by_id(&mut tx, &id).await.unwrap().unwrap();
+    let error = advance(&mut tx, &job, JobState::Succeeded, "done", "").await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+}
+
+#[tokio::test]
+async fn pages_go_backwards_in_time_and_meet() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    for _ in 0..5 {
+        queue(&store, export(&task, 0, &[])).await.unwrap();
+    }
+    let filter = crate::domain::order::JobFilter { task_id: Some(task.id.clone()), state: Some(JobState::Queued) };
+    let (all, end) = store.jobs(&filter, None, 5).await.unwrap();
+    assert!(all.is_sorted_by(|a, b| a.id > b.id) && end.is_none());
+    let (first, next) = store.jobs(&filter, None, 3).await.unwrap();
+    let (second, end) = store.jobs(&filter, next.as_ref(), 3).await.unwrap();
+    assert_eq!(([first, second].concat(), end), (all, None));
+    let none = crate::domain::order::JobFilter { state: Some(JobState::Failed), ..filter };
+    assert!(store.jobs(&none, None, 3).await.unwrap().0.is_empty());
+}

@@ -1,0 +1,121 @@
+//! Counting labels, moving on, pausing.
+
+#![allow(clippy::unwrap_used)]
+
+use gleaner_learn::PretrainSpec;
+
+use super::*;
+use crate::{
+    domain::{
+        episode::{NewLabel, Outcome},
+        order::Plan,
+        snapshot::RoleRule,
+        task::Task,
+    },
+    error::Kind,
+    store::testing,
+};
+
+async fn schedule(store: &Store, task: &Task, name: &str) -> Result<Schedule> {
+    store
+        .insert_schedule(&Schedule {
+            id: ScheduleId::new(),
+            task_id: task.id.clone(),
+            name: name.to_owned(),
+            trigger: Trigger::LabelledEpisodes(3),
+            pipeline: PipelineSpec {
+                snapshot_id: None,
+                rule: RoleRule::default(),
+                pretrain: PretrainSpec::default(),
+                score: true,
+                beta: Some(0.9),
+                train: None,
+            },
+            paused: false,
+            next_run_at: None,
+            last_run_at: None,
+            label_mark: 0,
+            labelled_since: 0,
+            last_error: String::new(),
+        })
+        .await
+}
+
+async fn label(store: &Store, episode: &crate::domain::id::EpisodeId, outcome: Outcome) {
+    let label = NewLabel { outcome, cohort: None, author: "tests".into(), reason: String::new() };
+    store.label_episodes(std::slice::from_ref(episode), &label).await.unwrap();
+}
+
+async fn labelled_since(store: &Store, id: &ScheduleId) -> u32 {
+    store.schedule(id).await.unwrap().labelled_since
+}
+
+#[tokio::test]
+async fn each_newly_labelled_episode_counts_once() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    let id = schedule(&store, &task, "often").await.unwrap().id;
+    assert_eq!(labelled_since(&store, &id).await, 0, "labels from before do not count");
+
+    let one = testing::episode(&store, &task, Outcome::Success, "").await;
+    label(&store, &one.id, Outcome::Failure).await;
+    assert_eq!(labelled_since(&store, &id).await, 1, "labelled twice, counted once");
+    let silent = testing::episode(&store, &task, Outcome::Unknown, "").await;
+    assert_eq!(labelled_since(&store, &id).await, 1, "unknown says nothing");
+    label(&store, &silent.id, Outcome::Success).await;
+    assert_eq!(labelled_since(&store, &id).await, 2);
+
+    let mut other = testing::spec();
+    other.name = "other".into();
+    let other = store.insert_task(&other).await.unwrap();
+    testing::episode(&store, &other, Outcome::Success, "").await;
+    assert_eq!(labelled_since(&store, &id).await, 2, "another task's labels do not count");
+}
+
+#[tokio::test]
+async fn a_start_counts_anew_and_clears_the_error() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = schedule(&store, &task, "often").await.unwrap().id;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    store.schedule_failed(&id, "no imperfect episode", None).await.unwrap();
+    let failed = store.schedule(&id).await.unwrap();
+    assert_eq!((failed.last_error.as_str(), failed.labelled_since), ("no imperfect episode", 1));
+
+    let label_mark = store.newest_label().await.unwrap();
+    let start = ScheduleStart { id: id.clone(), at: Millis(7), next_run_at: None, label_mark };
+    store.insert_plan(&Plan { start: Some(start), ..Plan::default() }).await.unwrap();
+    let started = store.schedule(&id).await.unwrap();
+    assert_eq!((started.last_error.as_str(), started.labelled_since), ("", 0));
+    assert_eq!(started.last_run_at, Some(Millis(7)));
+}
+
+#[tokio::test]
+async fn nothing_accrues_while_it_stands_still() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = schedule(&store, &task, "often").await.unwrap().id;
+    store.pause_schedule(&id, true, None).await.unwrap();
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    assert_eq!(labelled_since(&store, &id).await, 0);
+    store.pause_schedule(&id, false, None).await.unwrap();
+    assert_eq!(labelled_since(&store, &id).await, 0, "what came meanwhile is passed over");
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    store.pause_schedule(&id, false, None).await.unwrap();
+    assert_eq!(labelled_since(&store, &id).await, 1, "resuming what runs changes nothing");
+}
+
+#[tokio::test]
+async fn names_are_unique_within_a_task_and_deletion_is_final() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let id = schedule(&store, &task, "often").await.unwrap().id;
+    assert_eq!(schedule(&store, &task, "often").await.unwrap_err().kind(), Kind::Exists);
+    schedule(&store, &task, "seldom").await.unwrap();
+    assert_eq!(store.schedules(Some(&task.id)).await.unwrap().len(), 2);
+    assert!(store.schedules(Some(&TaskId::new())).await.unwrap().is_empty());
+    store.delete_schedule(&id).await.unwrap();
+    assert_eq!(store.delete_schedule(&id).await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(store.schedules(None).await.unwrap().len(), 1);
+}

@@ -1,0 +1,88 @@
+//! Episodes as the learning crate takes them: frame caches mapped, rebuilt where they are missing or damaged.
+
+use std::{path::PathBuf, sync::Arc};
+
+use gleaner_learn::{CameraShape, TaskShape, Trajectory, WeightedSegments};
+use gleaner_recording::{Episode, TaskSpec};
+
+use super::failure::Failure;
+use crate::{
+    blobs::Blobs,
+    domain::work::{InputEpisode, KeptInput},
+    ingest::frames_path,
+};
+
+/// Opens the episodes of one task.
+pub(super) struct Episodes<'a> {
+    /// The server's data directory.
+    pub(super) data_dir: &'a PathBuf,
+    /// Its blobs.
+    pub(super) blobs: &'a Blobs,
+    /// The task's spec.
+    pub(super) task: &'a TaskSpec,
+}
+
+impl Episodes<'_> {
+    /// What one step holds.
+    pub(super) fn shape(&self) -> TaskShape {
+        TaskShape {
+            cameras: self
+                .task
+                .cameras
+                .iter()
+                .map(|camera| CameraShape {
+                    name: camera.name.clone(),
+                    height: camera.height,
+                    width: camera.width,
+                    depth: camera.depth,
+                })
+                .collect(),
+            proprioception: self.task.proprioception_size(),
+            action: self.task.action_size(),
+        }
+    }
+
+    /// Every episode, in this order.
+    pub(super) fn trajectories(&self, inputs: &[InputEpisode]) -> Result<Vec<Trajectory>, Failure> {
+        let shape = self.shape();
+        inputs.iter().map(|input| self.trajectory(&shape, input)).collect()
+    }
+
+    /// Every episode with its kept segments and their weights.
+    pub(super) fn weighted(&self, inputs: &[KeptInput]) -> Result<Vec<WeightedSegments>, Failure> {
+        let shape = self.shape();
+        let weighted = |KeptInput { episode, segments, similarities: _ }: &KeptInput| {
+            let steps = segments.iter().map(|segment| (segment.end_step, segment.weight)).collect();
+            Ok(WeightedSegments { trajectory: self.trajectory(&shape, episode)?, steps })
+        };
+        inputs.iter().map(weighted).collect()
+    }
+
+    fn trajectory(&self, shape: &TaskShape, input: &InputEpisode) -> Result<Trajectory, Failure> {
+        let episode = self.open(input)?;
+        if u64::try_from(episode.steps()) != Ok(input.steps) {
+            return Err(Failure::Hopeless(format!(
+                "episode {}: reads as {} steps now, it had {} when it was uploaded; upload it again",
+                input.id,
+                episode.steps(),
+                input.steps
+            )));
+        }
+        let (proprioception, action) = (episode.proprioception(), episode.action());
+        Ok(Trajectory::new(shape, input.id.as_str(), Arc::new(episode.frames()), proprioception, action)?)
+    }
+
+    fn open(&self, input: &InputEpisode) -> Result<Episode, Failure> {
+        let cache = frames_path(self.data_dir, &input.recording, self.task);
+        let problem = match Episode::open(&cache) {
+            Ok(episode) => return Ok(episode),
+            Err(error) => error,
+        };
+        tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
+        let fault = |error| Failure::recording(input.id.as_str(), &error);
+        let reading = gleaner_recording::read_episode(&self.blobs.path(&input.recording), self.task).map_err(fault)?;
+        // The mapped cache takes no memory of the process; what was decoded goes.
+        reading.episode.write_cache(&cache).map_err(fault)?;
+        Episode::open(&cache).map_err(fault)
+    }
+}

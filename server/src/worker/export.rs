@@ -1,0 +1,193 @@
+//! Export: the kept stretches of a dataset as MCAP files of their own, the experts whole, and a manifest.
+
+use std::{io::Write as _, ops::Range, path::Path};
+
+use gleaner_learn::Monitor as _;
+use gleaner_recording::{Kept, TaskSpec};
+use serde::Serialize;
+
+use super::{failure::Failure, monitor::Watcher};
+use crate::{
+    blobs::Blobs,
+    domain::{
+        dataset::{ExportFile, KeptSegment},
+        snapshot::Role,
+        work::{InputEpisode, Inputs, KeptInput},
+    },
+    error::Error,
+};
+
+/// The file that says what every other file holds, one line each.
+const MANIFEST: &str = "manifest.jsonl";
+
+/// One line of the manifest. A step's number counts in the original episode.
+#[derive(Serialize)]
+struct Line<'a> {
+    episode: &'a str,
+    source: &'a str,
+    file: &'a str,
+    role: Role,
+    first_step: u64,
+    last_step: u64,
+    /// l: the segment that ends at a step begins l steps before it.
+    segment_length: u32,
+    /// Nothing for experts, whose steps all have weight 1.
+    steps: Vec<Step<'a>>,
+}
+
+/// One kept step: the end of a kept segment.
+#[derive(Serialize)]
+struct Step<'a> {
+    step: u32,
+    q: f32,
+    w: f64,
+    nearest_episode: &'a str,
+    nearest_step: u32,
+}
+
+/// Makes every file of the export as a blob.
+pub(super) fn export(
+    data_dir: &Path,
+    blobs: &Blobs,
+    inputs: &Inputs,
+    monitor: &mut Watcher,
+) -> Result<Vec<ExportFile>, Failure> {
+    let folder = tempfile::tempdir_in(data_dir.join("tmp")).map_err(|error| Error::internal("making a folder", error))?;
+    let out = Out { folder: folder.path(), blobs, task: &inputs.task, segment_length: inputs.segment_length };
+    let stretches: Vec<(&KeptInput, Range<usize>)> =
+        inputs.kept.iter().flat_map(|kept| stretches(&kept.segments).into_iter().map(move |range| (kept, range))).collect();
+    let total = stretches.len() + inputs.experts.len();
+    let (mut files, mut manifest) = (Vec::with_capacity(total + 1), Vec::new());
+    let mut advance = |file: ExportFile| -> Result<(), Failure> {
+        files.push(file);
+        monitor.progress(count(files.len()), count(total), &[]);
+        if monitor.cancelled() { Err(Failure::Cancelled) } else { Ok(()) }
+    };
+    for expert in &inputs.experts {
+        advance(out.expert(expert, &mut manifest)?)?;
+    }
+    for (kept, range) in stretches {
+        advance(out.stretch(kept, range, &mut manifest)?)?;
+    }
+    let blob = blobs.put(&manifest)?;
+    files.push(ExportFile { name: MANIFEST.to_owned(), blob, size_bytes: count(manifest.len()) });
+    Ok(files)
+}
+
+/// Where an export goes.
+struct Out<'a> {
+    folder: &'a Path,
+    blobs: &'a Blobs,
+    task: &'a TaskSpec,
+    segment_length: u32,
+}
+
+impl Out<'_> {
+    /// An expert's recording as it is: the same blob under another name.
+    fn expert(&self, expert: &InputEpisode, manifest: &mut Vec<u8>) -> Result<ExportFile, Failure> {
+        let name = format!("{}.mcap", expert.id);
+        let size = std::fs::metadata(self.blobs.path(&expert.recording));
+        let size_bytes = size.map_err(|error| Error::internal(format!("reading {}", expert.recording), error))?.len();
+        let line = Line {
+            episode: expert.id.as_str(),
+            source: &expert.file_name,
+            file: &name,
+            role: Role::Expert,
+            first_step: 0,
+            last_step: expert.steps.saturating_sub(1),
+            segment_length: self.segment_length,
+            steps: Vec::new(),
+        };
+        append(manifest, &line)?;
+        Ok(ExportFile { blob: expert.recording.clone(), size_bytes, name })
+    }
+
+    /// The original messages of consecutive kept steps.
+    fn stretch(&self, kept: &KeptInput, range: Range<usize>, manifest: &mut Vec<u8>) -> Result<ExportFile, Failure> {
+        let KeptInput { episode, segments, similarities } = kept;
+        let (Some(segments), Some(w)) = (segments.get(range.clone()), similarities.get(range)) else {
+            return Err(Failure::Broken(format!("the server gave no w for the kept steps of {}", episode.id)));
+        };
+        let (Some(first), Some(last)) = (segments.first(), segments.last()) else {
+            return Err(Failure::Broken("an empty stretch".to_owned()));
+        };
+        let (first, last) = (first.end_step, last.end_step);
+        let name = format!("{}_{first}-{last}.mcap", episode.id);
+        let path = self.folder.join(&name);
+        let stretch = Kept {
+            first_step: first.into(),
+            last_step: last.into(),
+            quality: segments.iter().map(|segment| segment.weight).collect(),
+            weight: w.iter().copied().map(narrow).collect(),
+        };
+        let recording = self.blobs.path(&episode.recording);
+        gleaner_recording::extract(&recording, self.task, &stretch, &path)
+            .map_err(|error| Failure::recording(episode.id.as_str(), &error))?;
+        let size_bytes = std::fs::metadata(&path).map_err(|error| Error::internal("reading an exported file", error))?.len();
+        let blob = self.blobs.put_file(&path)?;
+        let line = Line {
+            episode: episode.id.as_str(),
+            source: &episode.file_name,
+            file: &name,
+            role: Role::Imperfect,
+            first_step: first.into(),
+            last_step: last.into(),
+            segment_length: self.segment_length,
+            steps: segments.iter().zip(w).map(|(segment, &w)| step(segment, w)).collect(),
+        };
+        append(manifest, &line)?;
+        Ok(ExportFile { name, blob, size_bytes })
+    }
+}
+
+fn step(segment: &KeptSegment, w: f64) -> Step<'_> {
+    let KeptSegment { end_step, weight, match_episode, match_step } = segment;
+    Step { step: *end_step, q: *weight, w, nearest_episode: match_episode.as_str(), nearest_step: *match_step }
+}
+
+fn append(manifest: &mut Vec<u8>, line: &Line<'_>) -> Result<(), Failure> {
+    let fault = |error: std::io::Error| Failure::from(Error::internal("writing the manifest", error));
+    serde_json::to_writer(&mut *manifest, line).map_err(|error| fault(error.into()))?;
+    manifest.write_all(b"\n").map_err(fault)
+}
+
+/// Runs of segments whose end steps follow one another.
+fn stretches(segments: &[KeptSegment]) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (at, segment) in segments.iter().enumerate() {
+        let follows = at > 0 && segments[at - 1].end_step + 1 == segment.end_step;
+        match runs.last_mut() {
+            Some(run) if follows => run.end = at + 1,
+            Some(_) | None => runs.push(at..at + 1),
+        }
+    }
+    runs
+}
+
+fn count(length: usize) -> u64 {
+    u64::try_from(length).unwrap_or(u64::MAX)
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the recording's format holds w in single precision")]
+fn narrow(w: f64) -> f32 {
+    w as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::id::EpisodeId;
+
+    fn kept(steps: &[u32]) -> Vec<KeptSegment> {
+        let expert = EpisodeId::new();
+        let segment = |&end_step: &u32| KeptSegment { end_step, weight: 1.0, match_episode: expert.clone(), match_step: 0 };
+        steps.iter().map(segment).collect()
+    }
+
+    #[test]
+    fn consecutive_steps_are_one_stretch() {
+        assert_eq!(stretches(&kept(&[0, 1, 2, 5, 6, 9])), [0..3, 3..5, 5..6]);
+        assert_eq!(stretches(&kept(&[7])), [0..1]);
+        assert!(stretches(&[]).is_empty());
+    }
+}

@@ -1,0 +1,127 @@
+//! The work of each kind of job: inputs opened, the learning crate called, results kept as blobs.
+
+use std::path::PathBuf;
+
+use gleaner_learn::{NormaliserKind, PolicyKind, PretrainSpec, ScoreSpec, Similarity, TrainSpec};
+
+use super::{episodes::Episodes, export, failure::Failure, monitor::Watcher};
+use crate::{
+    blobs::Blobs,
+    domain::{
+        id::{BlobId, EpisodeId},
+        order::JobOrder,
+        score::EpisodeScores,
+        snapshot::Role,
+        work::{Inputs, Made},
+    },
+};
+
+/// A job's work, ready to begin on a thread of its own.
+pub(super) struct Work {
+    /// The server's data directory.
+    pub(super) data_dir: PathBuf,
+    /// Threads of the tensor library.
+    pub(super) threads: u32,
+    /// Where results go.
+    pub(super) blobs: Blobs,
+    /// What to work on.
+    pub(super) inputs: Inputs,
+    /// Who watches.
+    pub(super) monitor: Watcher,
+}
+
+impl Work {
+    /// Does it.
+    pub(super) fn perform(mut self, order: JobOrder) -> Result<Made, Failure> {
+        self.monitor.phase("reading episodes");
+        match order {
+            JobOrder::Pretrain { snapshot_id: _, rule: _, spec } => self.pretrain(spec),
+            JobOrder::Score { encoder_id: _, snapshot_id: _, spec } => self.score(spec),
+            JobOrder::Train { data: _, spec } => self.train(spec),
+            JobOrder::Export { dataset_id: _ } => self.export(),
+        }
+    }
+
+    fn episodes(&self) -> Episodes<'_> {
+        Episodes { data_dir: &self.data_dir, blobs: &self.blobs, task: &self.inputs.task }
+    }
+
+    /// What an earlier attempt left, if any.
+    fn resume(&self) -> Result<Option<Vec<u8>>, Failure> {
+        Ok(self.inputs.checkpoint.as_ref().map(|blob| self.blobs.get(blob)).transpose()?)
+    }
+
+    fn encoder(&self) -> Result<Vec<u8>, Failure> {
+        match &self.inputs.encoder {
+            Some(blob) => Ok(self.blobs.get(blob)?),
+            None => Err(Failure::Broken("the server named no encoder".to_owned())),
+        }
+    }
+
+    fn keep(&self, bytes: &[u8]) -> Result<BlobId, Failure> {
+        Ok(self.blobs.put(bytes)?)
+    }
+
+    /// L = L_MTP + L_TR + L_AA over D_u = D_e ∪ D_i.
+    fn pretrain(&mut self, spec: PretrainSpec) -> Result<Made, Failure> {
+        let spec = PretrainSpec { threads: Some(self.threads), ..spec };
+        let (shape, resume) = (self.episodes().shape(), self.resume()?);
+        let all = [self.inputs.experts.as_slice(), self.inputs.imperfect.as_slice()].concat();
+        let data = self.episodes().trajectories(&all)?;
+        self.monitor.phase("pretraining");
+        let bytes = gleaner_learn::pretrain(&shape, &data, &spec, resume.as_deref(), &mut self.monitor)?;
+        Ok(Made::Encoder { checkpoint: self.keep(&bytes)? })
+    }
+
+    /// w and q of every segment of D_i, and of D_e each against the others.
+    fn score(&mut self, spec: ScoreSpec) -> Result<Made, Failure> {
+        let spec = ScoreSpec { threads: Some(self.threads), ..spec };
+        let encoder = self.encoder()?;
+        let experts = self.episodes().trajectories(&self.inputs.experts)?;
+        let imperfect = self.episodes().trajectories(&self.inputs.imperfect)?;
+        self.monitor.phase("scoring");
+        let scores = gleaner_learn::score(&encoder, &experts, &imperfect, &spec, &mut self.monitor)?;
+        let of_role = |episodes: Vec<gleaner_learn::EpisodeScores>, role| {
+            episodes.into_iter().map(move |scores| episode_scores(scores, role))
+        };
+        let episodes = of_role(scores.imperfect, Role::Imperfect).chain(of_role(scores.experts, Role::Expert));
+        Ok(Made::Scores {
+            similarity: match spec.similarity {
+                Similarity::LastL2 => "last_l2".to_owned(),
+            },
+            normaliser: match spec.normaliser {
+                NormaliserKind::MinMax => "minmax".to_owned(),
+            },
+            lo: scores.lo,
+            hi: scores.hi,
+            expert_ids: self.inputs.experts.iter().map(|expert| expert.id.clone()).collect(),
+            episodes: episodes.collect::<Result<_, _>>()?,
+        })
+    }
+
+    /// L = E_{D_e}[loss] + λ · E_{D_i}[q · loss].
+    fn train(&mut self, spec: TrainSpec) -> Result<Made, Failure> {
+        let spec = TrainSpec { threads: Some(self.threads), ..spec };
+        let (shape, resume, encoder) = (self.episodes().shape(), self.resume()?, self.encoder()?);
+        let experts = self.episodes().trajectories(&self.inputs.experts)?;
+        let kept = self.episodes().weighted(&self.inputs.kept)?;
+        self.monitor.phase("training");
+        let (resume, monitor) = (resume.as_deref(), &mut self.monitor);
+        let bytes = gleaner_learn::train_policy(&shape, &encoder, &experts, &kept, &spec, resume, monitor)?;
+        let kind = match spec.policy {
+            PolicyKind::Finetune => "finetune".to_owned(),
+        };
+        Ok(Made::Policy { checkpoint: self.keep(&bytes)?, kind })
+    }
+
+    fn export(&mut self) -> Result<Made, Failure> {
+        self.monitor.phase("exporting");
+        export::export(&self.data_dir, &self.blobs, &self.inputs, &mut self.monitor).map(Made::Files)
+    }
+}
+
+fn episode_scores(scores: gleaner_learn::EpisodeScores, role: Role) -> Result<EpisodeScores, Failure> {
+    let gleaner_learn::EpisodeScores { id, w, q, match_episode, match_step, distances } = scores;
+    let episode_id = EpisodeId::parse("episode_id", &id)?;
+    Ok(EpisodeScores { episode_id, role, w, q, match_episode, match_step, distances })
+}
