@@ -35,14 +35,9 @@ pub struct Authorize {
 }
 
 impl Interceptor for Authorize {
-    fn call(
-        &mut self,
-        mut request: tonic::Request<()>,
-    ) -> std::result::Result<tonic::Request<()>, tonic::Status> {
+    fn call(&mut self, mut request: tonic::Request<()>) -> std::result::Result<tonic::Request<()>, tonic::Status> {
         if let Some(token) = &self.token {
-            request
-                .metadata_mut()
-                .insert("authorization", token.header());
+            request.metadata_mut().insert("authorization", token.header());
         }
         Ok(request)
     }
@@ -79,13 +74,8 @@ impl Client {
         let channel = endpoint
             .connect()
             .await
-            .map_err(|error| ClientError::Connect {
-                url: url.to_owned(),
-                problem: innermost(&error),
-            })?;
-        Ok(Self {
-            transport: InterceptedService::new(channel, Authorize { token }),
-        })
+            .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: innermost(&error) })?;
+        Ok(Self { transport: InterceptedService::new(channel, Authorize { token }) })
     }
 
     /// Tasks.
@@ -162,19 +152,10 @@ mod tests {
     #[tokio::test]
     async fn nobody_there_is_said_with_the_mend() {
         // Bound and dropped at once: a port where surely nobody listens.
-        let port = std::net::TcpListener::bind("127.0.0.1:0")
-            .unwrap()
-            .local_addr()
-            .unwrap()
-            .port();
-        let error = Client::connect(&format!("http://127.0.0.1:{port}"), None)
-            .await
-            .unwrap_err();
+        let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let error = Client::connect(&format!("http://127.0.0.1:{port}"), None).await.unwrap_err();
         let said = error.to_string();
-        assert!(
-            said.contains("gleaner-server serve") && said.contains(&port.to_string()),
-            "{said}"
-        );
+        assert!(said.contains("gleaner-server serve") && said.contains(&port.to_string()), "{said}");
         assert!(error.is_transient());
     }
 }

@@ -18,10 +18,7 @@ pub(crate) async fn digest_file(path: &Path) -> Result<Digest> {
     let digest = move || {
         let mut hasher = blake3::Hasher::new();
         hasher.update_reader(std::fs::File::open(owned)?)?;
-        Ok(Digest {
-            size_bytes: hasher.count(),
-            blake3: hasher.finalize().to_hex().to_string(),
-        })
+        Ok(Digest { size_bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string() })
     };
     tokio::task::spawn_blocking(digest)
         .await
@@ -41,17 +38,12 @@ mod tests {
         std::fs::write(&file, b"").unwrap();
         let digest = digest_file(&file).await.unwrap();
         assert_eq!(digest.size_bytes, 0);
-        assert_eq!(
-            digest.blake3,
-            "af1349b9f5f9a1a6a0404dea36dcc9499bcb25c9adc112b7cc9a93cae41f3262"
-        );
+        assert_eq!(digest.blake3, "af1349b9f5f9a1a6a0404dea36dcc9499bcb25c9adc112b7cc9a93cae41f3262");
     }
 
     #[tokio::test]
     async fn a_missing_file_is_named() {
-        let error = digest_file(Path::new("no/such/file.mcap"))
-            .await
-            .unwrap_err();
+        let error = digest_file(Path::new("no/such/file.mcap")).await.unwrap_err();
         assert!(error.to_string().contains("no/such/file.mcap"));
     }
 }

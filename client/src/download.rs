@@ -5,8 +5,7 @@ use std::path::{Component, Path, PathBuf};
 use bytes::Bytes;
 use futures::{Stream, StreamExt as _};
 use gleaner_proto::v1::{
-    DownloadEpisodeRequest, DownloadExportFileRequest, Episode, ExportFile, GetEpisodeRequest,
-    ListExportFilesRequest,
+    DownloadEpisodeRequest, DownloadExportFileRequest, Episode, ExportFile, GetEpisodeRequest, ListExportFilesRequest,
 };
 use tokio::io::AsyncWriteExt as _;
 
@@ -19,31 +18,14 @@ impl Client {
     /// # Errors
     /// [`ClientError::Rejected`] when there is no such episode, [`ClientError::Damaged`] when other bytes
     /// arrive than were uploaded, [`ClientError::Io`] when the file can't be written.
-    pub async fn download_episode(
-        &self,
-        episode_id: &str,
-        path: &Path,
-        progress: impl Fn(u64),
-    ) -> Result<Episode> {
+    pub async fn download_episode(&self, episode_id: &str, path: &Path, progress: impl Fn(u64)) -> Result<Episode> {
         let mut service = self.episodes();
-        let request = GetEpisodeRequest {
-            episode_id: episode_id.to_owned(),
-        };
+        let request = GetEpisodeRequest { episode_id: episode_id.to_owned() };
         let episode = service.get_episode(request).await?.into_inner().episode;
-        let episode = episode.ok_or(ClientError::Contract {
-            missing: "an episode",
-        })?;
-        let request = DownloadEpisodeRequest {
-            episode_id: episode_id.to_owned(),
-        };
+        let episode = episode.ok_or(ClientError::Contract { missing: "an episode" })?;
+        let request = DownloadEpisodeRequest { episode_id: episode_id.to_owned() };
         let pieces = service.download_episode(request).await?.into_inner();
-        save(
-            pieces.map(|piece| Ok(piece?.data)),
-            path,
-            &episode.blake3,
-            progress,
-        )
-        .await?;
+        save(pieces.map(|piece| Ok(piece?.data)), path, &episode.blake3, progress).await?;
         Ok(episode)
     }
 
@@ -52,15 +34,8 @@ impl Client {
     /// # Errors
     /// The codes of `ListExportFiles`.
     pub async fn export_files(&self, export_id: &str) -> Result<Vec<ExportFile>> {
-        let request = ListExportFilesRequest {
-            export_id: export_id.to_owned(),
-        };
-        Ok(self
-            .datasets()
-            .list_export_files(request)
-            .await?
-            .into_inner()
-            .files)
+        let request = ListExportFilesRequest { export_id: export_id.to_owned() };
+        Ok(self.datasets().list_export_files(request).await?.into_inner().files)
     }
 
     /// Downloads one file of an export into a folder and checks its digest. Returns where it lies.
@@ -75,22 +50,9 @@ impl Client {
         progress: impl Fn(u64),
     ) -> Result<PathBuf> {
         let path = folder.join(relative(&file.name)?);
-        let request = DownloadExportFileRequest {
-            export_id: export_id.to_owned(),
-            name: file.name.clone(),
-        };
-        let pieces = self
-            .datasets()
-            .download_export_file(request)
-            .await?
-            .into_inner();
-        save(
-            pieces.map(|piece| Ok(piece?.data)),
-            &path,
-            &file.blake3,
-            progress,
-        )
-        .await?;
+        let request = DownloadExportFileRequest { export_id: export_id.to_owned(), name: file.name.clone() };
+        let pieces = self.datasets().download_export_file(request).await?.into_inner();
+        save(pieces.map(|piece| Ok(piece?.data)), &path, &file.blake3, progress).await?;
         Ok(path)
     }
 }
@@ -98,15 +60,11 @@ impl Client {
 // A name that stays inside the folder it is joined to.
 fn relative(name: &str) -> Result<&Path> {
     let path = Path::new(name);
-    let stays = path
-        .components()
-        .all(|part| matches!(part, Component::Normal(_)));
+    let stays = path.components().all(|part| matches!(part, Component::Normal(_)));
     if stays && !name.is_empty() {
         return Ok(path);
     }
-    Err(ClientError::Invalid(format!(
-        "the export holds a file named {name:?}, which leaves the folder; not written"
-    )))
+    Err(ClientError::Invalid(format!("the export holds a file named {name:?}, which leaves the folder; not written")))
 }
 
 async fn save(
@@ -121,34 +79,22 @@ async fn save(
     };
     std::fs::create_dir_all(folder).map_err(ClientError::io(folder))?;
     // Deleted by itself when anything goes wrong on the way.
-    let part = tempfile::NamedTempFile::with_prefix_in(".gleaner-", folder)
-        .map_err(ClientError::io(folder))?;
-    let mut file = tokio::fs::File::create(part.path())
-        .await
-        .map_err(ClientError::io(path))?;
+    let part = tempfile::NamedTempFile::with_prefix_in(".gleaner-", folder).map_err(ClientError::io(folder))?;
+    let mut file = tokio::fs::File::create(part.path()).await.map_err(ClientError::io(path))?;
     let mut hasher = blake3::Hasher::new();
     while let Some(piece) = pieces.next().await {
         let piece = piece?;
         hasher.update(&piece);
-        file.write_all(&piece)
-            .await
-            .map_err(ClientError::io(path))?;
+        file.write_all(&piece).await.map_err(ClientError::io(path))?;
         progress(hasher.count());
     }
     file.sync_all().await.map_err(ClientError::io(path))?;
     let found = hasher.finalize().to_hex().to_string();
     if found != blake3 {
         let what = path.display().to_string();
-        return Err(ClientError::Damaged {
-            what,
-            expected: blake3.to_owned(),
-            found,
-        });
+        return Err(ClientError::Damaged { what, expected: blake3.to_owned(), found });
     }
-    part.persist(path).map_err(|error| ClientError::Io {
-        path: path.to_owned(),
-        source: error.error,
-    })?;
+    part.persist(path).map_err(|error| ClientError::Io { path: path.to_owned(), source: error.error })?;
     Ok(())
 }
 
@@ -158,12 +104,7 @@ mod tests {
     use super::*;
 
     fn pieces(parts: &[&'static str]) -> impl Stream<Item = Result<Bytes>> + Unpin {
-        futures::stream::iter(
-            parts
-                .iter()
-                .map(|part| Ok(Bytes::from(*part)))
-                .collect::<Vec<_>>(),
-        )
+        futures::stream::iter(parts.iter().map(|part| Ok(Bytes::from(*part))).collect::<Vec<_>>())
     }
 
     #[tokio::test]
@@ -171,21 +112,13 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("deep/er/a.mcap");
         let digest = blake3::hash(b"hello world").to_hex().to_string();
-        save(pieces(&["hello ", "world"]), &path, &digest, |_| {})
-            .await
-            .unwrap();
+        save(pieces(&["hello ", "world"]), &path, &digest, |_| {}).await.unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"hello world");
 
         let other = folder.path().join("b.mcap");
-        let error = save(pieces(&["hello ", "word"]), &other, &digest, |_| {})
-            .await
-            .unwrap_err();
+        let error = save(pieces(&["hello ", "word"]), &other, &digest, |_| {}).await.unwrap_err();
         assert!(matches!(error, ClientError::Damaged { .. }), "{error}");
-        assert_eq!(
-            std::fs::read_dir(folder.path()).unwrap().count(),
-            1,
-            "only the folder of the first is left"
-        );
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "only the folder of the first is left");
     }
 
     #[test]

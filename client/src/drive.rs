@@ -57,10 +57,7 @@ impl Driven {
     /// Episodes that were solved.
     #[must_use]
     pub fn successes(&self) -> u32 {
-        self.episodes
-            .iter()
-            .map(|episode| u32::from(episode.success))
-            .sum()
+        self.episodes.iter().map(|episode| u32::from(episode.success)).sum()
     }
 
     /// Share of episodes that were solved, 0 when there were none.
@@ -78,10 +75,7 @@ impl Driven {
     /// Steps over all episodes.
     #[must_use]
     pub fn steps(&self) -> u64 {
-        self.episodes
-            .iter()
-            .map(|episode| u64::from(episode.steps))
-            .sum()
+        self.episodes.iter().map(|episode| u64::from(episode.steps)).sum()
     }
 
     /// The latency that a share (0 to 1) of the steps does not exceed (nearest rank).
@@ -94,10 +88,7 @@ impl Driven {
             reason = "a share of a length is an index; the cast saturates"
         )]
         let rank = (share.clamp(0.0, 1.0) * self.latencies.len() as f64).ceil() as usize;
-        self.latencies
-            .get(rank.saturating_sub(1))
-            .copied()
-            .unwrap_or_default()
+        self.latencies.get(rank.saturating_sub(1)).copied().unwrap_or_default()
     }
 
     fn total(&self) -> u32 {
@@ -117,30 +108,21 @@ impl Client {
     ///
     /// # Errors
     /// The first session that breaks ends the evaluation with its error.
-    pub async fn drive(
-        &self,
-        plan: &DrivePlan,
-        mut on_episode: impl FnMut(&DrivenEpisode),
-    ) -> Result<Driven> {
+    pub async fn drive(&self, plan: &DrivePlan, mut on_episode: impl FnMut(&DrivenEpisode)) -> Result<Driven> {
         let started = Instant::now();
         let spec = gleaner_sim::task_spec(plan.task, &plan.config);
-        let runs = (0..plan.episodes).map(|index| {
-            let seed = plan.seed.wrapping_add(u64::from(index));
-            let (client, plan, spec) = (self.clone(), plan.clone(), spec.clone());
-            // Its own task, so that episodes are simulated and rendered on all cores.
-            let run = tokio::spawn(async move { run_episode(&client, &plan, &spec, seed).await });
-            async move {
-                run.await.unwrap_or_else(|failed| {
-                    Err(ClientError::Invalid(format!("episode {seed}: {failed}")))
-                })
-            }
-        });
-        let mut driven = Driven {
-            episodes: Vec::new(),
-            policy_id: String::new(),
-            latencies: Vec::new(),
-            wall: Duration::ZERO,
-        };
+        let runs =
+            (0..plan.episodes).map(|index| {
+                let seed = plan.seed.wrapping_add(u64::from(index));
+                let (client, plan, spec) = (self.clone(), plan.clone(), spec.clone());
+                // Its own task, so that episodes are simulated and rendered on all cores.
+                let run = tokio::spawn(async move { run_episode(&client, &plan, &spec, seed).await });
+                async move {
+                    run.await.unwrap_or_else(|failed| Err(ClientError::Invalid(format!("episode {seed}: {failed}"))))
+                }
+            });
+        let mut driven =
+            Driven { episodes: Vec::new(), policy_id: String::new(), latencies: Vec::new(), wall: Duration::ZERO };
         let mut runs = futures::stream::iter(runs).buffer_unordered(plan.sessions.max(1));
         while let Some(run) = runs.try_next().await? {
             on_episode(&run.episode);
@@ -165,9 +147,7 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
         let sent = Instant::now();
         let answer = session.act(observation).await?;
         latencies.push(sent.elapsed());
-        let first = answer.actions.first().ok_or(ClientError::Contract {
-            missing: "an action",
-        })?;
+        let first = answer.actions.first().ok_or(ClientError::Contract { missing: "an action" })?;
         let action = first.values.as_slice().try_into().map_err(|_| {
             ClientError::Invalid(format!(
                 "the policy of {} gives {} action values, the simulator takes 7; was it trained on this task?",
@@ -179,15 +159,7 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
     }
     let policy_id = session.opened().policy_id.clone();
     session.close().await?;
-    Ok(Run {
-        episode: DrivenEpisode {
-            seed,
-            success: sim.success(),
-            steps: sim.steps(),
-        },
-        policy_id,
-        latencies,
-    })
+    Ok(Run { episode: DrivenEpisode { seed, success: sim.success(), steps: sim.steps() }, policy_id, latencies })
 }
 
 #[cfg(test)]
@@ -196,19 +168,9 @@ mod tests {
 
     fn driven(outcomes: &[bool], latencies_ms: &[u64]) -> Driven {
         Driven {
-            episodes: (0..)
-                .zip(outcomes)
-                .map(|(seed, &success)| DrivenEpisode {
-                    seed,
-                    success,
-                    steps: 10,
-                })
-                .collect(),
+            episodes: (0..).zip(outcomes).map(|(seed, &success)| DrivenEpisode { seed, success, steps: 10 }).collect(),
             policy_id: String::new(),
-            latencies: latencies_ms
-                .iter()
-                .map(|&ms| Duration::from_millis(ms))
-                .collect(),
+            latencies: latencies_ms.iter().map(|&ms| Duration::from_millis(ms)).collect(),
             wall: Duration::ZERO,
         }
     }

@@ -50,9 +50,7 @@ pub enum ClientError {
         found: String,
     },
     /// The server broke the contract of its own API.
-    #[error(
-        "the server answered without {missing}; client and server may be of different versions"
-    )]
+    #[error("the server answered without {missing}; client and server may be of different versions")]
     Contract {
         /// What the answer lacks.
         missing: &'static str,
@@ -72,11 +70,7 @@ impl ClientError {
     /// The server's status code, when the server said no.
     #[must_use]
     pub fn code(&self) -> Option<tonic::Code> {
-        if let Self::Rejected(status) = self {
-            Some(status.code())
-        } else {
-            None
-        }
+        if let Self::Rejected(status) = self { Some(status.code()) } else { None }
     }
 
     /// Whether the same call may succeed when it is made again a little later: the connection broke, or
@@ -111,9 +105,7 @@ fn is_transient(status: &tonic::Status) -> bool {
 fn describe(status: &tonic::Status) -> String {
     let message = status.message();
     match (message.is_empty(), std::error::Error::source(status)) {
-        (_, Some(_)) => format!(
-            "the connection to the server broke ({message}); is it still running? try again"
-        ),
+        (_, Some(_)) => format!("the connection to the server broke ({message}); is it still running? try again"),
         (false, None) => message.to_owned(),
         (true, None) => format!("the server refused: {}", status.code().description()),
     }
@@ -124,11 +116,7 @@ fn describe_job(job: &Job) -> String {
         JobState::Failed => format!("job {} failed: {}", job.id, job.error),
         JobState::Cancelled => format!("job {} was cancelled", job.id),
         JobState::Unspecified | JobState::Queued | JobState::Running | JobState::Succeeded => {
-            format!(
-                "job {} has not ended as expected ({})",
-                job.id,
-                job.state().as_str_name()
-            )
+            format!("job {} has not ended as expected ({})", job.id, job.state().as_str_name())
         }
     }
 }
@@ -139,9 +127,7 @@ mod tests {
 
     #[test]
     fn the_servers_message_is_passed_on_as_it_is() {
-        let error = ClientError::from(tonic::Status::invalid_argument(
-            "beta: 1.5 is outside [0, 1]",
-        ));
+        let error = ClientError::from(tonic::Status::invalid_argument("beta: 1.5 is outside [0, 1]"));
         assert_eq!(error.to_string(), "beta: 1.5 is outside [0, 1]");
         assert!(!error.is_transient());
         assert_eq!(error.code(), Some(tonic::Code::InvalidArgument));
@@ -149,9 +135,7 @@ mod tests {
 
     #[test]
     fn a_broken_connection_is_transient_and_a_server_error_is_not() {
-        let broken = tonic::Status::from_error(Box::new(std::io::Error::from(
-            std::io::ErrorKind::BrokenPipe,
-        )));
+        let broken = tonic::Status::from_error(Box::new(std::io::Error::from(std::io::ErrorKind::BrokenPipe)));
         assert!(ClientError::from(broken).is_transient());
         assert!(ClientError::from(tonic::Status::unavailable("starting")).is_transient());
         assert!(!ClientError::from(tonic::Status::internal("request 7 failed")).is_transient());
@@ -159,15 +143,8 @@ mod tests {
 
     #[test]
     fn a_failed_job_says_why() {
-        let job = Job {
-            id: "job_1".into(),
-            state: JobState::Failed.into(),
-            error: "out of memory".into(),
-            ..Job::default()
-        };
-        assert_eq!(
-            ClientError::JobEnded(Box::new(job)).to_string(),
-            "job job_1 failed: out of memory"
-        );
+        let job =
+            Job { id: "job_1".into(), state: JobState::Failed.into(), error: "out of memory".into(), ..Job::default() };
+        assert_eq!(ClientError::JobEnded(Box::new(job)).to_string(), "job job_1 failed: out of memory");
     }
 }

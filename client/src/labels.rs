@@ -40,9 +40,7 @@ pub fn outcome_from_word(word: &str) -> std::result::Result<Outcome, String> {
         "success" => Ok(Outcome::Success),
         "failure" => Ok(Outcome::Failure),
         "unknown" => Ok(Outcome::Unknown),
-        _ => Err(format!(
-            "outcome {word:?}: write success, failure or unknown"
-        )),
+        _ => Err(format!("outcome {word:?}: write success, failure or unknown")),
     }
 }
 
@@ -54,11 +52,8 @@ pub fn outcome_from_word(word: &str) -> std::result::Result<Outcome, String> {
 pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
     let text = std::fs::read_to_string(csv_path).map_err(ClientError::io(csv_path))?;
     let folder = csv_path.parent().unwrap_or_else(|| Path::new(""));
-    let wrong =
-        |problem: String| ClientError::Invalid(format!("{}: {problem}", csv_path.display()));
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
+    let wrong = |problem: String| ClientError::Invalid(format!("{}: {problem}", csv_path.display()));
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
     let headers = reader.headers().map_err(|error| wrong(error.to_string()))?;
     for needed in ["file", "outcome"] {
         if !headers.iter().any(|header| header == needed) {
@@ -76,10 +71,7 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
             return Err(at_line("the file is empty".into()));
         }
         if !seen.insert(row.file.clone()) {
-            return Err(at_line(format!(
-                "{} is listed twice; keep one line",
-                row.file
-            )));
+            return Err(at_line(format!("{} is listed twice; keep one line", row.file)));
         }
         files.push(LabelledFile {
             path: folder.join(&row.file),
@@ -122,10 +114,7 @@ fn search(folder: &Path, found: &mut BTreeSet<PathBuf>) -> Result<()> {
         // Not followed when it is a link: a link to a folder above would never end.
         if entry.file_type().map_err(ClientError::io(&path))?.is_dir() {
             search(&path, found)?;
-        } else if path
-            .extension()
-            .is_some_and(|extension| extension == "mcap")
-        {
+        } else if path.extension().is_some_and(|extension| extension == "mcap") {
             found.insert(path);
         }
     }
@@ -150,44 +139,29 @@ mod tests {
 
     #[test]
     fn rows_become_labels_relative_to_the_csv() {
-        let files = read(
-            "file,task,outcome,cohort\na.mcap,PickCube-v0,success,expert\nsub/b.mcap,,failure,noise3\n",
-        );
+        let files = read("file,task,outcome,cohort\na.mcap,PickCube-v0,success,expert\nsub/b.mcap,,failure,noise3\n");
         let a = LabelledFile {
             path: "a.mcap".into(),
             task: Some("PickCube-v0".into()),
             outcome: Outcome::Success,
             cohort: "expert".into(),
         };
-        let b = LabelledFile {
-            path: "sub/b.mcap".into(),
-            task: None,
-            outcome: Outcome::Failure,
-            cohort: "noise3".into(),
-        };
+        let b =
+            LabelledFile { path: "sub/b.mcap".into(), task: None, outcome: Outcome::Failure, cohort: "noise3".into() };
         assert_eq!(files.unwrap(), [a, b]);
     }
 
     #[test]
     fn columns_may_be_in_any_order_missing_or_extra() {
         let files = read("outcome, note, file\nUnknown, x, a.mcap\n").unwrap();
-        assert_eq!(
-            (files[0].outcome, files[0].cohort.as_str()),
-            (Outcome::Unknown, "")
-        );
+        assert_eq!((files[0].outcome, files[0].cohort.as_str()), (Outcome::Unknown, ""));
     }
 
     #[test]
     fn a_wrong_line_is_named() {
         for (text, part) in [
-            (
-                "file,outcome\na.mcap,success\nb.mcap,maybe\n",
-                "line 3: outcome \"maybe\"",
-            ),
-            (
-                "file,outcome\na.mcap,success\na.mcap,failure\n",
-                "line 3: a.mcap is listed twice",
-            ),
+            ("file,outcome\na.mcap,success\nb.mcap,maybe\n", "line 3: outcome \"maybe\""),
+            ("file,outcome\na.mcap,success\na.mcap,failure\n", "line 3: a.mcap is listed twice"),
             ("file,cohort\na.mcap,x\n", "no column \"outcome\""),
             ("file,outcome\n,success\n", "line 2: the file is empty"),
             ("file,outcome\na.mcap\n", "line: 2"),
@@ -205,20 +179,9 @@ mod tests {
         for name in ["b.mcap", "sub/a.mcap", "notes.txt", "odd.bag"] {
             std::fs::write(at(name), b"x").unwrap();
         }
-        let found =
-            find_recordings(&[folder.path().to_owned(), at("b.mcap"), at("odd.bag")]).unwrap();
+        let found = find_recordings(&[folder.path().to_owned(), at("b.mcap"), at("odd.bag")]).unwrap();
         assert_eq!(found, [at("b.mcap"), at("odd.bag"), at("sub/a.mcap")]);
-        assert!(
-            find_recordings(&[at("sub/empty")])
-                .unwrap_err()
-                .to_string()
-                .contains("no *.mcap")
-        );
-        assert!(
-            find_recordings(&[at("nowhere")])
-                .unwrap_err()
-                .to_string()
-                .contains("nowhere")
-        );
+        assert!(find_recordings(&[at("sub/empty")]).unwrap_err().to_string().contains("no *.mcap"));
+        assert!(find_recordings(&[at("nowhere")]).unwrap_err().to_string().contains("nowhere"));
     }
 }

@@ -1,2 +1,41 @@
-//! stub
-fn main() {}
+//! The `gleaner` command: parse, run, exit code.
+
+mod chart;
+mod cli;
+mod cmd;
+mod context;
+mod demo;
+mod failure;
+mod json;
+mod output;
+mod progress;
+mod table;
+mod words;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+
+use crate::cli::Cli;
+use crate::context::Context;
+use crate::failure::Failure;
+use crate::output::Output;
+
+fn main() -> ExitCode {
+    let cli = Cli::parse();
+    let output = Output::new(cli.json);
+    let done = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .map_err(Failure::from)
+        .and_then(|runtime| runtime.block_on(cmd::run(cli.command, &Context::new(cli.connection, output))));
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        // Whoever read our output has seen enough (`gleaner episodes | head`).
+        Err(failure) if failure.is_broken_pipe() => ExitCode::SUCCESS,
+        Err(failure) => {
+            output.error(&failure);
+            ExitCode::FAILURE
+        }
+    }
+}

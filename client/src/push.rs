@@ -43,24 +43,17 @@ impl Pushed {
     /// Bytes of the recordings that were sent, without those that were there already.
     #[must_use]
     pub fn sent_bytes(&self) -> u64 {
-        self.uploaded()
-            .filter(|uploaded| !uploaded.existed)
-            .map(|uploaded| uploaded.episode.size_bytes)
-            .sum()
+        self.uploaded().filter(|uploaded| !uploaded.existed).map(|uploaded| uploaded.episode.size_bytes).sum()
     }
 
     /// The recordings that the server now holds.
     pub fn uploaded(&self) -> impl Iterator<Item = &Uploaded> {
-        self.results
-            .iter()
-            .filter_map(|item| item.result.as_ref().ok())
+        self.results.iter().filter_map(|item| item.result.as_ref().ok())
     }
 
     /// The recordings that it does not, each with the reason.
     pub fn failures(&self) -> impl Iterator<Item = (&PushResult, &ClientError)> {
-        self.results
-            .iter()
-            .filter_map(|item| item.result.as_ref().err().map(|error| (item, error)))
+        self.results.iter().filter_map(|item| item.result.as_ref().err().map(|error| (item, error)))
     }
 }
 
@@ -96,23 +89,12 @@ impl Client {
             async move {
                 let sent = Arc::clone(&on_event);
                 let progress = move |bytes| sent(PushEvent::Sent { item: index, bytes });
-                let result = client
-                    .upload(&item.task, &item.path, &item.label, progress)
-                    .await;
+                let result = client.upload(&item.task, &item.path, &item.label, progress).await;
                 on_event(PushEvent::Done { item: index });
-                PushResult {
-                    path: item.path,
-                    result,
-                }
+                PushResult { path: item.path, result }
             }
         });
-        let results = futures::stream::iter(uploads)
-            .buffered(parallel.max(1))
-            .collect()
-            .await;
-        Pushed {
-            results,
-            wall: started.elapsed(),
-        }
+        let results = futures::stream::iter(uploads).buffered(parallel.max(1)).collect().await;
+        Pushed { results, wall: started.elapsed() }
     }
 }

@@ -36,9 +36,7 @@ mod tests {
     #[test]
     fn waits_grow_end_and_begin_anew_after_progress() {
         let mut patience = Patience::new();
-        let waits: Vec<u128> = std::iter::from_fn(|| patience.next_wait())
-            .map(|wait| wait.as_millis())
-            .collect();
+        let waits: Vec<u128> = std::iter::from_fn(|| patience.next_wait()).map(|wait| wait.as_millis()).collect();
         assert_eq!(waits, [100, 200, 400, 800, 1600, 3200, 6400]);
         assert_eq!(patience.next_wait(), None);
         patience.restore();

@@ -4,8 +4,8 @@ use bytes::Bytes;
 use gleaner_proto::v1::session_request::Message as Request;
 use gleaner_proto::v1::session_response::Message as Response;
 use gleaner_proto::v1::{
-    CameraFrame, Image, ImageFormat, Observation, SessionAction, SessionClose, SessionClosed,
-    SessionOpen, SessionOpened, SessionRequest, SessionResponse,
+    CameraFrame, Image, ImageFormat, Observation, SessionAction, SessionClose, SessionClosed, SessionOpen,
+    SessionOpened, SessionRequest, SessionResponse,
 };
 use gleaner_recording::{TaskSpec, frame_bytes_per_step};
 use tokio::sync::mpsc;
@@ -29,27 +29,14 @@ impl Session {
     /// # Errors
     /// [`ClientError::Rejected`]: no such deployment, or its policy can't be loaded.
     pub async fn open(client: &Client, deployment: &str) -> Result<Self> {
-        let open = SessionOpen {
-            deployment: deployment.to_owned(),
-            control_rate_hz: 0.0,
-        };
+        let open = SessionOpen { deployment: deployment.to_owned(), control_rate_hz: 0.0 };
         let (requests, outgoing) = mpsc::channel(1);
         // Before the call: the server may want to see it before it answers at all.
         send(&requests, Request::Open(open)).await;
-        let mut responses = client
-            .policies()
-            .session(ReceiverStream::new(outgoing))
-            .await?
-            .into_inner();
+        let mut responses = client.policies().session(ReceiverStream::new(outgoing)).await?.into_inner();
         match next(&mut responses).await? {
-            Response::Opened(opened) => Ok(Self {
-                requests,
-                responses,
-                opened,
-            }),
-            Response::Action(_) | Response::Closed(_) => Err(ClientError::Contract {
-                missing: "an opened session",
-            }),
+            Response::Opened(opened) => Ok(Self { requests, responses, opened }),
+            Response::Action(_) | Response::Closed(_) => Err(ClientError::Contract { missing: "an opened session" }),
         }
     }
 
@@ -69,9 +56,7 @@ impl Session {
         send(&self.requests, Request::Observation(observation)).await;
         match next(&mut self.responses).await? {
             Response::Action(action) => Ok(action),
-            Response::Opened(_) | Response::Closed(_) => Err(ClientError::Contract {
-                missing: "an action",
-            }),
+            Response::Opened(_) | Response::Closed(_) => Err(ClientError::Contract { missing: "an action" }),
         }
     }
 
@@ -83,29 +68,19 @@ impl Session {
         send(&self.requests, Request::Close(SessionClose {})).await;
         match next(&mut self.responses).await? {
             Response::Closed(closed) => Ok(closed),
-            Response::Opened(_) | Response::Action(_) => Err(ClientError::Contract {
-                missing: "the session's end",
-            }),
+            Response::Opened(_) | Response::Action(_) => Err(ClientError::Contract { missing: "the session's end" }),
         }
     }
 }
 
 // When the server has ended the stream this finds no taker; the reason then comes with the next response.
 async fn send(requests: &mpsc::Sender<SessionRequest>, message: Request) {
-    let _ = requests
-        .send(SessionRequest {
-            message: Some(message),
-        })
-        .await;
+    let _ = requests.send(SessionRequest { message: Some(message) }).await;
 }
 
 async fn next(responses: &mut Streaming<SessionResponse>) -> Result<Response> {
     let response = responses.message().await?;
-    response
-        .and_then(|response| response.message)
-        .ok_or(ClientError::Contract {
-            missing: "a session message",
-        })
+    response.and_then(|response| response.message).ok_or(ClientError::Contract { missing: "a session message" })
 }
 
 /// Puts an observation together from one step's frames, in the layout of [`gleaner_recording::FrameBytes`],
@@ -113,12 +88,7 @@ async fn next(responses: &mut Streaming<SessionResponse>) -> Result<Response> {
 ///
 /// # Errors
 /// [`ClientError::Invalid`] when the frames are not of the task's sizes.
-pub fn observation(
-    spec: &TaskSpec,
-    stamp_ns: i64,
-    frames: Vec<u8>,
-    proprioception: Vec<f32>,
-) -> Result<Observation> {
+pub fn observation(spec: &TaskSpec, stamp_ns: i64, frames: Vec<u8>, proprioception: Vec<f32>) -> Result<Observation> {
     let expected = frame_bytes_per_step(spec);
     if frames.len() != expected {
         return Err(ClientError::Invalid(format!(
@@ -128,10 +98,7 @@ pub fn observation(
         )));
     }
     let mut rest = Bytes::from(frames);
-    let mut raw = |size: usize| Image {
-        format: ImageFormat::Raw.into(),
-        data: rest.split_to(size),
-    };
+    let mut raw = |size: usize| Image { format: ImageFormat::Raw.into(), data: rest.split_to(size) };
     let mut cameras = Vec::with_capacity(spec.cameras.len());
     for camera in &spec.cameras {
         let pixels = camera.height as usize * camera.width as usize;
@@ -141,12 +108,7 @@ pub fn observation(
             depth: camera.depth.then(|| raw(pixels * 2)),
         });
     }
-    Ok(Observation {
-        stamp_ns,
-        cameras,
-        proprioception,
-        executed_action: Vec::new(),
-    })
+    Ok(Observation { stamp_ns, cameras, proprioception, executed_action: Vec::new() })
 }
 
 #[cfg(test)]
@@ -173,31 +135,16 @@ mod tests {
         let sizes: Vec<_> = built
             .cameras
             .iter()
-            .map(|c| {
-                (
-                    c.camera.as_str(),
-                    c.color.as_ref().unwrap().data.len(),
-                    c.depth.as_ref().map(|d| d.data.len()),
-                )
-            })
+            .map(|c| (c.camera.as_str(), c.color.as_ref().unwrap().data.len(), c.depth.as_ref().map(|d| d.data.len())))
             .collect();
         assert_eq!(sizes, [("table", 6, Some(4)), ("hand", 6, None)]);
-        assert_eq!(
-            built.cameras[0].depth.as_ref().unwrap().data[..],
-            [6, 7, 8, 9]
-        );
-        assert_eq!(
-            built.cameras[1].color.as_ref().unwrap().data[..],
-            [10, 11, 12, 13, 14, 15]
-        );
+        assert_eq!(built.cameras[0].depth.as_ref().unwrap().data[..], [6, 7, 8, 9]);
+        assert_eq!(built.cameras[1].color.as_ref().unwrap().data[..], [10, 11, 12, 13, 14, 15]);
     }
 
     #[test]
     fn frames_of_another_size_are_refused() {
         let error = observation(&spec(), 7, vec![0; 15], vec![0.5]).unwrap_err();
-        assert!(
-            error.to_string().contains("15 bytes") && error.to_string().contains("16"),
-            "{error}"
-        );
+        assert!(error.to_string().contains("15 bytes") && error.to_string().contains("16"), "{error}");
     }
 }

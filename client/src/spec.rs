@@ -3,23 +3,12 @@
 //! Every message is taken apart field by field, so that a new field breaks the build rather than being lost.
 
 use gleaner_proto::v1;
-use gleaner_recording::{
-    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec,
-};
+use gleaner_recording::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 
 /// To the wire.
 #[must_use]
 pub fn to_proto(spec: &TaskSpec) -> v1::TaskSpec {
-    let TaskSpec {
-        name,
-        rate_hz,
-        cameras,
-        proprioception,
-        action,
-        alignment,
-        tolerance,
-        mappings,
-    } = spec;
+    let TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
     v1::TaskSpec {
         name: name.clone(),
         rate_hz: *rate_hz,
@@ -37,60 +26,24 @@ pub fn to_proto(spec: &TaskSpec) -> v1::TaskSpec {
 }
 
 fn camera_to_proto(camera: &CameraSpec) -> v1::CameraSpec {
-    let CameraSpec {
-        name,
-        height,
-        width,
-        depth,
-    } = camera;
-    v1::CameraSpec {
-        name: name.clone(),
-        height: *height,
-        width: *width,
-        depth: *depth,
-    }
+    let CameraSpec { name, height, width, depth } = camera;
+    v1::CameraSpec { name: name.clone(), height: *height, width: *width, depth: *depth }
 }
 
 fn field_to_proto(field: &FieldSpec) -> v1::FieldSpec {
     let FieldSpec { name, size } = field;
-    v1::FieldSpec {
-        name: name.clone(),
-        size: *size,
-    }
+    v1::FieldSpec { name: name.clone(), size: *size }
 }
 
 fn mapping_to_proto(mapping: &Mapping) -> v1::Mapping {
-    let Mapping {
-        name,
-        cameras,
-        fields,
-        clock,
-    } = mapping;
+    let Mapping { name, cameras, fields, clock } = mapping;
     let camera = |source: &CameraSource| {
-        let CameraSource {
-            camera,
-            color,
-            depth,
-        } = source;
-        v1::CameraSource {
-            camera: camera.clone(),
-            color: color.clone(),
-            depth: depth.clone().unwrap_or_default(),
-        }
+        let CameraSource { camera, color, depth } = source;
+        v1::CameraSource { camera: camera.clone(), color: color.clone(), depth: depth.clone().unwrap_or_default() }
     };
     let field = |source: &FieldSource| {
-        let FieldSource {
-            field,
-            topic,
-            paths,
-            names,
-        } = source;
-        v1::FieldSource {
-            field: field.clone(),
-            topic: topic.clone(),
-            paths: paths.clone(),
-            names: names.clone(),
-        }
+        let FieldSource { field, topic, paths, names } = source;
+        v1::FieldSource { field: field.clone(), topic: topic.clone(), paths: paths.clone(), names: names.clone() }
     };
     v1::Mapping {
         name: name.clone(),
@@ -104,16 +57,7 @@ fn mapping_to_proto(mapping: &Mapping) -> v1::Mapping {
 #[must_use]
 pub fn from_proto(spec: v1::TaskSpec) -> TaskSpec {
     let alignment = spec.alignment();
-    let v1::TaskSpec {
-        name,
-        rate_hz,
-        cameras,
-        proprioception,
-        action,
-        alignment: _,
-        tolerance,
-        mappings,
-    } = spec;
+    let v1::TaskSpec { name, rate_hz, cameras, proprioception, action, alignment: _, tolerance, mappings } = spec;
     TaskSpec {
         name,
         rate_hz,
@@ -131,18 +75,8 @@ pub fn from_proto(spec: v1::TaskSpec) -> TaskSpec {
 }
 
 fn camera_from_proto(camera: v1::CameraSpec) -> CameraSpec {
-    let v1::CameraSpec {
-        name,
-        height,
-        width,
-        depth,
-    } = camera;
-    CameraSpec {
-        name,
-        height,
-        width,
-        depth,
-    }
+    let v1::CameraSpec { name, height, width, depth } = camera;
+    CameraSpec { name, height, width, depth }
 }
 
 fn field_from_proto(field: v1::FieldSpec) -> FieldSpec {
@@ -151,37 +85,14 @@ fn field_from_proto(field: v1::FieldSpec) -> FieldSpec {
 }
 
 fn mapping_from_proto(mapping: v1::Mapping) -> Mapping {
-    let v1::Mapping {
-        name,
-        cameras,
-        fields,
-        clock,
-    } = mapping;
+    let v1::Mapping { name, cameras, fields, clock } = mapping;
     let camera = |source| {
-        let v1::CameraSource {
-            camera,
-            color,
-            depth,
-        } = source;
-        CameraSource {
-            camera,
-            color,
-            depth: unless_empty(depth),
-        }
+        let v1::CameraSource { camera, color, depth } = source;
+        CameraSource { camera, color, depth: unless_empty(depth) }
     };
     let field = |source| {
-        let v1::FieldSource {
-            field,
-            topic,
-            paths,
-            names,
-        } = source;
-        FieldSource {
-            field,
-            topic,
-            paths,
-            names,
-        }
+        let v1::FieldSource { field, topic, paths, names } = source;
+        FieldSource { field, topic, paths, names }
     };
     Mapping {
         name,

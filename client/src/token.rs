@@ -24,9 +24,8 @@ impl FromStr for Token {
         if text.is_empty() || !text.chars().all(|c| c.is_ascii_graphic()) {
             return Err("a token is one word of visible ASCII characters; copy it again".into());
         }
-        let mut header: MetadataValue<Ascii> = format!("Bearer {text}")
-            .parse()
-            .map_err(|_| "not a token; copy it again".to_owned())?;
+        let mut header: MetadataValue<Ascii> =
+            format!("Bearer {text}").parse().map_err(|_| "not a token; copy it again".to_owned())?;
         header.set_sensitive(true);
         Ok(Self(header))
     }

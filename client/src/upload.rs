@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
-use gleaner_proto::v1::{
-    Episode, FinishUploadRequest, GetUploadRequest, Outcome, Report, StartUploadRequest,
-};
+use gleaner_proto::v1::{Episode, FinishUploadRequest, GetUploadRequest, Outcome, Report, StartUploadRequest};
 use tonic::Code;
 
 use crate::connection::{Client, Transport};
@@ -65,10 +63,7 @@ impl Client {
             path: path.to_owned(),
             start: StartUploadRequest {
                 task: task.to_owned(),
-                file_name: path
-                    .file_name()
-                    .map(|name| name.to_string_lossy().into_owned())
-                    .unwrap_or_default(),
+                file_name: path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
                 size_bytes: digest.size_bytes,
                 blake3: digest.blake3,
                 outcome: label.outcome.into(),
@@ -115,10 +110,7 @@ impl Upload {
                     return Ok(*uploaded);
                 }
                 Step::Forward => {
-                    if let Stage::Open {
-                        committed: Some(committed),
-                        ..
-                    } = self.stage
+                    if let Stage::Open { committed: Some(committed), .. } = self.stage
                         && committed > furthest
                     {
                         furthest = committed;
@@ -137,18 +129,9 @@ impl Upload {
         let size = self.start.size_bytes;
         match self.stage.clone() {
             Stage::Unopened => self.open().await,
-            Stage::Open {
-                id,
-                committed: None,
-            } => self.ask(id).await,
-            Stage::Open {
-                id,
-                committed: Some(committed),
-            } if committed < size => self.write(id, committed).await,
-            Stage::Open {
-                id,
-                committed: Some(_),
-            } => self.finish(id).await,
+            Stage::Open { id, committed: None } => self.ask(id).await,
+            Stage::Open { id, committed: Some(committed) } if committed < size => self.write(id, committed).await,
+            Stage::Open { id, committed: Some(_) } => self.finish(id).await,
         }
     }
 
@@ -158,32 +141,16 @@ impl Upload {
             Err(status) => return self.after(status, &[]),
         };
         if let Some(episode) = reply.existing {
-            return Ok(Step::Done(Box::new(Uploaded {
-                episode,
-                report: None,
-                existed: true,
-            })));
+            return Ok(Step::Done(Box::new(Uploaded { episode, report: None, existed: true })));
         }
-        self.stage = Stage::Open {
-            id: reply.upload_id,
-            committed: Some(reply.committed_size),
-        };
+        self.stage = Stage::Open { id: reply.upload_id, committed: Some(reply.committed_size) };
         Ok(Step::Forward)
     }
 
     async fn ask(&mut self, id: String) -> Result<Step> {
-        match self
-            .service
-            .get_upload(GetUploadRequest {
-                upload_id: id.clone(),
-            })
-            .await
-        {
+        match self.service.get_upload(GetUploadRequest { upload_id: id.clone() }).await {
             Ok(reply) => {
-                self.stage = Stage::Open {
-                    id,
-                    committed: Some(reply.into_inner().committed_size),
-                };
+                self.stage = Stage::Open { id, committed: Some(reply.into_inner().committed_size) };
                 Ok(Step::Forward)
             }
             Err(status) => self.after(status, &[Code::NotFound]),
@@ -202,17 +169,11 @@ impl Upload {
         let pieces = pieces.of(&self.path).await?;
         let reply = self.service.write_upload(pieces).await;
         if let Some(source) = failure.take() {
-            return Err(ClientError::Io {
-                path: self.path.clone(),
-                source,
-            });
+            return Err(ClientError::Io { path: self.path.clone(), source });
         }
         match reply.map(|reply| reply.into_inner().committed_size) {
             Ok(now) if now > committed => {
-                self.stage = Stage::Open {
-                    id,
-                    committed: Some(now),
-                };
+                self.stage = Stage::Open { id, committed: Some(now) };
                 Ok(Step::Forward)
             }
             Ok(_) => Err(ClientError::Invalid(format!(
@@ -225,21 +186,11 @@ impl Upload {
     }
 
     async fn finish(&mut self, id: String) -> Result<Step> {
-        match self
-            .service
-            .finish_upload(FinishUploadRequest { upload_id: id })
-            .await
-        {
+        match self.service.finish_upload(FinishUploadRequest { upload_id: id }).await {
             Ok(reply) => {
                 let reply = reply.into_inner();
-                let episode = reply.episode.ok_or(ClientError::Contract {
-                    missing: "an episode",
-                })?;
-                Ok(Step::Done(Box::new(Uploaded {
-                    episode,
-                    report: reply.report,
-                    existed: false,
-                })))
+                let episode = reply.episode.ok_or(ClientError::Contract { missing: "an episode" })?;
+                Ok(Step::Done(Box::new(Uploaded { episode, report: reply.report, existed: false })))
             }
             // NotFound: an earlier finish arrived, only its answer was lost; opening again finds the episode.
             Err(status) => self.after(status, &[Code::NotFound]),
@@ -254,10 +205,7 @@ impl Upload {
             return Err(error);
         }
         self.stage = match std::mem::replace(&mut self.stage, Stage::Unopened) {
-            Stage::Open { id, .. } if code != Code::NotFound => Stage::Open {
-                id,
-                committed: None,
-            },
+            Stage::Open { id, .. } if code != Code::NotFound => Stage::Open { id, committed: None },
             Stage::Open { .. } | Stage::Unopened => Stage::Unopened,
         };
         Ok(Step::Back(error))

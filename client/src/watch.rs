@@ -21,19 +21,13 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Rejected`] when there is no such job, or the last error once patience has run out.
-    pub async fn watch(
-        &self,
-        job_id: &str,
-        mut on_event: impl FnMut(&WatchJobResponse),
-    ) -> Result<Job> {
+    pub async fn watch(&self, job_id: &str, mut on_event: impl FnMut(&WatchJobResponse)) -> Result<Job> {
         let mut patience = Patience::new();
         loop {
             let error = match self.watch_once(job_id, &mut on_event, &mut patience).await {
                 Ok(Some(job)) => return Ok(job),
                 // The stream ended before the job did: the server is going down.
-                Ok(None) => ClientError::Contract {
-                    missing: "the job's end",
-                },
+                Ok(None) => ClientError::Contract { missing: "the job's end" },
                 Err(error) if error.is_transient() => error,
                 Err(error) => return Err(error),
             };
@@ -50,11 +44,7 @@ impl Client {
     /// [`ClientError::JobEnded`] when it failed or was cancelled; else as for [`Client::watch`].
     pub async fn wait(&self, job_id: &str, on_event: impl FnMut(&WatchJobResponse)) -> Result<Job> {
         let job = self.watch(job_id, on_event).await?;
-        if job.state() == JobState::Succeeded {
-            Ok(job)
-        } else {
-            Err(ClientError::JobEnded(Box::new(job)))
-        }
+        if job.state() == JobState::Succeeded { Ok(job) } else { Err(ClientError::JobEnded(Box::new(job))) }
     }
 
     async fn watch_once(
@@ -63,9 +53,7 @@ impl Client {
         on_event: &mut impl FnMut(&WatchJobResponse),
         patience: &mut Patience,
     ) -> Result<Option<Job>> {
-        let request = WatchJobRequest {
-            job_id: job_id.to_owned(),
-        };
+        let request = WatchJobRequest { job_id: job_id.to_owned() };
         let mut events = self.jobs().watch_job(request).await?.into_inner();
         let mut last = None;
         while let Some(event) = events.message().await? {

@@ -27,23 +27,17 @@ pub(super) struct Pieces {
 
 impl Pieces {
     /// Opens the file and turns it into messages.
-    pub(super) async fn of(
-        self,
-        path: &Path,
-    ) -> Result<impl Stream<Item = WriteUploadRequest> + Send + 'static> {
+    pub(super) async fn of(self, path: &Path) -> Result<impl Stream<Item = WriteUploadRequest> + Send + 'static> {
         let open = async {
             let mut file = tokio::fs::File::open(path).await?;
             file.seek(std::io::SeekFrom::Start(self.offset)).await?;
             Ok(file)
         };
         let file = open.await.map_err(ClientError::io(path))?;
-        Ok(futures::stream::unfold(
-            (self, file),
-            |(mut pieces, mut file)| async move {
-                let message = pieces.next(&mut file).await?;
-                Some((message, (pieces, file)))
-            },
-        ))
+        Ok(futures::stream::unfold((self, file), |(mut pieces, mut file)| async move {
+            let message = pieces.next(&mut file).await?;
+            Some((message, (pieces, file)))
+        }))
     }
 
     async fn next(&mut self, file: &mut tokio::fs::File) -> Option<WriteUploadRequest> {
@@ -58,11 +52,7 @@ impl Pieces {
         let offset = self.offset;
         self.offset += data.len() as u64;
         (self.progress)(self.offset);
-        Some(WriteUploadRequest {
-            upload_id: self.upload_id.clone(),
-            offset,
-            data,
-        })
+        Some(WriteUploadRequest { upload_id: self.upload_id.clone(), offset, data })
     }
 }
 

@@ -9,10 +9,9 @@ use std::sync::Mutex;
 use futures::Stream;
 use gleaner_proto::v1::episode_service_server::{EpisodeService, EpisodeServiceServer};
 use gleaner_proto::v1::{
-    DownloadEpisodeRequest, DownloadEpisodeResponse, FinishUploadResponse, GetEpisodeRequest,
-    GetEpisodeResponse, GetUploadResponse, LabelEpisodesRequest, LabelEpisodesResponse,
-    ListEpisodesRequest, ListEpisodesResponse, ListLabelsRequest, ListLabelsResponse,
-    StartUploadResponse, WriteUploadRequest, WriteUploadResponse,
+    DownloadEpisodeRequest, DownloadEpisodeResponse, FinishUploadResponse, GetEpisodeRequest, GetEpisodeResponse,
+    GetUploadResponse, LabelEpisodesRequest, LabelEpisodesResponse, ListEpisodesRequest, ListEpisodesResponse,
+    ListLabelsRequest, ListLabelsResponse, StartUploadResponse, WriteUploadRequest, WriteUploadResponse,
 };
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::{Request, Response, Status, Streaming};
@@ -58,38 +57,22 @@ type Reply<T> = std::result::Result<Response<T>, Status>;
 
 #[tonic::async_trait]
 impl EpisodeService for Fake {
-    async fn start_upload(
-        &self,
-        request: Request<StartUploadRequest>,
-    ) -> Reply<StartUploadResponse> {
+    async fn start_upload(&self, request: Request<StartUploadRequest>) -> Reply<StartUploadResponse> {
         if self.meets(Fault::Refuses) {
-            return Err(Status::already_exists(
-                "the content is there as failure; relabel it",
-            ));
+            return Err(Status::already_exists("the content is there as failure; relabel it"));
         }
         let request = request.into_inner();
         let mut store = self.store();
         let existing = store.stored.as_ref().map(|(episode, _)| episode.clone());
-        let upload_id = if existing.is_none() {
-            "upl_1".into()
-        } else {
-            String::new()
-        };
+        let upload_id = if existing.is_none() { "upl_1".into() } else { String::new() };
         if store.open.is_none() {
             store.open = Some((request, Vec::new()));
         }
         let committed_size = store.open.as_ref().unwrap().1.len() as u64;
-        Ok(Response::new(StartUploadResponse {
-            upload_id,
-            committed_size,
-            existing,
-        }))
+        Ok(Response::new(StartUploadResponse { upload_id, committed_size, existing }))
     }
 
-    async fn write_upload(
-        &self,
-        request: Request<Streaming<WriteUploadRequest>>,
-    ) -> Reply<WriteUploadResponse> {
+    async fn write_upload(&self, request: Request<Streaming<WriteUploadRequest>>) -> Reply<WriteUploadResponse> {
         let mut pieces = request.into_inner();
         while let Some(piece) = pieces.message().await? {
             let breaks = self.meets(Fault::WriteBreaks);
@@ -99,10 +82,7 @@ impl EpisodeService for Fake {
                 store.open = None;
             }
             store.offsets.push(piece.offset);
-            let (_, bytes) = store
-                .open
-                .as_mut()
-                .ok_or_else(|| Status::not_found("no such upload"))?;
+            let (_, bytes) = store.open.as_mut().ok_or_else(|| Status::not_found("no such upload"))?;
             if piece.offset != bytes.len() as u64 {
                 return Err(Status::invalid_argument("offset"));
             }
@@ -117,37 +97,21 @@ impl EpisodeService for Fake {
 
     async fn get_upload(&self, _: Request<GetUploadRequest>) -> Reply<GetUploadResponse> {
         let store = self.store();
-        let (start, bytes) = store
-            .open
-            .as_ref()
-            .ok_or_else(|| Status::not_found("no such upload"))?;
-        Ok(Response::new(GetUploadResponse {
-            committed_size: bytes.len() as u64,
-            size_bytes: start.size_bytes,
-        }))
+        let (start, bytes) = store.open.as_ref().ok_or_else(|| Status::not_found("no such upload"))?;
+        Ok(Response::new(GetUploadResponse { committed_size: bytes.len() as u64, size_bytes: start.size_bytes }))
     }
 
     async fn finish_upload(&self, _: Request<FinishUploadRequest>) -> Reply<FinishUploadResponse> {
         let lost = self.meets(Fault::FinishAnswerLost);
         let mut store = self.store();
-        let (start, bytes) = store
-            .open
-            .take()
-            .ok_or_else(|| Status::not_found("no such upload"))?;
+        let (start, bytes) = store.open.take().ok_or_else(|| Status::not_found("no such upload"))?;
         assert_eq!(blake3::hash(&bytes).to_hex().to_string(), start.blake3);
-        let episode = Episode {
-            id: "ep_1".into(),
-            file_name: start.file_name,
-            ..Episode::default()
-        };
+        let episode = Episode { id: "ep_1".into(), file_name: start.file_name, ..Episode::default() };
         store.stored = Some((episode.clone(), bytes));
         if lost {
             return Err(Status::unavailable("going down"));
         }
-        Ok(Response::new(FinishUploadResponse {
-            episode: Some(episode),
-            report: Some(Report::default()),
-        }))
+        Ok(Response::new(FinishUploadResponse { episode: Some(episode), report: Some(Report::default()) }))
     }
 
     async fn get_episode(&self, _: Request<GetEpisodeRequest>) -> Reply<GetEpisodeResponse> {
@@ -158,10 +122,7 @@ impl EpisodeService for Fake {
         Err(Status::unimplemented(""))
     }
 
-    async fn label_episodes(
-        &self,
-        _: Request<LabelEpisodesRequest>,
-    ) -> Reply<LabelEpisodesResponse> {
+    async fn label_episodes(&self, _: Request<LabelEpisodesRequest>) -> Reply<LabelEpisodesResponse> {
         Err(Status::unimplemented(""))
     }
 
@@ -172,19 +133,14 @@ impl EpisodeService for Fake {
     type DownloadEpisodeStream =
         Pin<Box<dyn Stream<Item = std::result::Result<DownloadEpisodeResponse, Status>> + Send>>;
 
-    async fn download_episode(
-        &self,
-        _: Request<DownloadEpisodeRequest>,
-    ) -> Reply<Self::DownloadEpisodeStream> {
+    async fn download_episode(&self, _: Request<DownloadEpisodeRequest>) -> Reply<Self::DownloadEpisodeStream> {
         Err(Status::unimplemented(""))
     }
 }
 
 // Two and a half messages.
 fn recording() -> Vec<u8> {
-    (0..PIECE * 5 / 2)
-        .map(|i| u8::try_from(i % 251).unwrap())
-        .collect()
+    (0..PIECE * 5 / 2).map(|i| u8::try_from(i % 251).unwrap()).collect()
 }
 
 async fn upload_through(faults: &[Fault]) -> (Result<Uploaded>, Fake) {
@@ -192,19 +148,14 @@ async fn upload_through(faults: &[Fault]) -> (Result<Uploaded>, Fake) {
     fake.store().faults.extend(faults);
     let listener = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
     let url = format!("http://{}", listener.local_addr().unwrap());
-    let server =
-        tonic::transport::Server::builder().add_service(EpisodeServiceServer::new(fake.clone()));
+    let server = tonic::transport::Server::builder().add_service(EpisodeServiceServer::new(fake.clone()));
     let serving = tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(listener)));
 
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     std::fs::write(&path, recording()).unwrap();
     let client = Client::connect(&url, None).await.unwrap();
-    let label = UploadLabel {
-        outcome: Outcome::Failure,
-        cohort: "noise".into(),
-        author: "me".into(),
-    };
+    let label = UploadLabel { outcome: Outcome::Failure, cohort: "noise".into(), author: "me".into() };
     let uploaded = client.upload("pick", &path, &label, |_| {}).await;
     serving.abort();
     (uploaded, fake)
@@ -214,10 +165,7 @@ async fn upload_through(faults: &[Fault]) -> (Result<Uploaded>, Fake) {
 async fn a_straight_upload_sends_each_byte_once() {
     let (uploaded, fake) = upload_through(&[]).await;
     let uploaded = uploaded.unwrap();
-    assert_eq!(
-        (uploaded.episode.id.as_str(), uploaded.existed),
-        ("ep_1", false)
-    );
+    assert_eq!((uploaded.episode.id.as_str(), uploaded.existed), ("ep_1", false));
     assert!(uploaded.report.is_some());
     assert_eq!(fake.store().offsets, [0, PIECE as u64, 2 * PIECE as u64]);
     assert_eq!(fake.store().stored.as_ref().unwrap().1, recording());
@@ -229,11 +177,7 @@ async fn a_broken_write_goes_on_from_what_is_on_disk() {
     assert_eq!(uploaded.unwrap().episode.id, "ep_1");
     let mut offsets = fake.store().offsets.clone();
     offsets.dedup();
-    assert_eq!(
-        offsets,
-        [0, PIECE as u64, 2 * PIECE as u64],
-        "nothing was sent twice"
-    );
+    assert_eq!(offsets, [0, PIECE as u64, 2 * PIECE as u64], "nothing was sent twice");
     assert_eq!(fake.store().stored.as_ref().unwrap().1, recording());
 }
 
@@ -255,9 +199,6 @@ async fn a_refusal_is_final() {
     let (uploaded, fake) = upload_through(&[Fault::Refuses]).await;
     let error = uploaded.unwrap_err();
     assert_eq!(error.code(), Some(Code::AlreadyExists));
-    assert_eq!(
-        error.to_string(),
-        "the content is there as failure; relabel it"
-    );
+    assert_eq!(error.to_string(), "the content is there as failure; relabel it");
     assert!(fake.store().offsets.is_empty());
 }

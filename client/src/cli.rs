@@ -1,0 +1,142 @@
+//! The command line's shape: global options and the list of commands.
+
+use clap::{Args, Parser, Subcommand};
+use gleaner_client::Token;
+
+use crate::cmd::{
+    dataset, drive, episodes, export, jobs, label, pipeline, policies, push, record, schedule, scores, snapshot,
+    submit, task,
+};
+use crate::demo;
+
+/// Gleans the good steps out of failed demonstrations.
+#[derive(Debug, Parser)]
+#[command(name = "gleaner", version, propagate_version = true, max_term_width = 100)]
+pub(crate) struct Cli {
+    #[command(flatten)]
+    pub(crate) connection: ConnectionArgs,
+
+    /// Print one JSON document (streams: one a line) instead of text.
+    #[arg(long, global = true)]
+    pub(crate) json: bool,
+
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// Where the server is and who asks.
+#[derive(Args, Debug)]
+pub(crate) struct ConnectionArgs {
+    /// The server's address.
+    #[arg(long, global = true, env = "GLEANER_SERVER", default_value = "http://127.0.0.1:7400", value_name = "URL")]
+    pub(crate) server: String,
+
+    /// The access token, if the server asks for one.
+    #[arg(long, global = true, env = "GLEANER_TOKEN", hide_env_values = true)]
+    pub(crate) token: Option<Token>,
+
+    /// Who labels episodes, as kept in their history.
+    #[arg(long, global = true, env = "USER", hide_env_values = true, value_name = "NAME")]
+    pub(crate) author: Option<String>,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// Create, list and show tasks.
+    #[command(subcommand)]
+    Task(task::TaskCommand),
+    /// Upload recordings with their labels.
+    Push(push::PushArgs),
+    /// List a task's episodes.
+    Episodes(episodes::EpisodesArgs),
+    /// Show one episode and what its inspection found.
+    Episode(episodes::EpisodeArgs),
+    /// Download an episode's recording.
+    Download(episodes::DownloadArgs),
+    /// Set the outcome and cohort of episodes.
+    Label(label::LabelArgs),
+    /// Show every label an episode ever had.
+    Labels(label::LabelsArgs),
+    /// Freeze, list and show snapshots of a task's episodes.
+    #[command(subcommand)]
+    Snapshot(snapshot::SnapshotCommand),
+    /// Pretrain an encoder on experts and imperfect episodes.
+    Pretrain(submit::PretrainCommand),
+    /// Score every imperfect segment with an encoder.
+    Score(submit::ScoreCommand),
+    /// Train a policy on a dataset, or on experts alone.
+    Train(submit::TrainCommand),
+    /// Pretrain, score, filter and train, one after the other.
+    Pipeline(pipeline::PipelineCommand),
+    /// List jobs.
+    Jobs(jobs::JobsArgs),
+    /// Show one job.
+    Job(jobs::JobArgs),
+    /// Follow a job until it ends.
+    Watch(jobs::WatchArgs),
+    /// Cancel a job, and the jobs that wait for it.
+    Cancel(jobs::CancelArgs),
+    /// List a task's finished score runs.
+    Runs(scores::RunsArgs),
+    /// Chart one episode's quality, step by step.
+    Scores(scores::ScoresArgs),
+    /// Show how quality is spread and what each threshold would keep.
+    Histogram(scores::HistogramArgs),
+    /// Create, list, show and stream datasets.
+    #[command(subcommand)]
+    Dataset(dataset::DatasetCommand),
+    /// Write a dataset's kept stretches as files.
+    Export(export::ExportArgs),
+    /// List a task's policies.
+    Policies(policies::PoliciesArgs),
+    /// Point a deployment's name at a policy.
+    Deploy(policies::DeployArgs),
+    /// List deployments and their history.
+    Deployments(policies::DeploymentsArgs),
+    /// Evaluate a deployed policy in the simulator.
+    Drive(drive::DriveArgs),
+    /// Run pipelines by the clock or as labels come in.
+    #[command(subcommand)]
+    Schedule(schedule::ScheduleCommand),
+    /// Record demonstrations in the simulator.
+    Record(record::RecordArgs),
+    /// The whole way once, on a server of its own: record, push, pretrain, score, train, evaluate.
+    Demo(demo::DemoArgs),
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_definition_is_sound() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn a_token_shows_in_no_debug_print() {
+        let cli = Cli::try_parse_from(["gleaner", "--token", "secret123", "jobs"]).unwrap();
+        assert!(!format!("{cli:?}").contains("secret123"));
+    }
+
+    #[test]
+    fn wrong_use_is_refused() {
+        for line in [
+            "gleaner",
+            "gleaner push",
+            "gleaner train",
+            "gleaner train --dataset ds_1 --experts-of enc_1",
+            "gleaner schedule create --task t --name n",
+            "gleaner schedule create --task t --name n --after-labels 5 --cron x",
+            "gleaner label ep_1",
+            "gleaner label --outcome success",
+            "gleaner push a.mcap --outcome great",
+            "gleaner pipeline --until never",
+        ] {
+            let refused = Cli::try_parse_from(line.split(' ')).unwrap_err();
+            assert_eq!(refused.exit_code(), 2, "{line}");
+        }
+    }
+}

@@ -1,0 +1,138 @@
+//! `dataset`: create, list, show, stream.
+
+use clap::{Args, Subcommand};
+use gleaner_proto::v1::{
+    CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, StreamSegmentsRequest,
+};
+
+use crate::context::Context;
+use crate::failure::{Result, present};
+use crate::table::Column::{Left, Right};
+use crate::table::{facts, table};
+use crate::{json, words};
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum DatasetCommand {
+    /// Make a dataset of a score run's experts and its segments above a threshold.
+    Create {
+        /// The score run, or one that a queued job will make.
+        #[arg(long)]
+        run: String,
+        /// Keep segments with quality above this.
+        #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
+        beta: f64,
+    },
+    /// List a task's datasets, newest first.
+    List {
+        /// The task's name or id; by default the only task there is.
+        #[arg(long)]
+        task: Option<String>,
+    },
+    /// Show a dataset and its counts.
+    Show {
+        /// The dataset.
+        id: String,
+    },
+    /// Print every segment with its weight, one JSON object a line.
+    Stream(StreamArgs),
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct StreamArgs {
+    /// The dataset.
+    id: String,
+    /// Include the raw frames, as base64.
+    #[arg(long)]
+    frames: bool,
+    /// Leave the experts out.
+    #[arg(long)]
+    kept_only: bool,
+}
+
+impl DatasetCommand {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        match self {
+            Self::Create { run, beta } => create(context, run, beta).await,
+            Self::List { task } => list(context, task).await,
+            Self::Show { id } => show(context, id).await,
+            Self::Stream(args) => stream(context, args).await,
+        }
+    }
+}
+
+async fn create(context: &Context, run: String, beta: f64) -> Result<()> {
+    let request = CreateDatasetRequest { score_run_id: run, beta };
+    let reply = context.client().await?.datasets().create_dataset(request).await?.into_inner();
+    let dataset = present(reply.dataset.as_ref(), "a dataset")?;
+    context.output.result(|| json::value(&reply), || describe(dataset))?;
+    context.output.next(format_args!("gleaner train --dataset {} --wait", dataset.id));
+    Ok(())
+}
+
+async fn show(context: &Context, id: String) -> Result<()> {
+    let request = GetDatasetRequest { dataset_id: id };
+    let reply = context.client().await?.datasets().get_dataset(request).await?.into_inner();
+    let dataset = present(reply.dataset.as_ref(), "a dataset")?;
+    context.output.result(|| json::value(&reply), || describe(dataset))?;
+    context.output.next(format_args!("gleaner export {} --format mcap --out DIR", dataset.id));
+    Ok(())
+}
+
+// Counts are there once the score run is finished.
+fn count(count: Option<u64>) -> String {
+    count.map_or_else(|| "not yet".into(), |count| count.to_string())
+}
+
+fn describe(dataset: &Dataset) -> String {
+    facts([
+        ("id", dataset.id.clone()),
+        ("score run", dataset.score_run_id.clone()),
+        ("β", dataset.beta.to_string()),
+        ("kept segments", count(dataset.kept_segments)),
+        ("from episodes", count(dataset.kept_episodes)),
+        ("expert segments", count(dataset.expert_segments)),
+        ("created", words::moment(dataset.create_time.as_ref())),
+    ])
+}
+
+async fn list(context: &Context, task: Option<String>) -> Result<()> {
+    let client = context.client().await?;
+    let request = ListDatasetsRequest { task: context.task(&client, task.as_deref()).await? };
+    let reply = client.datasets().list_datasets(request).await?.into_inner();
+    let columns = [Left("ID"), Left("SCORE RUN"), Right("β"), Right("KEPT"), Right("EXPERT"), Left("CREATED")];
+    let row = |dataset: &Dataset| {
+        [
+            dataset.id.clone(),
+            dataset.score_run_id.clone(),
+            dataset.beta.to_string(),
+            count(dataset.kept_segments),
+            count(dataset.expert_segments),
+            words::moment(dataset.create_time.as_ref()),
+        ]
+    };
+    context.output.result(|| json::value(&reply), || table(columns, reply.datasets.iter().map(row)))?;
+    match reply.datasets.first() {
+        Some(dataset) => context.output.next(format_args!("gleaner train --dataset {} --wait", dataset.id)),
+        None => context.output.next("gleaner dataset create --run RUN --beta 0.9"),
+    }
+    Ok(())
+}
+
+async fn stream(context: &Context, args: StreamArgs) -> Result<()> {
+    let request =
+        StreamSegmentsRequest { dataset_id: args.id.clone(), include_frames: args.frames, kept_only: args.kept_only };
+    let mut segments = context.client().await?.datasets().stream_segments(request).await?.into_inner();
+    let mut count = 0_u64;
+    while let Some(message) = segments.message().await? {
+        let segment: Segment = present(message.segment, "a segment")?;
+        let mut line = json::value(&segment)?;
+        if let (false, Some(fields)) = (args.frames, line.as_object_mut()) {
+            fields.remove("frames");
+        }
+        context.output.line(line)?;
+        count += 1;
+    }
+    context.output.note(format_args!("{count} segments"));
+    context.output.next(format_args!("gleaner train --dataset {} --wait", args.id));
+    Ok(())
+}

@@ -1,0 +1,164 @@
+//! `episodes`, `episode`, `download`.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gleaner_client::{Client, outcome_from_word};
+use gleaner_proto::v1::{
+    Episode, Finding, GetEpisodeRequest, GetEpisodeResponse, ListEpisodesRequest, ListEpisodesResponse, Outcome,
+};
+
+use crate::context::Context;
+use crate::failure::{Result, present};
+use crate::table::Column::{Left, Right};
+use crate::table::{facts, table};
+use crate::{json, words};
+
+#[derive(Args, Debug)]
+pub(crate) struct EpisodesArgs {
+    /// The task's name or id; by default the only task there is.
+    #[arg(long)]
+    task: Option<String>,
+    /// Only episodes of this outcome.
+    #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
+    outcome: Option<Outcome>,
+    /// Only episodes of this cohort.
+    #[arg(long, default_value = "")]
+    cohort: String,
+}
+
+impl EpisodesArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let request = ListEpisodesRequest {
+            task: context.task(&client, self.task.as_deref()).await?,
+            outcome: self.outcome.unwrap_or_default().into(),
+            cohort: self.cohort,
+            page_size: 1000,
+            page_token: String::new(),
+        };
+        let reply = every_page(&client, request).await?;
+        context.output.result(|| json::value(&reply), || listing(&reply.episodes))?;
+        match reply.episodes.first() {
+            Some(episode) => context.output.next(format_args!("gleaner episode {}", episode.id)),
+            None => context.output.next("gleaner push RECORDINGS --labels labels.csv"),
+        }
+        Ok(())
+    }
+}
+
+/// Every page of a listing, as one.
+pub(crate) async fn every_page(client: &Client, mut request: ListEpisodesRequest) -> Result<ListEpisodesResponse> {
+    let mut whole = ListEpisodesResponse::default();
+    loop {
+        let page = client.episodes().list_episodes(request.clone()).await?.into_inner();
+        whole.episodes.extend(page.episodes);
+        if page.next_page_token.is_empty() {
+            return Ok(whole);
+        }
+        request.page_token = page.next_page_token;
+    }
+}
+
+/// Episodes as a table.
+pub(crate) fn listing(episodes: &[Episode]) -> String {
+    let columns = [
+        Left("ID"),
+        Left("OUTCOME"),
+        Left("COHORT"),
+        Right("STEPS"),
+        Right("SECONDS"),
+        Right("MB"),
+        Right("WARNINGS"),
+        Left("FILE"),
+    ];
+    let row = |episode: &Episode| {
+        [
+            episode.id.clone(),
+            words::outcome(episode.outcome()),
+            episode.cohort.clone(),
+            episode.steps.to_string(),
+            format!("{:.1}", episode.duration_s),
+            format!("{:.2}", words::megabytes(episode.size_bytes)),
+            episode.warnings.to_string(),
+            episode.file_name.clone(),
+        ]
+    };
+    table(columns, episodes.iter().map(row))
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct EpisodeArgs {
+    /// The episode.
+    id: String,
+}
+
+impl EpisodeArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = GetEpisodeRequest { episode_id: self.id };
+        let reply = context.client().await?.episodes().get_episode(request).await?.into_inner();
+        let episode = present(reply.episode.as_ref(), "an episode")?;
+        context.output.result(|| json::value(&reply), || describe(episode, &reply))?;
+        context.output.next(format_args!("gleaner label {} --outcome success|failure", episode.id));
+        Ok(())
+    }
+}
+
+fn describe(episode: &Episode, reply: &GetEpisodeResponse) -> String {
+    let report = reply.report.clone().unwrap_or_default();
+    let mut text = facts([
+        ("id", episode.id.clone()),
+        ("file", episode.file_name.clone()),
+        ("outcome", words::outcome(episode.outcome())),
+        ("cohort", episode.cohort.clone()),
+        ("steps", format!("{} in {:.2} s, {:.2} Hz", episode.steps, episode.duration_s, report.rate_hz)),
+        ("mapping", episode.mapping.clone()),
+        ("size", format!("{:.2} MB, {} messages", words::megabytes(episode.size_bytes), report.messages)),
+        ("blake3", episode.blake3.clone()),
+        ("pushed", words::moment(episode.create_time.as_ref())),
+    ]);
+    text.push('\n');
+    text.push_str(&findings(&report.findings));
+    text
+}
+
+fn findings(findings: &[Finding]) -> String {
+    if findings.is_empty() {
+        return "nothing was found wrong with it".into();
+    }
+    let columns = [Left("SEVERITY"), Left("FINDING"), Left("ABOUT"), Right("FROM STEP"), Left("DETAIL")];
+    let row = |finding: &Finding| {
+        [
+            words::severity(finding.severity()),
+            finding.code.clone(),
+            finding.subject.clone(),
+            finding.first_step.map(|step| step.to_string()).unwrap_or_default(),
+            finding.detail.clone(),
+        ]
+    };
+    table(columns, findings.iter().map(row))
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DownloadArgs {
+    /// The episode.
+    id: String,
+    /// Where to write the recording.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+}
+
+impl DownloadArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let bar = context.progress.spinner("download");
+        let episode = client.download_episode(&self.id, &self.output, |bytes| bar.set_position(bytes)).await?;
+        bar.finish_and_clear();
+        context.output.result(
+            || json::value(&episode),
+            || format!("{} ({:.2} MB, verified)", self.output.display(), words::megabytes(episode.size_bytes)),
+        )?;
+        context.output.next(format_args!("gleaner episode {}", episode.id));
+        Ok(())
+    }
+}

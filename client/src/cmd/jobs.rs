@@ -1,0 +1,191 @@
+//! `jobs`, `job`, `watch`, `cancel`.
+
+use clap::{Args, ValueEnum};
+use gleaner_client::{Client, ClientError};
+use gleaner_proto::v1::{
+    CancelJobRequest, GetJobRequest, Job, JobState, ListJobsRequest, ListJobsResponse, WatchJobResponse,
+};
+
+use super::follow;
+use super::submit::{after, outcome};
+use crate::context::Context;
+use crate::failure::{Failure, Result, present};
+use crate::table::Column::{Left, Right};
+use crate::table::{facts, table};
+use crate::{json, words};
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum StateArg {
+    Queued,
+    Running,
+    Succeeded,
+    Failed,
+    Cancelled,
+}
+
+impl From<StateArg> for JobState {
+    fn from(state: StateArg) -> Self {
+        match state {
+            StateArg::Queued => Self::Queued,
+            StateArg::Running => Self::Running,
+            StateArg::Succeeded => Self::Succeeded,
+            StateArg::Failed => Self::Failed,
+            StateArg::Cancelled => Self::Cancelled,
+        }
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct JobsArgs {
+    /// Only this task's jobs.
+    #[arg(long, default_value = "", hide_default_value = true)]
+    task: String,
+    /// Only jobs in this state.
+    #[arg(long, value_enum)]
+    state: Option<StateArg>,
+    /// At most so many, newest first.
+    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    limit: u32,
+}
+
+impl JobsArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = ListJobsRequest {
+            task: self.task,
+            state: self.state.map(JobState::from).unwrap_or_default().into(),
+            page_size: self.limit,
+            page_token: String::new(),
+        };
+        let reply: ListJobsResponse = context.client().await?.jobs().list_jobs(request).await?.into_inner();
+        context.output.result(|| json::value(&reply), || listing(&reply.jobs))?;
+        match reply.jobs.first() {
+            Some(job) => context.output.next(format_args!("gleaner watch {}", job.id)),
+            None => context.output.next("gleaner pretrain --wait"),
+        }
+        Ok(())
+    }
+}
+
+/// Jobs as a table.
+pub(crate) fn listing(jobs: &[Job]) -> String {
+    let columns = [
+        Left("ID"),
+        Left("KIND"),
+        Left("STATE"),
+        Right("DONE"),
+        Right("TOOK"),
+        Left("CREATED"),
+        Left("MAKES"),
+        Left("MESSAGE"),
+    ];
+    let row = |job: &Job| {
+        [
+            job.id.clone(),
+            words::job_kind(job.kind()),
+            words::job_state(job.state()),
+            words::percent(job.done, job.total),
+            words::between(job.start_time.as_ref(), job.end_time.as_ref()),
+            words::moment(job.create_time.as_ref()),
+            job.result_id.clone(),
+            if job.error.is_empty() { job.message.clone() } else { job.error.clone() },
+        ]
+    };
+    table(columns, jobs.iter().map(row))
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct JobArgs {
+    /// The job.
+    id: String,
+}
+
+impl JobArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = GetJobRequest { job_id: self.id };
+        let reply = context.client().await?.jobs().get_job(request).await?.into_inner();
+        let job = present(reply.job.as_ref(), "a job")?;
+        context.output.result(|| json::value(&reply), || describe(job))?;
+        context.output.next(next(job));
+        Ok(())
+    }
+}
+
+fn next(job: &Job) -> String {
+    match job.state() {
+        JobState::Succeeded => after(job),
+        JobState::Queued | JobState::Running | JobState::Unspecified => format!("gleaner watch {}", job.id),
+        JobState::Failed | JobState::Cancelled => format!("gleaner jobs (job {} can be submitted anew)", job.id),
+    }
+}
+
+fn describe(job: &Job) -> String {
+    facts([
+        ("id", job.id.clone()),
+        ("task", job.task_id.clone()),
+        ("kind", words::job_kind(job.kind())),
+        ("state", words::job_state(job.state())),
+        ("done", format!("{} of {}", job.done, job.total)),
+        ("message", job.message.clone()),
+        ("error", job.error.clone()),
+        ("makes", job.result_id.clone()),
+        ("waits for", job.needs.join(" ")),
+        ("attempt", format!("{} of {}", job.attempt, job.max_attempts)),
+        ("priority", job.priority.to_string()),
+        ("created", words::moment(job.create_time.as_ref())),
+        ("took", words::between(job.start_time.as_ref(), job.end_time.as_ref())),
+        ("peak memory", format!("{:.0} MB", words::megabytes(job.peak_memory_bytes))),
+    ])
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct WatchArgs {
+    /// The job.
+    id: String,
+}
+
+impl WatchArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let job = if context.output.json() {
+            stream(context, &client, &self.id).await?
+        } else {
+            let job = follow::to_end(context, &client, &self.id).await?;
+            context.output.line(outcome(&job))?;
+            job
+        };
+        if job.state() != JobState::Succeeded {
+            return Err(Failure::Client(ClientError::JobEnded(Box::new(job))));
+        }
+        context.output.next(after(&job));
+        Ok(())
+    }
+}
+
+// Each event as a line of JSON.
+async fn stream(context: &Context, client: &Client, job_id: &str) -> Result<Job> {
+    let mut printed = Ok(());
+    let print = |event: &WatchJobResponse| {
+        if printed.is_ok() {
+            printed = json::value(event).and_then(|event| context.output.line(event));
+        }
+    };
+    let job = client.watch(job_id, print).await?;
+    printed.map(|()| job)
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct CancelArgs {
+    /// The job.
+    id: String,
+}
+
+impl CancelArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = CancelJobRequest { job_id: self.id };
+        let reply = context.client().await?.jobs().cancel_job(request).await?.into_inner();
+        let job = present(reply.job.as_ref(), "a job")?;
+        context.output.result(|| json::value(&reply), || outcome(job))?;
+        context.output.next("gleaner jobs");
+        Ok(())
+    }
+}

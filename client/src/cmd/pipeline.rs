@@ -1,0 +1,157 @@
+//! `pipeline`: pretrain, score, filter, train as one chain of jobs. Its options are the schedules' too.
+
+use clap::{Args, ValueEnum};
+use gleaner_proto::v1::{Job, PipelineSpec, SubmitPipelineRequest};
+
+use super::plan::{self, PretrainArgs};
+use super::submit::{SubmitArgs, after, outcome};
+use super::{follow, jobs};
+use crate::context::Context;
+use crate::failure::Result;
+use crate::json;
+
+/// How far a pipeline goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+enum Until {
+    Pretrain,
+    Score,
+    Dataset,
+    Train,
+}
+
+/// What a pipeline does.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct PipelineArgs {
+    #[command(flatten)]
+    pretrain: PretrainArgs,
+    /// The last stage.
+    #[arg(long, value_enum, default_value = "train")]
+    until: Until,
+    /// Keep segments with quality above this.
+    #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
+    beta: f64,
+    /// Weight of the kept segments' loss.
+    #[arg(long)]
+    lambda: Option<f64>,
+    /// Optimiser steps of the training.
+    #[arg(long, value_name = "STEPS")]
+    train_steps: Option<u32>,
+    /// Segments a step of the training.
+    #[arg(long, value_name = "BATCH")]
+    train_batch: Option<u32>,
+    /// Learning rate of the training.
+    #[arg(long, value_name = "LR")]
+    train_lr: Option<f64>,
+}
+
+impl PipelineArgs {
+    pub(crate) fn spec(&self) -> PipelineSpec {
+        let train = || {
+            let optim = plan::optim(self.train_steps, self.train_batch, self.train_lr);
+            plan::train(optim, self.lambda, self.pretrain.seed(), self.pretrain.device())
+        };
+        PipelineSpec {
+            pretrain: Some(self.pretrain.spec()),
+            score: self.until >= Until::Score,
+            beta: (self.until >= Until::Dataset).then_some(self.beta),
+            train: (self.until >= Until::Train).then(train),
+        }
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct PipelineCommand {
+    /// The task's name or id; by default the only task there is.
+    #[arg(long)]
+    task: Option<String>,
+    #[command(flatten)]
+    pipeline: PipelineArgs,
+    #[command(flatten)]
+    submit: SubmitArgs,
+}
+
+impl PipelineCommand {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let request = SubmitPipelineRequest {
+            task: context.task(&client, self.task.as_deref()).await?,
+            pipeline: Some(self.pipeline.spec()),
+            priority: self.submit.priority,
+        };
+        let mut reply = client.jobs().submit_pipeline(request).await?.into_inner();
+        if self.submit.wait {
+            for job in &mut reply.jobs {
+                *job = follow::to_success(context, &client, &job.id).await?;
+                context.output.note(outcome(job));
+            }
+        }
+        let text = || {
+            let mut text = jobs::listing(&reply.jobs);
+            if !reply.dataset_id.is_empty() {
+                text.push_str(&format!("\ndataset {}", reply.dataset_id));
+            }
+            text
+        };
+        context.output.result(|| json::value(&reply), text)?;
+        context.output.next(next(&reply.jobs, self.submit.wait));
+        Ok(())
+    }
+}
+
+fn next(submitted: &[Job], waited: bool) -> String {
+    match submitted.last() {
+        Some(last) if waited => after(last),
+        Some(last) => format!("gleaner watch {} (the last of the chain)", last.id),
+        None => "gleaner jobs".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use clap::Parser;
+    use gleaner_proto::v1::Preset;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        pipeline: PipelineArgs,
+    }
+
+    fn spec(options: &str) -> PipelineSpec {
+        Line::try_parse_from(std::iter::once("x").chain(options.split_whitespace())).unwrap().pipeline.spec()
+    }
+
+    #[test]
+    fn the_chain_ends_where_it_is_told() {
+        let stages = |until: &str| {
+            let spec = spec(&format!("--until {until}"));
+            (spec.score, spec.beta.is_some(), spec.train.is_some())
+        };
+        assert_eq!(stages("pretrain"), (false, false, false));
+        assert_eq!(stages("score"), (true, false, false));
+        assert_eq!(stages("dataset"), (true, true, false));
+        assert_eq!(stages("train"), (true, true, true));
+    }
+
+    #[test]
+    fn what_is_not_given_is_left_to_the_server() {
+        let optim = spec("").pretrain.unwrap().optim.unwrap();
+        assert_eq!((optim.steps, optim.batch, optim.learning_rate), (None, None, None));
+    }
+
+    #[test]
+    fn options_reach_their_stage() {
+        let spec = spec(
+            "--preset small --steps 7 --lr 0.5 --train-steps 9 --lambda 0.2 --beta 0.8 --seed 3 \
+             --expert-cohort a --expert-cohort b --imperfect-cohort c",
+        );
+        let (pretrain, train) = (spec.pretrain.unwrap(), spec.train.unwrap());
+        assert_eq!((pretrain.preset(), pretrain.seed, train.seed), (Preset::Small, 3, 3));
+        assert_eq!((pretrain.optim.unwrap().steps, train.optim.unwrap().steps), (Some(7), Some(9)));
+        assert_eq!((pretrain.optim.unwrap().learning_rate, train.lambda, spec.beta), (Some(0.5), Some(0.2), Some(0.8)));
+        let rule = pretrain.rule.unwrap();
+        assert_eq!((rule.expert_cohorts, rule.imperfect_cohorts), (vec!["a".into(), "b".into()], vec!["c".into()]));
+    }
+}

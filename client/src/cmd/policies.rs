@@ -1,0 +1,94 @@
+//! `policies`, `deploy`, `deployments`.
+
+use clap::Args;
+use gleaner_proto::v1::{DeployRequest, Deployment, ListDeploymentsRequest, ListPoliciesRequest, Policy};
+
+use crate::context::Context;
+use crate::failure::{Result, present};
+use crate::table::Column::{Left, Right};
+use crate::table::table;
+use crate::{json, words};
+
+#[derive(Args, Debug)]
+pub(crate) struct PoliciesArgs {
+    /// The task's name or id; by default the only task there is.
+    #[arg(long)]
+    task: Option<String>,
+}
+
+impl PoliciesArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let request = ListPoliciesRequest { task: context.task(&client, self.task.as_deref()).await? };
+        let reply = client.policies().list_policies(request).await?.into_inner();
+        let columns = [Left("ID"), Left("KIND"), Left("DATASET"), Left("ENCODER"), Left("CREATED")];
+        let row = |policy: &Policy| {
+            let dataset = if policy.dataset_id.is_empty() { "experts alone" } else { &policy.dataset_id };
+            [
+                policy.id.clone(),
+                policy.kind.clone(),
+                dataset.to_owned(),
+                policy.encoder_id.clone(),
+                words::moment(policy.create_time.as_ref()),
+            ]
+        };
+        context.output.result(|| json::value(&reply), || table(columns, reply.policies.iter().map(row)))?;
+        match reply.policies.first() {
+            Some(policy) => context.output.next(format_args!("gleaner deploy NAME --policy {}", policy.id)),
+            None => context.output.next("gleaner train --dataset DATASET --wait"),
+        }
+        Ok(())
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DeployArgs {
+    /// The deployment's name, for example pick_cube@prod.
+    name: String,
+    /// The policy it shall point at.
+    #[arg(long)]
+    policy: String,
+}
+
+impl DeployArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = DeployRequest { name: self.name, policy_id: self.policy };
+        let reply = context.client().await?.policies().deploy(request).await?.into_inner();
+        let deployment = present(reply.deployment.as_ref(), "a deployment")?;
+        context
+            .output
+            .result(|| json::value(&reply), || format!("{} now points at {}", deployment.name, deployment.policy_id))?;
+        context.output.next(format_args!("gleaner drive {} (evaluates it in the simulator)", deployment.name));
+        Ok(())
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct DeploymentsArgs {
+    /// Only this task's.
+    #[arg(long, default_value = "", hide_default_value = true)]
+    task: String,
+}
+
+impl DeploymentsArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = ListDeploymentsRequest { task: self.task };
+        let reply = context.client().await?.policies().list_deployments(request).await?.into_inner();
+        let columns = [Left("NAME"), Left("POLICY"), Left("SINCE"), Right("CHANGES")];
+        let row = |deployment: &Deployment| {
+            let since = deployment.history.last().and_then(|change| change.deploy_time.as_ref());
+            [
+                deployment.name.clone(),
+                deployment.policy_id.clone(),
+                words::moment(since),
+                deployment.history.len().to_string(),
+            ]
+        };
+        context.output.result(|| json::value(&reply), || table(columns, reply.deployments.iter().map(row)))?;
+        match reply.deployments.first() {
+            Some(deployment) => context.output.next(format_args!("gleaner drive {}", deployment.name)),
+            None => context.output.next("gleaner deploy NAME --policy POLICY"),
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,171 @@
+//! `schedule`: pipelines that start by themselves.
+
+use clap::{Args, Subcommand};
+use gleaner_proto::v1::create_schedule_request::Trigger as NewTrigger;
+use gleaner_proto::v1::schedule::Trigger;
+use gleaner_proto::v1::{
+    CreateScheduleRequest, DeleteScheduleRequest, ListSchedulesRequest, PauseScheduleRequest, Schedule,
+};
+use serde_json::json;
+
+use super::pipeline::PipelineArgs;
+use crate::context::Context;
+use crate::failure::{Result, present};
+use crate::table::Column::Left;
+use crate::table::table;
+use crate::{json, words};
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum ScheduleCommand {
+    /// Create a schedule.
+    Create(Box<CreateArgs>),
+    /// List schedules and when each runs next.
+    List {
+        /// Only this task's.
+        #[arg(long, default_value = "", hide_default_value = true)]
+        task: String,
+    },
+    /// Stop a schedule from starting anything.
+    Pause {
+        /// The schedule.
+        id: String,
+    },
+    /// Let a paused schedule go on.
+    Resume {
+        /// The schedule.
+        id: String,
+    },
+    /// Delete a schedule; its past jobs stay.
+    Delete {
+        /// The schedule.
+        id: String,
+    },
+}
+
+#[derive(Args, Debug)]
+#[group(id = "trigger", required = true, multiple = false, args = ["cron", "after_labels"])]
+pub(crate) struct CreateArgs {
+    /// The task's name or id; by default the only task there is.
+    #[arg(long)]
+    task: Option<String>,
+    /// The schedule's name.
+    #[arg(long)]
+    name: String,
+    /// When to run: five cron fields, UTC, for example "0 2 * * *".
+    #[arg(long)]
+    cron: Option<String>,
+    /// Run after so many newly labelled episodes.
+    #[arg(long, value_name = "N")]
+    after_labels: Option<u32>,
+    #[command(flatten)]
+    pipeline: PipelineArgs,
+}
+
+impl ScheduleCommand {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        match self {
+            Self::Create(args) => args.run(context).await,
+            Self::List { task } => list(context, task).await,
+            Self::Pause { id } => pause(context, id, true).await,
+            Self::Resume { id } => pause(context, id, false).await,
+            Self::Delete { id } => delete(context, id).await,
+        }
+    }
+}
+
+impl CreateArgs {
+    async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let trigger = match (self.cron, self.after_labels) {
+            (Some(cron), _) => Some(NewTrigger::Cron(cron)),
+            (None, count) => count.map(NewTrigger::LabelledEpisodes),
+        };
+        let request = CreateScheduleRequest {
+            task: context.task(&client, self.task.as_deref()).await?,
+            name: self.name,
+            trigger,
+            pipeline: Some(self.pipeline.spec()),
+        };
+        let reply = client.schedules().create_schedule(request).await?.into_inner();
+        let schedule = present(reply.schedule.as_ref(), "a schedule")?;
+        context.output.result(|| json::value(&reply), || listing(std::slice::from_ref(schedule)))?;
+        context.output.next("gleaner schedule list");
+        Ok(())
+    }
+}
+
+async fn list(context: &Context, task: String) -> Result<()> {
+    let request = ListSchedulesRequest { task };
+    let reply = context.client().await?.schedules().list_schedules(request).await?.into_inner();
+    context.output.result(|| json::value(&reply), || listing(&reply.schedules))?;
+    match reply.schedules.first() {
+        Some(schedule) if schedule.paused => {
+            context.output.next(format_args!("gleaner schedule resume {}", schedule.id))
+        }
+        Some(schedule) => context.output.next(format_args!("gleaner schedule pause {}", schedule.id)),
+        None => context.output.next("gleaner schedule create --name NAME --after-labels 20"),
+    }
+    Ok(())
+}
+
+async fn pause(context: &Context, schedule_id: String, paused: bool) -> Result<()> {
+    let request = PauseScheduleRequest { schedule_id, paused };
+    let reply = context.client().await?.schedules().pause_schedule(request).await?.into_inner();
+    let schedule = present(reply.schedule.as_ref(), "a schedule")?;
+    context.output.result(|| json::value(&reply), || listing(std::slice::from_ref(schedule)))?;
+    context.output.next("gleaner schedule list");
+    Ok(())
+}
+
+async fn delete(context: &Context, schedule_id: String) -> Result<()> {
+    let request = DeleteScheduleRequest { schedule_id: schedule_id.clone() };
+    context.client().await?.schedules().delete_schedule(request).await?;
+    context.output.result(|| Ok(json!({ "deleted": schedule_id })), || format!("{schedule_id} deleted"))?;
+    context.output.next("gleaner schedule list");
+    Ok(())
+}
+
+fn listing(schedules: &[Schedule]) -> String {
+    let columns = [Left("ID"), Left("NAME"), Left("RUNS"), Left("NEXT RUN"), Left("LAST RUN"), Left("STATE")];
+    let row = |schedule: &Schedule| {
+        let (runs, next) = when(schedule);
+        let state = match (schedule.paused, schedule.last_error.as_str()) {
+            (true, _) => "paused".into(),
+            (false, "") => "active".into(),
+            (false, error) => format!("active; last run could not start: {error}"),
+        };
+        [
+            schedule.id.clone(),
+            schedule.name.clone(),
+            runs,
+            if schedule.paused { "-".into() } else { next },
+            words::moment(schedule.last_run_time.as_ref()),
+            state,
+        ]
+    };
+    table(columns, schedules.iter().map(row))
+}
+
+fn when(schedule: &Schedule) -> (String, String) {
+    match &schedule.trigger {
+        Some(Trigger::Cron(cron)) => (cron.clone(), words::moment(schedule.next_run_time.as_ref())),
+        Some(Trigger::LabelledEpisodes(count)) => {
+            (format!("every {count} labels"), format!("after {} more", count.saturating_sub(schedule.labelled_since)))
+        }
+        None => ("-".into(), "-".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_trigger_says_when_it_is_next() {
+        let by_labels =
+            Schedule { trigger: Some(Trigger::LabelledEpisodes(20)), labelled_since: 15, ..Schedule::default() };
+        assert_eq!(when(&by_labels), ("every 20 labels".into(), "after 5 more".into()));
+        let by_clock = Schedule { trigger: Some(Trigger::Cron("0 2 * * *".into())), ..Schedule::default() };
+        assert_eq!(when(&by_clock), ("0 2 * * *".into(), "-".into()));
+    }
+}

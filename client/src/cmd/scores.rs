@@ -1,0 +1,270 @@
+//! `runs`, `scores`, `histogram`: quality, seen.
+
+use clap::Args;
+use gleaner_proto::v1::{
+    EpisodeScores, GetEpisodeScoresRequest, GetHistogramRequest, GetHistogramResponse, KeptCount, ListScoreRunsRequest,
+    ScoreRun,
+};
+
+use crate::context::Context;
+use crate::failure::{Result, present};
+use crate::output::terminal_width;
+use crate::table::Column::{Left, Right};
+use crate::table::table;
+use crate::{chart, json, words};
+
+const CHART_ROWS: usize = 8;
+
+#[derive(Args, Debug)]
+pub(crate) struct RunsArgs {
+    /// The task's name or id; by default the only task there is.
+    #[arg(long)]
+    task: Option<String>,
+}
+
+impl RunsArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let request = ListScoreRunsRequest { task: context.task(&client, self.task.as_deref()).await? };
+        let reply = client.scores().list_score_runs(request).await?.into_inner();
+        let columns = [
+            Left("ID"),
+            Left("ENCODER"),
+            Left("SIMILARITY"),
+            Right("IMPERFECT"),
+            Right("SEGMENTS"),
+            Right("EXPERT SEGMENTS"),
+            Right("LO"),
+            Right("HI"),
+            Left("CREATED"),
+        ];
+        let row = |run: &ScoreRun| {
+            [
+                run.id.clone(),
+                run.encoder_id.clone(),
+                run.similarity.clone(),
+                run.imperfect_episodes.to_string(),
+                run.imperfect_segments.to_string(),
+                run.expert_segments.to_string(),
+                format!("{:.4}", run.lo),
+                format!("{:.4}", run.hi),
+                words::moment(run.create_time.as_ref()),
+            ]
+        };
+        context.output.result(|| json::value(&reply), || table(columns, reply.score_runs.iter().map(row)))?;
+        match reply.score_runs.first() {
+            Some(run) => context.output.next(format_args!("gleaner histogram {}", run.id)),
+            None => context.output.next("gleaner score --encoder ENCODER --wait"),
+        }
+        Ok(())
+    }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct ScoresArgs {
+    /// The score run.
+    run: String,
+    /// The episode.
+    episode: String,
+    /// The threshold that is drawn as a line.
+    #[arg(long, default_value_t = 0.9)]
+    beta: f64,
+    /// Also list each step's nearest expert step and the distances to it.
+    #[arg(long)]
+    matches: bool,
+}
+
+impl ScoresArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = GetEpisodeScoresRequest { score_run_id: self.run.clone(), episode_id: self.episode };
+        let reply = context.client().await?.scores().get_episode_scores(request).await?.into_inner();
+        let scores = present(reply.scores.as_ref(), "scores")?;
+        let text = || {
+            let mut text = drawing(scores, self.beta, terminal_width());
+            if self.matches {
+                text.push_str("\n\n");
+                text.push_str(&matches(scores));
+            }
+            text
+        };
+        context.output.result(|| json::value(&reply), text)?;
+        context.output.next(if self.matches {
+            format!("gleaner dataset create --run {} --beta {}", self.run, self.beta)
+        } else {
+            format!("gleaner scores {} {} --matches", self.run, scores.episode_id)
+        });
+        Ok(())
+    }
+}
+
+fn drawing(scores: &EpisodeScores, beta: f64, width: usize) -> String {
+    let q = &scores.q;
+    let kept = q.iter().filter(|&&q| f64::from(q) > beta).count();
+    let (mut low, mut high, mut sum) = (f32::INFINITY, f32::NEG_INFINITY, 0.0_f64);
+    for &value in q {
+        low = low.min(value);
+        high = high.max(value);
+        sum += f64::from(value);
+    }
+    #[expect(clippy::cast_precision_loss, reason = "an episode's steps are far below 2^52")]
+    let mean = sum / q.len().max(1) as f64;
+    let spread = if q.is_empty() { "no steps".into() } else { format!("mean {mean:.3}, min {low:.3}, max {high:.3}") };
+    format!(
+        "q of {} ({}), {} steps: {spread}; {kept} steps above β = {beta}\n{}",
+        scores.episode_id,
+        words::role(scores.role()),
+        q.len(),
+        chart::curve(q, width, CHART_ROWS, Some(beta))
+    )
+}
+
+fn matches(scores: &EpisodeScores) -> String {
+    let columns = [
+        Right("STEP"),
+        Right("Q"),
+        Right("W"),
+        Left("NEAREST EXPERT"),
+        Right("ITS STEP"),
+        Right("D IMAGE"),
+        Right("D PROPRIO"),
+        Right("D ACTION"),
+    ];
+    fn at<T: Copy>(values: &[T], step: usize, show: impl Fn(T) -> String) -> String {
+        values.get(step).map_or_else(|| "-".into(), |value| show(*value))
+    }
+    let three = |value: f32| format!("{value:.3}");
+    let expert = |index: u32| {
+        let id = usize::try_from(index).ok().and_then(|index| scores.expert_ids.get(index));
+        id.cloned().unwrap_or_else(|| "-".into())
+    };
+    let row = |step: usize| {
+        [
+            step.to_string(),
+            at(&scores.q, step, three),
+            at(&scores.w, step, |w| format!("{w:.3}")),
+            at(&scores.match_episode, step, expert),
+            at(&scores.match_step, step, |matched| matched.to_string()),
+            at(&scores.distance_o, step, three),
+            at(&scores.distance_m, step, three),
+            at(&scores.distance_a, step, three),
+        ]
+    };
+    table(columns, (0..scores.q.len()).map(row))
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct HistogramArgs {
+    /// The score run.
+    run: String,
+    /// Thresholds to count for.
+    #[arg(long, value_delimiter = ',', default_value = "0.5,0.7,0.8,0.9,0.95")]
+    beta: Vec<f64>,
+    /// Bins of the histogram.
+    #[arg(long, default_value_t = 20)]
+    bins: u32,
+}
+
+impl HistogramArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = GetHistogramRequest { score_run_id: self.run.clone(), bins: self.bins, betas: self.beta };
+        let reply = context.client().await?.scores().get_histogram(request).await?.into_inner();
+        context.output.result(|| json::value(&reply), || histogram(&reply, terminal_width()))?;
+        context.output.next(format_args!("gleaner dataset create --run {} --beta 0.9", self.run));
+        Ok(())
+    }
+}
+
+/// Bars of the counts, and what each threshold keeps.
+pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> String {
+    let most = histogram.counts.iter().copied().max().unwrap_or(0);
+    let room = width.saturating_sub(26).clamp(10, 60);
+    #[expect(clippy::cast_precision_loss, reason = "there are at most 1000 bins")]
+    let edge = |bin: usize| bin as f64 / histogram.counts.len() as f64;
+    let mut lines = vec![format!("q of {} segments", histogram.segments)];
+    for (bin, &count) in histogram.counts.iter().enumerate() {
+        let bar = chart::bar(count, most, room);
+        lines.push(format!("{:.2}–{:.2} {count:>8} {bar}", edge(bin), edge(bin + 1)).trim_end().to_owned());
+    }
+    let columns = [Right("β"), Right("KEPT"), Right("SHARE"), Right("FROM EPISODES")];
+    let row = |kept: &KeptCount| {
+        [
+            format!("{:.2}", kept.beta),
+            kept.segments.to_string(),
+            words::percent(kept.segments, histogram.segments),
+            kept.episodes.to_string(),
+        ]
+    };
+    lines.push(String::new());
+    lines.push(table(columns, histogram.kept.iter().map(row)));
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_histogram_reads_as_drawn() {
+        let reply = GetHistogramResponse {
+            counts: vec![0, 5, 10, 1],
+            segments: 16,
+            kept: vec![
+                KeptCount { beta: 0.5, segments: 11, episodes: 3 },
+                KeptCount { beta: 0.9, segments: 0, episodes: 0 },
+            ],
+        };
+        assert_eq!(
+            histogram(&reply, 36),
+            "q of 16 segments\n\
+             0.00–0.25        0\n\
+             0.25–0.50        5 █████\n\
+             0.50–0.75       10 ██████████\n\
+             0.75–1.00        1 █\n\
+             \n   \
+             β  KEPT   SHARE  FROM EPISODES\n\
+             0.50    11  68.8 %              3\n\
+             0.90     0   0.0 %              0"
+        );
+    }
+
+    fn scores() -> EpisodeScores {
+        EpisodeScores {
+            episode_id: "ep_7".into(),
+            role: gleaner_proto::v1::Role::Imperfect.into(),
+            q: vec![1.0, 0.5],
+            w: vec![-0.25, -2.0],
+            match_episode: vec![0, 9],
+            match_step: vec![4, 5],
+            distance_o: vec![0.125, 1.0],
+            distance_m: vec![0.0625, 0.5],
+            distance_a: vec![0.0625],
+            expert_ids: vec!["ep_1".into()],
+        }
+    }
+
+    #[test]
+    fn an_episode_is_drawn_with_its_facts() {
+        let drawn = drawing(&scores(), 0.9, 80);
+        let first = drawn.lines().next();
+        assert_eq!(
+            first,
+            Some("q of ep_7 (imperfect), 2 steps: mean 0.750, min 0.500, max 1.000; 1 steps above β = 0.9")
+        );
+        assert_eq!(drawn.lines().count(), 1 + CHART_ROWS + 2);
+    }
+
+    #[test]
+    fn matches_show_the_expert_step_and_gaps_as_gaps() {
+        let listed = matches(&scores());
+        let rows: Vec<Vec<&str>> = listed.lines().skip(1).map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(rows[0], ["0", "1.000", "-0.250", "ep_1", "4", "0.125", "0.062", "0.062"]);
+        assert_eq!(rows[1], ["1", "0.500", "-2.000", "-", "5", "1.000", "0.500", "-"]);
+    }
+
+    #[test]
+    fn an_episode_without_steps_is_no_panic() {
+        let drawn = drawing(&EpisodeScores::default(), 0.9, 80);
+        assert!(drawn.contains("no steps"), "{drawn}");
+        assert!(matches(&EpisodeScores::default()).contains("NEAREST EXPERT"));
+    }
+}

@@ -1,0 +1,114 @@
+//! `snapshot`: create, list, show.
+
+use clap::{Args, Subcommand};
+use gleaner_proto::v1::{
+    CreateSnapshotRequest, GetSnapshotRequest, ListSnapshotsRequest, RoleRule, Snapshot, SnapshotEpisode,
+};
+
+use super::plan::RuleArgs;
+use crate::context::Context;
+use crate::failure::{Result, present};
+use crate::table::Column::{Left, Right};
+use crate::table::table;
+use crate::{json, words};
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum SnapshotCommand {
+    /// Freeze the task's present episodes and labels.
+    Create(CreateArgs),
+    /// List a task's snapshots, newest first.
+    List {
+        /// The task's name or id; by default the only task there is.
+        #[arg(long)]
+        task: Option<String>,
+    },
+    /// Show a snapshot's episodes and their roles.
+    Show {
+        /// The snapshot.
+        id: String,
+    },
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct CreateArgs {
+    /// The task's name or id; by default the only task there is.
+    #[arg(long)]
+    task: Option<String>,
+    #[command(flatten)]
+    rule: RuleArgs,
+}
+
+impl SnapshotCommand {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        match self {
+            Self::Create(args) => create(context, args).await,
+            Self::List { task } => list(context, task).await,
+            Self::Show { id } => show(context, id).await,
+        }
+    }
+}
+
+async fn create(context: &Context, args: CreateArgs) -> Result<()> {
+    let client = context.client().await?;
+    let task = context.task(&client, args.task.as_deref()).await?;
+    let request = CreateSnapshotRequest { task: task.clone(), rule: Some(args.rule.rule()) };
+    let reply = client.snapshots().create_snapshot(request).await?.into_inner();
+    let snapshot = present(reply.snapshot.as_ref(), "a snapshot")?;
+    context.output.result(|| json::value(&reply), || listing(std::slice::from_ref(snapshot)))?;
+    context.output.next(format_args!("gleaner pretrain --task {task} --snapshot {} --wait", snapshot.id));
+    Ok(())
+}
+
+async fn list(context: &Context, task: Option<String>) -> Result<()> {
+    let client = context.client().await?;
+    let request = ListSnapshotsRequest { task: context.task(&client, task.as_deref()).await? };
+    let reply = client.snapshots().list_snapshots(request).await?.into_inner();
+    context.output.result(|| json::value(&reply), || listing(&reply.snapshots))?;
+    match reply.snapshots.first() {
+        Some(snapshot) => context.output.next(format_args!("gleaner snapshot show {}", snapshot.id)),
+        None => context.output.next("gleaner snapshot create"),
+    }
+    Ok(())
+}
+
+fn listing(snapshots: &[Snapshot]) -> String {
+    let columns = [Left("ID"), Right("EXPERTS"), Right("IMPERFECT"), Left("RULE"), Left("CREATED")];
+    let row = |snapshot: &Snapshot| {
+        [
+            snapshot.id.clone(),
+            snapshot.expert_episodes.to_string(),
+            snapshot.imperfect_episodes.to_string(),
+            rule(snapshot.rule.as_ref()),
+            words::moment(snapshot.create_time.as_ref()),
+        ]
+    };
+    table(columns, snapshots.iter().map(row))
+}
+
+fn rule(rule: Option<&RoleRule>) -> String {
+    match rule {
+        Some(rule) if !rule.expert_cohorts.is_empty() || !rule.imperfect_cohorts.is_empty() => {
+            format!("experts: {}; imperfect: {}", rule.expert_cohorts.join(" "), rule.imperfect_cohorts.join(" "))
+        }
+        Some(_) | None => "by outcome".into(),
+    }
+}
+
+async fn show(context: &Context, id: String) -> Result<()> {
+    let request = GetSnapshotRequest { snapshot_id: id };
+    let reply = context.client().await?.snapshots().get_snapshot(request).await?.into_inner();
+    let snapshot = present(reply.snapshot.as_ref(), "a snapshot")?;
+    let columns = [Left("EPISODE"), Left("ROLE"), Left("OUTCOME"), Left("COHORT"), Right("STEPS")];
+    let row = |episode: &SnapshotEpisode| {
+        [
+            episode.episode_id.clone(),
+            words::role(episode.role()),
+            words::outcome(episode.outcome()),
+            episode.cohort.clone(),
+            episode.steps.to_string(),
+        ]
+    };
+    context.output.result(|| json::value(&reply), || table(columns, reply.episodes.iter().map(row)))?;
+    context.output.next(format_args!("gleaner pretrain --snapshot {} --wait", snapshot.id));
+    Ok(())
+}

@@ -1,0 +1,137 @@
+//! `demo`: the whole way once, on a server of its own, with a report at the end.
+//!
+//! Uses the same calls as the commands. Sizes are in `plan`, what is done in `stages`, what is said in `report`.
+
+mod figure;
+mod plan;
+mod quality;
+mod report;
+mod server;
+mod stages;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use gleaner_client::{Client, ClientError};
+
+use crate::context::Context;
+use crate::failure::{Failure, Result};
+use plan::DemoPlan;
+use report::Report;
+use server::ServerProcess;
+use stages::{Found, Stages};
+
+// Says that what lies beside it was made by a demo, so that the next one may clear it away.
+const MARKER: &str = ".gleaner-demo";
+const DATA: &str = "data";
+const RECORDINGS: &str = "recordings";
+
+#[derive(Args, Debug)]
+pub(crate) struct DemoArgs {
+    /// The gleaner-server binary.
+    #[arg(long, value_name = "PATH")]
+    server_bin: PathBuf,
+    /// Where the server's data, the recordings and the report go.
+    #[arg(long, value_name = "DIR")]
+    dir: PathBuf,
+    /// The smallest sizes that still go the whole way; the numbers then mean nothing.
+    #[arg(long)]
+    quick: bool,
+    /// Other sizes: a TOML file of what differs from the full demo.
+    #[arg(long, value_name = "TOML", conflicts_with = "quick")]
+    plan: Option<PathBuf>,
+}
+
+impl DemoArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let plan = match &self.plan {
+            Some(path) => DemoPlan::read(path)?,
+            None if self.quick => DemoPlan::quick(),
+            None => DemoPlan::default(),
+        };
+        fresh(&self.dir)?;
+        let log = self.dir.join("server.log");
+        let server = ServerProcess::start(&self.server_bin, &self.dir.join(DATA), &log).await?;
+        context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
+        let work = async {
+            let client = Client::connect(server.url(), None).await?;
+            Stages::new(context, client, plan, self.dir.join(RECORDINGS)).run().await
+        };
+        let found = tokio::select! {
+            found = work => found,
+            _ = tokio::signal::ctrl_c() => Err(Failure::told("interrupted")),
+        };
+        let stopped = server.stop().await;
+        let found = found?;
+        stopped?;
+        write(&self.dir, &found)?;
+        context.output.result(|| document(&found.report), || found.report.markdown())?;
+        context.output.next(format_args!(
+            "open {}; or look around: {} serve --data-dir {}",
+            self.dir.join("report.md").display(),
+            self.server_bin.display(),
+            self.dir.join(DATA).display()
+        ));
+        Ok(())
+    }
+}
+
+// A folder without data: new, or cleared of what an earlier demo left. Nothing else is ever deleted.
+fn fresh(folder: &Path) -> Result<()> {
+    let marker = folder.join(MARKER);
+    for part in [DATA, RECORDINGS].map(|part| folder.join(part)) {
+        if !part.exists() {
+            continue;
+        }
+        if !marker.exists() {
+            return Err(Failure::told(format!(
+                "{} is there, but not from a demo; choose another --dir",
+                part.display()
+            )));
+        }
+        std::fs::remove_dir_all(&part).map_err(ClientError::io(part))?;
+    }
+    std::fs::create_dir_all(folder).map_err(ClientError::io(folder))?;
+    std::fs::write(&marker, b"").map_err(ClientError::io(marker))?;
+    Ok(())
+}
+
+fn document(report: &Report) -> Result<serde_json::Value> {
+    serde_json::to_value(report).map_err(|error| Failure::told(error.to_string()))
+}
+
+fn write(folder: &Path, found: &Found) -> Result<()> {
+    let pictures = "\n![steps by q](histogram.svg)\n\n![q along episodes](curves.svg)\n";
+    for (name, text) in [
+        ("report.md", found.report.markdown() + pictures),
+        ("report.json", format!("{:#}\n", document(&found.report)?)),
+        ("histogram.svg", figure::histogram(&found.episodes)),
+        ("curves.svg", figure::curves(&found.episodes)),
+    ] {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(ClientError::io(path))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn only_what_a_demo_left_is_cleared() {
+        let folder = tempfile::tempdir().unwrap();
+        let data = folder.path().join(DATA);
+        std::fs::create_dir(&data).unwrap();
+        std::fs::write(data.join("precious"), b"x").unwrap();
+        let said = fresh(folder.path()).unwrap_err().to_string();
+        assert!(said.contains("not from a demo") && data.join("precious").exists(), "{said}");
+
+        let other = tempfile::tempdir().unwrap();
+        fresh(other.path()).unwrap();
+        std::fs::create_dir(other.path().join(DATA)).unwrap();
+        fresh(other.path()).unwrap();
+        assert!(!other.path().join(DATA).exists());
+    }
+}

@@ -1,0 +1,127 @@
+//! The demo's own server: started on a free port, stopped however the demo ends.
+
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+
+use gleaner_client::ClientError;
+use rustix::process::{Pid, Signal, kill_process};
+use tokio::io::{AsyncBufReadExt as _, BufReader, Lines};
+use tokio::process::{Child, ChildStdout, Command};
+
+use crate::failure::{Failure, Result};
+
+const READY: &str = "listening on ";
+const START_PATIENCE: Duration = Duration::from_secs(60);
+// Long enough for a worker to write its checkpoint.
+const STOP_PATIENCE: Duration = Duration::from_secs(30);
+
+pub(crate) struct ServerProcess {
+    child: Child,
+    url: String,
+}
+
+impl ServerProcess {
+    /// Starts `binary serve` on a data folder and waits until it listens. Its log goes to a file.
+    pub(crate) async fn start(binary: &Path, data: &Path, log: &Path) -> Result<Self> {
+        let log_file = std::fs::File::create(log).map_err(ClientError::io(log))?;
+        let mut child = Command::new(binary)
+            .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
+            .arg(data)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(log_file)
+            .kill_on_drop(true)
+            .spawn()
+            .map_err(ClientError::io(binary))?;
+        let stdout = child.stdout.take().ok_or_else(|| Failure::told("the server has no output"))?;
+        let mut lines = BufReader::new(stdout).lines();
+        let url = match tokio::time::timeout(START_PATIENCE, ready(&mut lines)).await {
+            Ok(Some(url)) => url,
+            Ok(None) => {
+                return Err(Failure::told(format!("{} ended before it listened; {}", binary.display(), tail(log))));
+            }
+            Err(_) => return Err(Failure::told(format!("{} did not listen in time; {}", binary.display(), tail(log)))),
+        };
+        // What else it prints must not fill the pipe.
+        tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
+        Ok(Self { child, url })
+    }
+
+    pub(crate) fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// Asks the server to end, and ends it when it does not.
+    pub(crate) async fn stop(mut self) -> Result<()> {
+        let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).and_then(Pid::from_raw);
+        if let Some(pid) = pid {
+            // It may have ended by itself meanwhile.
+            let _ = kill_process(pid, Signal::TERM);
+        }
+        match tokio::time::timeout(STOP_PATIENCE, self.child.wait()).await {
+            Ok(ended) => well(ended?),
+            Err(_) => {
+                self.child.kill().await?;
+                Err(Failure::told("the server did not end when asked to, and was killed"))
+            }
+        }
+    }
+}
+
+fn well(status: ExitStatus) -> Result<()> {
+    if status.success() { Ok(()) } else { Err(Failure::told(format!("the server ended badly: {status}"))) }
+}
+
+async fn ready(lines: &mut Lines<BufReader<ChildStdout>>) -> Option<String> {
+    while let Ok(Some(line)) = lines.next_line().await {
+        if let Some(url) = line.trim().strip_prefix(READY) {
+            return Some(url.to_owned());
+        }
+    }
+    None
+}
+
+// The end of the log, where the reason is.
+fn tail(log: &Path) -> String {
+    let text = std::fs::read_to_string(log).unwrap_or_default();
+    let last: Vec<&str> = text.lines().rev().take(5).collect();
+    let last: Vec<&str> = last.into_iter().rev().collect();
+    format!("{} ends with: {}", PathBuf::from(log).display(), last.join(" | "))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use std::os::unix::fs::PermissionsExt as _;
+
+    // A stand-in that follows the same agreement as the server.
+    fn script(folder: &Path, body: &str) -> PathBuf {
+        let path = folder.join("server.sh");
+        std::fs::write(&path, format!("#!/bin/sh\n{body}\n")).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        path
+    }
+
+    #[tokio::test]
+    async fn a_server_is_started_and_asked_to_stop() {
+        let folder = tempfile::tempdir().unwrap();
+        let body =
+            "trap 'echo bye >&2; exit 0' TERM\necho listening on http://127.0.0.1:9\nwhile :; do sleep 0.02; done";
+        let log = folder.path().join("log");
+        let server = ServerProcess::start(&script(folder.path(), body), folder.path(), &log).await.unwrap();
+        assert_eq!(server.url(), "http://127.0.0.1:9");
+        server.stop().await.unwrap();
+        assert_eq!(std::fs::read_to_string(log).unwrap(), "bye\n");
+    }
+
+    #[tokio::test]
+    async fn a_server_that_does_not_start_says_why() {
+        let folder = tempfile::tempdir().unwrap();
+        let body = "echo data folder is in use >&2; exit 3";
+        let log = folder.path().join("log");
+        let error = ServerProcess::start(&script(folder.path(), body), folder.path(), &log).await.err().unwrap();
+        assert!(error.to_string().contains("data folder is in use"), "{error}");
+    }
+}

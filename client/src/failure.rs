@@ -1,0 +1,49 @@
+//! Why a command did not do what was asked. Every failure is one line with the mend, and exit code 1.
+
+use std::io;
+
+use gleaner_client::ClientError;
+use gleaner_recording::RecordingError;
+use gleaner_sim::SimError;
+
+pub(crate) type Result<T> = std::result::Result<T, Failure>;
+
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum Failure {
+    #[error(transparent)]
+    Client(#[from] ClientError),
+    #[error(transparent)]
+    Sim(#[from] SimError),
+    /// Standard output or the terminal refused.
+    #[error("output: {0}")]
+    Output(#[from] io::Error),
+    #[error("{0}")]
+    Told(String),
+}
+
+impl Failure {
+    pub(crate) fn told(message: impl Into<String>) -> Self {
+        Self::Told(message.into())
+    }
+
+    pub(crate) fn is_broken_pipe(&self) -> bool {
+        matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
+    }
+}
+
+impl From<tonic::Status> for Failure {
+    fn from(status: tonic::Status) -> Self {
+        Self::Client(status.into())
+    }
+}
+
+impl From<RecordingError> for Failure {
+    fn from(error: RecordingError) -> Self {
+        Self::Client(error.into())
+    }
+}
+
+/// What an answer must hold, or the failure that says it does not.
+pub(crate) fn present<T>(part: Option<T>, missing: &'static str) -> Result<T> {
+    part.ok_or(Failure::Client(ClientError::Contract { missing }))
+}

@@ -1,0 +1,66 @@
+//! The one place that prints: results to standard output, everything else to standard error.
+//!
+//! Results are either for people (text) or for programs (`--json`: one document, or one line for each item of
+//! a stream). Hints and notes are for people alone.
+
+use std::fmt::Display;
+use std::io::{self, IsTerminal as _, Write as _};
+
+use serde_json::Value;
+
+use crate::failure::{Failure, Result};
+
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Output {
+    json: bool,
+}
+
+impl Output {
+    pub(crate) fn new(json: bool) -> Self {
+        Self { json }
+    }
+
+    pub(crate) fn json(self) -> bool {
+        self.json
+    }
+
+    /// Whether progress bars may be drawn.
+    pub(crate) fn interactive(self) -> bool {
+        !self.json && io::stderr().is_terminal()
+    }
+
+    /// The command's result: as text, or with `--json` as a document.
+    pub(crate) fn result(self, document: impl FnOnce() -> Result<Value>, text: impl FnOnce() -> String) -> Result<()> {
+        if self.json { self.line(format_args!("{:#}", document()?)) } else { self.line(text().trim_end()) }
+    }
+
+    /// One line of a stream of results. A pipe that was closed is an error like any other; `main` keeps quiet
+    /// about it.
+    pub(crate) fn line(self, line: impl Display) -> Result<()> {
+        Ok(writeln!(io::stdout().lock(), "{line}")?)
+    }
+
+    /// The sensible next command.
+    pub(crate) fn next(self, hint: impl Display) {
+        self.note(format_args!("next: {hint}"));
+    }
+
+    /// Something a person should know beside the result.
+    pub(crate) fn note(self, text: impl Display) {
+        if !self.json {
+            // A terminal that is gone can't be told about it.
+            let _ = writeln!(io::stderr().lock(), "{text}");
+        }
+    }
+
+    pub(crate) fn error(self, failure: &Failure) {
+        // One line, whatever the server wrote.
+        let text = failure.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+        let _ = writeln!(io::stderr().lock(), "error: {text}");
+    }
+}
+
+/// Columns of the terminal, 80 when there is none.
+pub(crate) fn terminal_width() -> usize {
+    comfy_table::Table::new().width().map_or(80, usize::from)
+}

@@ -1,0 +1,61 @@
+//! Tables for people: a header line, then rows; plain when piped.
+
+use comfy_table::presets::NOTHING;
+use comfy_table::{CellAlignment, ContentArrangement, Table};
+
+/// A column's header and which side its cells lean to.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Column {
+    Left(&'static str),
+    Right(&'static str),
+}
+
+impl Column {
+    fn header(self) -> &'static str {
+        match self {
+            Self::Left(header) | Self::Right(header) => header,
+        }
+    }
+}
+
+/// Rows under headers, two spaces apart. Wraps to the terminal's width when there is one.
+pub(crate) fn table<const N: usize>(columns: [Column; N], rows: impl IntoIterator<Item = [String; N]>) -> String {
+    let mut table = Table::new();
+    table.load_style(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+    table.set_header(columns.map(Column::header));
+    table.add_rows(rows);
+    for (index, column) in columns.iter().enumerate() {
+        if let Some(drawn) = table.column_mut(index) {
+            drawn.set_padding((0, 2));
+            if matches!(column, Column::Right(_)) {
+                drawn.set_cell_alignment(CellAlignment::Right);
+            }
+        }
+    }
+    table.trim_fmt()
+}
+
+/// `name  value` lines, the values in one column.
+pub(crate) fn facts<const N: usize>(pairs: [(&str, String); N]) -> String {
+    let width = pairs.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
+    pairs.map(|(name, value)| format!("{name:width$}  {value}\n")).concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_lean_to_their_side() {
+        let drawn = table(
+            [Column::Left("id"), Column::Right("steps")],
+            [["ep_1".into(), "7".into()], ["ep_20".into(), "1204".into()]],
+        );
+        assert_eq!(drawn, "id     steps\nep_1       7\nep_20   1204");
+    }
+
+    #[test]
+    fn facts_line_up() {
+        assert_eq!(facts([("id", "a".into()), ("steps", "7".into())]), "id     a\nsteps  7\n");
+    }
+}
