@@ -98,7 +98,10 @@ impl Blobs {
         let path = self.path(id);
         let bytes = fs::read(&path).map_err(fault("reading", &path))?;
         if BlobId::from(blake3::hash(&bytes)) != *id {
-            return Err(Error::internal(format!("reading {}", path.display()), "the blob is damaged: its digest differs"));
+            return Err(Error::internal(
+                format!("reading {}", path.display()),
+                "the blob is damaged: its digest differs",
+            ));
         }
         Ok(bytes)
     }

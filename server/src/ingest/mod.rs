@@ -77,9 +77,12 @@ impl Ingest {
             Err(error) => tracing::info!(blob.id = %recording, %error, "rebuilding a frame cache"),
         }
         let inspected = self.inspector.inspect(&self.blobs.path(recording), task, "the stored recording").await;
-        let inspected = inspected.map_err(|error| match error.kind() {
-            Kind::Invalid => Error::internal(format!("rebuilding the frames of {recording}"), error),
-            _ => error,
+        // It was read before, so it is not the caller who is wrong now.
+        let inspected = inspected.map_err(|error| {
+            if error.kind() != Kind::Invalid {
+                return error;
+            }
+            Error::internal(format!("rebuilding the frames of {recording}"), error)
         })?;
         inspected.keep_frames(&path).await?;
         open_frames(path).await

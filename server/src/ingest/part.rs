@@ -82,10 +82,8 @@ pub(super) fn create(path: &Path) -> Result<()> {
 }
 
 fn refused(doing: &str, path: &Path, error: io::Error) -> Error {
-    match error.kind() {
-        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            Error::exhausted("the server's disk is full; free some space there and go on with the upload")
-        }
-        _ => Error::internal(format!("{doing} {}", path.display()), error),
+    if matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) {
+        return Error::exhausted("the server's disk is full; free some space there and go on with the upload");
     }
+    Error::internal(format!("{doing} {}", path.display()), error)
 }

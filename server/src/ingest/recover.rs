@@ -51,8 +51,7 @@ fn empty(folder: &Path) -> std::io::Result<()> {
 
 /// Answers with the uploads whose bytes are not there.
 fn settle_parts(data_dir: &Path, uploads: Vec<Upload>, blobs: &Blobs) -> std::io::Result<Vec<Upload>> {
-    let mut open: HashMap<_, _> =
-        uploads.into_iter().map(|upload| (part_path(data_dir, &upload.id), upload)).collect();
+    let mut open: HashMap<_, _> = uploads.into_iter().map(|upload| (part_path(data_dir, &upload.id), upload)).collect();
     for entry in fs::read_dir(data_dir.join("uploads"))? {
         let path = entry?.path();
         let Some(upload) = open.get(&path) else {

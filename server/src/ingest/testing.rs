@@ -148,7 +148,7 @@ pub(super) fn recording(task: &Task, steps: u8) -> Vec<u8> {
     for step in 0..steps {
         let value = f32::from(step);
         let step_ref = StepRef { frames: &[], proprioception: &[value, value * 0.5], action: &[-value] };
-        writer.step(i64::from(step) * 100_000_000, step_ref).unwrap();
+        writer.step(1_700_000_000_000_000_000 + i64::from(step) * 100_000_000, step_ref).unwrap();
     }
     writer.finish().unwrap().into_inner()
 }

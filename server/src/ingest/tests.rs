@@ -132,8 +132,8 @@ async fn the_same_content_twice_is_the_same_episode() {
 async fn the_same_content_under_another_label_is_told() {
     let f = playing(USABLE).await;
     let late = f.start(b"recording").await;
-    f.write(&late.id, 0, b"recording").await.unwrap();
     let id = f.push(b"recording").await.unwrap().episode.id;
+    f.write(&late.id, 0, b"recording").await.unwrap();
     let other = NewUpload { outcome: Outcome::Failure, ..f.new_upload(b"recording") };
     let error = f.ingest.start(other).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Exists);

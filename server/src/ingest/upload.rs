@@ -186,7 +186,8 @@ fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episo
     if existing.outcome == outcome && existing.cohort == cohort {
         return Ok(existing);
     }
-    let cohort = if existing.cohort.is_empty() { "no cohort".to_owned() } else { format!("cohort {:?}", existing.cohort) };
+    let cohort =
+        if existing.cohort.is_empty() { "no cohort".to_owned() } else { format!("cohort {:?}", existing.cohort) };
     Err(Error::exists(format!(
         "the task holds this recording as {}, labelled {} with {cohort}: to change that, gleaner label {} --outcome …",
         existing.id,

@@ -36,7 +36,10 @@ impl Ingest {
         let Some(first) = chunks.next().await.transpose()? else {
             return Err(Error::invalid("upload_id", "the stream is empty: its first message must name the upload"));
         };
-        let id = first.upload_id.clone().ok_or_else(|| Error::invalid("upload_id", "the first message must name the upload"))?;
+        let id = first
+            .upload_id
+            .clone()
+            .ok_or_else(|| Error::invalid("upload_id", "the first message must name the upload"))?;
         self.store.upload(&id).await?;
         let claim = self.claims.take(&id).await;
         // Whoever held it has left: only now does its row stand still.
@@ -91,7 +94,10 @@ impl Writing<'_> {
         if offset != part.size {
             return Err(Error::invalid(
                 "offset",
-                format!("{offset} is not where the upload goes on, which is {}: ask GetUpload, go on from there", part.size),
+                format!(
+                    "{offset} is not where the upload goes on, which is {}: ask GetUpload, go on from there",
+                    part.size
+                ),
             ));
         }
         if part.size.saturating_add(data.len() as u64) > self.upload.size_bytes {

@@ -49,8 +49,7 @@ impl Episodes {
     async fn list(&self, request: v1::ListEpisodesRequest) -> Result<v1::ListEpisodesResponse> {
         let task = self.0.store.task(&request.task).await?;
         let listing = wire::episode::list_request(request, task.id)?;
-        let (episodes, next) =
-            self.0.store.episodes(&listing.filter, listing.after.as_ref(), listing.size).await?;
+        let (episodes, next) = self.0.store.episodes(&listing.filter, listing.after.as_ref(), listing.size).await?;
         Ok(v1::ListEpisodesResponse {
             episodes: episodes.into_iter().map(wire::episode::episode).collect(),
             next_page_token: next.map(String::from).unwrap_or_default(),

@@ -192,11 +192,7 @@ async fn one(tx: &mut Transaction<'_, Sqlite>, mut query: QueryBuilder<Sqlite>) 
 }
 
 /// Makes an episode visible, with its first label.
-pub(super) async fn insert(
-    tx: &mut Transaction<'_, Sqlite>,
-    inspected: &InspectedEpisode,
-    author: &str,
-) -> Result<()> {
+pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, inspected: &InspectedEpisode, author: &str) -> Result<()> {
     let InspectedEpisode { episode, report } = inspected;
     sqlx::query(
         "insert into episodes (id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings, \
@@ -257,20 +253,23 @@ mod tests {
         let second = testing::episode(&store, &task, Outcome::Success, "carol").await;
         let ids = [second.id.clone(), first.id.clone(), second.id.clone()];
         let labelled = store.label_episodes(&ids, &label(Outcome::Failure, None)).await.unwrap();
-        assert_eq!(labelled.iter().map(|e| (&e.id, e.outcome, e.cohort.as_str())).collect::<Vec<_>>(), [
-            (&second.id, Outcome::Failure, "carol"),
-            (&first.id, Outcome::Failure, "bob"),
-        ]);
+        assert_eq!(
+            labelled.iter().map(|e| (&e.id, e.outcome, e.cohort.as_str())).collect::<Vec<_>>(),
+            [(&second.id, Outcome::Failure, "carol"), (&first.id, Outcome::Failure, "bob"),]
+        );
         store.label_episodes(&ids[1..2], &label(Outcome::Success, Some("dave"))).await.unwrap();
         let now = store.episode(&first.id).await.unwrap().episode;
         assert_eq!((now.outcome, now.cohort.as_str()), (Outcome::Success, "dave"));
         let history = store.labels(&first.id).await.unwrap();
         let words: Vec<_> = history.iter().map(|l| (l.outcome, l.cohort.as_str(), l.reason.as_str())).collect();
-        assert_eq!(words, [
-            (Outcome::Unknown, "bob", ""),
-            (Outcome::Failure, "bob", "watched it"),
-            (Outcome::Success, "dave", "watched it"),
-        ]);
+        assert_eq!(
+            words,
+            [
+                (Outcome::Unknown, "bob", ""),
+                (Outcome::Failure, "bob", "watched it"),
+                (Outcome::Success, "dave", "watched it"),
+            ]
+        );
         assert_eq!(store.labels(&second.id).await.unwrap().len(), 2, "named twice, labelled once");
     }
 

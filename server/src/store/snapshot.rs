@@ -176,27 +176,25 @@ async fn members_now(
 
 fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
     let by_cohort = snapshot.rule != RoleRule::default();
-    for (role, episodes, word) in [
-        (Role::Expert, snapshot.expert_episodes, "success"),
-        (Role::Imperfect, snapshot.imperfect_episodes, "failure"),
-    ] {
+    for (role, episodes, word) in
+        [(Role::Expert, snapshot.expert_episodes, "success"), (Role::Imperfect, snapshot.imperfect_episodes, "failure")]
+    {
         if episodes == 0 {
             let mend = if by_cohort {
                 "name cohorts that the task's episodes have".to_owned()
             } else {
                 format!("push or label episodes as {word}")
             };
-            return Err(Error::precondition(format!("the task has no {} episode under this rule: {mend}", role.as_str())));
+            return Err(Error::precondition(format!(
+                "the task has no {} episode under this rule: {mend}",
+                role.as_str()
+            )));
         }
     }
     Ok(())
 }
 
-async fn insert(
-    tx: &mut Transaction<'_, Sqlite>,
-    snapshot: &Snapshot,
-    members: &[(LabelledRow, Role)],
-) -> Result<()> {
+async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: &[(LabelledRow, Role)]) -> Result<()> {
     sqlx::query("insert into snapshots (id, task_id, rule, created_at) values (?, ?, ?, ?)")
         .bind(snapshot.id.as_str())
         .bind(snapshot.task_id.as_str())
@@ -251,10 +249,13 @@ mod tests {
         assert_eq!((snapshot.expert_episodes, snapshot.imperfect_episodes), (1, 1));
         let mut seen: Vec<_> = members.iter().map(|m| (&m.episode_id, m.outcome, m.cohort.as_str(), m.role)).collect();
         seen.sort_by_key(|member| member.3 == Role::Imperfect);
-        assert_eq!(seen, [
-            (&expert.id, Outcome::Success, "ada", Role::Expert),
-            (&imperfect.id, Outcome::Failure, "bob", Role::Imperfect),
-        ]);
+        assert_eq!(
+            seen,
+            [
+                (&expert.id, Outcome::Success, "ada", Role::Expert),
+                (&imperfect.id, Outcome::Failure, "bob", Role::Imperfect),
+            ]
+        );
         let recordings = store.recordings(&frozen.id).await.unwrap();
         let order: Vec<_> = recordings.iter().map(|(episode, role)| (&episode.id, episode.outcome, *role)).collect();
         assert_eq!(order, members.iter().map(|m| (&m.episode_id, m.outcome, m.role)).collect::<Vec<_>>());

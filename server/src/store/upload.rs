@@ -10,7 +10,8 @@ use crate::{
     error::{Error, Result},
 };
 
-const COLUMNS: &str = "select id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author from uploads ";
+const COLUMNS: &str =
+    "select id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author from uploads ";
 
 #[derive(sqlx::FromRow)]
 struct UploadRow {

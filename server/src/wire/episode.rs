@@ -17,7 +17,7 @@ use crate::{
 const CHUNK_BYTES: usize = 2 << 20;
 
 /// Most episodes labelled in one act.
-const LABEL_EPISODES: usize = 100_000;
+const LABEL_EPISODES: usize = 10_000;
 
 /// Reads an episode's id.
 pub(crate) fn episode_id(text: &str) -> Result<EpisodeId> {
@@ -84,7 +84,10 @@ pub(crate) fn start_response(started: Started) -> v1::StartUploadResponse {
 pub(crate) fn chunk(request: v1::WriteUploadRequest) -> Result<Chunk> {
     let v1::WriteUploadRequest { upload_id: id, offset, data } = request;
     if data.len() > CHUNK_BYTES {
-        return Err(Error::invalid("data", format!("{} bytes are too many: send at most {CHUNK_BYTES} a message", data.len())));
+        return Err(Error::invalid(
+            "data",
+            format!("{} bytes are too many: send at most {CHUNK_BYTES} a message", data.len()),
+        ));
     }
     let upload_id = if id.is_empty() { None } else { Some(upload_id(&id)?) };
     Ok(Chunk { upload_id, offset, data })

@@ -33,10 +33,9 @@ pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<Ro
     let v1::RoleRule { expert_cohorts, imperfect_cohorts } = rule.unwrap_or_default();
     let rule = RoleRule { expert_cohorts, imperfect_cohorts };
     match rule.contradiction() {
-        Some(cohort) => Err(Error::invalid(
-            at,
-            format!("the cohort {cohort:?} is both expert and imperfect; leave it on one side"),
-        )),
+        Some(cohort) => {
+            Err(Error::invalid(at, format!("the cohort {cohort:?} is both expert and imperfect; leave it on one side")))
+        }
         None => Ok(rule),
     }
 }

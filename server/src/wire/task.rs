@@ -1,7 +1,9 @@
 //! Tasks on the wire: the spec in, the task with its counts out.
 
 use gleaner_proto::v1;
-use gleaner_recording::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, RecordingError, TaskSpec};
+use gleaner_recording::{
+    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, RecordingError, TaskSpec,
+};
 
 use super::field;
 use crate::{
@@ -19,12 +21,18 @@ const TOLERANCE: f64 = 0.25;
 pub(crate) fn create_request(request: v1::CreateTaskRequest) -> Result<TaskSpec> {
     let v1::CreateTaskRequest { spec } = request;
     let spec = spec_from(field::required("spec", spec)?)?;
-    spec.validate().map_err(|error| match error {
-        RecordingError::Spec { field, problem } => Error::invalid(&format!("spec.{field}"), problem),
-        error => Error::invalid("spec", error),
+    spec.validate().map_err(|error| {
+        if let RecordingError::Spec { field, problem } = error {
+            Error::invalid(&format!("spec.{field}"), problem)
+        } else {
+            Error::invalid("spec", error)
+        }
     })?;
     if spec.mappings.is_empty() {
-        return Err(Error::invalid("spec.mappings", "give at least one mapping: it says where recordings keep the steps"));
+        return Err(Error::invalid(
+            "spec.mappings",
+            "give at least one mapping: it says where recordings keep the steps",
+        ));
     }
     Ok(spec)
 }

@@ -52,10 +52,14 @@ pub(super) fn export(
     inputs: &Inputs,
     monitor: &mut Watcher,
 ) -> Result<Vec<ExportFile>, Failure> {
-    let folder = tempfile::tempdir_in(data_dir.join("tmp")).map_err(|error| Error::internal("making a folder", error))?;
+    let folder =
+        tempfile::tempdir_in(data_dir.join("tmp")).map_err(|error| Error::internal("making a folder", error))?;
     let out = Out { folder: folder.path(), blobs, task: &inputs.task, segment_length: inputs.segment_length };
-    let stretches: Vec<(&KeptInput, Range<usize>)> =
-        inputs.kept.iter().flat_map(|kept| stretches(&kept.segments).into_iter().map(move |range| (kept, range))).collect();
+    let stretches: Vec<(&KeptInput, Range<usize>)> = inputs
+        .kept
+        .iter()
+        .flat_map(|kept| stretches(&kept.segments).into_iter().map(move |range| (kept, range)))
+        .collect();
     let total = stretches.len() + inputs.experts.len();
     let (mut files, mut manifest) = (Vec::with_capacity(total + 1), Vec::new());
     let mut advance = |file: ExportFile| -> Result<(), Failure> {
@@ -123,7 +127,8 @@ impl Out<'_> {
         let recording = self.blobs.path(&episode.recording);
         gleaner_recording::extract(&recording, self.task, &stretch, &path)
             .map_err(|error| Failure::recording(episode.id.as_str(), &error))?;
-        let size_bytes = std::fs::metadata(&path).map_err(|error| Error::internal("reading an exported file", error))?.len();
+        let size_bytes =
+            std::fs::metadata(&path).map_err(|error| Error::internal("reading an exported file", error))?.len();
         let blob = self.blobs.put_file(&path)?;
         let line = Line {
             episode: episode.id.as_str(),
@@ -180,14 +185,15 @@ mod tests {
 
     fn kept(steps: &[u32]) -> Vec<KeptSegment> {
         let expert = EpisodeId::new();
-        let segment = |&end_step: &u32| KeptSegment { end_step, weight: 1.0, match_episode: expert.clone(), match_step: 0 };
+        let segment =
+            |&end_step: &u32| KeptSegment { end_step, weight: 1.0, match_episode: expert.clone(), match_step: 0 };
         steps.iter().map(segment).collect()
     }
 
     #[test]
     fn consecutive_steps_are_one_stretch() {
         assert_eq!(stretches(&kept(&[0, 1, 2, 5, 6, 9])), [0..3, 3..5, 5..6]);
-        assert_eq!(stretches(&kept(&[7])), [0..1]);
+        assert_eq!(stretches(&kept(&[7, 9])), [0..1, 1..2]);
         assert!(stretches(&[]).is_empty());
     }
 }
