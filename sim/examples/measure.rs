@@ -1,0 +1,64 @@
+//! Measures the simulator: success of every agent at each grade, length of attempts, pictures and attempts a second.
+//!
+//! `cargo run -p gleaner-sim --example measure -- [attempts per agent]`
+#![expect(clippy::print_stdout, reason = "printing is what it is for")]
+
+use std::time::Instant;
+
+use gleaner_sim::{AgentKind, AgentSpec, Sim, SimConfig, SimError, Task, demonstrate};
+
+fn main() -> Result<(), SimError> {
+    let attempts: u64 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(200);
+    println!("agent               success   steps  mark (share of the attempt)");
+    for kind in AgentKind::ALL {
+        let grades: &[f64] = if kind == AgentKind::Expert { &[0.0] } else { &[0.25, 0.5, 0.75, 1.0] };
+        for &grade in grades {
+            success(AgentSpec::new(kind, grade)?, attempts);
+        }
+    }
+    for size in [32, 64, 128] {
+        pictures(size);
+    }
+    Ok(())
+}
+
+fn success(agent: AgentSpec, attempts: u64) {
+    let config = SimConfig { image: 8, ..SimConfig::default() };
+    let (mut successes, mut steps, mut marked, mut mark) = (0.0, 0.0, 0.0, 0.0);
+    for seed in 0..attempts {
+        let demonstration = demonstrate(Task::PickCube, config, agent, seed);
+        successes += f64::from(u8::from(demonstration.success));
+        steps += demonstration.steps() as f64;
+        if let Some(step) = demonstration.went_wrong {
+            marked += 1.0;
+            mark += f64::from(step) / demonstration.steps() as f64;
+        }
+    }
+    let n = attempts as f64;
+    println!(
+        "{:<18} {:>7.1} % {:>6.1}  {:.2} in {:.0} %",
+        agent.to_string(),
+        100.0 * successes / n,
+        steps / n,
+        mark / marked,
+        100.0 * marked / n
+    );
+}
+
+fn pictures(size: u32) {
+    let config = SimConfig { image: size, ..SimConfig::default() };
+    let sim = Sim::new(Task::PickCube, config, 1);
+    let (start, mut frames) = (Instant::now(), 0.0);
+    while start.elapsed().as_secs_f64() < 1.0 {
+        std::hint::black_box(sim.observe());
+        frames += 2.0;
+    }
+    let frames_s = frames / start.elapsed().as_secs_f64();
+    let (start, mut attempts) = (Instant::now(), 0);
+    while start.elapsed().as_secs_f64() < 1.0 {
+        std::hint::black_box(demonstrate(Task::PickCube, config, AgentSpec::EXPERT, attempts));
+        attempts += 1;
+    }
+    let attempts_s = attempts as f64 / start.elapsed().as_secs_f64();
+    println!("{size}x{size}: {frames_s:.0} pictures/s, {attempts_s:.0} expert attempts/s, one core");
+}

@@ -1,0 +1,172 @@
+//! The scripted expert: approach, close, carry; and after a miss, back off and try again.
+//!
+//! What it does depends on what can be seen, and on memory only where it must, so that it can be imitated.
+
+use glam::{Vec2, Vec3};
+use rand::{Rng, RngExt};
+use rand_chacha::ChaCha8Rng;
+
+use crate::task::ACTION_SIZE;
+use crate::world::{STEP_REACH, STEP_TURN, WIDTH_MAX, World, misalignment};
+
+const OPEN: f32 = 1.0;
+const CLOSE: f32 = -1.0;
+/// Over the grasp point by no more than this, the hand comes down.
+const ABOVE: f32 = 0.006;
+/// Over this much horizontal distance the hand sinks from hovering to grasping, or from carrying to the goal.
+const SLOPE: f32 = 0.025;
+/// At the grasp point within this, the fingers close.
+const AT_GRASP: f32 = 0.007;
+/// Steps above the grasp point after which the fingers close wherever the hand has come to.
+const PATIENCE: u32 = 8;
+/// Steps of closing after which a cube that is not held was missed.
+const CLOSING: u32 = 5;
+/// How high above the straight line to the goal the cube is carried while far from it.
+const CARRY_OVER: f32 = 0.03;
+/// Within this horizontal distance of the cube an off grasp point shows.
+const NEAR_CUBE: f32 = 0.05;
+/// Standard half-width of the hand's unsteadiness, in action units.
+const WOBBLE: f32 = 0.06;
+
+/// Habits that differ from one expert to the next.
+#[derive(Clone, Debug)]
+struct Habits {
+    gain: f32,
+    speed: f32,
+    hover: f32,
+}
+
+/// How an agent that follows the expert's script aims. The expert's own aim is the default but for `recovers`.
+#[derive(Clone, Debug)]
+pub(crate) struct Aim {
+    /// Added to the grasp point once near the cube.
+    pub(crate) grasp_off: Vec2,
+    /// Added to the goal.
+    pub(crate) goal_off: Vec2,
+    /// Whether it notices that it holds nothing.
+    pub(crate) recovers: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// Towards the cube with open fingers; the steps spent above the grasp point.
+    Approach { above: u32 },
+    /// Fingers closing, so many steps already.
+    Close { steps: u32 },
+    /// Towards the goal.
+    Carry,
+    /// Up and open after a miss, so many steps more.
+    Retreat { left: u32 },
+}
+
+/// A scripted agent with the true state before its eyes.
+#[derive(Clone, Debug)]
+pub(crate) struct Expert {
+    habits: Habits,
+    aim: Aim,
+    stage: Stage,
+    near_cube: bool,
+    random: ChaCha8Rng,
+}
+
+impl Expert {
+    /// The expert with the habits that these random numbers give.
+    pub(crate) fn new(random: ChaCha8Rng) -> Self {
+        let aim = Aim { grasp_off: Vec2::ZERO, goal_off: Vec2::ZERO, recovers: true };
+        Self::aiming(aim, random)
+    }
+
+    /// One that follows the same script with the same habits, but aims otherwise.
+    pub(crate) fn aiming(aim: Aim, mut random: ChaCha8Rng) -> Self {
+        let habits = Habits {
+            gain: random.random_range(0.55..0.75),
+            speed: random.random_range(0.8..1.0),
+            hover: random.random_range(0.048..0.062),
+        };
+        Self { habits, aim, stage: Stage::Approach { above: 0 }, near_cube: false, random }
+    }
+
+    /// Whether it is past grasping.
+    pub(crate) fn carries(&self) -> bool {
+        self.stage == Stage::Carry
+    }
+
+    /// The next action.
+    pub(crate) fn act(&mut self, world: &World) -> [f32; ACTION_SIZE] {
+        // Drawn whatever happens, so that two that act on the same states stay equal.
+        let wobble = wobble(&mut self.random);
+        self.advance(world);
+        let tool = &world.tool;
+        let (target, gripper) = match self.stage {
+            Stage::Approach { .. } => (self.approach_point(world), OPEN),
+            Stage::Close { .. } => (tool.position, CLOSE),
+            Stage::Carry => (self.carry_point(world), CLOSE),
+            Stage::Retreat { .. } => (tool.position + Vec3::Z * STEP_REACH, OPEN),
+        };
+        let reach = (target - tool.position) / STEP_REACH * self.habits.gain;
+        let steady = if self.stage_moves() { wobble } else { Vec3::ZERO };
+        let delta = reach.clamp_length_max(self.habits.speed) + steady;
+        let turn = match self.stage {
+            Stage::Approach { .. } => misalignment(tool.yaw, world.cube.yaw) / STEP_TURN * self.habits.gain,
+            Stage::Close { .. } | Stage::Carry | Stage::Retreat { .. } => 0.0,
+        };
+        let [x, y, z] = delta.clamp(Vec3::NEG_ONE, Vec3::ONE).to_array();
+        [x, y, z, 0.0, 0.0, turn.clamp(-1.0, 1.0), gripper]
+    }
+
+    fn stage_moves(&self) -> bool {
+        !matches!(self.stage, Stage::Close { .. })
+    }
+
+    /// Chooses the stage for the present state.
+    fn advance(&mut self, world: &World) {
+        let away = world.cube.position.truncate() - world.tool.position.truncate();
+        self.near_cube |= away.length() < NEAR_CUBE;
+        self.stage = match self.stage {
+            Stage::Approach { above } => {
+                let miss = self.grasp_point(world) - world.tool.position;
+                let over = miss.truncate().length() < 1.5 * ABOVE;
+                let turned = misalignment(world.tool.yaw, world.cube.yaw).abs() < 0.15;
+                if (miss.length() < AT_GRASP && turned) || above >= PATIENCE {
+                    Stage::Close { steps: 0 }
+                } else {
+                    Stage::Approach { above: above + u32::from(over) }
+                }
+            }
+            Stage::Close { .. } if world.holds_cube() => Stage::Carry,
+            Stage::Close { steps } if steps < CLOSING => Stage::Close { steps: steps + 1 },
+            Stage::Close { .. } if self.aim.recovers => Stage::Retreat { left: 4 },
+            Stage::Close { .. } => Stage::Carry,
+            Stage::Carry if self.aim.recovers && !world.holds_cube() => Stage::Retreat { left: 4 },
+            Stage::Carry => Stage::Carry,
+            Stage::Retreat { left } if left > 0 || world.tool.width < 0.9 * WIDTH_MAX => {
+                Stage::Retreat { left: left.saturating_sub(1) }
+            }
+            Stage::Retreat { .. } => Stage::Approach { above: 0 },
+        };
+    }
+
+    fn grasp_point(&self, world: &World) -> Vec3 {
+        let off = if self.near_cube { self.aim.grasp_off } else { Vec2::ZERO };
+        world.cube.position + off.extend(0.0)
+    }
+
+    /// The grasp point, or the higher above it the farther off the hand still is.
+    fn approach_point(&self, world: &World) -> Vec3 {
+        let grasp = self.grasp_point(world);
+        let miss = (grasp - world.tool.position).truncate().length();
+        grasp + Vec3::Z * self.habits.hover * ((miss - ABOVE) / SLOPE).clamp(0.0, 1.0)
+    }
+
+    /// Where the tool must be for the cube to be at the goal, or a little higher while far off.
+    fn carry_point(&self, world: &World) -> Vec3 {
+        let in_hand = if world.holds_cube() { world.cube.position - world.tool.position } else { Vec3::ZERO };
+        let goal = world.goal + self.aim.goal_off.extend(0.0) - in_hand;
+        let miss = (goal - world.tool.position).truncate().length();
+        goal + Vec3::Z * CARRY_OVER * ((miss - ABOVE) / SLOPE).clamp(0.0, 1.0)
+    }
+}
+
+fn wobble(random: &mut impl Rng) -> Vec3 {
+    Vec3::from_array(std::array::from_fn(|_| random.random_range(-WOBBLE..WOBBLE)))
+}

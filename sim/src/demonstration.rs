@@ -1,0 +1,174 @@
+//! Demonstrations: one agent's whole attempt, with the mark of where it went wrong, and its recording.
+//!
+//! Must not know how agents decide or how pictures are made.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Seek, Write};
+use std::path::Path;
+
+use gleaner_recording::{EpisodeWriter, StepRef};
+
+use crate::agent::{AgentKind, AgentSpec, Expert, Fault, Rehearsal};
+use crate::config::SimConfig;
+use crate::error::SimError;
+use crate::sim::{Observation, Sim, Stream, random};
+use crate::task::{ACTION_SIZE, Task, task_spec};
+
+/// Name of the metadata record that holds agent, seed, outcome and mark. No mapping reads metadata.
+pub const METADATA: &str = "gleaner.sim";
+
+/// One attempt by an agent. Step t is `observations[t]`, then `actions[t]`.
+#[derive(Clone, Debug)]
+pub struct Demonstration {
+    /// What was attempted.
+    pub task: Task,
+    /// Under which settings.
+    pub config: SimConfig,
+    /// By whom.
+    pub agent: AgentSpec,
+    /// The seed of everything random in it.
+    pub seed: u64,
+    /// What was seen before each action.
+    pub observations: Vec<Observation>,
+    /// What was done, each as in [`Sim::step`].
+    pub actions: Vec<[f32; ACTION_SIZE]>,
+    /// Whether the task succeeded.
+    pub success: bool,
+    /// The mark: the first step whose action is not what the expert would have done in its place.
+    pub went_wrong: Option<u32>,
+}
+
+/// How an attempt ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Ending {
+    pub(crate) success: bool,
+    pub(crate) went_wrong: Option<u32>,
+}
+
+/// Has an agent attempt a task. The same arguments always give the same bytes.
+#[must_use]
+pub fn demonstrate(task: Task, config: SimConfig, agent: AgentSpec, seed: u64) -> Demonstration {
+    let mut observations = Vec::new();
+    let mut actions = Vec::new();
+    let sim = Sim::new(task, config, seed);
+    let ending = attempt(sim, agent, seed, |sim, action| {
+        observations.push(sim.observe());
+        actions.push(*action);
+    });
+    Demonstration {
+        task,
+        config,
+        agent,
+        seed,
+        observations,
+        actions,
+        success: ending.success,
+        went_wrong: ending.went_wrong,
+    }
+}
+
+/// Runs an attempt to its end; `on_step` sees each state with the action that is about to be taken.
+pub(crate) fn attempt(
+    mut sim: Sim,
+    agent: AgentSpec,
+    seed: u64,
+    mut on_step: impl FnMut(&Sim, &[f32; ACTION_SIZE]),
+) -> Ending {
+    // Follows along until the agent departs from it: the agent's script has the same random habits.
+    let mut expert = Expert::new(random(seed, Stream::Expert));
+    let mut fault = match agent.kind() {
+        AgentKind::Expert => None,
+        AgentKind::MissedGrasp
+        | AgentKind::EarlyRelease
+        | AgentKind::WrongGoal
+        | AgentKind::Freeze
+        | AgentKind::Wander
+        | AgentKind::Noise => Some(Fault::new(
+            agent,
+            rehearse(sim.clone(), expert.clone()),
+            random(seed, Stream::Expert),
+            random(seed, Stream::Fault),
+        )),
+    };
+    let mut went_wrong = None;
+    while !sim.done() {
+        let step = sim.steps();
+        let expected = expert.act(sim.world());
+        let action = match &mut fault {
+            Some(fault) => fault.act(step, sim.world()),
+            None => expected,
+        };
+        if went_wrong.is_none() && action != expected {
+            went_wrong = Some(step);
+        }
+        on_step(&sim, &action);
+        sim.step(&action);
+    }
+    Ending { success: sim.success(), went_wrong }
+}
+
+/// How the expert's own attempt goes.
+fn rehearse(mut sim: Sim, mut expert: Expert) -> Rehearsal {
+    let mut carry = None;
+    while !sim.done() {
+        let action = expert.act(sim.world());
+        if expert.carries() {
+            carry.get_or_insert(sim.steps());
+        }
+        sim.step(&action);
+    }
+    Rehearsal { steps: sim.steps(), carry: carry.unwrap_or(sim.steps()) }
+}
+
+impl Demonstration {
+    /// Number of steps, T.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.actions.len()
+    }
+
+    /// The mark for each step: whether the agent had gone wrong by then. It does not say that every later step is bad.
+    #[must_use]
+    pub fn mark(&self) -> Vec<bool> {
+        (0_u32..).zip(&self.actions).map(|(step, _)| self.went_wrong.is_some_and(|from| step >= from)).collect()
+    }
+
+    /// Writes the recording and gives the writer back.
+    ///
+    /// # Errors
+    /// [`SimError::Recording`] when it cannot be written.
+    pub fn write_mcap<W: Write + Seek>(&self, writer: W) -> Result<W, SimError> {
+        let spec = task_spec(self.task, &self.config);
+        let mut episode = EpisodeWriter::create(writer, &spec)?;
+        for (observation, action) in self.observations.iter().zip(&self.actions) {
+            let step = StepRef { frames: &observation.frames, proprioception: &observation.proprioception, action };
+            episode.step(observation.stamp_ns, step)?;
+        }
+        episode.metadata(METADATA, self.metadata())?;
+        Ok(episode.finish()?)
+    }
+
+    /// Writes the recording to a file.
+    ///
+    /// # Errors
+    /// [`SimError::Io`] or [`SimError::Recording`] when it cannot be written.
+    pub fn save_mcap(&self, path: &Path) -> Result<(), SimError> {
+        let failed = |source| SimError::Io { path: path.to_owned(), source };
+        let file = File::create(path).map_err(failed)?;
+        let mut writer = self.write_mcap(BufWriter::new(file))?;
+        writer.flush().map_err(failed)
+    }
+
+    fn metadata(&self) -> BTreeMap<String, String> {
+        let mark = self.went_wrong.map(|step| step.to_string());
+        [
+            ("agent", self.agent.to_string()),
+            ("seed", self.seed.to_string()),
+            ("success", self.success.to_string()),
+            ("went_wrong", mark.unwrap_or_default()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into()
+    }
+}

@@ -1,0 +1,48 @@
+//! The crate's one error type. Must not know what callers do with it.
+
+use std::path::PathBuf;
+
+use gleaner_recording::RecordingError;
+
+/// What can go wrong in the simulator's dealings with its caller or with files. Simulating itself cannot fail.
+#[derive(Debug, thiserror::Error)]
+pub enum SimError {
+    /// A task name that is not known.
+    #[error("task: {0:?} is not known; use \"pick_cube\"")]
+    UnknownTask(String),
+    /// An agent description that cannot be read.
+    #[error("agent: {text:?}: {detail}")]
+    Agent {
+        /// The text as given.
+        text: String,
+        /// What is wrong with it and the mend.
+        detail: String,
+    },
+    /// A setting outside its range.
+    #[error("config.{field}: {detail}")]
+    Config {
+        /// The setting.
+        field: &'static str,
+        /// What is wrong with it and the mend.
+        detail: String,
+    },
+    /// A recording could not be written.
+    #[error(transparent)]
+    Recording(#[from] RecordingError),
+    /// A file or folder could not be written.
+    #[error("cannot write {path}: {source}")]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The cause.
+        source: std::io::Error,
+    },
+    /// A table could not be written.
+    #[error("cannot write {path}: {source}")]
+    Table {
+        /// The table's file.
+        path: PathBuf,
+        /// The cause.
+        source: csv::Error,
+    },
+}

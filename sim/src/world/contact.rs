@@ -1,0 +1,123 @@
+//! Fingers against cube: landing, pushing, grasping, slipping.
+//!
+//! All of it happens in the tool's frame, where a finger is an axis-aligned box and the cube is taken by its extent
+//! along the two axes. Must not know the rest of the world.
+
+use glam::{Vec2, Vec3};
+
+use super::{CUBE_HALF, Cube, FINGER_HALF_DEPTH, FINGER_THICKNESS, TIP_BELOW, Tool, misalignment, to_tool_frame};
+
+/// How far the cube's centre may lie off the pads' middle, across the closing axis, and still be grasped.
+const GRASP_ACROSS: f32 = 0.016;
+/// How far the cube may be turned against the pads and still be grasped.
+const GRASP_TURN: f32 = 0.38;
+/// How far the tips must reach below the cube's top to grasp it.
+const GRASP_DEPTH: f32 = 0.014;
+/// How far a badly squeezed cube slips out per substep.
+const SLIP: f32 = 0.004;
+/// Share of its misalignment that a pushed cube keeps per substep: a flat pad turns it flush.
+const TURN_KEPT: f32 = 0.9;
+
+/// What the fingers did to the cube.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Touch {
+    /// Nothing, or they pushed it.
+    Free,
+    /// They hold it.
+    Grasped,
+}
+
+/// The cube's half extent along the tool's axes.
+fn extent(turn: f32) -> f32 {
+    CUBE_HALF * (turn.cos().abs() + turn.sin().abs())
+}
+
+/// Stops a descending tool whose finger tips come down on the cube's top.
+pub(super) fn land_fingers(tool: &mut Tool, cube: &Cube, z_before: f32) {
+    let top = cube.position.z + CUBE_HALF;
+    let (tip, tip_before) = (tool.position.z - TIP_BELOW, z_before - TIP_BELOW);
+    if tip >= top || tip_before < top {
+        return;
+    }
+    let centre = to_tool_frame(tool, cube.position);
+    let half = extent(misalignment(tool.yaw, cube.yaw));
+    if centre.y.abs() >= half + FINGER_HALF_DEPTH {
+        return;
+    }
+    let inner = tool.width / 2.0;
+    let over = [inner, -inner - FINGER_THICKNESS]
+        .iter()
+        .any(|&low| centre.x + half > low && centre.x - half < low + FINGER_THICKNESS);
+    if over {
+        tool.position.z = top + TIP_BELOW;
+    }
+}
+
+/// Pushes the cube out of the fingers, or grasps it when both hold it well.
+pub(super) fn push_cube(tool: &mut Tool, cube: &mut Cube) -> Touch {
+    let depth = cube.position.z + CUBE_HALF - (tool.position.z - TIP_BELOW);
+    let mut centre = to_tool_frame(tool, cube.position);
+    let mut turn = misalignment(tool.yaw, cube.yaw);
+    let half = extent(turn);
+    let overlap = half + FINGER_HALF_DEPTH - centre.y.abs();
+    // Fingers below a falling cube would need a tip above its bottom; the hand is never that low.
+    if depth <= 0.0 || overlap <= 0.0 {
+        return Touch::Free;
+    }
+    let inner = tool.width / 2.0;
+    let outside = centre.x.abs() - inner;
+    let mut touch = Touch::Free;
+    if outside > FINGER_THICKNESS / 2.0 {
+        let push = inner + FINGER_THICKNESS + half - centre.x.abs();
+        if push <= 0.0 {
+            return Touch::Free;
+        }
+        let push = push * centre.x.signum();
+        push_least(&mut centre, &mut turn, push, overlap);
+    } else {
+        let right = centre.x + half - inner;
+        let left = half - centre.x - inner;
+        if right > 0.0 && left > 0.0 {
+            touch = squeeze(tool, &mut centre, &mut turn, depth);
+        } else if right > 0.0 {
+            push_least(&mut centre, &mut turn, -right, overlap);
+        } else if left > 0.0 {
+            push_least(&mut centre, &mut turn, left, overlap);
+        } else {
+            return Touch::Free;
+        }
+    }
+    place(tool, cube, centre, turn);
+    touch
+}
+
+/// Both pads touch: a cube well between them is held, another slips out sideways.
+fn squeeze(tool: &mut Tool, centre: &mut Vec3, turn: &mut f32, depth: f32) -> Touch {
+    let well_held = centre.y.abs() <= GRASP_ACROSS && turn.abs() <= GRASP_TURN && depth >= GRASP_DEPTH;
+    centre.x = 0.0;
+    if well_held {
+        *turn = 0.0;
+        tool.width = 2.0 * CUBE_HALF;
+        return Touch::Grasped;
+    }
+    tool.width = tool.width.max(2.0 * extent(*turn));
+    centre.y += SLIP.copysign(centre.y);
+    Touch::Free
+}
+
+/// Moves the cube out along the axis that needs less: along the closing axis by `along`, or across by `across`.
+fn push_least(centre: &mut Vec3, turn: &mut f32, along: f32, across: f32) {
+    if along.abs() <= across {
+        centre.x += along;
+    } else {
+        centre.y += across.copysign(centre.y);
+    }
+    *turn *= TURN_KEPT;
+}
+
+fn place(tool: &Tool, cube: &mut Cube, centre: Vec3, turn: f32) {
+    let turned = Vec2::from_angle(tool.yaw).rotate(centre.truncate());
+    cube.position.x = tool.position.x + turned.x;
+    cube.position.y = tool.position.y + turned.y;
+    cube.yaw += turn - misalignment(tool.yaw, cube.yaw);
+}
