@@ -3,12 +3,13 @@
 //! `cargo run -p gleaner-sim --example measure -- [attempts per agent]`
 #![expect(clippy::print_stdout, reason = "printing is what it is for")]
 
+use std::io::Cursor;
 use std::time::Instant;
 
 use gleaner_sim::{AgentKind, AgentSpec, Sim, SimConfig, SimError, Task, demonstrate};
 
 fn main() -> Result<(), SimError> {
-    let attempts: u64 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(200);
+    let attempts: u64 = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(500);
     println!("agent               success   steps  mark (share of the attempt)");
     for kind in AgentKind::ALL {
         let grades: &[f64] = if kind == AgentKind::Expert { &[0.0] } else { &[0.25, 0.5, 0.75, 1.0] };
@@ -17,7 +18,7 @@ fn main() -> Result<(), SimError> {
         }
     }
     for size in [32, 64, 128] {
-        pictures(size);
+        speed(size)?;
     }
     Ok(())
 }
@@ -35,17 +36,12 @@ fn success(agent: AgentSpec, attempts: u64) {
         }
     }
     let n = attempts as f64;
-    println!(
-        "{:<18} {:>7.1} % {:>6.1}  {:.2} in {:.0} %",
-        agent.to_string(),
-        100.0 * successes / n,
-        steps / n,
-        mark / marked,
-        100.0 * marked / n
-    );
+    let mark =
+        if marked > 0.0 { format!("{:.2} in {:.0} %", mark / marked, 100.0 * marked / n) } else { "none".to_owned() };
+    println!("{:<18} {:>7.1} % {:>6.1}  {mark}", agent.to_string(), 100.0 * successes / n, steps / n);
 }
 
-fn pictures(size: u32) {
+fn speed(size: u32) -> Result<(), SimError> {
     let config = SimConfig { image: size, ..SimConfig::default() };
     let sim = Sim::new(Task::PickCube, config, 1);
     let (start, mut frames) = (Instant::now(), 0.0);
@@ -56,9 +52,11 @@ fn pictures(size: u32) {
     let frames_s = frames / start.elapsed().as_secs_f64();
     let (start, mut attempts) = (Instant::now(), 0);
     while start.elapsed().as_secs_f64() < 1.0 {
-        std::hint::black_box(demonstrate(Task::PickCube, config, AgentSpec::EXPERT, attempts));
+        let demonstration = demonstrate(Task::PickCube, config, AgentSpec::EXPERT, attempts);
+        std::hint::black_box(demonstration.write_mcap(Cursor::new(Vec::new()))?);
         attempts += 1;
     }
     let attempts_s = attempts as f64 / start.elapsed().as_secs_f64();
-    println!("{size}x{size}: {frames_s:.0} pictures/s, {attempts_s:.0} expert attempts/s, one core");
+    println!("{size}x{size}: {frames_s:.0} pictures/s, {attempts_s:.0} expert attempts recorded/s, one core");
+    Ok(())
 }

@@ -172,3 +172,6 @@ impl Demonstration {
         .into()
     }
 }
+
+#[cfg(test)]
+mod tests;

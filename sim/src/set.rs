@@ -140,3 +140,51 @@ impl Table {
         self.rows.flush().map_err(|source| SimError::Io { path: self.path, source })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn agents() -> [(AgentSpec, usize); 2] {
+        [(AgentSpec::EXPERT, 2), ("freeze:1".parse().unwrap(), 1)]
+    }
+
+    #[test]
+    fn a_set_has_a_file_a_label_and_a_mark_for_each_attempt() {
+        let dir = tempfile::tempdir().unwrap();
+        let config = SimConfig { image: 8, ..SimConfig::default() };
+        let mut done = Vec::new();
+        let episodes = record_set(dir.path(), Task::PickCube, config, &agents(), 30, |n| done.push(n)).unwrap();
+        assert_eq!(done, [1, 2, 3]);
+        assert_eq!(episodes.iter().map(|episode| episode.seed).collect::<Vec<_>>(), [30, 31, 32]);
+        assert!(episodes.iter().all(|episode| episode.path.is_file()));
+        let read = |name| std::fs::read_to_string(dir.path().join(name)).unwrap();
+        assert_eq!(
+            read(LABELS),
+            "file,task,outcome,cohort\n\
+             pick_cube-expert-000030.mcap,pick_cube,success,expert\n\
+             pick_cube-expert-000031.mcap,pick_cube,success,expert\n\
+             pick_cube-freeze-000032.mcap,pick_cube,failure,freeze\n"
+        );
+        let mark = episodes[2].went_wrong.unwrap();
+        assert_eq!(
+            read(MARKS),
+            format!(
+                "file,agent,grade,seed,success,went_wrong\n\
+                 pick_cube-expert-000030.mcap,expert,0.0,30,true,\n\
+                 pick_cube-expert-000031.mcap,expert,0.0,31,true,\n\
+                 pick_cube-freeze-000032.mcap,freeze,1.0,32,false,{mark}\n"
+            )
+        );
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_made_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let file = dir.path().join("taken");
+        std::fs::write(&file, "").unwrap();
+        let error = record_set(&file, Task::PickCube, SimConfig::default(), &agents(), 0, |_| {}).unwrap_err();
+        assert!(error.to_string().contains("taken"), "{error}");
+    }
+}

@@ -2,7 +2,7 @@
 //!
 //! The grade scales the fault, from nothing at 0 to near-certain failure at 1.
 
-use glam::Vec2;
+use glam::{Vec2, Vec3};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
@@ -38,7 +38,7 @@ pub(crate) struct Fault {
     /// The step from which the fault shows, for the kinds that wait for a step.
     from: u32,
     /// Where a wanderer heads; `None` while it follows the script.
-    leg: Option<glam::Vec3>,
+    leg: Option<Vec3>,
     random: ChaCha8Rng,
 }
 
@@ -62,8 +62,8 @@ impl Fault {
                 aim.goal_off = heading * grade * random.random_range(GOAL_OFF);
             }
             AgentKind::EarlyRelease => {
-                // At grade 1 anywhere in the first half of the carry, at lower grades nearer its end.
-                from = carry + 1.0 + (steps - carry) * (1.0 - grade * (1.0 - 0.5 * part));
+                // At grade 1 anywhere in the first third of the carry, at lower grades nearer its end.
+                from = carry + 1.0 + (steps - carry) * (1.0 - grade * (1.0 - 0.33 * part));
                 aim.recovers = false;
             }
             AgentKind::Freeze | AgentKind::Wander => from = steps * (0.1 + 0.7 * part),
@@ -101,12 +101,12 @@ impl Fault {
 
     /// Leg by leg towards a random point, or with the grade's chance not; the gripper follows the script.
     fn wander(&mut self, step: u32, world: &World, action: &mut [f32; ACTION_SIZE]) {
-        if (step - self.from) % LEG == 0 {
+        if (step - self.from).is_multiple_of(LEG) {
             let x = self.random.random_range(-0.18..0.18);
             let y = self.random.random_range(-0.18..0.18);
             let z = self.random.random_range(0.05..0.22);
             let strays = self.random.random_range(0.0..1.0) < self.grade;
-            self.leg = strays.then(|| glam::Vec3::new(x, y, z));
+            self.leg = strays.then(|| Vec3::new(x, y, z));
         }
         if let Some(point) = self.leg {
             let delta = ((point - world.tool.position) / STEP_REACH * 0.6).clamp_length_max(0.9);
