@@ -9,6 +9,8 @@ mod observation;
 mod session;
 #[cfg(test)]
 mod testing;
+#[cfg(test)]
+mod tests;
 
 use std::{
     collections::HashMap,

@@ -62,8 +62,7 @@ impl Model for Policy {
     }
 
     fn advance(&self, turns: &[&Turn<History>]) -> Result<Vec<Advanced<History>>> {
-        let frames: Vec<&[u8]> =
-            turns.iter().flat_map(|turn| &turn.steps).map(|step| step.frame.as_slice()).collect();
+        let frames: Vec<&[u8]> = turns.iter().flat_map(|turn| &turn.steps).map(|step| step.frame.as_slice()).collect();
         let mut embeddings = self.embed(&frames).map_err(learned)?.into_iter();
         let mut histories = Vec::with_capacity(turns.len());
         for turn in turns {
@@ -117,9 +116,8 @@ pub(super) fn answer<M: Model>(model: &M, turns: &[&Turn<M::History>]) -> Result
         return Err(Error::internal("running a policy", "it gave another number of answers than it was asked"));
     }
     for turn in &advanced {
-        let right = |action: &Vec<f32>| {
-            action.len() == model.shape().action && action.iter().all(|value| value.is_finite())
-        };
+        let right =
+            |action: &Vec<f32>| action.len() == model.shape().action && action.iter().all(|value| value.is_finite());
         if turn.actions.is_empty() || !turn.actions.iter().all(right) {
             return Err(Error::internal("running a policy", "it gave an action that is not finite or of another size"));
         }

@@ -60,7 +60,9 @@ fn pixels(into: &mut Vec<u8>, camera: &CameraShape, path: &str, frame: &CameraFr
     if !camera.depth {
         return match frame.depth {
             None => Ok(()),
-            Some(_) => Err(Error::invalid(&field, format!("camera {} has no depth in this task; leave it out", camera.name))),
+            Some(_) => {
+                Err(Error::invalid(&field, format!("camera {} has no depth in this task; leave it out", camera.name)))
+            }
         };
     }
     let depth = present(&field, frame.depth.as_ref())?;
@@ -94,7 +96,9 @@ fn vector(field: &str, values: &[f32], length: usize) -> Result<()> {
     }
     match values.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
-        Some(index) => Err(Error::invalid(&format!("{field}[{index}]"), format!("is {}, must be finite", values[index]))),
+        Some(index) => {
+            Err(Error::invalid(&format!("{field}[{index}]"), format!("is {}, must be finite", values[index])))
+        }
     }
 }
 
@@ -104,9 +108,95 @@ fn names(shape: &TaskShape) -> String {
 
 /// An observation of nothing, to warm a model up with.
 pub(super) fn blank(shape: &TaskShape) -> Step {
-    Step {
-        frame: vec![0; shape.frame_bytes()],
-        proprioception: vec![0.0; shape.proprioception],
-        executed: None,
+    Step { frame: vec![0; shape.frame_bytes()], proprioception: vec![0.0; shape.proprioception], executed: None }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::error::Kind;
+
+    fn shape() -> TaskShape {
+        let camera = |name: &str, depth| CameraShape { name: name.into(), height: 8, width: 16, depth };
+        TaskShape { cameras: vec![camera("top", true), camera("wrist", false)], proprioception: 2, action: 1 }
+    }
+
+    fn raw(data: Vec<u8>) -> Option<Image> {
+        Some(Image { format: ImageFormat::Raw, data: data.into() })
+    }
+
+    fn frame(camera: &str, color: Option<Image>, depth: Option<Image>) -> CameraFrame {
+        CameraFrame { camera: camera.into(), color, depth }
+    }
+
+    /// A right observation; the cameras come in another order than the task's.
+    fn right() -> Observation {
+        Observation {
+            stamp_ns: 1,
+            cameras: vec![frame("wrist", raw(vec![3; 384]), None), frame("top", raw(vec![1; 384]), raw(vec![2; 256]))],
+            proprioception: vec![0.5, -0.5],
+            executed_action: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn pixels_come_in_the_order_of_the_task() {
+        let step = step(&shape(), "observation", &right()).unwrap();
+        assert_eq!(step.frame, [vec![1; 384], vec![2; 256], vec![3; 384]].concat());
+        assert_eq!(step.proprioception, [0.5, -0.5]);
+        assert_eq!(step.executed, None);
+    }
+
+    #[test]
+    fn jpeg_is_decoded_to_the_size_of_the_task() {
+        let jpeg = gleaner_recording::encode_jpeg(&vec![200; 384], 8, 16, 90).unwrap();
+        let mut observation = right();
+        observation.cameras[0].color = Some(Image { format: ImageFormat::Any, data: jpeg.into() });
+        let step = step(&shape(), "observation", &observation).unwrap();
+        assert_eq!(step.frame.len(), shape().frame_bytes());
+        assert!(step.frame[640..].iter().all(|&byte| byte.abs_diff(200) < 8));
+    }
+
+    #[test]
+    fn every_bad_observation_is_named_by_its_field() {
+        type Spoil = fn(&mut Observation);
+        let jpeg = |data: Vec<u8>| Some(Image { format: ImageFormat::Jpeg, data: data.into() });
+        let wrong_size = gleaner_recording::encode_jpeg(&vec![0; 192], 8, 8, 90).unwrap();
+        let mut small = right();
+        small.cameras[0].color = jpeg(wrong_size);
+        let error = step(&shape(), "observation", &small).unwrap_err();
+        assert!(error.message().starts_with("observation.cameras[0].color: "), "{error}");
+        assert!(error.message().contains("8×8"), "{error}");
+
+        let cases: [(&str, Spoil); 15] = [
+            ("observation.cameras: camera top", |o| o.cameras.truncate(1)),
+            ("observation.cameras[0].camera", |o| o.cameras[0].camera = "left".into()),
+            ("observation.cameras[1].camera", |o| o.cameras[1].camera = "wrist".into()),
+            ("observation.cameras[0].color", |o| o.cameras[0].color = None),
+            ("observation.cameras[0].color", |o| o.cameras[0].color = raw(vec![0; 383])),
+            ("observation.cameras[0].color", |o| o.cameras[0].color = raw(Vec::new())),
+            ("observation.cameras[1].color", |o| {
+                let broken = vec![0xFF, 0xD8, 0xFF, 0xE0, 1, 2, 3];
+                o.cameras[1].color = Some(Image { format: ImageFormat::Jpeg, data: broken.into() });
+            }),
+            ("observation.cameras[1].depth", |o| o.cameras[1].depth = None),
+            ("observation.cameras[1].depth", |o| o.cameras[1].depth = raw(vec![0; 255])),
+            ("observation.cameras[1].depth", |o| {
+                o.cameras[1].depth = Some(Image { format: ImageFormat::Jpeg, data: vec![0; 256].into() });
+            }),
+            ("observation.cameras[0].depth", |o| o.cameras[0].depth = raw(vec![0; 256])),
+            ("observation.proprioception: ", |o| o.proprioception.truncate(1)),
+            ("observation.proprioception[1]: ", |o| o.proprioception[1] = f32::INFINITY),
+            ("observation.executed_action: ", |o| o.executed_action = vec![0.0; 2]),
+            ("observation.executed_action[0]: ", |o| o.executed_action = vec![f32::NAN]),
+        ];
+        for (field, spoil) in cases {
+            let mut observation = right();
+            spoil(&mut observation);
+            let error = step(&shape(), "observation", &observation).unwrap_err();
+            assert_eq!(error.kind(), Kind::Invalid);
+            assert!(error.message().starts_with(field), "{field} expected: {error}");
+        }
     }
 }

@@ -1,11 +1,14 @@
-//! A model for tests: counts what it sees, and waits, fails or panics when told.
+//! A model for tests that remembers what it is told, and fails, panics or waits on demand.
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
 
-use std::sync::{Arc, Mutex};
+use std::{
+    cell::Cell,
+    sync::{Arc, mpsc},
+};
 
-use gleaner_learn::{CameraShape, TaskShape};
-use tokio::sync::mpsc;
+use gleaner_learn::TaskShape;
+use tokio::sync::mpsc as tokio_mpsc;
 
 use super::{
     engine::{Engine, Identity},
@@ -14,28 +17,102 @@ use super::{
 use crate::{
     domain::{
         id::{PolicyId, TaskId},
-        observation::{CameraFrame, Image, ImageFormat, Observation},
+        observation::Observation,
     },
     error::{Error, Result},
 };
 
-/// A proprioception that makes the model panic, fail, or give no number.
-pub(super) const PANIC: f32 = 666.0;
-pub(super) const FAIL: f32 = 667.0;
-pub(super) const NAN: f32 = 668.0;
+/// Proprioceptions at which the model panics, fails, and gives no number.
+pub(super) const PANICS: f32 = 666.0;
+pub(super) const FAILS: f32 = 667.0;
+pub(super) const GIVES_NAN: f32 = 668.0;
 
-/// Acts with (proprioception[0], steps remembered), and remembers each step's proprioception and executed action.
-pub(super) struct Counting {
+/// Acts with the newest proprioception and the sum of the executed actions' first values.
+pub(super) struct Parrot {
     shape: TaskShape,
-    batches: Arc<Mutex<Vec<usize>>>,
-    gate: Option<mpsc::UnboundedReceiver<()>>,
-    gate_lock: Mutex<Option<mpsc::UnboundedReceiver<()>>>,
+    warm: Cell<bool>,
+    begun: tokio_mpsc::UnboundedSender<usize>,
+    gate: mpsc::Receiver<()>,
 }
 
-/// The test's side of a [`Counting`] model.
+/// The test's side of the model.
 pub(super) struct Control {
-    /// The size of every batch, the warm-up's first.
-    pub(super) batches: Arc<Mutex<Vec<usize>>>,
-    /// One permit a batch, if the model is gated.
-    pub(super) gate: mpsc::UnboundedSender<()>,
+    /// The size of each batch as it begins; the warm-up is not told.
+    pub(super) begun: tokio_mpsc::UnboundedReceiver<usize>,
+    /// Lets one batch end. When it is dropped, every batch ends at once.
+    pub(super) gate: mpsc::Sender<()>,
+}
+
+/// The type of engine that tests start.
+pub(super) type TestEngine = Engine<Parrot>;
+
+impl Model for Parrot {
+    /// The newest proprioception, and every executed action's first value.
+    type History = (f32, Vec<f32>);
+
+    fn shape(&self) -> &TaskShape {
+        &self.shape
+    }
+
+    fn window(&self) -> usize {
+        3
+    }
+
+    fn advance(&self, turns: &[&Turn<Self::History>]) -> Result<Vec<Advanced<Self::History>>> {
+        if self.warm.replace(true) {
+            // Nobody listens, or nobody holds the gate, once the test is done with it.
+            let _ = self.begun.send(turns.len());
+            let _ = self.gate.recv();
+        }
+        turns.iter().map(|turn| self.one(turn)).collect()
+    }
+}
+
+impl Parrot {
+    fn one(&self, turn: &Turn<(f32, Vec<f32>)>) -> Result<Advanced<(f32, Vec<f32>)>> {
+        let mut history = turn.history.clone().unwrap_or_default();
+        for step in &turn.steps {
+            history.0 = step.proprioception[0];
+            history.1.extend(step.executed.as_ref().map(|action| action[0]));
+        }
+        let newest = match history.0 {
+            PANICS => panic!("told to"),
+            FAILS => return Err(Error::internal("acting", "told to")),
+            GIVES_NAN => f32::NAN,
+            newest => newest,
+        };
+        let executed = history.1.iter().sum();
+        Ok(Advanced { history, actions: vec![vec![newest, executed]] })
+    }
+}
+
+/// Starts an engine with these limits.
+pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Control) {
+    let (tell, begun) = tokio_mpsc::unbounded_channel();
+    let (gate, wait) = mpsc::channel();
+    let engine = Engine::start(identity(batch, queue), move || {
+        let shape = TaskShape { cameras: Vec::new(), proprioception: 1, action: 2 };
+        Ok(Parrot { shape, warm: Cell::new(false), begun: tell, gate: wait })
+    });
+    (engine.await.unwrap(), Control { begun, gate })
+}
+
+pub(super) fn identity(batch: usize, queue: usize) -> Identity {
+    Identity { policy_id: PolicyId::new(), task_id: TaskId::new(), batch, queue }
+}
+
+/// A first turn with this proprioception.
+pub(super) fn turn(proprioception: f32) -> Turn<(f32, Vec<f32>)> {
+    let step = Step { frame: Vec::new(), proprioception: vec![proprioception], executed: None };
+    Turn { history: None, steps: vec![step] }
+}
+
+/// An observation whose stamp and proprioception are this number.
+pub(super) fn observation(number: u8, executed_action: &[f32]) -> Observation {
+    Observation {
+        stamp_ns: i64::from(number),
+        cameras: Vec::new(),
+        proprioception: vec![f32::from(number)],
+        executed_action: executed_action.to_vec(),
+    }
 }

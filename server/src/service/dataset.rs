@@ -17,8 +17,7 @@ pub(crate) struct Datasets(pub(crate) Rooms);
 impl Datasets {
     async fn create(&self, request: v1::CreateDatasetRequest) -> Result<v1::CreateDatasetResponse> {
         let (run, beta) = wire::dataset::create_request(request)?;
-        let task = self.0.store.score_run_task(&run).await?;
-        let dataset = self.0.store.insert_dataset(&task, &run, beta).await?;
+        let dataset = self.0.store.insert_dataset(&run, beta).await?;
         Ok(v1::CreateDatasetResponse { dataset: self.counted(vec![dataset]).await?.pop() })
     }
 

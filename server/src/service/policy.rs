@@ -33,9 +33,7 @@ impl PoliciesFace {
     async fn list_names(&self, task: &str) -> Result<v1::ListDeploymentsResponse> {
         let task = if task.is_empty() { None } else { Some(self.0.store.task(task).await?.id) };
         let deployments = self.0.store.deployments(task.as_ref()).await?;
-        Ok(v1::ListDeploymentsResponse {
-            deployments: deployments.into_iter().map(wire::policy::deployment).collect(),
-        })
+        Ok(v1::ListDeploymentsResponse { deployments: deployments.into_iter().map(wire::policy::deployment).collect() })
     }
 
     async fn answer(&self, request: v1::ActRequest) -> Result<v1::ActResponse> {
@@ -81,8 +79,8 @@ impl PolicyService for PoliciesFace {
             .map(|message| message.map_err(from_peer).and_then(wire::policy::session_input))
             .boxed();
         let answers = self.0.policies.session(inputs, self.0.stopping.clone());
-        let stream = ReceiverStream::new(answers)
-            .map(|answer| answer.map(wire::policy::session_response).map_err(from_error));
+        let stream =
+            ReceiverStream::new(answers).map(|answer| answer.map(wire::policy::session_response).map_err(from_error));
         Ok(Response::new(stream.boxed()))
     }
 }

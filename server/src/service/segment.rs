@@ -65,9 +65,7 @@ pub(super) async fn segments(
         parts: parts(contents, request.kept_only).into_iter(),
         open: None,
     };
-    Ok(stream::try_unfold(walk, |mut walk| async move {
-        Ok(walk.next().await?.map(|segment| (segment, walk)))
-    }))
+    Ok(stream::try_unfold(walk, |mut walk| async move { Ok(walk.next().await?.map(|segment| (segment, walk))) }))
 }
 
 fn parts(contents: DatasetContents, kept_only: bool) -> Vec<Part> {
@@ -115,7 +113,8 @@ impl Walk {
         let torn = || Error::internal("streaming segments", "the episode has fewer steps than its scores");
         let open = self.open.as_ref().ok_or_else(torn)?;
         let first = end.saturating_sub(self.length);
-        let rows = |values: &[f32], width: usize| range(first, end, width).and_then(|at| Some(values.get(at)?.to_vec()));
+        let rows =
+            |values: &[f32], width: usize| range(first, end, width).and_then(|at| Some(values.get(at)?.to_vec()));
         let proprioception = rows(&open.proprioception, self.spec.proprioception_size()).ok_or_else(torn)?;
         let action = rows(&open.action, self.spec.action_size()).ok_or_else(torn)?;
         let frames = if self.include_frames {

@@ -127,22 +127,14 @@ pub(super) async fn insert_export(
 }
 
 impl Store {
-    /// Makes a dataset of a score run that is there or still may come.
+    /// Makes a dataset of a score run that is there or still may come; β is in [0, 1].
     ///
     /// # Errors
-    /// Invalid when β is not in [0, 1] or the run is of another task; otherwise as for
-    /// [`Store::score_run_task`].
-    pub async fn insert_dataset(&self, task: &TaskId, run: &ScoreRunId, beta: f64) -> Result<Dataset> {
-        if !(0.0..=1.0).contains(&beta) {
-            return Err(Error::invalid("beta", format!("is {beta}, must be between 0 and 1")));
-        }
-        let owner = self.score_run_task(run).await?;
-        if owner != *task {
-            return Err(Error::invalid("score_run_id", format!("{run} belongs to {owner}, not to {task}")));
-        }
+    /// NotFound; Precondition when the run's job gave up.
+    pub(crate) async fn insert_dataset(&self, run: &ScoreRunId, beta: f64) -> Result<Dataset> {
         let dataset = Dataset {
             id: DatasetId::new(),
-            task_id: owner,
+            task_id: self.maker(JobKind::Score, "score run", run.as_str()).await?.task_id,
             score_run_id: run.clone(),
             beta,
             created_at: Millis::now(),
@@ -157,7 +149,7 @@ impl Store {
     ///
     /// # Errors
     /// NotFound.
-    pub async fn dataset(&self, id: &DatasetId) -> Result<Dataset> {
+    pub(crate) async fn dataset(&self, id: &DatasetId) -> Result<Dataset> {
         let found: Option<DatasetRow> = sqlx::query_as("select * from datasets where id = ?")
             .bind(id.as_str())
             .fetch_optional(self.read())
@@ -170,7 +162,7 @@ impl Store {
     ///
     /// # Errors
     /// Internal.
-    pub async fn datasets(&self, task: &TaskId) -> Result<Vec<Dataset>> {
+    pub(crate) async fn datasets(&self, task: &TaskId) -> Result<Vec<Dataset>> {
         let rows: Vec<DatasetRow> = sqlx::query_as("select * from datasets where task_id = ? order by id desc")
             .bind(task.as_str())
             .fetch_all(self.read())
@@ -184,7 +176,7 @@ impl Store {
     ///
     /// # Errors
     /// Internal.
-    pub async fn dataset_counts(&self, datasets: &[Dataset]) -> Result<Vec<Option<DatasetCounts>>> {
+    pub(crate) async fn dataset_counts(&self, datasets: &[Dataset]) -> Result<Vec<Option<DatasetCounts>>> {
         let mut counts = vec![None; datasets.len()];
         let mut places: Vec<usize> = (0..datasets.len()).collect();
         places.sort_by_key(|&place| &datasets[place].score_run_id);
@@ -198,11 +190,8 @@ impl Store {
             let kept = self.fill(&run.id, Histogram::new(1, &betas)).await?.kept();
             let expert_segments = self.run_counts(&run).await?.expert_segments;
             for (&place, kept) in places.iter().zip(kept) {
-                counts[place] = Some(DatasetCounts {
-                    kept_segments: kept.segments,
-                    kept_episodes: kept.episodes,
-                    expert_segments,
-                });
+                counts[place] =
+                    Some(DatasetCounts { kept_segments: kept.segments, kept_episodes: kept.episodes, expert_segments });
             }
         }
         Ok(counts)
@@ -212,7 +201,7 @@ impl Store {
     ///
     /// # Errors
     /// NotFound; Precondition when its score run is not finished.
-    pub async fn dataset_contents(&self, id: &DatasetId) -> Result<DatasetContents> {
+    pub(crate) async fn dataset_contents(&self, id: &DatasetId) -> Result<DatasetContents> {
         let dataset = self.dataset(id).await?;
         let run = self.score_run(&dataset.score_run_id).await?;
         let kept = self.kept(&run, dataset.beta).await?;
@@ -245,7 +234,7 @@ impl Store {
     ///
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
-    pub async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
+    pub(crate) async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
         let there: i64 = sqlx::query_scalar("select count(*) from exports where id = ?")
             .bind(id.as_str())
             .fetch_one(self.read())
@@ -267,9 +256,99 @@ impl Store {
     ///
     /// # Errors
     /// As for [`Store::export_files`]; NotFound when the export has no such file.
-    pub async fn export_file(&self, id: &ExportId, name: &str) -> Result<ExportFile> {
+    pub(crate) async fn export_file(&self, id: &ExportId, name: &str) -> Result<ExportFile> {
         let files = self.export_files(id).await?;
         let found = files.into_iter().find(|file| file.name == name);
         found.ok_or_else(|| Error::not_found(&format!("file in {id} called"), name))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::{
+        domain::{
+            episode::Outcome,
+            job::{JobSpec, JobState},
+            snapshot::Role,
+        },
+        error::Kind,
+        store::testing::{self, results},
+    };
+
+    #[tokio::test]
+    async fn contents_are_the_experts_and_what_lies_above_beta() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let expert = testing::episode(&store, &task, Outcome::Success, "").await;
+        let good = testing::episode(&store, &task, Outcome::Failure, "").await;
+        let bad = testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let scores = [
+            results::scores(&good.id, Role::Imperfect, &[0.95, 0.9, 0.2, 1.0]),
+            results::scores(&bad.id, Role::Imperfect, &[0.9, 0.0]),
+        ];
+        let run = results::run(&store, &task, &encoder, &scores).await;
+        let dataset = store.insert_dataset(&run.id, 0.9).await.unwrap();
+
+        let contents = store.dataset_contents(&dataset.id).await.unwrap();
+        assert_eq!(contents.experts, [expert.id.clone()]);
+        assert_eq!((contents.snapshot_id, contents.encoder_id), (encoder.snapshot_id, encoder.id));
+        let segment =
+            |end_step, weight| KeptSegment { end_step, weight, match_episode: expert.id.clone(), match_step: end_step };
+        let segments = vec![segment(0, 0.95), segment(3, 1.0)];
+        assert_eq!(contents.kept, [KeptEpisode { episode_id: good.id, segments }]);
+    }
+
+    #[tokio::test]
+    async fn counts_agree_with_contents_and_wait_for_the_run() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let (job, unfinished) = results::scoring(&store, &task, &encoder).await;
+        let early = store.insert_dataset(&unfinished, 0.5).await.unwrap();
+        let scores = [results::scores(&failure.id, Role::Imperfect, &[0.6, 0.3])];
+        let run = results::run(&store, &task, &encoder, &scores).await;
+        store.insert_dataset(&run.id, 0.5).await.unwrap();
+        store.insert_dataset(&run.id, 0.0).await.unwrap();
+
+        let datasets = store.datasets(&task.id).await.unwrap();
+        let counts = store.dataset_counts(&datasets).await.unwrap();
+        let some = |kept_segments| Some(DatasetCounts { kept_segments, kept_episodes: 1, expert_segments: 20 });
+        assert_eq!(counts, [some(2), some(1), None], "newest first");
+
+        let error = store.dataset_contents(&early.id).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Precondition);
+        results::set_state(&store, &job, JobState::Cancelled, "").await;
+        assert_eq!(store.insert_dataset(&unfinished, 0.5).await.unwrap_err().kind(), Kind::Precondition);
+        assert_eq!(store.insert_dataset(&ScoreRunId::new(), 0.5).await.unwrap_err().kind(), Kind::NotFound);
+    }
+
+    #[tokio::test]
+    async fn files_of_an_export_keep_their_order() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let run = results::run(&store, &task, &encoder, &[]).await;
+        let dataset = store.insert_dataset(&run.id, 0.9).await.unwrap();
+        let export = ExportId::new();
+        let spec = JobSpec::Export { dataset_id: dataset.id.clone() };
+        let job = results::job(&store, &task, spec, export.as_str()).await;
+        assert_eq!(store.export_files(&export).await.unwrap_err().kind(), Kind::Precondition);
+
+        let file =
+            |name: &str| ExportFile { name: name.into(), blob: blake3::hash(name.as_bytes()).into(), size_bytes: 3 };
+        let files = [file("z.mcap"), file("manifest.jsonl")];
+        let mut tx = store.write().await.unwrap();
+        insert_export(&mut tx, &export, &dataset.id, &job, &files).await.unwrap();
+        commit(tx).await.unwrap();
+        assert_eq!(store.export_files(&export).await.unwrap(), files);
+        assert_eq!(store.export_file(&export, "manifest.jsonl").await.unwrap(), files[1]);
+        assert_eq!(store.export_file(&export, "../x").await.unwrap_err().kind(), Kind::NotFound);
     }
 }

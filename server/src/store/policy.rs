@@ -73,7 +73,7 @@ impl Store {
     ///
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
-    pub async fn policy(&self, id: &PolicyId) -> Result<Policy> {
+    pub(crate) async fn policy(&self, id: &PolicyId) -> Result<Policy> {
         let found: Option<PolicyRow> = sqlx::query_as("select * from policies where id = ?")
             .bind(id.as_str())
             .fetch_optional(self.read())
@@ -89,7 +89,7 @@ impl Store {
     ///
     /// # Errors
     /// Internal.
-    pub async fn policies(&self, task: &TaskId) -> Result<Vec<Policy>> {
+    pub(crate) async fn policies(&self, task: &TaskId) -> Result<Vec<Policy>> {
         let rows: Vec<PolicyRow> = sqlx::query_as("select * from policies where task_id = ? order by id desc")
             .bind(task.as_str())
             .fetch_all(self.read())
@@ -102,7 +102,7 @@ impl Store {
     ///
     /// # Errors
     /// Precondition when the name belongs to another task.
-    pub async fn deploy(&self, name: &str, task: &TaskId, policy: &PolicyId) -> Result<Deployment> {
+    pub(crate) async fn deploy(&self, name: &str, task: &TaskId, policy: &PolicyId) -> Result<Deployment> {
         let mut tx = self.write().await?;
         sqlx::query("insert into deployments (name, task_id) values (?, ?) on conflict do nothing")
             .bind(name)
@@ -138,7 +138,7 @@ impl Store {
     ///
     /// # Errors
     /// NotFound.
-    pub async fn deployment(&self, name: &str) -> Result<Deployment> {
+    pub(crate) async fn deployment(&self, name: &str) -> Result<Deployment> {
         let rows: Vec<ChangeRow> = sqlx::query_as(
             "select name, task_id, policy_id, created_at from deployment_changes join deployments using (name) \
              where name = ? order by deployment_changes.id",
@@ -154,7 +154,7 @@ impl Store {
     ///
     /// # Errors
     /// Internal.
-    pub async fn deployments(&self, task: Option<&TaskId>) -> Result<Vec<Deployment>> {
+    pub(crate) async fn deployments(&self, task: Option<&TaskId>) -> Result<Vec<Deployment>> {
         let rows: Vec<ChangeRow> = sqlx::query_as(
             "select name, task_id, policy_id, created_at from deployment_changes join deployments using (name) \
              where ?1 is null or task_id = ?1 order by name, deployment_changes.id",
@@ -183,4 +183,62 @@ fn grouped(rows: Vec<ChangeRow>) -> Result<Vec<Deployment>> {
         }
     }
     Ok(deployments)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::{
+        domain::episode::Outcome,
+        error::Kind,
+        store::testing::{self, results},
+    };
+
+    #[tokio::test]
+    async fn a_deployment_remembers_what_it_pointed_at() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let blob = || blake3::hash(b"policy").into();
+        let first = results::policy(&store, &task, &encoder, blob()).await.id;
+        let second = results::policy(&store, &task, &encoder, blob()).await.id;
+
+        assert_eq!(store.deployment("arm@prod").await.unwrap_err().kind(), Kind::NotFound);
+        for policy in [&first, &second, &second, &first] {
+            store.deploy("arm@prod", &task.id, policy).await.unwrap();
+        }
+        store.deploy("arm@test", &task.id, &second).await.unwrap();
+
+        let deployment = store.deployment("arm@prod").await.unwrap();
+        let history: Vec<_> = deployment.history.iter().map(|(policy, _)| policy.clone()).collect();
+        assert_eq!(history, [first.clone(), second.clone(), first.clone()], "deploying it again is no change");
+        assert_eq!(deployment.policy_id(), Some(&first));
+        let all = store.deployments(None).await.unwrap();
+        assert_eq!(all.iter().map(|one| one.name.as_str()).collect::<Vec<_>>(), ["arm@prod", "arm@test"]);
+        assert_eq!(store.deployments(Some(&task.id)).await.unwrap().len(), 2);
+        assert!(store.deployments(Some(&TaskId::new())).await.unwrap().is_empty());
+        let newest_first: Vec<_> = store.policies(&task.id).await.unwrap().into_iter().map(|one| one.id).collect();
+        assert_eq!(newest_first, [second, first]);
+    }
+
+    #[tokio::test]
+    async fn a_name_stays_with_its_task() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;
+        store.deploy("arm@prod", &task.id, &policy.id).await.unwrap();
+        let mut spec = testing::spec();
+        spec.name = "other".into();
+        let other = store.insert_task(&spec).await.unwrap();
+
+        let error = store.deploy("arm@prod", &other.id, &policy.id).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Precondition);
+        assert_eq!(store.deployment("arm@prod").await.unwrap().history.len(), 1, "nothing was written");
+    }
 }

@@ -197,7 +197,7 @@ impl Store {
     ///
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
-    pub async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {
+    pub(crate) async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {
         let found: Option<EncoderRow> = sqlx::query_as("select * from encoders where id = ?")
             .bind(id.as_str())
             .fetch_optional(self.read())
@@ -213,14 +213,9 @@ impl Store {
     ///
     /// # Errors
     /// As for [`Store::encoder`].
-    pub async fn segment_length(&self, id: &EncoderId) -> Result<u32> {
+    pub(crate) async fn segment_length(&self, id: &EncoderId) -> Result<u32> {
         let encoder = self.encoder(id).await?;
-        let spec: String = sqlx::query_scalar("select spec from jobs where id = ?")
-            .bind(encoder.job_id.as_str())
-            .fetch_one(self.read())
-            .await
-            .map_err(fault("reading an encoder's spec"))?;
-        match row::json("jobs.spec", &spec)? {
+        match self.job(&encoder.job_id).await?.spec {
             JobSpec::Pretrain { spec, .. } => Ok(spec.model.segment_length),
             JobSpec::Score { .. } | JobSpec::Train { .. } | JobSpec::Export { .. } => {
                 Err(Error::internal("reading an encoder's spec", "its job is no pretraining"))
@@ -232,7 +227,7 @@ impl Store {
     ///
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
-    pub async fn score_run(&self, id: &ScoreRunId) -> Result<ScoreRun> {
+    pub(crate) async fn score_run(&self, id: &ScoreRunId) -> Result<ScoreRun> {
         let found: Option<RunRow> = sqlx::query_as("select * from score_runs where id = ?")
             .bind(id.as_str())
             .fetch_optional(self.read())
@@ -248,7 +243,7 @@ impl Store {
     ///
     /// # Errors
     /// Internal.
-    pub async fn score_runs(&self, task: &TaskId) -> Result<Vec<ScoreRun>> {
+    pub(crate) async fn score_runs(&self, task: &TaskId) -> Result<Vec<ScoreRun>> {
         let rows: Vec<RunRow> = sqlx::query_as("select * from score_runs where task_id = ? order by id desc")
             .bind(task.as_str())
             .fetch_all(self.read())
@@ -257,21 +252,11 @@ impl Store {
         rows.into_iter().map(RunRow::run).collect()
     }
 
-    /// The task of a score run that is there or still may come.
-    ///
-    /// # Errors
-    /// NotFound, or Precondition when its job gave up.
-    pub async fn score_run_task(&self, id: &ScoreRunId) -> Result<TaskId> {
-        let maker = self.maker(JobKind::Score, id.as_str()).await?.ok_or_else(|| Error::not_found(RUN, id))?;
-        maker.refuse_if_given_up(RUN, id.as_str())?;
-        Ok(maker.task_id)
-    }
-
     /// How much a finished run covers.
     ///
     /// # Errors
     /// Internal.
-    pub async fn run_counts(&self, run: &ScoreRun) -> Result<RunCounts> {
+    pub(crate) async fn run_counts(&self, run: &ScoreRun) -> Result<RunCounts> {
         // The length of a blob is in its row's header: no array is read.
         let (episodes, segments): (i64, i64) = sqlx::query_as(
             "select count(*), coalesce(sum(length(match_step)) / 4, 0) from episode_scores \
@@ -301,7 +286,7 @@ impl Store {
     ///
     /// # Errors
     /// As for [`Store::score_run`]; NotFound when the run has no scores of the episode.
-    pub async fn episode_scores(&self, run: &ScoreRunId, episode: &EpisodeId) -> Result<EpisodeScores> {
+    pub(crate) async fn episode_scores(&self, run: &ScoreRunId, episode: &EpisodeId) -> Result<EpisodeScores> {
         let found: Option<ScoresRow> =
             sqlx::query_as("select * from episode_scores where score_run_id = ? and episode_id = ?")
                 .bind(run.as_str())
@@ -318,29 +303,12 @@ impl Store {
         }
     }
 
-    /// The scores of a finished run, in the snapshot's order; of one role, if given.
-    ///
-    /// # Errors
-    /// As for [`Store::score_run`].
-    pub async fn run_scores(&self, run: &ScoreRunId, role: Option<Role>) -> Result<Vec<EpisodeScores>> {
-        self.score_run(run).await?;
-        let rows: Vec<ScoresRow> = sqlx::query_as(
-            "select * from episode_scores where score_run_id = ?1 and (?2 is null or role = ?2) order by position",
-        )
-        .bind(run.as_str())
-        .bind(role.map(Role::as_str))
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("reading a run's scores"))?;
-        rows.into_iter().map(ScoresRow::scores).collect()
-    }
-
     /// Fills a histogram with the q of a run's imperfect segments. Rows come one by one from the database's own
     /// thread, so that neither memory nor the runtime is held by a large run.
     ///
     /// # Errors
     /// As for [`Store::score_run`].
-    pub async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<Histogram> {
+    pub(crate) async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<Histogram> {
         self.score_run(run).await?;
         let mut rows = sqlx::query_scalar::<_, Vec<u8>>(
             "select q from episode_scores where score_run_id = ? and role = 'imperfect' order by position",
@@ -351,5 +319,96 @@ impl Store {
             histogram.add(unpack("episode_scores.q", &q)?);
         }
         Ok(histogram)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::{
+        domain::{episode::Outcome, job::JobState},
+        error::Kind,
+        store::testing::{self, results},
+    };
+
+    #[tokio::test]
+    async fn scores_come_back_as_they_went() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let expert = testing::episode(&store, &task, Outcome::Success, "").await;
+        let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let mut scores = results::scores(&failure.id, Role::Imperfect, &[0.0, 1.0 / 3.0, 1.0]);
+        scores.w = vec![-1.0 / 3.0, -0.0, f64::MIN_POSITIVE];
+        scores.match_step = vec![u32::MAX, 0, 7];
+        let all = [scores.clone(), results::scores(&expert.id, Role::Expert, &[0.5])];
+        let run = results::run(&store, &task, &encoder, &all).await;
+
+        assert_eq!(store.episode_scores(&run.id, &failure.id).await.unwrap(), scores);
+        assert_eq!(store.episode_scores(&run.id, &expert.id).await.unwrap(), all[1]);
+        assert_eq!(store.score_run(&run.id).await.unwrap().expert_ids, [expert.id.clone()]);
+        let counts = store.run_counts(&run).await.unwrap();
+        let expected = RunCounts { imperfect_episodes: 1, imperfect_segments: 3, expert_segments: 20 };
+        assert_eq!(counts, expected);
+        let segment_length = store.segment_length(&encoder.id).await.unwrap();
+        assert_eq!(segment_length, gleaner_learn::PretrainSpec::default().model.segment_length);
+        let stranger = EpisodeId::new();
+        assert_eq!(store.episode_scores(&run.id, &stranger).await.unwrap_err().kind(), Kind::NotFound);
+    }
+
+    #[tokio::test]
+    async fn the_histogram_sees_imperfect_segments_only() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let expert = testing::episode(&store, &task, Outcome::Success, "").await;
+        let first = testing::episode(&store, &task, Outcome::Failure, "").await;
+        let second = testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let scores = [
+            results::scores(&expert.id, Role::Expert, &[1.0, 1.0, 1.0]),
+            results::scores(&first.id, Role::Imperfect, &[0.1, 0.9, 0.95]),
+            results::scores(&second.id, Role::Imperfect, &[0.5, 0.9]),
+        ];
+        let run = results::run(&store, &task, &encoder, &scores).await;
+        let histogram = store.fill(&run.id, Histogram::new(2, &[0.9, 0.5])).await.unwrap();
+        assert_eq!(histogram.counts(), [1, 4]);
+        let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
+        assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
+    }
+
+    #[tokio::test]
+    async fn a_run_that_is_not_there_says_why() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let (job, run) = results::scoring(&store, &task, &encoder).await;
+
+        let error = store.score_run(&run).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Precondition);
+        assert!(error.message().contains(job.as_str()) && error.message().contains("queued"), "{error}");
+        results::set_state(&store, &job, JobState::Failed, "no experts").await;
+        let error = store.score_run(&run).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Precondition);
+        assert!(error.message().contains("no experts"), "{error}");
+        let unknown = store.score_run(&ScoreRunId::new()).await.unwrap_err();
+        assert_eq!(unknown.kind(), Kind::NotFound);
+    }
+
+    #[tokio::test]
+    async fn lists_of_different_length_are_refused() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let run = results::run(&store, &task, &encoder, &[]).await;
+        let mut scores = results::scores(&failure.id, Role::Imperfect, &[0.5, 0.5]);
+        scores.match_step.pop();
+        let mut tx = store.write().await.unwrap();
+        let error = insert_scores(&mut tx, &run.id, 0, &scores).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid);
     }
 }

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "tests only")]
 
+pub(crate) mod results;
+
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use gleaner_recording::{Alignment, FieldSpec, Report, TaskSpec};

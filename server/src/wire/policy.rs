@@ -45,9 +45,7 @@ pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput>
             deployment: deployment_name("open.deployment", deployment)?,
             control_rate_hz: control_rate("open.control_rate_hz", control_rate_hz)?,
         }),
-        session_request::Message::Observation(sent) => {
-            Ok(SessionInput::Observation(observation("observation", sent)?))
-        }
+        session_request::Message::Observation(sent) => Ok(SessionInput::Observation(observation("observation", sent)?)),
         session_request::Message::Close(v1::SessionClose {}) => Ok(SessionInput::Close),
     }
 }
@@ -72,7 +70,8 @@ fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
 
 fn camera_frame(path: &str, sent: v1::CameraFrame) -> Result<CameraFrame> {
     let v1::CameraFrame { camera, color, depth } = sent;
-    let read = |name: &str, sent: Option<v1::Image>| sent.map(|sent| image(&format!("{path}.{name}"), sent)).transpose();
+    let read =
+        |name: &str, sent: Option<v1::Image>| sent.map(|sent| image(&format!("{path}.{name}"), sent)).transpose();
     Ok(CameraFrame { camera, color: read("color", color)?, depth: read("depth", depth)? })
 }
 
@@ -84,7 +83,10 @@ fn image(path: &str, sent: v1::Image) -> Result<Image> {
         Ok(v1::ImageFormat::Png) => ImageFormat::Png,
         Ok(v1::ImageFormat::Raw) => ImageFormat::Raw,
         Err(_) => {
-            return Err(Error::invalid(&format!("{path}.format"), format!("{format} is unknown; use JPEG, PNG or RAW")));
+            return Err(Error::invalid(
+                &format!("{path}.format"),
+                format!("{format} is unknown; use JPEG, PNG or RAW"),
+            ));
         }
     };
     Ok(Image { format, data })

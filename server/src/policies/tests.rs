@@ -1,0 +1,223 @@
+//! Deployments and sessions with real, tiny policies.
+
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use clap::Parser as _;
+use futures::channel::mpsc::{UnboundedSender, unbounded};
+use gleaner_learn::{
+    CameraShape, FrameBytes, ModelSpec, OptimSpec, Preset, PretrainSpec, Silent, TaskShape, TrainSpec, Trajectory,
+    pretrain, train_policy,
+};
+use tempfile::TempDir;
+
+use super::*;
+use crate::{
+    config::{Cli, Command},
+    domain::{
+        episode::Outcome,
+        observation::{CameraFrame, Image, ImageFormat},
+        score::Encoder,
+        task::Task,
+    },
+    store::testing::{self, results},
+};
+
+/// A data directory with one task and its encoder.
+struct Lab {
+    dir: TempDir,
+    config: Arc<ServeConfig>,
+    store: Store,
+    blobs: Blobs,
+    task: Task,
+    encoder: Encoder,
+}
+
+impl Lab {
+    async fn new() -> Self {
+        let (dir, store) = testing::store().await;
+        let data_dir = dir.path().to_str().unwrap();
+        let Command::Serve(config) =
+            Cli::try_parse_from(["gleaner-server", "serve", "--data-dir", data_dir]).unwrap().command
+        else {
+            panic!("not serve");
+        };
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let blobs = Blobs::open(dir.path()).unwrap();
+        Self { config: Arc::from(config), dir, store, blobs, task, encoder }
+    }
+
+    /// The room as after a start.
+    fn policies(&self) -> Policies {
+        Policies::new(&self.config, self.store.clone(), self.blobs.clone())
+    }
+
+    async fn policy(&self, checkpoint: &[u8]) -> PolicyId {
+        let blob = self.blobs.put(checkpoint).unwrap();
+        results::policy(&self.store, &self.task, &self.encoder, blob).await.id
+    }
+}
+
+fn shape() -> TaskShape {
+    let camera = CameraShape { name: "top".into(), height: 16, width: 16, depth: false };
+    TaskShape { cameras: vec![camera], proprioception: 2, action: 1 }
+}
+
+/// A policy after one step of training: it has learned nothing, but runs.
+fn trained(seed: u64) -> Vec<u8> {
+    let steps = 8u16;
+    let frames: FrameBytes = Arc::new(vec![100u8; usize::from(steps) * shape().frame_bytes()]);
+    let rising = |count: u16| (0..count).map(|i| f32::from(i) / 10.0).collect::<Vec<_>>();
+    let episode = Trajectory::new(&shape(), "ep", frames, rising(2 * steps), rising(steps)).unwrap();
+    let optim = OptimSpec { steps: 1, batch: 2, stretch: 2, ..OptimSpec::default() };
+    let model = ModelSpec { preset: Preset::Tiny, segment_length: 2 };
+    let spec = PretrainSpec { model, optim: optim.clone(), seed, ..PretrainSpec::default() };
+    let encoder = pretrain(&shape(), std::slice::from_ref(&episode), &spec, None, &mut Silent).unwrap();
+    let spec = TrainSpec { optim, seed, ..TrainSpec::default() };
+    train_policy(&shape(), &encoder, &[episode], &[], &spec, None, &mut Silent).unwrap()
+}
+
+fn observation(number: u8, executed_action: &[f32]) -> Observation {
+    let pixels = vec![number; shape().frame_bytes()];
+    let color = Some(Image { format: ImageFormat::Raw, data: pixels.into() });
+    Observation {
+        stamp_ns: i64::from(number),
+        cameras: vec![CameraFrame { camera: "top".into(), color, depth: None }],
+        proprioception: vec![f32::from(number), 0.0],
+        executed_action: executed_action.to_vec(),
+    }
+}
+
+struct Robot {
+    says: UnboundedSender<Result<SessionInput>>,
+    hears: mpsc::Receiver<Result<SessionOutput>>,
+}
+
+impl Robot {
+    fn new(policies: &Policies) -> Self {
+        let (says, inputs) = unbounded();
+        Self { says, hears: policies.session(inputs, CancellationToken::new()) }
+    }
+
+    fn says(&self, input: SessionInput) {
+        self.says.unbounded_send(Ok(input)).unwrap();
+    }
+
+    fn opens(&self, deployment: &str) {
+        self.says(SessionInput::Open { deployment: deployment.into(), control_rate_hz: 0.0 });
+    }
+
+    async fn hears(&mut self) -> Result<SessionOutput> {
+        self.hears.recv().await.unwrap()
+    }
+
+    async fn acts(&mut self, observation: Observation) -> Acted {
+        self.says(SessionInput::Observation(observation));
+        match self.hears().await.unwrap() {
+            SessionOutput::Action { acted, .. } => acted,
+            other => panic!("{other:?}"),
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_deployment_moves_on_while_sessions_keep_their_policy() {
+    let lab = Lab::new().await;
+    let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
+    let policies = lab.policies();
+    policies.deploy("arm", &old).await.unwrap();
+    let mut robot = Robot::new(&policies);
+    robot.opens("arm");
+    assert!(matches!(robot.hears().await, Ok(SessionOutput::Opened { policy_id, .. }) if policy_id == old));
+    let before = robot.acts(observation(1, &[])).await;
+
+    let deployment = policies.deploy("arm", &new).await.unwrap();
+    assert_eq!(deployment.policy_id(), Some(&new));
+    let acted = policies.act("arm", vec![observation(1, &[])]).await.unwrap();
+    assert_eq!(acted.policy_id, new);
+    assert_ne!(acted.actions, before.actions);
+    assert_eq!(robot.acts(observation(2, &[])).await.policy_id, old);
+
+    robot.says(SessionInput::Close);
+    assert!(matches!(robot.hears().await, Ok(SessionOutput::Closed { observations: 2, dropped: 0 })));
+    assert!(robot.hears.recv().await.is_none());
+    let loaded = lock(&policies.0.shelf).loaded.get(&old).map_or(0, Weak::strong_count);
+    assert_eq!(loaded, 0, "nobody needs it any more");
+}
+
+/// Between two answers of one action. Batches of other sizes round otherwise.
+fn distance(left: &Acted, right: &Acted) -> f32 {
+    assert_eq!((left.stamp_ns, left.actions.len(), right.actions.len()), (right.stamp_ns, 1, 1));
+    (left.actions[0][0] - right.actions[0][0]).abs()
+}
+
+#[tokio::test]
+async fn a_session_and_a_window_of_observations_agree() {
+    let lab = Lab::new().await;
+    let policy = lab.policy(&trained(1)).await;
+    let policies = lab.policies();
+    policies.deploy("arm", &policy).await.unwrap();
+    // As after a restart: the name is known, the policy not loaded.
+    let policies = lab.policies();
+    let mut robot = Robot::new(&policies);
+    robot.opens("arm");
+    robot.hears().await.unwrap();
+    let mut window = Vec::new();
+    let mut given = Vec::new();
+    for number in 1..=5 {
+        let acted = robot.acts(observation(number, &[])).await;
+        window.push(observation(number, &given));
+        assert_eq!(acted.stamp_ns, i64::from(number));
+        let windowed = policies.act("arm", window.clone()).await.unwrap();
+        assert!(distance(&windowed, &acted) < 1e-5, "{windowed:?} {acted:?}");
+        given = acted.actions[0].clone();
+        if number > 1 {
+            let alone = policies.act("arm", vec![observation(number, &[])]).await.unwrap();
+            assert!(distance(&alone, &acted) > 1e-4, "the history makes a difference: {alone:?} {acted:?}");
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_checkpoint_that_cannot_be_read_is_not_deployed() {
+    let lab = Lab::new().await;
+    let good = lab.policy(&trained(1)).await;
+    let torn = lab.policy(b"no checkpoint").await;
+    let policies = lab.policies();
+    policies.deploy("arm", &good).await.unwrap();
+    let error = policies.deploy("arm", &torn).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition, "{error}");
+    let acted = policies.act("arm", vec![observation(1, &[])]).await.unwrap();
+    assert_eq!(acted.policy_id, good);
+    let gone = results::policy(&lab.store, &lab.task, &lab.encoder, blake3::hash(b"gone").into()).await;
+    assert_eq!(policies.deploy("arm", &gone.id).await.unwrap_err().kind(), Kind::Internal);
+}
+
+#[tokio::test]
+async fn what_is_not_there_is_not_found_and_a_session_begins_with_open() {
+    let lab = Lab::new().await;
+    let policies = lab.policies();
+    assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(policies.deploy("arm", &PolicyId::new()).await.unwrap_err().kind(), Kind::NotFound);
+    let mut robot = Robot::new(&policies);
+    robot.opens("arm");
+    assert_eq!(robot.hears().await.unwrap_err().kind(), Kind::NotFound);
+    let mut robot = Robot::new(&policies);
+    robot.says(SessionInput::Close);
+    let error = robot.hears().await.unwrap_err();
+    assert!(error.kind() == Kind::Invalid && error.message().starts_with("open: "), "{error}");
+}
+
+#[tokio::test]
+async fn a_stop_unloads_and_refuses() {
+    let lab = Lab::new().await;
+    let policy = lab.policy(&trained(1)).await;
+    let policies = lab.policies();
+    policies.deploy("arm", &policy).await.unwrap();
+    policies.stop().await;
+    assert!(lock(&policies.0.shelf).deployed.is_empty());
+    assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::Unavailable);
+    drop(lab.dir);
+}

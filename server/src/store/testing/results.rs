@@ -1,0 +1,136 @@
+//! Results of jobs as fixtures: rows as if a worker had made them.
+
+use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
+
+use super::super::{Store, commit, policy as policies, score};
+use crate::domain::{
+    id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId},
+    job::{JobSpec, JobState},
+    order::{NewJob, Plan},
+    policy::Policy,
+    score::{Encoder, EpisodeScores, ScoreRun},
+    snapshot::{Role, RoleRule},
+    task::Task,
+    time::Millis,
+};
+
+/// A queued job that is to make `result_id`.
+pub(crate) async fn job(store: &Store, task: &Task, spec: JobSpec, result_id: &str) -> JobId {
+    let job = NewJob {
+        id: JobId::new(),
+        task_id: task.id.clone(),
+        spec,
+        result_id: result_id.to_owned(),
+        priority: 0,
+        max_attempts: 1,
+        needs: Vec::new(),
+    };
+    let id = job.id.clone();
+    store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.unwrap();
+    id
+}
+
+/// Moves a job without asking whether it may.
+pub(crate) async fn set_state(store: &Store, job: &JobId, state: JobState, error: &str) {
+    let mut tx = store.write().await.unwrap();
+    sqlx::query("update jobs set state = ?, error = ? where id = ?")
+        .bind(state.as_str())
+        .bind(error)
+        .bind(job.as_str())
+        .execute(&mut *tx)
+        .await
+        .unwrap();
+    commit(tx).await.unwrap();
+}
+
+/// An encoder of a snapshot of the task's present episodes, which must hold both roles.
+pub(crate) async fn encoder(store: &Store, task: &Task) -> Encoder {
+    let snapshot_id = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap().id;
+    let id = EncoderId::new();
+    let spec = JobSpec::Pretrain { snapshot_id: snapshot_id.clone(), spec: PretrainSpec::default() };
+    let encoder = Encoder {
+        job_id: job(store, task, spec, id.as_str()).await,
+        id,
+        task_id: task.id.clone(),
+        snapshot_id,
+        checkpoint: blake3::hash(b"encoder").into(),
+        created_at: Millis::now(),
+    };
+    let mut tx = store.write().await.unwrap();
+    score::insert_encoder(&mut tx, &encoder).await.unwrap();
+    commit(tx).await.unwrap();
+    encoder
+}
+
+/// A queued scoring of the encoder's snapshot, and the id its run will have.
+pub(crate) async fn scoring(store: &Store, task: &Task, encoder: &Encoder) -> (JobId, ScoreRunId) {
+    let id = ScoreRunId::new();
+    let spec = JobSpec::Score {
+        encoder_id: encoder.id.clone(),
+        snapshot_id: encoder.snapshot_id.clone(),
+        spec: ScoreSpec::default(),
+    };
+    (job(store, task, spec, id.as_str()).await, id)
+}
+
+/// A finished score run with these scores.
+pub(crate) async fn run(store: &Store, task: &Task, encoder: &Encoder, scores: &[EpisodeScores]) -> ScoreRun {
+    let (job_id, id) = scoring(store, task, encoder).await;
+    let (_, members) = store.snapshot(&encoder.snapshot_id).await.unwrap();
+    let experts = members.into_iter().filter(|member| member.role == Role::Expert);
+    let run = ScoreRun {
+        id,
+        task_id: task.id.clone(),
+        job_id,
+        encoder_id: encoder.id.clone(),
+        snapshot_id: encoder.snapshot_id.clone(),
+        similarity: "last_l2".into(),
+        normaliser: "minmax".into(),
+        lo: -2.0,
+        hi: -0.25,
+        expert_ids: experts.map(|member| member.episode_id).collect(),
+        created_at: Millis::now(),
+    };
+    let mut tx = store.write().await.unwrap();
+    score::insert_run(&mut tx, &run, scores).await.unwrap();
+    commit(tx).await.unwrap();
+    run
+}
+
+/// Scores with these q; every step matches the first expert at the same step.
+pub(crate) fn scores(episode: &EpisodeId, role: Role, q: &[f32]) -> EpisodeScores {
+    EpisodeScores {
+        episode_id: episode.clone(),
+        role,
+        w: q.iter().map(|&q| f64::from(q) - 1.0).collect(),
+        q: q.to_vec(),
+        match_episode: vec![0; q.len()],
+        match_step: (0..).take(q.len()).collect(),
+        distances: q.iter().map(|&q| [1.0 - q, 0.0, 0.5]).collect(),
+    }
+}
+
+/// A finished policy, trained on experts alone, whose checkpoint is this blob.
+pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkpoint: BlobId) -> Policy {
+    let id = PolicyId::new();
+    let spec = JobSpec::Train {
+        encoder_id: encoder.id.clone(),
+        snapshot_id: encoder.snapshot_id.clone(),
+        dataset_id: None,
+        spec: TrainSpec::default(),
+    };
+    let policy = Policy {
+        job_id: job(store, task, spec, id.as_str()).await,
+        id,
+        task_id: task.id.clone(),
+        kind: "finetune".into(),
+        encoder_id: encoder.id.clone(),
+        dataset_id: None,
+        checkpoint,
+        created_at: Millis::now(),
+    };
+    let mut tx = store.write().await.unwrap();
+    policies::insert(&mut tx, &policy).await.unwrap();
+    commit(tx).await.unwrap();
+    policy
+}
