@@ -71,9 +71,11 @@ impl AttemptEnd {
         match self {
             Self::Stopped => again(attempt.saturating_sub(1), "the server stopped"),
             Self::Broken(what) if attempt < max_attempts => again(attempt, what),
-            Self::Broken(what) => {
-                over(JobState::Failed, "failed".to_owned(), format!("{what}; that was attempt {attempt} of {max_attempts}"))
-            }
+            Self::Broken(what) => over(
+                JobState::Failed,
+                "failed".to_owned(),
+                format!("{what}; that was attempt {attempt} of {max_attempts}"),
+            ),
             Self::Hopeless(what) => over(JobState::Failed, "failed".to_owned(), what.clone()),
         }
     }

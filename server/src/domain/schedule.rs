@@ -47,7 +47,9 @@ impl Trigger {
             Self::Cron(expression) => next_by_cron(expression, now).map(Some).map_err(|problem| {
                 Error::invalid(
                     field,
-                    format!("{problem}; give minute, hour, day of month, month and day of week, such as 30 2 * * 1-5 (UTC)"),
+                    format!(
+                        "{problem}; give minute, hour, day of month, month and day of week, such as 30 2 * * 1-5 (UTC)"
+                    ),
                 )
             }),
         }
@@ -62,7 +64,8 @@ fn next_by_cron(expression: &str, now: Millis) -> std::result::Result<Millis, St
         .parse(expression)
         .map_err(|error| error.to_string())?;
     let now = jiff::Timestamp::from_millisecond(now.0).map_err(|error| error.to_string())?;
-    let next = cron.find_next_occurrence(&now.to_zoned(jiff::tz::TimeZone::UTC), false).map_err(|error| error.to_string())?;
+    let next =
+        cron.find_next_occurrence(&now.to_zoned(jiff::tz::TimeZone::UTC), false).map_err(|error| error.to_string())?;
     Ok(Millis(next.timestamp().as_millisecond()))
 }
 
@@ -132,7 +135,10 @@ mod tests {
     fn a_wrong_expression_is_told_with_the_mend() {
         for expression in ["", "every day", "61 * * * *", "* * * * * *", "0 0 30 2 *"] {
             let error = Trigger::Cron(expression.to_owned()).next_run("cron", at("2026-03-01T00:00:00Z")).unwrap_err();
-            assert!(error.message().starts_with("cron: ") && error.message().contains("UTC"), "{expression:?}: {error}");
+            assert!(
+                error.message().starts_with("cron: ") && error.message().contains("UTC"),
+                "{expression:?}: {error}"
+            );
         }
     }
 

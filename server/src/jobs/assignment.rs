@@ -63,7 +63,8 @@ impl Jobs {
 
     async fn by_role(&self, snapshot: &SnapshotId) -> Result<(Vec<InputEpisode>, Vec<InputEpisode>)> {
         let recordings = self.0.store.recordings(snapshot).await?;
-        let (experts, imperfect): (Vec<_>, Vec<_>) = recordings.into_iter().partition(|(_, role)| *role == Role::Expert);
+        let (experts, imperfect): (Vec<_>, Vec<_>) =
+            recordings.into_iter().partition(|(_, role)| *role == Role::Expert);
         let input = |(episode, _): (Episode, Role)| InputEpisode {
             id: episode.id,
             recording: episode.recording,
@@ -84,7 +85,9 @@ impl Jobs {
         let w = |step: u32| usize::try_from(step).ok().and_then(|step| scores.w.get(step).copied());
         kept.segments
             .iter()
-            .map(|segment| w(segment.end_step).ok_or_else(|| Error::internal("gathering a job's input", "a kept step has no w")))
+            .map(|segment| {
+                w(segment.end_step).ok_or_else(|| Error::internal("gathering a job's input", "a kept step has no w"))
+            })
             .collect()
     }
 

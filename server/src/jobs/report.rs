@@ -30,6 +30,10 @@ impl Jobs {
     pub(crate) async fn progress(&self, attempt: &Attempt, progress: &Progress) -> Result<bool> {
         let cancelled = self.0.store.report_progress(attempt, progress).await?;
         self.0.changed.send_replace(());
+        if cancelled {
+            // The wish may have come between the claim and the lease; from here on it has a deadline.
+            self.0.leases.stop(&attempt.job_id);
+        }
         Ok(cancelled || self.0.leases.stopped(attempt))
     }
 

@@ -108,7 +108,10 @@ async fn check_scores(
     let scored = scores.iter().filter(|scores| imperfect(scores.role)).count();
     let all = episodes.iter().filter(|episode| imperfect(episode.role)).count();
     if scored != all {
-        return Err(Error::invalid("episode_scores", format!("are of {scored} imperfect episodes, the snapshot has {all}")));
+        return Err(Error::invalid(
+            "episode_scores",
+            format!("are of {scored} imperfect episodes, the snapshot has {all}"),
+        ));
     }
     scores.sort_by_key(|scores| expected.get(&scores.episode_id).map(|(place, _)| *place));
     if scores.windows(2).any(|pair| pair[0].episode_id == pair[1].episode_id) {

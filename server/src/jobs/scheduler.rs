@@ -40,7 +40,7 @@ fn until(next: Option<Millis>) -> Duration {
 }
 
 /// Starts every schedule that is due; the answer is when cron is due next.
-pub(super) async fn start_due(room: &Arc<Room>, now: Millis) -> Result<Option<Millis>> {
+async fn start_due(room: &Arc<Room>, now: Millis) -> Result<Option<Millis>> {
     let mut next = None;
     for schedule in room.store.schedules(None).await?.into_iter().filter(|schedule| !schedule.paused) {
         let again = if due(&schedule, now) { start(room, &schedule, now).await? } else { schedule.next_run_at };
@@ -73,3 +73,6 @@ async fn start(room: &Arc<Room>, schedule: &Schedule, now: Millis) -> Result<Opt
     }
     Ok(next_run_at)
 }
+
+#[cfg(test)]
+mod tests;

@@ -172,13 +172,8 @@ fn chain(task: &TaskId, pipeline: &PipelineSpec, snapshot: &SnapshotId, priority
     let spec = ScoreSpec { device, ..ScoreSpec::default() };
     add(JobSpec::Score { encoder_id: encoder.clone(), snapshot_id: snapshot.clone(), spec }, run.clone().into());
     let Some(beta) = pipeline.beta else { return plan };
-    let dataset = Dataset {
-        id: DatasetId::new(),
-        task_id: task.clone(),
-        score_run_id: run,
-        beta,
-        created_at: Millis::now(),
-    };
+    let dataset =
+        Dataset { id: DatasetId::new(), task_id: task.clone(), score_run_id: run, beta, created_at: Millis::now() };
     if let Some(spec) = pipeline.train.clone() {
         let dataset_id = Some(dataset.id.clone());
         let spec = JobSpec::Train { encoder_id: encoder, snapshot_id: snapshot.clone(), dataset_id, spec };

@@ -5,16 +5,15 @@
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 
-use super::{Jobs, testing::{self, Bench}};
+use super::testing::{self, Bench};
 use crate::{
     domain::{
         id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, TaskId},
         job::{Job, JobSpec, JobState},
-        order::{JobFilter, JobOrder, Queueing, TrainData},
-        schedule::{PipelineSpec, Schedule, Trigger},
+        order::{JobOrder, Queueing, TrainData},
+        schedule::PipelineSpec,
         score::EpisodeScores,
         snapshot::{Role, RoleRule},
-        time::Millis,
         work::{Made, Progress},
     },
     error::{Kind, Result},
@@ -65,7 +64,7 @@ async fn an_order_gets_a_snapshot_a_result_id_and_its_needs() {
     let encoder_id = encoder(&first);
     let order = JobOrder::Score { encoder_id: encoder_id.clone(), snapshot_id: None, spec: ScoreSpec::default() };
     let score = submit(&bench, order).await.unwrap();
-    assert_eq!(score.needs, [first.id.clone()]);
+    assert_eq!(score.needs, std::slice::from_ref(&first.id));
     assert!(matches!(&score.spec, JobSpec::Score { snapshot_id: own, .. } if own == snapshot_id));
 
     let order = JobOrder::Train { data: TrainData::ExpertsOf(encoder_id), spec: TrainSpec::default() };
@@ -240,83 +239,4 @@ async fn a_new_server_takes_up_what_a_dead_one_left() {
     let job = bench.store.job(&id).await.unwrap();
     assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
     next.stop().await;
-}
-
-fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Schedule {
-    Schedule {
-        id: crate::domain::id::ScheduleId::new(),
-        task_id: bench.task.id.clone(),
-        name: format!("{trigger:?}"),
-        trigger,
-        pipeline: pipeline(),
-        paused: false,
-        next_run_at,
-        last_run_at: None,
-        label_mark: 0,
-        labelled_since: 0,
-        last_error: String::new(),
-    }
-}
-
-async fn jobs(jobs: &Jobs) -> usize {
-    jobs.0.store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.len()
-}
-
-#[tokio::test]
-async fn cron_starts_once_when_due_and_moves_on() {
-    let bench = Bench::new().await;
-    // The scheduler's own task must not look at the same time.
-    bench.jobs.stop().await;
-    let hour = 3_600_000;
-    let nightly = schedule(&bench, Trigger::Cron("0 * * * *".into()), Some(Millis(hour)));
-    let id = bench.store.insert_schedule(&nightly).await.unwrap().id;
-    let due = |now| super::scheduler::start_due(&bench.jobs.0, Millis(now));
-    assert_eq!(due(hour - 1).await.unwrap(), Some(Millis(hour)));
-    assert_eq!(jobs(&bench.jobs).await, 0);
-    // Two hours late: made up for once.
-    assert_eq!(due(3 * hour + 5).await.unwrap(), Some(Millis(4 * hour)));
-    assert_eq!(jobs(&bench.jobs).await, 3);
-    assert_eq!(due(3 * hour + 5).await.unwrap(), Some(Millis(4 * hour)));
-    assert_eq!(jobs(&bench.jobs).await, 3);
-    assert_eq!(bench.store.schedule(&id).await.unwrap().last_run_at, Some(Millis(3 * hour + 5)));
-
-    let paused = bench.jobs.pause_schedule(&id, true).await.unwrap();
-    assert_eq!((paused.paused, paused.next_run_at), (true, None));
-    assert_eq!(due(9 * hour).await.unwrap(), None);
-    assert_eq!(jobs(&bench.jobs).await, 3);
-    assert!(bench.jobs.pause_schedule(&id, false).await.unwrap().next_run_at.is_some());
-}
-
-#[tokio::test]
-async fn a_start_that_fails_says_why_and_keeps_its_count() {
-    let bench = Bench::empty().await;
-    bench.jobs.stop().await;
-    let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);
-    let id = bench.store.insert_schedule(&often).await.unwrap().id;
-    let outcome = crate::domain::episode::Outcome::Success;
-    crate::store::testing::episode(&bench.store, &bench.task, outcome, "").await;
-    super::scheduler::start_due(&bench.jobs.0, Millis(1)).await.unwrap();
-    let failed = bench.store.schedule(&id).await.unwrap();
-    assert!(failed.last_error.contains("imperfect"), "{:?}", failed.last_error);
-    assert_eq!((failed.labelled_since, jobs(&bench.jobs).await), (1, 0));
-
-    let outcome = crate::domain::episode::Outcome::Failure;
-    crate::store::testing::episode(&bench.store, &bench.task, outcome, "").await;
-    super::scheduler::start_due(&bench.jobs.0, Millis(2)).await.unwrap();
-    let started = bench.store.schedule(&id).await.unwrap();
-    assert_eq!((started.labelled_since, started.last_error.as_str(), jobs(&bench.jobs).await), (0, "", 3));
-}
-
-#[tokio::test]
-async fn a_label_wakes_the_scheduler() {
-    let bench = Bench::new().await;
-    let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);
-    bench.jobs.add_schedule(&often).await.unwrap();
-    let mut changed = bench.jobs.0.changed.subscribe();
-    let outcome = crate::domain::episode::Outcome::Success;
-    crate::store::testing::episode(&bench.store, &bench.task, outcome, "").await;
-    bench.jobs.labelled();
-    changed.changed().await.unwrap();
-    assert_eq!(jobs(&bench.jobs).await, 3);
-    bench.jobs.stop().await;
 }

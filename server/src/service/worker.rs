@@ -30,12 +30,20 @@ impl Workers {
         Ok(wire::worker::assignment(job, inputs))
     }
 
-    async fn progress(&self, attempt: &Attempt, request: v1::ReportProgressRequest) -> Result<v1::ReportProgressResponse> {
+    async fn progress(
+        &self,
+        attempt: &Attempt,
+        request: v1::ReportProgressRequest,
+    ) -> Result<v1::ReportProgressResponse> {
         let cancel = self.0.jobs.progress(attempt, &wire::worker::progress_request(request)?).await?;
         Ok(v1::ReportProgressResponse { cancel })
     }
 
-    async fn checkpoint(&self, attempt: &Attempt, request: v1::SaveCheckpointRequest) -> Result<v1::SaveCheckpointResponse> {
+    async fn checkpoint(
+        &self,
+        attempt: &Attempt,
+        request: v1::SaveCheckpointRequest,
+    ) -> Result<v1::SaveCheckpointResponse> {
         let (step, blob) = wire::worker::checkpoint_request(request)?;
         self.0.jobs.checkpoint(attempt, step, &blob).await?;
         Ok(v1::SaveCheckpointResponse {})

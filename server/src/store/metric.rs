@@ -4,12 +4,7 @@ use sqlx::{Sqlite, Transaction};
 
 use super::{Store, commit, fault, queue, row};
 use crate::{
-    domain::{
-        attempt::Attempt,
-        id::JobId,
-        job::Metric,
-        work::Progress,
-    },
+    domain::{attempt::Attempt, id::JobId, job::Metric, work::Progress},
     error::Result,
 };
 
@@ -67,7 +62,11 @@ impl Store {
 }
 
 /// Forgets the metrics of steps that the next attempt will do again.
-pub(super) async fn cut_back(tx: &mut Transaction<'_, Sqlite>, job: &JobId, checkpoint_step: Option<u64>) -> Result<()> {
+pub(super) async fn cut_back(
+    tx: &mut Transaction<'_, Sqlite>,
+    job: &JobId,
+    checkpoint_step: Option<u64>,
+) -> Result<()> {
     sqlx::query("delete from job_metrics where job_id = ? and step > ?")
         .bind(job.as_str())
         .bind(checkpoint_step.map_or(-1, row::stored))

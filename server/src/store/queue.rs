@@ -2,11 +2,7 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{
-    Store, commit, fault,
-    job::by_id,
-    metric, row,
-};
+use super::{Store, commit, fault, job::by_id, metric, row};
 use crate::{
     domain::{
         attempt::{Attempt, AttemptEnd, Standing},
@@ -53,13 +49,14 @@ impl Store {
 
     /// The job of a running attempt; `None` when that attempt is over or never was.
     pub(crate) async fn attempted(&self, attempt: &Attempt) -> Result<Option<Job>> {
-        let running: bool =
-            sqlx::query_scalar("select exists (select 1 from jobs where id = ? and token_hash = ? and state = 'running')")
-                .bind(attempt.job_id.as_str())
-                .bind(&attempt.token_hash)
-                .fetch_one(self.read())
-                .await
-                .map_err(fault("looking for an attempt"))?;
+        let running: bool = sqlx::query_scalar(
+            "select exists (select 1 from jobs where id = ? and token_hash = ? and state = 'running')",
+        )
+        .bind(attempt.job_id.as_str())
+        .bind(&attempt.token_hash)
+        .fetch_one(self.read())
+        .await
+        .map_err(fault("looking for an attempt"))?;
         if running { self.job(&attempt.job_id).await.map(Some) } else { Ok(None) }
     }
 
@@ -94,9 +91,7 @@ impl Store {
                 .fetch_all(self.read())
                 .await
                 .map_err(fault("listing running attempts"))?;
-        rows.into_iter()
-            .map(|(id, token_hash)| Ok(Attempt { job_id: row::id("jobs.id", id)?, token_hash }))
-            .collect()
+        rows.into_iter().map(|(id, token_hash)| Ok(Attempt { job_id: row::id("jobs.id", id)?, token_hash })).collect()
     }
 
     /// Cancels a job, and the jobs that wait for it: at once if it is queued, else by asking its worker.

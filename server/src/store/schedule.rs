@@ -119,12 +119,11 @@ impl Store {
 
     /// The schedules of a task, or of all, oldest first.
     pub(crate) async fn schedules(&self, task: Option<&TaskId>) -> Result<Vec<Schedule>> {
-        let rows: Vec<ScheduleRow> =
-            sqlx::query_as(select_schedules!("where ?1 is null or task_id = ?1 order by id"))
-                .bind(task.map(TaskId::as_str))
-                .fetch_all(self.read())
-                .await
-                .map_err(fault("listing schedules"))?;
+        let rows: Vec<ScheduleRow> = sqlx::query_as(select_schedules!("where ?1 is null or task_id = ?1 order by id"))
+            .bind(task.map(TaskId::as_str))
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing schedules"))?;
         rows.into_iter().map(ScheduleRow::read).collect()
     }
 
@@ -140,7 +139,12 @@ impl Store {
     ///
     /// # Errors
     /// NotFound.
-    pub(crate) async fn pause_schedule(&self, id: &ScheduleId, paused: bool, next_run_at: Option<Millis>) -> Result<Schedule> {
+    pub(crate) async fn pause_schedule(
+        &self,
+        id: &ScheduleId,
+        paused: bool,
+        next_run_at: Option<Millis>,
+    ) -> Result<Schedule> {
         let mut tx = self.write().await?;
         sqlx::query(
             "update schedules set paused = ?1, next_run_at = ?2, label_mark = (select coalesce(max(id), 0) from labels) \
@@ -157,7 +161,12 @@ impl Store {
     }
 
     /// Notes why a schedule could not start, and when cron tries again.
-    pub(crate) async fn schedule_failed(&self, id: &ScheduleId, error: &str, next_run_at: Option<Millis>) -> Result<()> {
+    pub(crate) async fn schedule_failed(
+        &self,
+        id: &ScheduleId,
+        error: &str,
+        next_run_at: Option<Millis>,
+    ) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("update schedules set last_error = ?, next_run_at = ? where id = ?")
             .bind(error)
@@ -187,16 +196,14 @@ impl Store {
 
 /// Moves a schedule on because it has started.
 pub(super) async fn started(tx: &mut Transaction<'_, Sqlite>, start: &ScheduleStart) -> Result<()> {
-    sqlx::query(
-        "update schedules set last_run_at = ?, next_run_at = ?, label_mark = ?, last_error = '' where id = ?",
-    )
-    .bind(start.at.0)
-    .bind(start.next_run_at.map(|time| time.0))
-    .bind(start.label_mark)
-    .bind(start.id.as_str())
-    .execute(&mut **tx)
-    .await
-    .map_err(fault("moving a schedule on"))?;
+    sqlx::query("update schedules set last_run_at = ?, next_run_at = ?, label_mark = ?, last_error = '' where id = ?")
+        .bind(start.at.0)
+        .bind(start.next_run_at.map(|time| time.0))
+        .bind(start.label_mark)
+        .bind(start.id.as_str())
+        .execute(&mut **tx)
+        .await
+        .map_err(fault("moving a schedule on"))?;
     Ok(())
 }
 

@@ -27,7 +27,8 @@ pub(crate) fn job_id(text: &str) -> Result<JobId> {
 /// Invalid names the field and the mend.
 pub(crate) fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
     let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts } = request;
-    let needs = needs.iter().enumerate().map(|(i, id)| JobId::parse(&format!("needs[{i}]"), id)).collect::<Result<_>>()?;
+    let needs =
+        needs.iter().enumerate().map(|(i, id)| JobId::parse(&format!("needs[{i}]"), id)).collect::<Result<_>>()?;
     if max_attempts.is_some_and(|attempts| attempts == 0 || attempts > MAX_ATTEMPTS) {
         return Err(Error::invalid("max_attempts", format!("must be between 1 and {MAX_ATTEMPTS}")));
     }
@@ -174,7 +175,9 @@ mod tests {
         let refusal = |request| submit_request(request).unwrap_err().message().to_owned();
         let needs = vec![JobId::new().into(), "ep_x".into()];
         assert!(refusal(v1::SubmitJobRequest { needs, ..request.clone() }).starts_with("needs[1]: "));
-        assert!(refusal(v1::SubmitJobRequest { max_attempts: Some(0), ..request.clone() }).starts_with("max_attempts: "));
+        assert!(
+            refusal(v1::SubmitJobRequest { max_attempts: Some(0), ..request.clone() }).starts_with("max_attempts: ")
+        );
         assert!(refusal(v1::SubmitJobRequest { task: String::new(), ..request }).starts_with("task: "));
 
         let list = |request| list_request(request).err().unwrap().message().to_owned();

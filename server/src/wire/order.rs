@@ -1,8 +1,6 @@
 //! Orders and pipelines on the wire, with what is left out filled in; complete specs back.
 
-use gleaner_learn::{
-    Device, LearnError, ModelSpec, OptimSpec, Preset, PretrainSpec, ScoreSpec, TrainSpec,
-};
+use gleaner_learn::{Device, LearnError, ModelSpec, OptimSpec, Preset, PretrainSpec, ScoreSpec, TrainSpec};
 use gleaner_proto::v1;
 
 use super::{field, score, snapshot};
@@ -72,9 +70,7 @@ pub(crate) fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpe
 }
 
 fn pretrain(at: &str, spec: v1::PretrainSpec) -> Result<(Option<SnapshotId>, RoleRule, PretrainSpec)> {
-    let v1::PretrainSpec {
-        snapshot_id, rule, preset, segment_length, optim, seed, device, checkpoint_every
-    } = spec;
+    let v1::PretrainSpec { snapshot_id, rule, preset, segment_length, optim, seed, device, checkpoint_every } = spec;
     let preset = match v1::Preset::try_from(preset) {
         Ok(v1::Preset::Unspecified | v1::Preset::Tiny) => Preset::Tiny,
         Ok(v1::Preset::Small) => Preset::Small,
@@ -118,7 +114,8 @@ fn train_data(data: v1::train_spec::Data) -> Result<TrainData> {
 }
 
 fn optim_from(optim: Option<v1::OptimSpec>) -> OptimSpec {
-    let v1::OptimSpec { steps, batch, learning_rate, weight_decay, warmup_steps, clip_norm } = optim.unwrap_or_default();
+    let v1::OptimSpec { steps, batch, learning_rate, weight_decay, warmup_steps, clip_norm } =
+        optim.unwrap_or_default();
     let default = OptimSpec::default();
     OptimSpec {
         steps: steps.map_or(default.steps, u64::from),
@@ -154,7 +151,12 @@ fn refused(at: &str, error: LearnError) -> Error {
             let field = field.strip_prefix("model.").unwrap_or(&field);
             Error::invalid(&format!("{at}.{field}"), message)
         }
-        error => Error::invalid(at, error),
+        error @ (LearnError::Checkpoint(_)
+        | LearnError::Version { .. }
+        | LearnError::Cancelled
+        | LearnError::Diverged { .. }
+        | LearnError::Monitor { .. }
+        | LearnError::Torch(_)) => Error::invalid(at, error),
     }
 }
 

@@ -137,7 +137,10 @@ mod tests {
         assert!(refusal(request(cron("61 * * * *"))).starts_with("cron: "));
         let none = v1::create_schedule_request::Trigger::LabelledEpisodes(0);
         assert!(refusal(request(Some(none))).starts_with("labelled_episodes: "));
-        assert!(refusal(v1::CreateScheduleRequest { name: String::new(), ..request(cron("* * * * *")) }).starts_with("name: "));
+        assert!(
+            refusal(v1::CreateScheduleRequest { name: String::new(), ..request(cron("* * * * *")) })
+                .starts_with("name: ")
+        );
         let mut fixed = request(cron("* * * * *"));
         fixed.pipeline.as_mut().unwrap().pretrain.as_mut().unwrap().snapshot_id =
             crate::domain::id::SnapshotId::new().into();

@@ -61,8 +61,7 @@ fn a_complete_spec_survives_the_wire() {
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
     let score = ScoreSpec { device: Device::Cuda, ..ScoreSpec::default() };
-    let spec =
-        JobSpec::Score { encoder_id: encoder_id.clone(), snapshot_id: snapshot_id.clone(), spec: score.clone() };
+    let spec = JobSpec::Score { encoder_id: encoder_id.clone(), snapshot_id: snapshot_id.clone(), spec: score.clone() };
     let expected =
         JobOrder::Score { encoder_id: encoder_id.clone(), snapshot_id: Some(snapshot_id.clone()), spec: score };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);

@@ -1,0 +1,98 @@
+//! Schedules start when due, once, and say why they could not.
+
+#![allow(clippy::unwrap_used)]
+
+use gleaner_learn::{PretrainSpec, TrainSpec};
+
+use super::*;
+use crate::{
+    domain::{episode::Outcome, id::ScheduleId, order::JobFilter, schedule::PipelineSpec, snapshot::RoleRule},
+    jobs::testing::Bench,
+    store::testing,
+};
+
+fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Schedule {
+    Schedule {
+        id: ScheduleId::new(),
+        task_id: bench.task.id.clone(),
+        name: format!("{trigger:?}"),
+        trigger,
+        pipeline: PipelineSpec {
+            snapshot_id: None,
+            rule: RoleRule::default(),
+            pretrain: PretrainSpec::default(),
+            score: true,
+            beta: Some(0.5),
+            train: Some(TrainSpec::default()),
+        },
+        paused: false,
+        next_run_at,
+        last_run_at: None,
+        label_mark: 0,
+        labelled_since: 0,
+        last_error: String::new(),
+    }
+}
+
+async fn jobs(jobs: &Jobs) -> usize {
+    jobs.0.store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.len()
+}
+
+#[tokio::test]
+async fn cron_starts_once_when_due_and_moves_on() {
+    let bench = Bench::new().await;
+    // The scheduler's own task must not look at the same time.
+    bench.jobs.stop().await;
+    let hour = 3_600_000;
+    let nightly = schedule(&bench, Trigger::Cron("0 * * * *".into()), Some(Millis(hour)));
+    let id = bench.store.insert_schedule(&nightly).await.unwrap().id;
+    let due = |now| start_due(&bench.jobs.0, Millis(now));
+    assert_eq!(due(hour - 1).await.unwrap(), Some(Millis(hour)));
+    assert_eq!(jobs(&bench.jobs).await, 0);
+    // Two hours late: made up for once.
+    assert_eq!(due(3 * hour + 5).await.unwrap(), Some(Millis(4 * hour)));
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    assert_eq!(due(3 * hour + 5).await.unwrap(), Some(Millis(4 * hour)));
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    assert_eq!(bench.store.schedule(&id).await.unwrap().last_run_at, Some(Millis(3 * hour + 5)));
+
+    let paused = bench.jobs.pause_schedule(&id, true).await.unwrap();
+    assert_eq!((paused.paused, paused.next_run_at), (true, None));
+    assert_eq!(due(9 * hour).await.unwrap(), None);
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    assert!(bench.jobs.pause_schedule(&id, false).await.unwrap().next_run_at.is_some());
+}
+
+#[tokio::test]
+async fn a_start_that_fails_says_why_and_keeps_its_count() {
+    let bench = Bench::empty().await;
+    bench.jobs.stop().await;
+    let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);
+    let id = bench.store.insert_schedule(&often).await.unwrap().id;
+    let outcome = Outcome::Success;
+    testing::episode(&bench.store, &bench.task, outcome, "").await;
+    start_due(&bench.jobs.0, Millis(1)).await.unwrap();
+    let failed = bench.store.schedule(&id).await.unwrap();
+    assert!(failed.last_error.contains("imperfect"), "{:?}", failed.last_error);
+    assert_eq!((failed.labelled_since, jobs(&bench.jobs).await), (1, 0));
+
+    let outcome = Outcome::Failure;
+    testing::episode(&bench.store, &bench.task, outcome, "").await;
+    start_due(&bench.jobs.0, Millis(2)).await.unwrap();
+    let started = bench.store.schedule(&id).await.unwrap();
+    assert_eq!((started.labelled_since, started.last_error.as_str(), jobs(&bench.jobs).await), (0, "", 3));
+}
+
+#[tokio::test]
+async fn a_label_wakes_the_scheduler() {
+    let bench = Bench::new().await;
+    let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);
+    bench.jobs.add_schedule(&often).await.unwrap();
+    let mut changed = bench.jobs.0.changed.subscribe();
+    let outcome = Outcome::Success;
+    testing::episode(&bench.store, &bench.task, outcome, "").await;
+    bench.jobs.labelled();
+    changed.changed().await.unwrap();
+    assert_eq!(jobs(&bench.jobs).await, 3);
+    bench.jobs.stop().await;
+}
