@@ -150,7 +150,7 @@ mod tests {
 
     #[test]
     fn jpeg_is_decoded_to_the_size_of_the_task() {
-        let jpeg = gleaner_recording::encode_jpeg(&vec![200; 384], 8, 16, 90).unwrap();
+        let jpeg = gleaner_recording::encode_jpeg(&[200; 384], 8, 16, 90).unwrap();
         let mut observation = right();
         observation.cameras[0].color = Some(Image { format: ImageFormat::Any, data: jpeg.into() });
         let step = step(&shape(), "observation", &observation).unwrap();
@@ -162,7 +162,7 @@ mod tests {
     fn every_bad_observation_is_named_by_its_field() {
         type Spoil = fn(&mut Observation);
         let jpeg = |data: Vec<u8>| Some(Image { format: ImageFormat::Jpeg, data: data.into() });
-        let wrong_size = gleaner_recording::encode_jpeg(&vec![0; 192], 8, 8, 90).unwrap();
+        let wrong_size = gleaner_recording::encode_jpeg(&[0; 192], 8, 8, 90).unwrap();
         let mut small = right();
         small.cameras[0].color = jpeg(wrong_size);
         let error = step(&shape(), "observation", &small).unwrap_err();

@@ -115,10 +115,9 @@ impl Robot {
 
     async fn acts(&mut self, observation: Observation) -> Acted {
         self.says(SessionInput::Observation(observation));
-        match self.hears().await.unwrap() {
-            SessionOutput::Action { acted, .. } => acted,
-            other => panic!("{other:?}"),
-        }
+        let heard = self.hears().await.unwrap();
+        let SessionOutput::Action { acted, .. } = heard else { panic!("{heard:?}") };
+        acted
     }
 }
 

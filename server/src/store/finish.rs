@@ -1,6 +1,6 @@
 //! How a job succeeds: its result's rows and its move, in one transaction.
 
-use super::{Store, commit, dataset, policy, queue, score};
+use super::{Store, commit, dataset, encoder, policy, queue, score};
 use crate::{
     domain::{
         attempt::Attempt,
@@ -38,7 +38,7 @@ impl Store {
             return Err(Error::cancelled(format!("{} was cancelled", job.id)));
         }
         match result {
-            JobResult::Encoder(encoder) => score::insert_encoder(&mut tx, encoder).await?,
+            JobResult::Encoder(made) => encoder::insert(&mut tx, made).await?,
             JobResult::Scores(run, episodes) => score::insert_run(&mut tx, run, episodes).await?,
             JobResult::Policy(policy) => policy::insert(&mut tx, policy).await?,
             JobResult::Export(export, dataset, files) => {

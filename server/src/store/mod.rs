@@ -5,6 +5,7 @@
 
 mod blob;
 mod dataset;
+mod encoder;
 mod episode;
 pub(crate) mod finish;
 mod job;

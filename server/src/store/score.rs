@@ -1,4 +1,4 @@
-//! Encoders, score runs and the scores themselves: one row an episode, arrays packed.
+//! Score runs and the scores themselves: one row an episode, arrays packed.
 
 use futures::TryStreamExt as _;
 use sqlx::{Sqlite, Transaction};
@@ -10,9 +10,9 @@ use super::{
 };
 use crate::{
     domain::{
-        id::{EncoderId, EpisodeId, ScoreRunId, TaskId},
-        job::{JobKind, JobSpec},
-        score::{Encoder, EpisodeScores, Histogram, RunCounts, ScoreRun},
+        id::{EpisodeId, ScoreRunId, TaskId},
+        job::JobKind,
+        score::{EpisodeScores, Histogram, RunCounts, ScoreRun},
         snapshot::Role,
         time::Millis,
     },
@@ -20,29 +20,6 @@ use crate::{
 };
 
 const RUN: &str = "score run";
-
-#[derive(sqlx::FromRow)]
-struct EncoderRow {
-    id: String,
-    task_id: String,
-    job_id: String,
-    snapshot_id: String,
-    checkpoint: String,
-    created_at: i64,
-}
-
-impl EncoderRow {
-    fn encoder(self) -> Result<Encoder> {
-        Ok(Encoder {
-            id: row::id("encoders.id", self.id)?,
-            task_id: row::id("encoders.task_id", self.task_id)?,
-            job_id: row::id("encoders.job_id", self.job_id)?,
-            snapshot_id: row::id("encoders.snapshot_id", self.snapshot_id)?,
-            checkpoint: row::id("encoders.checkpoint", self.checkpoint)?,
-            created_at: Millis(self.created_at),
-        })
-    }
-}
 
 #[derive(sqlx::FromRow)]
 struct RunRow {
@@ -114,23 +91,6 @@ fn same_steps(scores: &EpisodeScores) -> bool {
         .all(|&length| length == scores.w.len())
 }
 
-/// Adds a finished encoder.
-pub(super) async fn insert_encoder(tx: &mut Transaction<'_, Sqlite>, encoder: &Encoder) -> Result<()> {
-    sqlx::query(
-        "insert into encoders (id, task_id, job_id, snapshot_id, checkpoint, created_at) values (?, ?, ?, ?, ?, ?)",
-    )
-    .bind(encoder.id.as_str())
-    .bind(encoder.task_id.as_str())
-    .bind(encoder.job_id.as_str())
-    .bind(encoder.snapshot_id.as_str())
-    .bind(encoder.checkpoint.as_str())
-    .bind(encoder.created_at.0)
-    .execute(&mut **tx)
-    .await
-    .map_err(fault("adding an encoder"))?;
-    Ok(())
-}
-
 /// Adds a finished score run with its scores, in the snapshot's order.
 pub(super) async fn insert_run(
     tx: &mut Transaction<'_, Sqlite>,
@@ -193,36 +153,6 @@ async fn insert_scores(
 }
 
 impl Store {
-    /// A finished encoder.
-    ///
-    /// # Errors
-    /// NotFound, or Precondition naming its job when that has not succeeded.
-    pub(crate) async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {
-        let found: Option<EncoderRow> = sqlx::query_as("select * from encoders where id = ?")
-            .bind(id.as_str())
-            .fetch_optional(self.read())
-            .await
-            .map_err(fault("reading an encoder"))?;
-        match found {
-            Some(found) => found.encoder(),
-            None => Err(self.missing(JobKind::Pretrain, "encoder", id.as_str()).await),
-        }
-    }
-
-    /// The encoder's l: a segment is the window of l + 1 steps that ends at its step.
-    ///
-    /// # Errors
-    /// As for [`Store::encoder`].
-    pub(crate) async fn segment_length(&self, id: &EncoderId) -> Result<u32> {
-        let encoder = self.encoder(id).await?;
-        match self.job(&encoder.job_id).await?.spec {
-            JobSpec::Pretrain { spec, .. } => Ok(spec.model.segment_length),
-            JobSpec::Score { .. } | JobSpec::Train { .. } | JobSpec::Export { .. } => {
-                Err(Error::internal("reading an encoder's spec", "its job is no pretraining"))
-            }
-        }
-    }
-
     /// A finished score run.
     ///
     /// # Errors
@@ -323,92 +253,4 @@ impl Store {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-    use super::*;
-    use crate::{
-        domain::{episode::Outcome, job::JobState},
-        error::Kind,
-        store::testing::{self, results},
-    };
-
-    #[tokio::test]
-    async fn scores_come_back_as_they_went() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        let expert = testing::episode(&store, &task, Outcome::Success, "").await;
-        let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
-        let encoder = results::encoder(&store, &task).await;
-        let mut scores = results::scores(&failure.id, Role::Imperfect, &[0.0, 1.0 / 3.0, 1.0]);
-        scores.w = vec![-1.0 / 3.0, -0.0, f64::MIN_POSITIVE];
-        scores.match_step = vec![u32::MAX, 0, 7];
-        let all = [scores.clone(), results::scores(&expert.id, Role::Expert, &[0.5])];
-        let run = results::run(&store, &task, &encoder, &all).await;
-
-        assert_eq!(store.episode_scores(&run.id, &failure.id).await.unwrap(), scores);
-        assert_eq!(store.episode_scores(&run.id, &expert.id).await.unwrap(), all[1]);
-        assert_eq!(store.score_run(&run.id).await.unwrap().expert_ids, [expert.id.clone()]);
-        let counts = store.run_counts(&run).await.unwrap();
-        let expected = RunCounts { imperfect_episodes: 1, imperfect_segments: 3, expert_segments: 20 };
-        assert_eq!(counts, expected);
-        let segment_length = store.segment_length(&encoder.id).await.unwrap();
-        assert_eq!(segment_length, gleaner_learn::PretrainSpec::default().model.segment_length);
-        let stranger = EpisodeId::new();
-        assert_eq!(store.episode_scores(&run.id, &stranger).await.unwrap_err().kind(), Kind::NotFound);
-    }
-
-    #[tokio::test]
-    async fn the_histogram_sees_imperfect_segments_only() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        let expert = testing::episode(&store, &task, Outcome::Success, "").await;
-        let first = testing::episode(&store, &task, Outcome::Failure, "").await;
-        let second = testing::episode(&store, &task, Outcome::Failure, "").await;
-        let encoder = results::encoder(&store, &task).await;
-        let scores = [
-            results::scores(&expert.id, Role::Expert, &[1.0, 1.0, 1.0]),
-            results::scores(&first.id, Role::Imperfect, &[0.1, 0.9, 0.95]),
-            results::scores(&second.id, Role::Imperfect, &[0.5, 0.9]),
-        ];
-        let run = results::run(&store, &task, &encoder, &scores).await;
-        let histogram = store.fill(&run.id, Histogram::new(2, &[0.9, 0.5])).await.unwrap();
-        assert_eq!(histogram.counts(), [1, 4]);
-        let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
-        assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
-    }
-
-    #[tokio::test]
-    async fn a_run_that_is_not_there_says_why() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        testing::episode(&store, &task, Outcome::Success, "").await;
-        testing::episode(&store, &task, Outcome::Failure, "").await;
-        let encoder = results::encoder(&store, &task).await;
-        let (job, run) = results::scoring(&store, &task, &encoder).await;
-
-        let error = store.score_run(&run).await.unwrap_err();
-        assert_eq!(error.kind(), Kind::Precondition);
-        assert!(error.message().contains(job.as_str()) && error.message().contains("queued"), "{error}");
-        results::set_state(&store, &job, JobState::Failed, "no experts").await;
-        let error = store.score_run(&run).await.unwrap_err();
-        assert_eq!(error.kind(), Kind::Precondition);
-        assert!(error.message().contains("no experts"), "{error}");
-        let unknown = store.score_run(&ScoreRunId::new()).await.unwrap_err();
-        assert_eq!(unknown.kind(), Kind::NotFound);
-    }
-
-    #[tokio::test]
-    async fn lists_of_different_length_are_refused() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        testing::episode(&store, &task, Outcome::Success, "").await;
-        let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
-        let encoder = results::encoder(&store, &task).await;
-        let run = results::run(&store, &task, &encoder, &[]).await;
-        let mut scores = results::scores(&failure.id, Role::Imperfect, &[0.5, 0.5]);
-        scores.match_step.pop();
-        let mut tx = store.write().await.unwrap();
-        let error = insert_scores(&mut tx, &run.id, 0, &scores).await.unwrap_err();
-        assert_eq!(error.kind(), Kind::Invalid);
-    }
-}
+mod tests;

@@ -2,7 +2,7 @@
 
 use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 
-use super::super::{Store, commit, policy as policies, score};
+use super::super::{Store, commit, encoder as encoders, policy as policies, score};
 use crate::domain::{
     id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId},
     job::{JobSpec, JobState},
@@ -57,7 +57,7 @@ pub(crate) async fn encoder(store: &Store, task: &Task) -> Encoder {
         created_at: Millis::now(),
     };
     let mut tx = store.write().await.unwrap();
-    score::insert_encoder(&mut tx, &encoder).await.unwrap();
+    encoders::insert(&mut tx, &encoder).await.unwrap();
     commit(tx).await.unwrap();
     encoder
 }

@@ -1,0 +1,89 @@
+//! Scores as they come back from a fresh database.
+
+#![allow(clippy::unwrap_used)]
+use super::*;
+use crate::{
+    domain::{episode::Outcome, job::JobState},
+    error::Kind,
+    store::testing::{self, results},
+};
+
+#[tokio::test]
+async fn scores_come_back_as_they_went() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let expert = testing::episode(&store, &task, Outcome::Success, "").await;
+    let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let mut scores = results::scores(&failure.id, Role::Imperfect, &[0.0, 1.0 / 3.0, 1.0]);
+    scores.w = vec![-1.0 / 3.0, -0.0, f64::MIN_POSITIVE];
+    scores.match_step = vec![u32::MAX, 0, 7];
+    let all = [scores.clone(), results::scores(&expert.id, Role::Expert, &[0.5])];
+    let run = results::run(&store, &task, &encoder, &all).await;
+
+    assert_eq!(store.episode_scores(&run.id, &failure.id).await.unwrap(), scores);
+    assert_eq!(store.episode_scores(&run.id, &expert.id).await.unwrap(), all[1]);
+    assert_eq!(store.score_run(&run.id).await.unwrap().expert_ids, [expert.id]);
+    let counts = store.run_counts(&run).await.unwrap();
+    let expected = RunCounts { imperfect_episodes: 1, imperfect_segments: 3, expert_segments: 20 };
+    assert_eq!(counts, expected);
+    let segment_length = store.segment_length(&encoder.id).await.unwrap();
+    assert_eq!(segment_length, gleaner_learn::PretrainSpec::default().model.segment_length);
+    let stranger = EpisodeId::new();
+    assert_eq!(store.episode_scores(&run.id, &stranger).await.unwrap_err().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn the_histogram_sees_imperfect_segments_only() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let expert = testing::episode(&store, &task, Outcome::Success, "").await;
+    let first = testing::episode(&store, &task, Outcome::Failure, "").await;
+    let second = testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let scores = [
+        results::scores(&expert.id, Role::Expert, &[1.0, 1.0, 1.0]),
+        results::scores(&first.id, Role::Imperfect, &[0.1, 0.9, 0.95]),
+        results::scores(&second.id, Role::Imperfect, &[0.5, 0.9]),
+    ];
+    let run = results::run(&store, &task, &encoder, &scores).await;
+    let histogram = store.fill(&run.id, Histogram::new(2, &[0.9, 0.5])).await.unwrap();
+    assert_eq!(histogram.counts(), [1, 4]);
+    let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
+    assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
+}
+
+#[tokio::test]
+async fn a_run_that_is_not_there_says_why() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let (job, run) = results::scoring(&store, &task, &encoder).await;
+
+    let error = store.score_run(&run).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert!(error.message().contains(job.as_str()) && error.message().contains("queued"), "{error}");
+    results::set_state(&store, &job, JobState::Failed, "no experts").await;
+    let error = store.score_run(&run).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert!(error.message().contains("no experts"), "{error}");
+    let unknown = store.score_run(&ScoreRunId::new()).await.unwrap_err();
+    assert_eq!(unknown.kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn lists_of_different_length_are_refused() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let run = results::run(&store, &task, &encoder, &[]).await;
+    let mut scores = results::scores(&failure.id, Role::Imperfect, &[0.5, 0.5]);
+    scores.match_step.pop();
+    let mut tx = store.write().await.unwrap();
+    let error = insert_scores(&mut tx, &run.id, 0, &scores).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Invalid);
+}
