@@ -36,6 +36,7 @@ impl Episodes {
 
     async fn finish(&self, id: &str) -> Result<v1::FinishUploadResponse> {
         let inspected = self.0.ingest.finish(&wire::episode::upload_id(id)?).await?;
+        self.0.jobs.labelled();
         let (episode, report) = wire::episode::inspected(inspected);
         Ok(v1::FinishUploadResponse { episode: Some(episode), report: Some(report) })
     }
@@ -59,6 +60,7 @@ impl Episodes {
     async fn label(&self, request: v1::LabelEpisodesRequest) -> Result<v1::LabelEpisodesResponse> {
         let (ids, label) = wire::episode::label_request(request)?;
         let episodes = self.0.store.label_episodes(&ids, &label).await?;
+        self.0.jobs.labelled();
         Ok(v1::LabelEpisodesResponse { episodes: episodes.into_iter().map(wire::episode::episode).collect() })
     }
 
