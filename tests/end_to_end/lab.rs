@@ -44,13 +44,12 @@ pub static RECORDINGS: LazyLock<Vec<Recording>> = LazyLock::new(|| {
 
 /// One recording of the simulator.
 pub fn record(agent: AgentSpec, outcome: Outcome, seed: u64) -> Recording {
-    let dir = tempfile::tempdir().unwrap();
-    let path = dir.path().join("episode.mcap");
-    demonstrate(SimTask::PickCube, &sim_config(), agent, seed).write_mcap(&path).unwrap();
+    let demonstration = demonstrate(SimTask::PickCube, sim_config(), agent, seed);
+    let bytes = demonstration.write_mcap(std::io::Cursor::new(Vec::new())).unwrap().into_inner();
     let cohort = if outcome == Outcome::Success { "expert" } else { "failed" };
     Recording {
         name: format!("{seed:04}.mcap"),
-        bytes: std::fs::read(&path).unwrap().into(),
+        bytes: bytes.into(),
         outcome,
         cohort: cohort.to_owned(),
     }

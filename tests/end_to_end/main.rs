@@ -7,6 +7,7 @@
     clippy::panic,
     clippy::print_stderr,
     missing_docs,
+    unreachable_pub,
     reason = "tests"
 )]
 

@@ -1,13 +1,26 @@
 //! The gRPC face: thin implementations of the services, and the rooms they share.
 
-use std::{net::SocketAddr, sync::Arc, time::Duration};
+mod dataset;
+mod episode;
+mod job;
+mod policy;
+mod schedule;
+mod score;
+mod segment;
+mod serve;
+mod snapshot;
+mod task;
+mod worker;
 
-use tokio::net::TcpListener;
+use std::{net::SocketAddr, sync::Arc};
 
+use tokio_util::sync::CancellationToken;
+
+pub(crate) use self::serve::serve;
 use crate::{
     blobs::Blobs,
     config::ServeConfig,
-    error::{Error, Result},
+    error::Result,
     ingest::Ingest,
     jobs::Jobs,
     policies::Policies,
@@ -23,6 +36,8 @@ pub struct Rooms {
     pub(crate) ingest: Ingest,
     pub(crate) jobs: Jobs,
     pub(crate) policies: Policies,
+    /// Cancelled when the server begins to stop: streams that would stay open end then.
+    pub(crate) stopping: CancellationToken,
 }
 
 impl Rooms {
@@ -37,7 +52,7 @@ impl Rooms {
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
         let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;
         let policies = Policies::new(&config, store.clone(), blobs.clone());
-        Ok(Self { config, store, blobs, ingest, jobs, policies })
+        Ok(Self { config, store, blobs, ingest, jobs, policies, stopping: CancellationToken::new() })
     }
 
     /// Stops workers and models, then closes the database.
