@@ -3,6 +3,7 @@
 //! Color becomes JPEG in foxglove.CompressedImage, depth stays exact in foxglove.RawImage, and the numbers go
 //! to `/robot/state` and `/robot/action`. [`written_mapping`] reads all of it back.
 
+mod mapping;
 pub(crate) mod schema;
 
 use std::collections::BTreeMap;
@@ -16,13 +17,12 @@ use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
 use crate::image::encode_jpeg;
 use crate::picture::Channel;
-use crate::spec::{CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
+use crate::spec::{FieldSpec, TaskSpec};
+use mapping::{ACTION_TOPIC, STATE_TOPIC, color_topic, depth_topic};
 use schema::{CompressedImage, Numbers, RawImage, Schema};
 
-const STATE_TOPIC: &str = "/robot/state";
-const ACTION_TOPIC: &str = "/robot/action";
-/// Name of the mapping that reads what is written here.
-const MAPPING: &str = "gleaner";
+pub use mapping::written_mapping;
+
 const JPEG_QUALITY: u8 = 92;
 
 /// One step to be written.
@@ -60,18 +60,13 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         let mut cameras = Vec::new();
         for camera in &spec.cameras {
             let color = add_channel(&mut mcap, &color_topic(camera), &schema::compressed_image())?;
-            let depth = camera
-                .depth
-                .then(|| add_channel(&mut mcap, &depth_topic(camera), &schema::raw_image()))
-                .transpose()?;
+            let depth =
+                camera.depth.then(|| add_channel(&mut mcap, &depth_topic(camera), &schema::raw_image())).transpose()?;
             cameras.push((color, depth));
         }
         let mut add_numbers = |topic, name, specs: &[FieldSpec]| {
             let schema = schema::numbers(name, specs);
-            let wrong = || RecordingError::Spec {
-                field: name.into(),
-                problem: "the fields make no message".into(),
-            };
+            let wrong = || RecordingError::Spec { field: name.into(), problem: "the fields make no message".into() };
             let numbers = Numbers::new(&schema, specs).ok_or_else(wrong)?;
             Ok::<_, RecordingError>((add_channel(&mut mcap, topic, &schema)?, numbers))
         };
@@ -79,15 +74,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
             .then(|| add_numbers(STATE_TOPIC, "State", &spec.proprioception))
             .transpose()?;
         let action = add_numbers(ACTION_TOPIC, "Action", &spec.action)?;
-        Ok(Self {
-            mcap,
-            spec: spec.clone(),
-            cameras,
-            state,
-            action,
-            notes: BTreeMap::new(),
-            steps: 0,
-        })
+        Ok(Self { mcap, spec: spec.clone(), cameras, state, action, notes: BTreeMap::new(), steps: 0 })
     }
 
     /// Writes one step's images, state and action, all with this stamp.
@@ -101,14 +88,11 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         for at in 0..self.spec.cameras.len() {
             rest = self.images(at, stamp_ns, rest)?;
         }
-        let state = self
-            .state
-            .as_ref()
-            .map(|(channel, numbers)| (*channel, numbers.encode(&stamp, step.proprioception)));
+        let state =
+            self.state.as_ref().map(|(channel, numbers)| (*channel, numbers.encode(&stamp, step.proprioception)));
         let action = Some((self.action.0, self.action.1.encode(&stamp, step.action)));
         for (channel, bytes) in state.into_iter().chain(action) {
-            let bytes = bytes
-                .ok_or_else(|| self.wrong("the values do not fit the task's fields".to_owned()))?;
+            let bytes = bytes.ok_or_else(|| self.wrong("the values do not fit the task's fields".to_owned()))?;
             self.write(channel, stamp_ns, &bytes)?;
         }
         self.steps = self.steps.saturating_add(1);
@@ -119,25 +103,16 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     ///
     /// # Errors
     /// [`RecordingError::Step`] for a topic of the steps, or [`RecordingError::Write`].
-    pub fn annotate(
-        &mut self,
-        topic: &str,
-        stamp_ns: i64,
-        value: &serde_json::Value,
-    ) -> Result<(), RecordingError> {
+    pub fn annotate(&mut self, topic: &str, stamp_ns: i64, value: &serde_json::Value) -> Result<(), RecordingError> {
         let own = written_mapping(&self.spec);
         if own.topics(&self.spec).contains(topic) {
-            return Err(self.wrong(format!(
-                "{topic} holds the steps themselves; annotate on another topic"
-            )));
+            return Err(self.wrong(format!("{topic} holds the steps themselves; annotate on another topic")));
         }
         let channel = match self.notes.get(topic) {
             Some(&channel) => channel,
             None => {
-                let channel = self
-                    .mcap
-                    .add_channel(0, topic, "json", &BTreeMap::new())
-                    .map_err(RecordingError::Write)?;
+                let channel =
+                    self.mcap.add_channel(0, topic, "json", &BTreeMap::new()).map_err(RecordingError::Write)?;
                 self.notes.insert(topic.to_owned(), channel);
                 channel
             }
@@ -149,17 +124,8 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     ///
     /// # Errors
     /// [`RecordingError::Write`].
-    pub fn metadata(
-        &mut self,
-        name: &str,
-        values: BTreeMap<String, String>,
-    ) -> Result<(), RecordingError> {
-        self.mcap
-            .write_metadata(&Metadata {
-                name: name.to_owned(),
-                metadata: values,
-            })
-            .map_err(RecordingError::Write)
+    pub fn metadata(&mut self, name: &str, values: BTreeMap<String, String>) -> Result<(), RecordingError> {
+        self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata: values }).map_err(RecordingError::Write)
     }
 
     /// Ends the file and gives the writer back.
@@ -173,72 +139,40 @@ impl<W: Write + Seek> EpisodeWriter<W> {
 
     fn check(&self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
         if stamp_ns <= 0 {
-            return Err(self.wrong(format!(
-                "the stamp {stamp_ns} is not after 1970; give nanoseconds of Unix time"
-            )));
+            return Err(self.wrong(format!("the stamp {stamp_ns} is not after 1970; give nanoseconds of Unix time")));
         }
         for (what, found, wanted) in [
-            (
-                "frames",
-                step.frames.len(),
-                frame_bytes_per_step(&self.spec),
-            ),
-            (
-                "proprioception",
-                step.proprioception.len(),
-                self.spec.proprioception_size(),
-            ),
+            ("frames", step.frames.len(), frame_bytes_per_step(&self.spec)),
+            ("proprioception", step.proprioception.len(), self.spec.proprioception_size()),
             ("action", step.action.len(), self.spec.action_size()),
         ] {
             if found != wanted {
-                return Err(self.wrong(format!(
-                    "{what} has {found} elements, the task's steps have {wanted}"
-                )));
+                return Err(self.wrong(format!("{what} has {found} elements, the task's steps have {wanted}")));
             }
         }
         Ok(())
     }
 
     fn wrong(&self, problem: String) -> RecordingError {
-        RecordingError::Step {
-            step: self.steps.into(),
-            problem,
-        }
+        RecordingError::Step { step: self.steps.into(), problem }
     }
 
     /// Writes the images of one camera from the front of the frames and gives the rest back.
-    fn images<'a>(
-        &mut self,
-        at: usize,
-        stamp_ns: i64,
-        frames: &'a [u8],
-    ) -> Result<&'a [u8], RecordingError> {
+    fn images<'a>(&mut self, at: usize, stamp_ns: i64, frames: &'a [u8]) -> Result<&'a [u8], RecordingError> {
         let (camera, (color, depth)) = (&self.spec.cameras[at], self.cameras[at]);
         let (height, width, frame_id) = (camera.height, camera.width, camera.name.clone());
         let (rgb, mut rest) = frames.split_at(Channel::Color.bytes(camera));
         let stamp = Some(timestamp(stamp_ns));
         let data = encode_jpeg(rgb, height, width, JPEG_QUALITY)?;
-        let image = CompressedImage {
-            timestamp: stamp,
-            data,
-            format: "jpeg".to_owned(),
-            frame_id: frame_id.clone(),
-        };
+        let image = CompressedImage { timestamp: stamp, data, format: "jpeg".to_owned(), frame_id: frame_id.clone() };
         let depth_bytes = Channel::Depth.bytes(camera);
         self.write(color, stamp_ns, &image.encode_to_vec())?;
         if let Some(depth) = depth {
             let (data, after) = rest.split_at(depth_bytes);
             rest = after;
             let encoding = "16UC1".to_owned();
-            let image = RawImage {
-                timestamp: stamp,
-                width,
-                height,
-                encoding,
-                step: width * 2,
-                data: data.to_vec(),
-                frame_id,
-            };
+            let image =
+                RawImage { timestamp: stamp, width, height, encoding, step: width * 2, data: data.to_vec(), frame_id };
             self.write(depth, stamp_ns, &image.encode_to_vec())?;
         }
         Ok(rest)
@@ -246,53 +180,19 @@ impl<W: Write + Seek> EpisodeWriter<W> {
 
     fn write(&mut self, channel_id: u16, stamp_ns: i64, data: &[u8]) -> Result<(), RecordingError> {
         let time = u64::try_from(stamp_ns).unwrap_or_default();
-        let header = MessageHeader {
-            channel_id,
-            sequence: self.steps,
-            log_time: time,
-            publish_time: time,
-        };
-        self.mcap
-            .write_to_known_channel(&header, data)
-            .map_err(RecordingError::Write)
+        let header = MessageHeader { channel_id, sequence: self.steps, log_time: time, publish_time: time };
+        self.mcap.write_to_known_channel(&header, data).map_err(RecordingError::Write)
     }
 }
 
-/// The mapping that reads what [`EpisodeWriter`] writes for this task.
-pub fn written_mapping(spec: &TaskSpec) -> Mapping {
-    let fields = |specs: &[FieldSpec], topic: &str| -> Vec<FieldSource> {
-        let source = |field: &FieldSpec| FieldSource {
-            field: field.name.clone(),
-            topic: topic.to_owned(),
-            paths: vec![field.name.clone()],
-            names: Vec::new(),
-        };
-        specs.iter().map(source).collect()
-    };
-    let cameras = spec.cameras.iter().map(|camera| CameraSource {
-        camera: camera.name.clone(),
-        color: color_topic(camera),
-        depth: camera.depth.then(|| depth_topic(camera)),
-    });
-    Mapping {
-        name: MAPPING.to_owned(),
-        cameras: cameras.collect(),
-        fields: [
-            fields(&spec.proprioception, STATE_TOPIC),
-            fields(&spec.action, ACTION_TOPIC),
-        ]
-        .concat(),
-        clock: Some(ACTION_TOPIC.to_owned()),
-    }
-}
+/// A crash loses the chunk that is being written, so chunks are small; images are compressed already.
+const CHUNK_BYTES: u64 = 64 << 10;
 
-/// An MCAP writer as this crate uses it: zstd, and no threads of its own.
-pub(crate) fn mcap_writer<W: Write + Seek>(
-    writer: W,
-    profile: &str,
-) -> Result<mcap::Writer<W>, RecordingError> {
+/// An MCAP writer as this crate uses it: zstd, small chunks, and no threads of its own.
+pub(crate) fn mcap_writer<W: Write + Seek>(writer: W, profile: &str) -> Result<mcap::Writer<W>, RecordingError> {
     let options = mcap::WriteOptions::new()
         .compression_threads(0)
+        .chunk_size(Some(CHUNK_BYTES))
         .profile(profile)
         .library(concat!("gleaner-recording/", env!("CARGO_PKG_VERSION")));
     options.create(writer).map_err(RecordingError::Write)
@@ -303,28 +203,14 @@ fn add_channel<W: Write + Seek>(
     topic: &str,
     schema: &Schema,
 ) -> Result<u16, RecordingError> {
-    let schema = mcap
-        .add_schema(&schema.name, "protobuf", &schema.descriptors)
-        .map_err(RecordingError::Write)?;
-    mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new())
-        .map_err(RecordingError::Write)
-}
-
-fn color_topic(camera: &CameraSpec) -> String {
-    format!("/camera/{}/color", camera.name)
-}
-
-fn depth_topic(camera: &CameraSpec) -> String {
-    format!("/camera/{}/depth", camera.name)
+    let schema = mcap.add_schema(&schema.name, "protobuf", &schema.descriptors).map_err(RecordingError::Write)?;
+    mcap.add_channel(schema, topic, "protobuf", &BTreeMap::new()).map_err(RecordingError::Write)
 }
 
 fn timestamp(stamp_ns: i64) -> Timestamp {
     // The remainder is below 1e9, which fits.
     let nanos = i32::try_from(stamp_ns.rem_euclid(1_000_000_000)).unwrap_or_default();
-    Timestamp {
-        seconds: stamp_ns.div_euclid(1_000_000_000),
-        nanos,
-    }
+    Timestamp { seconds: stamp_ns.div_euclid(1_000_000_000), nanos }
 }
 
 #[cfg(test)]

@@ -6,8 +6,11 @@ use tonic::{Request, Response, Status, Streaming};
 
 use super::Rooms;
 use crate::{
-    error::{Error, Result},
-    wire::{self, status::from_error},
+    error::Result,
+    wire::{
+        self,
+        status::{from_error, from_peer},
+    },
 };
 
 /// Serves episodes.
@@ -24,7 +27,7 @@ impl Episodes {
         let chunks = requests.map(|request| match request {
             Ok(request) => wire::episode::chunk(request),
             // Nobody may be left to read this; what came is kept.
-            Err(status) => Err(Error::cancelled(format!("the upload's stream broke: {}", status.message()))),
+            Err(status) => Err(from_peer(status)),
         });
         Ok(v1::WriteUploadResponse { committed_size: self.0.ingest.write(chunks).await? })
     }

@@ -40,6 +40,12 @@ fn outcome_from_proto(outcome: i32) -> Result<Option<Outcome>> {
     }
 }
 
+/// An outcome that must be said.
+fn said_outcome(outcome: i32) -> Result<Outcome> {
+    outcome_from_proto(outcome)?
+        .ok_or_else(|| Error::invalid("outcome", "say how it ended: success, failure or unknown"))
+}
+
 /// An outcome.
 pub(crate) fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
     match outcome {
@@ -49,7 +55,7 @@ pub(crate) fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
     }
 }
 
-/// What is to be uploaded to the task. An upload without an outcome is labelled unknown.
+/// What is to be uploaded to the task. Nobody may forget the outcome: who does not know it says unknown.
 pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId) -> Result<NewUpload> {
     let v1::StartUploadRequest { task: _, file_name, size_bytes, blake3, outcome, cohort, author } = request;
     if size_bytes == 0 {
@@ -60,7 +66,7 @@ pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId) ->
         file_name: field::text("file_name", file_name)?,
         size_bytes,
         blake3: BlobId::parse("blake3", &blake3)?,
-        outcome: outcome_from_proto(outcome)?.unwrap_or(Outcome::Unknown),
+        outcome: said_outcome(outcome)?,
         cohort: field::tag("cohort", cohort)?,
         author: field::tag("author", author)?,
     })
@@ -127,8 +133,7 @@ pub(crate) fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<Ep
     }
     let ids = episode_ids.iter().enumerate().map(|(i, id)| EpisodeId::parse(&format!("episode_ids[{i}]"), id));
     let label = NewLabel {
-        outcome: outcome_from_proto(outcome)?
-            .ok_or_else(|| Error::invalid("outcome", "say how the episodes ended: success, failure or unknown"))?,
+        outcome: said_outcome(outcome)?,
         cohort: cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
         author: field::tag("author", author)?,
         reason: field::tag("reason", reason)?,
