@@ -47,8 +47,10 @@ pub struct KeptInput {
     pub episode: InputEpisode,
     /// Its kept segments.
     pub segments: Vec<KeptSegment>,
-    /// w of each of them; for export.
+    /// w of every step of the episode; for export.
     pub similarities: Vec<f64>,
+    /// q of every step of the episode; for export.
+    pub qualities: Vec<f32>,
 }
 
 /// How far a worker is.

@@ -7,7 +7,7 @@ use crate::{
     domain::{
         dataset::KeptEpisode,
         episode::Episode,
-        id::{DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId},
+        id::{DatasetId, EncoderId, EpisodeId, SnapshotId},
         job::{Job, JobSpec},
         snapshot::Role,
         work::{InputEpisode, Inputs, KeptInput},
@@ -53,7 +53,8 @@ impl Jobs {
                 inputs.experts = experts;
                 inputs.kept = join(contents.kept, imperfect)?;
                 for kept in &mut inputs.kept {
-                    kept.similarities = self.similarities(&contents.run.id, kept).await?;
+                    let scores = self.0.store.episode_scores(&contents.run.id, &kept.episode.id).await?;
+                    (kept.similarities, kept.qualities) = (scores.w, scores.q);
                 }
                 inputs.segment_length = self.0.store.segment_length(&contents.encoder_id).await?;
             }
@@ -79,18 +80,6 @@ impl Jobs {
         Ok(())
     }
 
-    /// w of each kept segment.
-    async fn similarities(&self, run: &ScoreRunId, kept: &KeptInput) -> Result<Vec<f64>> {
-        let scores = self.0.store.episode_scores(run, &kept.episode.id).await?;
-        let w = |step: u32| usize::try_from(step).ok().and_then(|step| scores.w.get(step).copied());
-        kept.segments
-            .iter()
-            .map(|segment| {
-                w(segment.end_step).ok_or_else(|| Error::internal("gathering a job's input", "a kept step has no w"))
-            })
-            .collect()
-    }
-
     async fn kept(&self, dataset: &DatasetId, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
         join(self.0.store.dataset_contents(dataset).await?.kept, imperfect)
     }
@@ -102,7 +91,7 @@ fn join(kept: Vec<KeptEpisode>, imperfect: Vec<InputEpisode>) -> Result<Vec<Kept
         imperfect.into_iter().map(|episode| (episode.id.clone(), episode)).collect();
     kept.into_iter()
         .map(|KeptEpisode { episode_id, segments }| match by_id.remove(&episode_id) {
-            Some(episode) => Ok(KeptInput { episode, segments, similarities: Vec::new() }),
+            Some(episode) => Ok(KeptInput { episode, segments, similarities: Vec::new(), qualities: Vec::new() }),
             None => Err(Error::internal(
                 "gathering a job's input",
                 format!("the dataset keeps steps of {episode_id}, which is not imperfect in its snapshot"),

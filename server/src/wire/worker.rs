@@ -41,7 +41,7 @@ fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
 }
 
 fn kept_to(kept: KeptInput) -> v1::KeptSegments {
-    let KeptInput { episode, segments, similarities } = kept;
+    let KeptInput { episode, segments, similarities, qualities } = kept;
     v1::KeptSegments {
         episode: Some(episode_to(episode)),
         end_steps: segments.iter().map(|segment| segment.end_step).collect(),
@@ -49,6 +49,7 @@ fn kept_to(kept: KeptInput) -> v1::KeptSegments {
         match_steps: segments.iter().map(|segment| segment.match_step).collect(),
         match_episode_ids: segments.into_iter().map(|segment| segment.match_episode.into()).collect(),
         similarities,
+        qualities,
     }
 }
 
@@ -83,10 +84,11 @@ fn episode_from(episode: v1::AssignedEpisode) -> Result<InputEpisode> {
 }
 
 fn kept_from(kept: v1::KeptSegments) -> Result<KeptInput> {
-    let v1::KeptSegments { episode, end_steps, weights, match_steps, match_episode_ids, similarities } = kept;
+    let v1::KeptSegments { episode, end_steps, weights, match_steps, match_episode_ids, similarities, qualities } =
+        kept;
     let count = end_steps.len();
     let lengths = [weights.len(), match_steps.len(), match_episode_ids.len()];
-    if lengths.iter().any(|&length| length != count) || ![0, count].contains(&similarities.len()) {
+    if lengths.iter().any(|&length| length != count) || similarities.len() != qualities.len() {
         return Err(Error::invalid("kept", "its lists must be of one length"));
     }
     let rows = end_steps.into_iter().zip(weights).zip(match_steps.into_iter().zip(match_episode_ids));
@@ -95,7 +97,12 @@ fn kept_from(kept: v1::KeptSegments) -> Result<KeptInput> {
         Ok(KeptSegment { end_step, weight, match_episode, match_step })
     });
     let segments = segments.collect::<Result<_>>()?;
-    Ok(KeptInput { episode: episode_from(field::required("kept.episode", episode)?)?, segments, similarities })
+    Ok(KeptInput {
+        episode: episode_from(field::required("kept.episode", episode)?)?,
+        segments,
+        similarities,
+        qualities,
+    })
 }
 
 fn blob_from(at: &str, blob: String) -> Result<Option<BlobId>> {
@@ -212,7 +219,12 @@ mod tests {
             task,
             experts: vec![expert],
             imperfect: vec![input("imperfect")],
-            kept: vec![KeptInput { episode: input("kept"), segments: vec![segment], similarities: vec![-0.5] }],
+            kept: vec![KeptInput {
+                episode: input("kept"),
+                segments: vec![segment],
+                similarities: vec![-0.5],
+                qualities: vec![0.95],
+            }],
             encoder: Some(blob("encoder")),
             checkpoint: None,
             segment_length: 6,

@@ -51,7 +51,7 @@ impl Episodes<'_> {
     /// Every episode with its kept segments and their weights.
     pub(super) fn weighted(&self, inputs: &[KeptInput]) -> Result<Vec<WeightedSegments>, Failure> {
         let shape = self.shape();
-        let weighted = |KeptInput { episode, segments, similarities: _ }: &KeptInput| {
+        let weighted = |KeptInput { episode, segments, similarities: _, qualities: _ }: &KeptInput| {
             let steps = segments.iter().map(|segment| (segment.end_step, segment.weight)).collect();
             Ok(WeightedSegments { trajectory: self.trajectory(&shape, episode)?, steps })
         };

@@ -1,6 +1,10 @@
 //! Export: the kept stretches of a dataset as MCAP files of their own, the experts whole, and a manifest.
 
-use std::{io::Write as _, ops::Range, path::Path};
+use std::{
+    io::Write as _,
+    ops::{Range, RangeInclusive},
+    path::Path,
+};
 
 use gleaner_learn::Monitor as _;
 use gleaner_recording::{Kept, TaskSpec};
@@ -31,7 +35,7 @@ struct Line<'a> {
     last_step: u64,
     /// l: the segment that ends at a step begins l steps before it.
     segment_length: u32,
-    /// Nothing for experts, whose steps all have weight 1.
+    /// The kept ones; nothing for experts, whose steps all have weight 1.
     steps: Vec<Step<'a>>,
 }
 
@@ -108,24 +112,19 @@ impl Out<'_> {
 
     /// The original messages of consecutive kept steps.
     fn stretch(&self, kept: &KeptInput, range: Range<usize>, manifest: &mut Vec<u8>) -> Result<ExportFile, Failure> {
-        let KeptInput { episode, segments, similarities } = kept;
-        let (Some(segments), Some(w)) = (segments.get(range.clone()), similarities.get(range)) else {
-            return Err(Failure::Broken(format!("the server gave no w for the kept steps of {}", episode.id)));
+        let KeptInput { episode, segments, similarities, qualities } = kept;
+        let unscored = || Failure::Broken(format!("the server gave no scores for the kept steps of {}", episode.id));
+        let segments = segments.get(range).ok_or_else(unscored)?;
+        let steps = file_steps(segments, qualities).ok_or_else(unscored)?;
+        let (first_step, last_step) = (count(*steps.start()), count(*steps.end()));
+        let (Some(q), Some(w)) = (qualities.get(steps.clone()), similarities.get(steps)) else {
+            return Err(unscored());
         };
-        let (Some(first), Some(last)) = (segments.first(), segments.last()) else {
-            return Err(Failure::Broken("an empty stretch".to_owned()));
-        };
-        let (first, last) = (first.end_step, last.end_step);
-        let name = format!("{}_{first}-{last}.mcap", episode.id);
+        let name = format!("{}_{first_step}-{last_step}.mcap", episode.id);
         let path = self.folder.join(&name);
-        let stretch = Kept {
-            first_step: first.into(),
-            last_step: last.into(),
-            quality: segments.iter().map(|segment| segment.weight).collect(),
-            weight: w.iter().copied().map(narrow).collect(),
-        };
-        let recording = self.blobs.path(&episode.recording);
-        gleaner_recording::extract(&recording, self.task, &stretch, &path)
+        let weight = w.iter().copied().map(narrow).collect();
+        let stretch = Kept { first_step, last_step, quality: q.to_vec(), weight };
+        gleaner_recording::extract(&self.blobs.path(&episode.recording), self.task, &stretch, &path)
             .map_err(|error| Failure::recording(episode.id.as_str(), &error))?;
         let size_bytes =
             std::fs::metadata(&path).map_err(|error| Error::internal("reading an exported file", error))?.len();
@@ -135,19 +134,37 @@ impl Out<'_> {
             source: &episode.file_name,
             file: &name,
             role: Role::Imperfect,
-            first_step: first.into(),
-            last_step: last.into(),
+            first_step,
+            last_step,
             segment_length: self.segment_length,
-            steps: segments.iter().zip(w).map(|(segment, &w)| step(segment, w)).collect(),
+            steps: segments.iter().filter_map(|segment| step(segment, similarities)).collect(),
         };
         append(manifest, &line)?;
         Ok(ExportFile { name, blob, size_bytes })
     }
 }
 
-fn step(segment: &KeptSegment, w: f64) -> Step<'_> {
+/// The steps that the file of a stretch holds: its own. A single step is no recording, so it takes the better
+/// of its neighbours along; the manifest and the file's own qualities tell which is which.
+fn file_steps(segments: &[KeptSegment], qualities: &[f32]) -> Option<RangeInclusive<usize>> {
+    let step = |segment: &KeptSegment| usize::try_from(segment.end_step).ok();
+    let (first, last) = (step(segments.first()?)?, step(segments.last()?)?);
+    if first < last {
+        return Some(first..=last);
+    }
+    let before = first.checked_sub(1).and_then(|before| qualities.get(before));
+    match (before, qualities.get(first + 1)) {
+        (Some(before), Some(after)) if after > before => Some(first..=first + 1),
+        (Some(_), _) => Some(first - 1..=first),
+        (None, Some(_)) => Some(first..=first + 1),
+        (None, None) => Some(first..=first),
+    }
+}
+
+fn step<'a>(segment: &'a KeptSegment, similarities: &[f64]) -> Option<Step<'a>> {
     let KeptSegment { end_step, weight, match_episode, match_step } = segment;
-    Step { step: *end_step, q: *weight, w, nearest_episode: match_episode.as_str(), nearest_step: *match_step }
+    let w = *similarities.get(usize::try_from(*end_step).ok()?)?;
+    Some(Step { step: *end_step, q: *weight, w, nearest_episode: match_episode.as_str(), nearest_step: *match_step })
 }
 
 fn append(manifest: &mut Vec<u8>, line: &Line<'_>) -> Result<(), Failure> {
@@ -195,5 +212,16 @@ mod tests {
         assert_eq!(stretches(&kept(&[0, 1, 2, 5, 6, 9])), [0..3, 3..5, 5..6]);
         assert_eq!(stretches(&kept(&[7, 9])), [0..1, 1..2]);
         assert!(stretches(&[]).is_empty());
+    }
+
+    #[test]
+    fn a_single_step_takes_its_better_neighbour_along() {
+        let q = [0.9, 0.1, 0.9, 0.3, 0.9];
+        assert_eq!(file_steps(&kept(&[1, 2, 3]), &q), Some(1..=3));
+        assert_eq!(file_steps(&kept(&[0]), &q), Some(0..=1));
+        assert_eq!(file_steps(&kept(&[2]), &q), Some(2..=3));
+        assert_eq!(file_steps(&kept(&[4]), &q), Some(3..=4));
+        assert_eq!(file_steps(&kept(&[0]), &q[..1]), Some(0..=0));
+        assert_eq!(file_steps(&[], &q), None);
     }
 }
