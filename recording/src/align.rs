@@ -26,17 +26,10 @@ pub(crate) struct Rule {
 impl Timeline {
     pub(crate) fn new(stamps: impl IntoIterator<Item = i64>) -> Self {
         let stamps: Vec<i64> = stamps.into_iter().collect();
-        let first_reversed = stamps
-            .windows(2)
-            .position(|pair| pair[1] < pair[0])
-            .map(|at| at + 1);
+        let first_reversed = stamps.windows(2).position(|pair| pair[1] < pair[0]).map(|at| at + 1);
         let mut order: Vec<usize> = (0..stamps.len()).collect();
         order.sort_by_key(|&at| stamps[at]);
-        Self {
-            stamps: order.iter().map(|&at| stamps[at]).collect(),
-            order,
-            first_reversed,
-        }
+        Self { stamps: order.iter().map(|&at| stamps[at]).collect(), order, first_reversed }
     }
 
     /// Positions of the clock's messages that become steps: each stamp once, and, when they come faster
@@ -56,11 +49,7 @@ impl Timeline {
             }
             // After a gap the grid begins anew.
             let next = due.saturating_add(rule.period);
-            due = if next <= stamp {
-                stamp.saturating_add(rule.period)
-            } else {
-                next
-            };
+            due = if next <= stamp { stamp.saturating_add(rule.period) } else { next };
             true
         });
         positions
@@ -68,34 +57,19 @@ impl Timeline {
 
     /// Median distance of neighbours among these positions; 0 with fewer than two.
     pub(crate) fn median_interval(&self, positions: &[usize]) -> i64 {
-        let mut intervals: Vec<i64> = positions
-            .windows(2)
-            .map(|pair| self.stamps[pair[1]].saturating_sub(self.stamps[pair[0]]))
-            .collect();
+        let mut intervals: Vec<i64> =
+            positions.windows(2).map(|pair| self.stamps[pair[1]].saturating_sub(self.stamps[pair[0]])).collect();
         intervals.sort_unstable();
-        intervals
-            .get(intervals.len() / 2)
-            .copied()
-            .unwrap_or_default()
+        intervals.get(intervals.len() / 2).copied().unwrap_or_default()
     }
 }
 
 impl Rule {
     pub(crate) fn new(spec: &TaskSpec) -> Self {
         let period = 1e9 / spec.rate_hz;
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "the rate is at least 0.01 Hz, a period of 1e11 ns"
-        )]
-        let (period, tolerance) = (
-            period.round() as i64,
-            (period * spec.tolerance).round() as i64,
-        );
-        Self {
-            period,
-            tolerance,
-            alignment: spec.alignment,
-        }
+        #[expect(clippy::cast_possible_truncation, reason = "the rate is at least 0.01 Hz, a period of 1e11 ns")]
+        let (period, tolerance) = (period.round() as i64, (period * spec.tolerance).round() as i64);
+        Self { period, tolerance, alignment: spec.alignment }
     }
 
     /// Position in the timeline of the message that a step at `stamp` sees; `None` before the first.
@@ -106,18 +80,13 @@ impl Rule {
     /// is the future.
     pub(crate) fn pick(self, timeline: &Timeline, stamp: i64) -> Option<usize> {
         let stamps = &timeline.stamps;
-        let last = stamps
-            .partition_point(|&at| at <= stamp.saturating_add(self.tolerance))
-            .checked_sub(1)?;
+        let last = stamps.partition_point(|&at| at <= stamp.saturating_add(self.tolerance)).checked_sub(1)?;
         let before = stamps.partition_point(|&at| at <= stamp).checked_sub(1);
         let Some(before) = before else {
             return Some(0);
         };
         let first_after = (before + 1).min(last);
-        let (age, ahead) = (
-            stamp.saturating_sub(stamps[before]),
-            stamps[first_after].saturating_sub(stamp),
-        );
+        let (age, ahead) = (stamp.saturating_sub(stamps[before]), stamps[first_after].saturating_sub(stamp));
         Some(match self.alignment {
             Alignment::LatestBefore if age <= self.period - self.tolerance => before,
             Alignment::Nearest if ahead <= 0 || age <= ahead => before,
@@ -146,11 +115,7 @@ mod tests {
 
     fn picks(alignment: Alignment, stream: &[i64], steps: &[i64]) -> Vec<Option<i64>> {
         let timeline = timeline(stream);
-        let pick = |step: &i64| {
-            rule(alignment)
-                .pick(&timeline, step * MS)
-                .map(|at| timeline.stamps[at] / MS)
-        };
+        let pick = |step: &i64| rule(alignment).pick(&timeline, step * MS).map(|at| timeline.stamps[at] / MS);
         steps.iter().map(pick).collect()
     }
 
@@ -169,14 +134,8 @@ mod tests {
 
     #[test]
     fn a_faster_stream_gives_nothing_from_the_future() {
-        assert_eq!(
-            picks(Alignment::LatestBefore, &[70, 90, 110], &[100]),
-            [Some(90)]
-        );
-        assert_eq!(
-            picks(Alignment::Nearest, &[70, 91, 102], &[100]),
-            [Some(102)]
-        );
+        assert_eq!(picks(Alignment::LatestBefore, &[70, 90, 110], &[100]), [Some(90)]);
+        assert_eq!(picks(Alignment::Nearest, &[70, 91, 102], &[100]), [Some(102)]);
         assert_eq!(picks(Alignment::Nearest, &[97, 103], &[100]), [Some(97)]);
     }
 
@@ -186,10 +145,7 @@ mod tests {
             picks(Alignment::LatestBefore, &[0, 300], &[100, 200, 270, 280]),
             [Some(0), Some(0), Some(0), Some(300)]
         );
-        assert_eq!(
-            picks(Alignment::LatestBefore, &[126], &[100, 200]),
-            [None, Some(126)]
-        );
+        assert_eq!(picks(Alignment::LatestBefore, &[126], &[100, 200]), [None, Some(126)]);
         assert_eq!(picks(Alignment::Nearest, &[10, 126], &[100]), [Some(10)]);
         assert_eq!(picks(Alignment::LatestBefore, &[], &[100]), [None]);
     }
@@ -199,11 +155,7 @@ mod tests {
         let rule = rule(Alignment::LatestBefore);
         let ticks = |clock: &[i64]| {
             let timeline = timeline(clock);
-            timeline
-                .ticks(rule)
-                .into_iter()
-                .map(|at| timeline.stamps[at] / MS)
-                .collect::<Vec<_>>()
+            timeline.ticks(rule).into_iter().map(|at| timeline.stamps[at] / MS).collect::<Vec<_>>()
         };
         let fast: Vec<i64> = (0..=20).map(|i| i * 20).collect();
         assert_eq!(ticks(&fast), [0, 100, 200, 300, 400]);
@@ -217,10 +169,7 @@ mod tests {
     #[test]
     fn reversed_stamps_are_put_in_order_and_told() {
         let timeline = timeline(&[0, 20, 10, 30]);
-        assert_eq!(
-            (timeline.order, timeline.first_reversed),
-            (vec![0, 2, 1, 3], Some(2))
-        );
+        assert_eq!((timeline.order, timeline.first_reversed), (vec![0, 2, 1, 3], Some(2)));
     }
 
     #[test]

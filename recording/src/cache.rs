@@ -5,22 +5,20 @@
 //! a recording and can be made again at any time.
 
 use std::fs::File;
-use std::io::{BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::io::Write;
+use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use memmap2::Mmap;
 use serde::{Deserialize, Serialize};
 
 use crate::error::RecordingError;
 use crate::frames::{Bytes, Episode, FrameBytes};
+use crate::whole_file::write_whole;
 
 const MAGIC: &[u8; 8] = b"GLEANFRM";
 const VERSION: u32 = 1;
 const ALIGNMENT: usize = 64;
-/// Tells the half-written files of one process apart.
-static NEXT_PARTIAL: AtomicU64 = AtomicU64::new(0);
 
 /// How many of each there are in the file.
 #[derive(Debug, Serialize, Deserialize)]
@@ -44,9 +42,7 @@ impl Episode {
             reason = "a cache is written beside its name, renamed once whole, and never changed after"
         )]
         let map = unsafe { Mmap::map(&file) }.map_err(|source| io(path, source))?;
-        parse(map).map_err(|problem| RecordingError::Cache {
-            problem: format!("{}: {problem}", path.display()),
-        })
+        parse(map).map_err(|problem| RecordingError::Cache { problem: format!("{}: {problem}", path.display()) })
     }
 
     /// Writes the episode as a frame cache. The file appears under its name only once it is whole.
@@ -54,19 +50,9 @@ impl Episode {
     /// # Errors
     /// [`RecordingError::Io`].
     pub fn write_cache(&self, path: &Path) -> Result<(), RecordingError> {
-        let partial = beside(path);
-        let written = File::create(&partial).and_then(|file| {
-            let mut out = BufWriter::new(file);
-            self.write_to(&mut out)?;
-            out.into_inner()
-                .map_err(std::io::IntoInnerError::into_error)?
-                .sync_all()?;
-            std::fs::rename(&partial, path)
-        });
-        written.map_err(|source| {
-            // The first error is the one to tell; what is left of the file is only tidied away.
-            let _ = std::fs::remove_file(&partial);
-            io(path, source)
+        write_whole(path, |mut out| match self.write_to(&mut out) {
+            Ok(()) => Ok(out),
+            Err(source) => Err(io(path, source)),
         })
     }
 
@@ -85,13 +71,8 @@ impl Episode {
         out.write_all(&header)?;
         let so_far = 16 + header.len();
         out.write_all(&vec![0; so_far.next_multiple_of(ALIGNMENT) - so_far])?;
-        self.stamps
-            .iter()
-            .try_for_each(|stamp| out.write_all(&stamp.to_le_bytes()))?;
-        self.proprioception
-            .iter()
-            .chain(&self.action)
-            .try_for_each(|value| out.write_all(&value.to_le_bytes()))?;
+        self.stamps.iter().try_for_each(|stamp| out.write_all(&stamp.to_le_bytes()))?;
+        self.proprioception.iter().chain(&self.action).try_for_each(|value| out.write_all(&value.to_le_bytes()))?;
         out.write_all(self.frames.as_ref())
     }
 }
@@ -105,39 +86,20 @@ fn parse(map: Mmap) -> Result<Episode, String> {
         return Err("it is not a frame cache".to_owned());
     }
     if u32::from_le_bytes(*version) != VERSION {
-        return Err(format!(
-            "it is of version {}, not {VERSION}",
-            u32::from_le_bytes(*version)
-        ));
+        return Err(format!("it is of version {}, not {VERSION}", u32::from_le_bytes(*version)));
     }
     let length = usize::try_from(u32::from_le_bytes(*length)).map_err(|_| cut())?;
     let header = rest.get(..length).ok_or_else(cut)?;
-    let header: Header = serde_json::from_slice(header)
-        .map_err(|error| format!("its header is broken ({error})"))?;
+    let header: Header = serde_json::from_slice(header).map_err(|error| format!("its header is broken ({error})"))?;
     let mut at = (16 + length).next_multiple_of(ALIGNMENT);
     let mut array = |count: usize, bytes: usize| {
-        let end = count
-            .checked_mul(bytes)
-            .and_then(|size| at.checked_add(size))
-            .ok_or_else(cut)?;
+        let end = count.checked_mul(bytes).and_then(|size| at.checked_add(size)).ok_or_else(cut)?;
         let part = map.get(at..end).ok_or_else(cut)?;
         at = end;
         Ok::<&[u8], String>(part)
     };
-    let stamps = array(header.stamps, 8)?
-        .as_chunks()
-        .0
-        .iter()
-        .map(|bytes| i64::from_le_bytes(*bytes))
-        .collect();
-    let floats = |bytes: &[u8]| {
-        bytes
-            .as_chunks()
-            .0
-            .iter()
-            .map(|bytes| f32::from_le_bytes(*bytes))
-            .collect()
-    };
+    let stamps = array(header.stamps, 8)?.as_chunks().0.iter().map(|bytes| i64::from_le_bytes(*bytes)).collect();
+    let floats = |bytes: &[u8]| bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
     let proprioception = floats(array(header.proprioception, 4)?);
     let action = floats(array(header.action, 4)?);
     let frames = array(header.frame_bytes, 1)?.len();
@@ -145,27 +107,11 @@ fn parse(map: Mmap) -> Result<Episode, String> {
         return Err("it is longer than its header says".to_owned());
     }
     let begin = map.len() - frames;
-    Ok(Episode {
-        stamps,
-        proprioception,
-        action,
-        frames: FrameBytes(Bytes::Mapped(Arc::new(map), begin)),
-    })
-}
-
-/// A name in the same folder that no other process or thread uses.
-fn beside(path: &Path) -> PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    let number = NEXT_PARTIAL.fetch_add(1, Ordering::Relaxed);
-    name.push(format!(".{}-{number}.partial", std::process::id()));
-    path.with_file_name(name)
+    Ok(Episode { stamps, proprioception, action, frames: FrameBytes(Bytes::Mapped(Arc::new(map), begin)) })
 }
 
 fn io(path: &Path, source: std::io::Error) -> RecordingError {
-    RecordingError::Io {
-        path: path.to_path_buf(),
-        source,
-    }
+    RecordingError::Io { path: path.to_path_buf(), source }
 }
 
 #[cfg(test)]
@@ -178,18 +124,9 @@ mod tests {
 
     fn episode() -> Episode {
         let spec = arm();
-        let frames = (0..3 * frame_bytes_per_step(&spec))
-            .map(|at| u8::try_from(at % 251).unwrap())
-            .collect();
+        let frames = (0..3 * frame_bytes_per_step(&spec)).map(|at| u8::try_from(at % 251).unwrap()).collect();
         let action = vec![f32::MIN_POSITIVE, -1.0, 0.1, 0.2, 0.3, 0.4];
-        Episode::new(
-            &spec,
-            vec![-5, 0, i64::MAX],
-            (0..9u8).map(f32::from).collect(),
-            action,
-            frames,
-        )
-        .unwrap()
+        Episode::new(&spec, vec![-5, 0, i64::MAX], (0..9u8).map(f32::from).collect(), action, frames).unwrap()
     }
 
     #[test]
@@ -218,26 +155,16 @@ mod tests {
         let whole = std::fs::read(&path).unwrap();
         let opens = |bytes: &[u8]| {
             std::fs::write(&path, bytes).unwrap();
-            Episode::open(&path)
-                .map(|_| ())
-                .map_err(|error| error.to_string())
+            Episode::open(&path).map(|_| ()).map_err(|error| error.to_string())
         };
         for cut in [0, 7, 15, 40, 130, whole.len() - 1] {
             assert!(opens(&whole[..cut]).is_err(), "cut at {cut}");
         }
-        assert!(
-            opens(&[&whole[..], &[0]].concat())
-                .unwrap_err()
-                .contains("longer")
-        );
+        assert!(opens(&[&whole[..], &[0]].concat()).unwrap_err().contains("longer"));
         let mut other = whole.clone();
         other[8] = 9;
         assert!(opens(&other).unwrap_err().contains("version 9"));
-        assert!(
-            opens(b"something else entirely")
-                .unwrap_err()
-                .contains("not a frame cache")
-        );
+        assert!(opens(b"something else entirely").unwrap_err().contains("not a frame cache"));
         assert!(opens(&whole).is_ok());
     }
 }

@@ -43,33 +43,14 @@ impl Channels {
     }
 
     /// Takes in a schema or channel; only wanted topics get a decoder. A channel that is new is described.
-    pub(crate) fn learn(
-        &mut self,
-        record: &Record<'_>,
-        wanted: &dyn Fn(&str) -> bool,
-    ) -> Option<TopicReport> {
+    pub(crate) fn learn(&mut self, record: &Record<'_>, wanted: &dyn Fn(&str) -> bool) -> Option<TopicReport> {
         match record {
-            Record::Schema {
-                id,
-                name,
-                encoding,
-                data,
-            } => {
-                let schema = Schema {
-                    name: (*name).into(),
-                    encoding: (*encoding).into(),
-                    data: data.to_vec(),
-                };
+            Record::Schema { id, name, encoding, data } => {
+                let schema = Schema { name: (*name).into(), encoding: (*encoding).into(), data: data.to_vec() };
                 self.schemas.insert(*id, schema);
                 None
             }
-            Record::Channel {
-                id,
-                schema_id,
-                topic,
-                encoding,
-                ..
-            } if !self.channels.contains_key(id) => {
+            Record::Channel { id, schema_id, topic, encoding, .. } if !self.channels.contains_key(id) => {
                 let schema = self.schemas.get(schema_id).cloned().unwrap_or_default();
                 let described = ChannelSchema {
                     message_encoding: encoding,
@@ -77,26 +58,12 @@ impl Channels {
                     name: &schema.name,
                     data: &schema.data,
                 };
-                let decoder = if wanted(topic) {
-                    Decoder::new(described)
-                } else {
-                    Err("not read".to_owned())
-                };
-                let topic_at = self
-                    .topics
-                    .iter()
-                    .position(|(known, _)| known == topic)
-                    .unwrap_or(self.topics.len());
+                let decoder = if wanted(topic) { Decoder::new(described) } else { Err("not read".to_owned()) };
+                let topic_at = self.topics.iter().position(|(known, _)| known == topic).unwrap_or(self.topics.len());
                 if topic_at == self.topics.len() {
                     self.topics.push(((*topic).to_owned(), 0));
                 }
-                self.channels.insert(
-                    *id,
-                    Channel {
-                        topic: topic_at,
-                        decoder,
-                    },
-                );
+                self.channels.insert(*id, Channel { topic: topic_at, decoder });
                 Some(TopicReport {
                     topic: (*topic).to_owned(),
                     schema: schema.name,
@@ -105,10 +72,7 @@ impl Channels {
                     used: false,
                 })
             }
-            Record::Channel { .. }
-            | Record::Header { .. }
-            | Record::Message { .. }
-            | Record::Metadata { .. } => None,
+            Record::Channel { .. } | Record::Header { .. } | Record::Message { .. } | Record::Metadata { .. } => None,
         }
     }
 }

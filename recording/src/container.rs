@@ -39,21 +39,14 @@ pub(crate) fn scan(
     path: &Path,
     visit: &mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>,
 ) -> Result<Ending, RecordingError> {
-    let io = |source| RecordingError::Io {
-        path: path.to_path_buf(),
-        source,
-    };
+    let io = |source| RecordingError::Io { path: path.to_path_buf(), source };
     let mut file = File::open(path).map_err(io)?;
     if file.metadata().map_err(io)?.len() == 0 {
-        return Err(RecordingError::Empty {
-            path: path.to_path_buf(),
-        });
+        return Err(RecordingError::Empty { path: path.to_path_buf() });
     }
     let mut magic = [0; mcap::MAGIC.len()];
     if file.read_exact(&mut magic).is_err() || magic != mcap::MAGIC {
-        return Err(RecordingError::NotMcap {
-            path: path.to_path_buf(),
-        });
+        return Err(RecordingError::NotMcap { path: path.to_path_buf() });
     }
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
@@ -93,19 +86,12 @@ fn next_event(reader: &mut LinearReader) -> Option<Result<LinearReadEvent<'_>, M
 }
 
 fn damaged(error: &McapError) -> RecordingError {
-    match error {
-        McapError::RecordTooLarge { .. } | McapError::ChunkTooLarge(_) => {
-            RecordingError::TooLarge {
-                problem: format!(
-                    "{error}; a record may have {} MiB, so the file is damaged or not meant for this",
-                    MAX_RECORD_BYTES >> 20
-                ),
-            }
-        }
-        other => RecordingError::Damaged {
-            problem: format!("{other}; record or copy the file again"),
-        },
+    if matches!(error, McapError::RecordTooLarge { .. } | McapError::ChunkTooLarge(_)) {
+        let limit = MAX_RECORD_BYTES >> 20;
+        let problem = format!("{error}; a record may have {limit} MiB, so the file is damaged or of another kind");
+        return RecordingError::TooLarge { problem };
     }
+    RecordingError::Damaged { problem: format!("{error}; record or copy the file again") }
 }
 
 #[cfg(test)]
@@ -132,20 +118,11 @@ mod tests {
 
     fn ten_messages(options: mcap::WriteOptions) -> Vec<u8> {
         let mut writer = options.create(std::io::Cursor::new(Vec::new())).unwrap();
-        let channel = writer
-            .add_channel(0, "/x", "json", &BTreeMap::new())
-            .unwrap();
+        let channel = writer.add_channel(0, "/x", "json", &BTreeMap::new()).unwrap();
         for i in 0..10u32 {
             let time = u64::from(i);
-            let header = MessageHeader {
-                channel_id: channel,
-                sequence: i,
-                log_time: time,
-                publish_time: time,
-            };
-            writer
-                .write_to_known_channel(&header, b"{\"a\":1}")
-                .unwrap();
+            let header = MessageHeader { channel_id: channel, sequence: i, log_time: time, publish_time: time };
+            writer.write_to_known_channel(&header, b"{\"a\":1}").unwrap();
         }
         writer.finish().unwrap();
         writer.into_inner().into_inner()
@@ -179,55 +156,22 @@ mod tests {
 
     #[test]
     fn says_what_is_no_mcap_file() {
-        assert!(matches!(
-            scan_bytes(b"").0,
-            Err(RecordingError::Empty { .. })
-        ));
-        assert!(matches!(
-            scan_bytes(b"PK\x03\x04 a zip file, say").0,
-            Err(RecordingError::NotMcap { .. })
-        ));
+        assert!(matches!(scan_bytes(b"").0, Err(RecordingError::Empty { .. })));
+        assert!(matches!(scan_bytes(b"PK\x03\x04 a zip file, say").0, Err(RecordingError::NotMcap { .. })));
     }
 
     #[test]
     fn a_changed_byte_in_a_chunk_is_damage() {
         let mut bytes = ten_messages(mcap::WriteOptions::new().compression(None));
-        let at = bytes
-            .windows(7)
-            .position(|window| window == b"{\"a\":1}")
-            .unwrap();
+        let at = bytes.windows(7).position(|window| window == b"{\"a\":1}").unwrap();
         bytes[at + 5] = b'2';
-        assert!(matches!(
-            scan_bytes(&bytes).0,
-            Err(RecordingError::Damaged { .. })
-        ));
+        assert!(matches!(scan_bytes(&bytes).0, Err(RecordingError::Damaged { .. })));
     }
 
     #[test]
     fn a_string_longer_than_its_record_is_damage() {
         let mut bytes = mcap::MAGIC.to_vec();
-        bytes.extend([
-            op::SCHEMA,
-            8,
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
-            1,
-            0,
-            0xff,
-            0xff,
-            0xff,
-            0xff,
-            b'a',
-            b'b',
-        ]);
-        assert!(matches!(
-            scan_bytes(&bytes).0,
-            Err(RecordingError::Damaged { .. })
-        ));
+        bytes.extend([op::SCHEMA, 8, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0xff, 0xff, 0xff, 0xff, b'a', b'b']);
+        assert!(matches!(scan_bytes(&bytes).0, Err(RecordingError::Damaged { .. })));
     }
 }

@@ -35,9 +35,7 @@ impl Decoder {
     /// Prepares to read a channel's messages; the error says why that can't be done and the mend.
     pub(crate) fn new(schema: ChannelSchema<'_>) -> Result<Self, String> {
         match (schema.message_encoding, schema.schema_encoding) {
-            ("protobuf", "protobuf") => {
-                protobuf::Decoder::new(schema.name, schema.data).map(Self::Protobuf)
-            }
+            ("protobuf", "protobuf") => protobuf::Decoder::new(schema.name, schema.data).map(Self::Protobuf),
             ("cdr", "ros2msg") => cdr::Decoder::new(schema.name, schema.data).map(Self::Cdr),
             ("json", _) => Ok(Self::Json),
             (message, schema) => Err(format!(

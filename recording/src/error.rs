@@ -48,14 +48,6 @@ pub enum RecordingError {
         /// What is over which limit, and the mend.
         problem: String,
     },
-    /// A topic's schema can't be understood.
-    #[error("topic {topic}: {problem}")]
-    Schema {
-        /// The topic.
-        topic: String,
-        /// What is wrong and the mend.
-        problem: String,
-    },
     /// A field path does not lead to numbers in a message.
     #[error("topic {topic}, path {path}: {problem}")]
     Field {
@@ -64,16 +56,6 @@ pub enum RecordingError {
         /// The path as written in the mapping.
         path: String,
         /// What is wrong, which fields there are, and the mend.
-        problem: String,
-    },
-    /// A message's bytes do not follow its schema.
-    #[error("topic {topic}, message {index}: {problem}")]
-    Message {
-        /// The topic.
-        topic: String,
-        /// Which message of the topic, from 0.
-        index: u64,
-        /// What is wrong and the mend.
         problem: String,
     },
     /// The recording was read and has findings of severity error: the report names each.

@@ -15,6 +15,7 @@ use crate::container::{Record, scan};
 use crate::error::RecordingError;
 use crate::plan::{Plan, plan};
 use crate::spec::TaskSpec;
+use crate::whole_file::write_whole;
 use crate::write::mcap_writer;
 
 /// Topic of each kept step's q and w.
@@ -41,87 +42,41 @@ pub struct Kept {
 ///
 /// # Errors
 /// As [`crate::read_episode`], and [`RecordingError::Step`] when the stretch is not in the episode.
-pub fn extract(
-    path: &Path,
-    spec: &TaskSpec,
-    kept: &Kept,
-    out: &Path,
-) -> Result<(), RecordingError> {
+pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<(), RecordingError> {
     spec.validate()?;
     let plan = plan(path, spec)?;
     let steps = check(kept, plan.stamps.len())?;
-    let io = |source| RecordingError::Io {
-        path: out.to_path_buf(),
-        source,
-    };
-    let file = BufWriter::new(File::create(out).map_err(io)?);
-    let mut copy = Copy {
-        keep: keep(&plan, &steps),
-        clock: plan.clock_topic.as_str(),
-        ticks: steps.clone().map(|step| (plan.clock[step], step)).collect(),
-        window: plan.log_times[*steps.start()]..=plan.log_times[*steps.end()],
-        kept,
-        schemas: HashMap::new(),
-        copied: HashMap::new(),
-        writer: mcap_writer(file, &plan.profile)?,
-    };
-    let quality = copy
-        .writer
-        .add_channel(0, QUALITY_TOPIC, "json", &BTreeMap::new())
-        .map_err(RecordingError::Write)?;
-    let mut channels = Channels::default();
-    scan(path, &mut |record| match record {
-        Record::Message { header, data } => {
-            let Some((topic, at, _)) = channels.next(header.channel_id) else {
-                return Ok(());
-            };
-            copy.message(topic, at, header, data)?;
-            copy.quality(quality, topic, at, header)
-        }
-        other => {
-            channels.learn(&other, &|_| false);
-            copy.declare(&other)
-        }
-    })?;
-    let source = path
-        .file_name()
-        .unwrap_or_default()
-        .to_string_lossy()
-        .into_owned();
-    let values = [
+    let source = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let origin = [
         ("source", source),
         ("task", spec.name.clone()),
         ("mapping", spec.mappings[plan.mapping].name.clone()),
         ("first_step", kept.first_step.to_string()),
         ("last_step", kept.last_step.to_string()),
     ];
-    let metadata = values
-        .into_iter()
-        .map(|(key, value)| (key.to_owned(), value))
-        .collect();
-    copy.writer
-        .write_metadata(&Metadata {
-            name: "gleaner".to_owned(),
-            metadata,
-        })
-        .map_err(RecordingError::Write)?;
-    copy.writer.finish().map_err(RecordingError::Write)?;
-    let file = copy.writer.into_inner();
-    file.into_inner()
-        .map_err(|error| io(error.into_error()))?
-        .sync_all()
-        .map_err(io)
+    let origin = origin.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    write_whole(out, |file| {
+        let mut writer = mcap_writer(file, &plan.profile)?;
+        let quality = writer.add_channel(0, QUALITY_TOPIC, "json", &BTreeMap::new()).map_err(RecordingError::Write)?;
+        let copy = Copy {
+            keep: keep(&plan, &steps),
+            clock: plan.clock_topic.as_str(),
+            ticks: steps.clone().map(|step| (plan.clock[step], step)).collect(),
+            window: plan.log_times[*steps.start()]..=plan.log_times[*steps.end()],
+            kept,
+            schemas: HashMap::new(),
+            copied: HashMap::new(),
+            quality,
+            writer,
+        };
+        copy.run(path, origin)
+    })
 }
 
 /// The stretch as a range of steps.
 fn check(kept: &Kept, steps: usize) -> Result<RangeInclusive<usize>, RecordingError> {
-    let wrong = |problem: String| RecordingError::Step {
-        step: kept.first_step,
-        problem,
-    };
-    let range = usize::try_from(kept.first_step)
-        .ok()
-        .zip(usize::try_from(kept.last_step).ok());
+    let wrong = |problem: String| RecordingError::Step { step: kept.first_step, problem };
+    let range = usize::try_from(kept.first_step).ok().zip(usize::try_from(kept.last_step).ok());
     let Some((first, last)) = range.filter(|(first, last)| first <= last && *last < steps) else {
         return Err(wrong(format!(
             "the stretch up to step {} is not within the episode's {steps} steps; give first ≤ last < {steps}",
@@ -169,62 +124,51 @@ struct Copy<'a> {
     /// Identifiers in the source to identifiers in the copy.
     schemas: HashMap<u16, u16>,
     copied: HashMap<u16, u16>,
+    /// Channel of the q and w.
+    quality: u16,
     writer: mcap::Writer<BufWriter<File>>,
 }
 
 impl Copy<'_> {
+    fn run(mut self, path: &Path, origin: BTreeMap<String, String>) -> Result<BufWriter<File>, RecordingError> {
+        let mut channels = Channels::default();
+        scan(path, &mut |record| {
+            if let Record::Message { header, data } = record {
+                let Some((topic, at, _)) = channels.next(header.channel_id) else { return Ok(()) };
+                self.message(topic, at, header, data)?;
+                return self.quality(topic, at, header);
+            }
+            channels.learn(&record, &|_| false);
+            self.declare(&record)
+        })?;
+        let origin = Metadata { name: "gleaner".to_owned(), metadata: origin };
+        self.writer.write_metadata(&origin).map_err(RecordingError::Write)?;
+        self.writer.finish().map_err(RecordingError::Write)?;
+        Ok(self.writer.into_inner())
+    }
+
     fn declare(&mut self, record: &Record<'_>) -> Result<(), RecordingError> {
         match record {
-            Record::Schema {
-                id,
-                name,
-                encoding,
-                data,
-            } if !self.schemas.contains_key(id) => {
-                let copied = self
-                    .writer
-                    .add_schema(name, encoding, data)
-                    .map_err(RecordingError::Write)?;
+            Record::Schema { id, name, encoding, data } if !self.schemas.contains_key(id) => {
+                let copied = self.writer.add_schema(name, encoding, data).map_err(RecordingError::Write)?;
                 self.schemas.insert(*id, copied);
             }
-            Record::Channel {
-                id,
-                schema_id,
-                topic,
-                encoding,
-                metadata,
-            } if !self.copied.contains_key(id) => {
+            Record::Channel { id, schema_id, topic, encoding, metadata } if !self.copied.contains_key(id) => {
                 let schema = self.schemas.get(schema_id).copied().unwrap_or_default();
-                let copied = self
-                    .writer
-                    .add_channel(schema, topic, encoding, metadata)
-                    .map_err(RecordingError::Write)?;
+                let copied =
+                    self.writer.add_channel(schema, topic, encoding, metadata).map_err(RecordingError::Write)?;
                 self.copied.insert(*id, copied);
             }
             Record::Metadata { name, values } => {
-                let metadata = Metadata {
-                    name: (*name).to_owned(),
-                    metadata: values.clone(),
-                };
-                self.writer
-                    .write_metadata(&metadata)
-                    .map_err(RecordingError::Write)?;
+                let metadata = Metadata { name: (*name).to_owned(), metadata: values.clone() };
+                self.writer.write_metadata(&metadata).map_err(RecordingError::Write)?;
             }
-            Record::Schema { .. }
-            | Record::Channel { .. }
-            | Record::Header { .. }
-            | Record::Message { .. } => {}
+            Record::Schema { .. } | Record::Channel { .. } | Record::Header { .. } | Record::Message { .. } => {}
         }
         Ok(())
     }
 
-    fn message(
-        &mut self,
-        topic: &str,
-        at: usize,
-        header: MessageHeader,
-        data: &[u8],
-    ) -> Result<(), RecordingError> {
+    fn message(&mut self, topic: &str, at: usize, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {
         let wanted = match self.keep.get(topic) {
             // An extract of an extract has its own.
             _ if topic == QUALITY_TOPIC => false,
@@ -234,40 +178,22 @@ impl Copy<'_> {
         match self.copied.get(&header.channel_id) {
             Some(&channel_id) if wanted => self
                 .writer
-                .write_to_known_channel(
-                    &MessageHeader {
-                        channel_id,
-                        ..header
-                    },
-                    data,
-                )
+                .write_to_known_channel(&MessageHeader { channel_id, ..header }, data)
                 .map_err(RecordingError::Write),
             _ => Ok(()),
         }
     }
 
     /// After a kept message of the clock, its step's q and w.
-    fn quality(
-        &mut self,
-        channel_id: u16,
-        topic: &str,
-        at: usize,
-        header: MessageHeader,
-    ) -> Result<(), RecordingError> {
+    fn quality(&mut self, topic: &str, at: usize, header: MessageHeader) -> Result<(), RecordingError> {
         let Some(&step) = self.ticks.get(&at).filter(|_| topic == self.clock) else {
             return Ok(());
         };
         // The stretch was checked to begin at or before the step and to hold a value for it.
-        let within =
-            usize::try_from(self.kept.first_step).map_or(0, |first| step.saturating_sub(first));
+        let within = usize::try_from(self.kept.first_step).map_or(0, |first| step.saturating_sub(first));
         let value = serde_json::json!({"step": step, "q": self.kept.quality[within], "w": self.kept.weight[within]});
-        let header = MessageHeader {
-            channel_id,
-            ..header
-        };
-        self.writer
-            .write_to_known_channel(&header, value.to_string().as_bytes())
-            .map_err(RecordingError::Write)
+        let header = MessageHeader { channel_id: self.quality, ..header };
+        self.writer.write_to_known_channel(&header, value.to_string().as_bytes()).map_err(RecordingError::Write)
     }
 }
 

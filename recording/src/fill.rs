@@ -19,21 +19,13 @@ use crate::spec::TaskSpec;
 ///
 /// # Errors
 /// Those of the container, and [`RecordingError::TooLarge`] when the frames do not fit into memory.
-pub(crate) fn fill(
-    path: &Path,
-    spec: &TaskSpec,
-    plan: &mut Plan,
-) -> Result<Vec<u8>, RecordingError> {
+pub(crate) fn fill(path: &Path, spec: &TaskSpec, plan: &mut Plan) -> Result<Vec<u8>, RecordingError> {
     let step_bytes = frame_bytes_per_step(spec);
     let mut filler = Filler {
         spec,
         plan,
         step_bytes,
-        offsets: plan
-            .images
-            .iter()
-            .map(|stream| offset(spec, stream.camera, stream.channel))
-            .collect(),
+        offsets: plan.images.iter().map(|stream| offset(spec, stream.camera, stream.channel)).collect(),
         places: places(plan),
         frames: reserve(plan.stamps.len(), step_bytes)?,
         problems: plan.images.iter().map(|_| None).collect(),
@@ -49,27 +41,15 @@ pub(crate) fn fill(
             Ok(())
         })?;
     }
-    let Filler {
-        frames, problems, ..
-    } = filler;
+    let Filler { frames, problems, .. } = filler;
     for (at, problem) in problems.into_iter().enumerate() {
         let Some(Problem { step, error, count }) = problem else {
             continue;
         };
         let wrong_size = matches!(error, RecordingError::WrongSize { .. });
-        let code = if wrong_size {
-            FindingCode::WrongSize
-        } else {
-            FindingCode::BrokenImage
-        };
+        let code = if wrong_size { FindingCode::WrongSize } else { FindingCode::BrokenImage };
         let detail = format!("{error} ({count} images alike)");
-        plan.report.add(
-            Severity::Error,
-            code,
-            &plan.images[at].topic,
-            Some(step),
-            detail,
-        );
+        plan.report.add(Severity::Error, code, &plan.images[at].topic, Some(step), detail);
     }
     Ok(frames)
 }
@@ -96,19 +76,11 @@ struct Problem {
 }
 
 impl Filler<'_> {
-    fn message(
-        &mut self,
-        channel: Option<(&str, usize, &Result<crate::dialect::Decoder, String>)>,
-        data: &[u8],
-    ) {
+    fn message(&mut self, channel: Option<(&str, usize, &Result<crate::dialect::Decoder, String>)>, data: &[u8]) {
         let Some((topic, at, Ok(decoder))) = channel else {
             return;
         };
-        let Some(places) = self
-            .places
-            .get_mut(topic)
-            .and_then(|messages| messages.remove(&at))
-        else {
+        let Some(places) = self.places.get_mut(topic).and_then(|messages| messages.remove(&at)) else {
             return;
         };
         // A message that can't be decoded was found in the first pass.
@@ -116,11 +88,7 @@ impl Filler<'_> {
             return;
         };
         for stream in 0..self.plan.images.len() {
-            let steps: Vec<usize> = places
-                .iter()
-                .filter(|(of, _)| *of == stream)
-                .map(|(_, step)| *step)
-                .collect();
+            let steps: Vec<usize> = places.iter().filter(|(of, _)| *of == stream).map(|(_, step)| *step).collect();
             if let Some(&first) = steps.first() {
                 self.image(stream, &message, first, &steps);
             }
@@ -138,13 +106,7 @@ impl Filler<'_> {
             }
             Err(error) => {
                 let step = first as u64;
-                self.problems[at]
-                    .get_or_insert(Problem {
-                        step,
-                        error,
-                        count: 0,
-                    })
-                    .count += 1;
+                self.problems[at].get_or_insert(Problem { step, error, count: 0 }).count += 1;
             }
         }
     }
@@ -181,23 +143,10 @@ fn reserve(steps: usize, step_bytes: usize) -> Result<Vec<u8>, RecordingError> {
 
 /// Where a camera's image begins within a step.
 fn offset(spec: &TaskSpec, camera: usize, channel: Channel) -> usize {
-    let whole = |camera| {
-        Channel::Color.bytes(camera)
-            + if camera.depth {
-                Channel::Depth.bytes(camera)
-            } else {
-                0
-            }
-    };
+    let whole = |camera| Channel::Color.bytes(camera) + if camera.depth { Channel::Depth.bytes(camera) } else { 0 };
     let before: usize = spec.cameras.iter().take(camera).map(whole).sum();
     match channel {
         Channel::Color => before,
-        Channel::Depth => {
-            before
-                + spec
-                    .cameras
-                    .get(camera)
-                    .map_or(0, |camera| Channel::Color.bytes(camera))
-        }
+        Channel::Depth => before + spec.cameras.get(camera).map_or(0, |camera| Channel::Color.bytes(camera)),
     }
 }

@@ -60,11 +60,7 @@ impl Episode {
         frames: Vec<u8>,
     ) -> Result<Self, RecordingError> {
         let lengths = [
-            (
-                "proprioception",
-                proprioception.len(),
-                spec.proprioception_size(),
-            ),
+            ("proprioception", proprioception.len(), spec.proprioception_size()),
             ("action", action.len(), spec.action_size()),
             ("frames", frames.len(), frame_bytes_per_step(spec)),
         ];
@@ -74,18 +70,10 @@ impl Episode {
                     "{what} has {found} elements, but {} steps of {per_step} are wanted; give every step all of them",
                     stamps.len()
                 );
-                return Err(RecordingError::Step {
-                    step: stamps.len() as u64,
-                    problem,
-                });
+                return Err(RecordingError::Step { step: stamps.len() as u64, problem });
             }
         }
-        Ok(Self {
-            stamps,
-            proprioception,
-            action,
-            frames: FrameBytes(Bytes::Memory(Arc::new(frames))),
-        })
+        Ok(Self { stamps, proprioception, action, frames: FrameBytes(Bytes::Memory(Arc::new(frames))) })
     }
 
     /// Number of steps T.
@@ -133,26 +121,10 @@ mod tests {
     #[test]
     fn arrays_that_do_not_fit_are_refused_by_name() {
         let step = frame_bytes_per_step(&arm());
-        let build =
-            |m, a, o| Episode::new(&arm(), vec![1, 2], vec![0.0; m], vec![0.0; a], vec![0; o]);
+        let build = |m, a, o| Episode::new(&arm(), vec![1, 2], vec![0.0; m], vec![0.0; a], vec![0; o]);
         assert_eq!(build(6, 4, 2 * step).unwrap().steps(), 2);
-        assert!(
-            build(5, 4, 2 * step)
-                .unwrap_err()
-                .to_string()
-                .contains("proprioception")
-        );
-        assert!(
-            build(6, 3, 2 * step)
-                .unwrap_err()
-                .to_string()
-                .contains("action")
-        );
-        assert!(
-            build(6, 4, step)
-                .unwrap_err()
-                .to_string()
-                .contains("frames")
-        );
+        assert!(build(5, 4, 2 * step).unwrap_err().to_string().contains("proprioception"));
+        assert!(build(6, 3, 2 * step).unwrap_err().to_string().contains("action"));
+        assert!(build(6, 4, step).unwrap_err().to_string().contains("frames"));
     }
 }

@@ -39,28 +39,19 @@ pub enum PixelFormat {
 ///
 /// # Errors
 /// [`RecordingError::WrongSize`] or [`RecordingError::BrokenImage`].
-pub fn decode_color(
-    bytes: &[u8],
-    format: PixelFormat,
-    height: u32,
-    width: u32,
-) -> Result<Vec<u8>, RecordingError> {
+pub fn decode_color(bytes: &[u8], format: PixelFormat, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
     let codec = match format {
         PixelFormat::Jpeg => Some(ImageFormat::Jpeg),
         PixelFormat::Png => Some(ImageFormat::Png),
         PixelFormat::Rgb8 => None,
         PixelFormat::Depth16 => {
-            return Err(broken(
-                "depth pixels are given where color is wanted; send RGB8, JPEG or PNG",
-            ));
+            return Err(broken("depth pixels are given where color is wanted; send RGB8, JPEG or PNG"));
         }
         PixelFormat::Auto => codec_of(bytes),
     };
     match codec {
         Some(codec) => Ok(decode(bytes, codec, height, width)?.into_rgb8().into_raw()),
-        None => {
-            exact(bytes, pixels(height, width)?.saturating_mul(3), "8-bit RGB").map(<[u8]>::to_vec)
-        }
+        None => exact(bytes, pixels(height, width)?.saturating_mul(3), "8-bit RGB").map(<[u8]>::to_vec),
     }
 }
 
@@ -68,61 +59,37 @@ pub fn decode_color(
 ///
 /// # Errors
 /// [`RecordingError::WrongSize`] or [`RecordingError::BrokenImage`].
-pub fn decode_depth(
-    bytes: &[u8],
-    format: PixelFormat,
-    height: u32,
-    width: u32,
-) -> Result<Vec<u8>, RecordingError> {
+pub fn decode_depth(bytes: &[u8], format: PixelFormat, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
     let bytes = match bytes.get(ROS_DEPTH_PREFIX..) {
         Some(inner) if format == PixelFormat::Auto && inner.starts_with(PNG_MAGIC) => inner,
         _ => bytes,
     };
     match format {
         PixelFormat::Jpeg | PixelFormat::Rgb8 => {
-            return Err(broken(
-                "color pixels are given where depth is wanted; send 16-bit millimetres raw or as PNG",
-            ));
+            return Err(broken("color pixels are given where depth is wanted; send 16-bit millimetres raw or as PNG"));
         }
         PixelFormat::Auto if !bytes.starts_with(PNG_MAGIC) && codec_of(bytes).is_some() => {
-            return Err(broken(
-                "depth is compressed with loss; record it raw or as 16-bit PNG",
-            ));
+            return Err(broken("depth is compressed with loss; record it raw or as 16-bit PNG"));
         }
         PixelFormat::Auto if bytes.starts_with(PNG_MAGIC) => {}
         PixelFormat::Png => {}
         PixelFormat::Depth16 | PixelFormat::Auto => {
-            return exact(
-                bytes,
-                pixels(height, width)?.saturating_mul(2),
-                "16-bit depth",
-            )
-            .map(<[u8]>::to_vec);
+            return exact(bytes, pixels(height, width)?.saturating_mul(2), "16-bit depth").map(<[u8]>::to_vec);
         }
     }
-    match decode(bytes, ImageFormat::Png, height, width)? {
-        DynamicImage::ImageLuma16(image) => Ok(image
-            .into_raw()
-            .into_iter()
-            .flat_map(u16::to_le_bytes)
-            .collect()),
-        other => Err(broken(format!(
-            "the depth PNG has {:?} pixels; save it as 16-bit gray in millimetres",
-            other.color()
-        ))),
+    let image = decode(bytes, ImageFormat::Png, height, width)?;
+    if let DynamicImage::ImageLuma16(image) = image {
+        return Ok(image.into_raw().into_iter().flat_map(u16::to_le_bytes).collect());
     }
+    let found = image.color();
+    Err(broken(format!("the depth PNG has {found:?} pixels; save it as 16-bit gray in millimetres")))
 }
 
 /// Encodes height × width × 3 bytes of RGB as JPEG of this quality (1 to 100).
 ///
 /// # Errors
 /// [`RecordingError::BrokenImage`] when the bytes are not of that size.
-pub fn encode_jpeg(
-    rgb: &[u8],
-    height: u32,
-    width: u32,
-    quality: u8,
-) -> Result<Vec<u8>, RecordingError> {
+pub fn encode_jpeg(rgb: &[u8], height: u32, width: u32, quality: u8) -> Result<Vec<u8>, RecordingError> {
     let rgb = exact(rgb, pixels(height, width)?.saturating_mul(3), "8-bit RGB")?;
     let mut out = Vec::new();
     JpegEncoder::new_with_quality(&mut out, quality.clamp(1, 100))
@@ -135,35 +102,15 @@ pub fn encode_jpeg(
 fn codec_of(bytes: &[u8]) -> Option<ImageFormat> {
     match bytes {
         [0xff, 0xd8, 0xff, ..] => Some(ImageFormat::Jpeg),
-        [
-            b'R',
-            b'I',
-            b'F',
-            b'F',
-            _,
-            _,
-            _,
-            _,
-            b'W',
-            b'E',
-            b'B',
-            b'P',
-            ..,
-        ] => Some(ImageFormat::WebP),
+        [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => Some(ImageFormat::WebP),
         _ if bytes.starts_with(PNG_MAGIC) => Some(ImageFormat::Png),
         _ => None,
     }
 }
 
 /// Looks at the size in the image's header first, so that a false one costs nothing.
-fn decode(
-    bytes: &[u8],
-    codec: ImageFormat,
-    height: u32,
-    width: u32,
-) -> Result<DynamicImage, RecordingError> {
-    let mend =
-        |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));
+fn decode(bytes: &[u8], codec: ImageFormat, height: u32, width: u32) -> Result<DynamicImage, RecordingError> {
+    let mend = |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));
     // The decoder fills what a cut JPEG lacks with gray and says nothing.
     if codec == ImageFormat::Jpeg && !bytes.windows(2).rev().any(|marker| marker == [0xff, 0xd9]) {
         return Err(broken("the JPEG ends in the middle; record it again"));
@@ -183,12 +130,7 @@ fn check_size(wanted: (u32, u32), found: (u32, u32)) -> Result<(), RecordingErro
     if wanted == found {
         return Ok(());
     }
-    Err(RecordingError::WrongSize {
-        height: wanted.0,
-        width: wanted.1,
-        found_height: found.0,
-        found_width: found.1,
-    })
+    Err(RecordingError::WrongSize { height: wanted.0, width: wanted.1, found_height: found.0, found_width: found.1 })
 }
 
 fn exact<'a>(bytes: &'a [u8], length: usize, what: &str) -> Result<&'a [u8], RecordingError> {
@@ -202,14 +144,11 @@ fn exact<'a>(bytes: &'a [u8], length: usize, what: &str) -> Result<&'a [u8], Rec
 }
 
 fn pixels(height: u32, width: u32) -> Result<usize, RecordingError> {
-    usize::try_from(u64::from(height) * u64::from(width))
-        .map_err(|_| broken("the image is too large for this machine"))
+    usize::try_from(u64::from(height) * u64::from(width)).map_err(|_| broken("the image is too large for this machine"))
 }
 
 fn broken(problem: impl Into<String>) -> RecordingError {
-    RecordingError::BrokenImage {
-        problem: problem.into(),
-    }
+    RecordingError::BrokenImage { problem: problem.into() }
 }
 
 #[cfg(test)]

@@ -24,43 +24,21 @@ pub(crate) fn failures(tracks: &Tracks, spec: &TaskSpec, mapping: usize, report:
             continue;
         };
         if let Some(Failure { code, first, count }) = &track.failure {
-            report.add(
-                Severity::Error,
-                *code,
-                topic,
-                None,
-                format!("{first} ({count} messages alike)"),
-            );
+            report.add(Severity::Error, *code, topic, None, format!("{first} ({count} messages alike)"));
         }
         for field in track.fields.iter().filter(|field| field.mapping == mapping) {
             let source = &used.fields[field.source];
             let place = format!("topic {topic}, path {}", source.paths.join(" "));
             if let Some(Failure { code, first, count }) = &field.failure {
-                let detail = format!(
-                    "{place}: {first} ({count} messages alike); correct the mapping or the recording"
-                );
+                let detail = format!("{place}: {first} ({count} messages alike); correct the mapping or the recording");
                 report.add(Severity::Error, *code, &source.field, None, detail);
             } else if let (true, Some(absent)) = (field.messages.is_empty(), &field.absent) {
-                let detail = format!(
-                    "{place}: no message has all the wanted names: {absent}; correct the mapping's names"
-                );
-                report.add(
-                    Severity::Error,
-                    FindingCode::MissingField,
-                    &source.field,
-                    None,
-                    detail,
-                );
-            } else if field.messages.is_empty() && track.failure.is_none() {
                 let detail =
-                    format!("{place}: no message carries it; correct the mapping or the recording");
-                report.add(
-                    Severity::Error,
-                    FindingCode::MissingField,
-                    &source.field,
-                    None,
-                    detail,
-                );
+                    format!("{place}: no message has all the wanted names: {absent}; correct the mapping's names");
+                report.add(Severity::Error, FindingCode::MissingField, &source.field, None, detail);
+            } else if field.messages.is_empty() && track.failure.is_none() {
+                let detail = format!("{place}: no message carries it; correct the mapping or the recording");
+                report.add(Severity::Error, FindingCode::MissingField, &source.field, None, detail);
             }
         }
     }
@@ -85,22 +63,13 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
         report.add(Severity::Error, FindingCode::TooShort, "file", None, detail);
         return;
     }
-    let streams = steps
-        .streams
-        .iter()
-        .map(|stream| (stream.topic.as_str(), &stream.timeline));
+    let streams = steps.streams.iter().map(|stream| (stream.topic.as_str(), &stream.timeline));
     for (subject, line) in streams.chain([("clock", &steps.clock)]) {
         if let Some(at) = line.first_reversed {
             let detail = format!(
                 "message {at} is stamped before the one before it; the messages were put in order of their stamps"
             );
-            report.add(
-                Severity::Warning,
-                FindingCode::TimeReversed,
-                subject,
-                None,
-                detail,
-            );
+            report.add(Severity::Warning, FindingCode::TimeReversed, subject, None, detail);
         }
     }
     let interval = steps.clock.median_interval(&steps.ticks);
@@ -111,13 +80,7 @@ pub(crate) fn steps(steps: &Steps<'_>, spec: &TaskSpec, report: &mut Report) {
             spec.rate_hz,
             period as f64 / 1e6
         );
-        report.add(
-            Severity::Warning,
-            FindingCode::OffRate,
-            "clock",
-            None,
-            detail,
-        );
+        report.add(Severity::Warning, FindingCode::OffRate, "clock", None, detail);
     }
     gaps(steps, report);
 }
@@ -136,28 +99,15 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
              Look for a dropped connection, or leave these steps out",
             longest as f64 / 1e6
         );
-        report.add(
-            Severity::Warning,
-            FindingCode::Gap,
-            subject,
-            Some(first as u64),
-            detail,
-        );
+        report.add(Severity::Warning, FindingCode::Gap, subject, Some(first as u64), detail);
     };
-    let between = steps
-        .stamps
-        .windows(2)
-        .map(|pair| pair[1].saturating_sub(pair[0]));
+    let between = steps.stamps.windows(2).map(|pair| pair[1].saturating_sub(pair[0]));
     note("clock", std::iter::once(0).chain(between).collect());
     for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
         let line = &stream.timeline;
         // A single message is one that was meant to be held, such as a goal.
         if line.stamps.len() > 1 {
-            let ages = steps
-                .stamps
-                .iter()
-                .zip(picks)
-                .map(|(stamp, &at)| stamp.saturating_sub(line.stamps[at]));
+            let ages = steps.stamps.iter().zip(picks).map(|(stamp, &at)| stamp.saturating_sub(line.stamps[at]));
             note(&stream.topic, ages.collect());
         }
     }
@@ -167,19 +117,12 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
 pub(crate) fn values(values: &[f32], fields: &[FieldSpec], report: &mut Report) {
     for (column, subject) in columns(fields) {
         let mut rows = values.chunks_exact(width(fields)).enumerate();
-        let first =
-            rows.find_map(|(step, row)| (!row[column].is_finite()).then_some((step, row[column])));
+        let first = rows.find_map(|(step, row)| (!row[column].is_finite()).then_some((step, row[column])));
         if let Some((step, value)) = first {
             let detail = format!(
                 "the value is {value} at step {step}; leave such messages out of the recording or mend their source"
             );
-            report.add(
-                Severity::Error,
-                FindingCode::NotFinite,
-                &subject,
-                Some(step as u64),
-                detail,
-            );
+            report.add(Severity::Error, FindingCode::NotFinite, &subject, Some(step as u64), detail);
         }
     }
 }
@@ -200,31 +143,20 @@ pub(crate) fn frozen_joints(values: &[f32], fields: &[FieldSpec], report: &mut R
         }
         let span = |column: usize| {
             let column = values.iter().skip(column).step_by(width);
-            let (low, high) = column.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &v| {
-                (low.min(v), high.max(v))
-            });
+            let (low, high) =
+                column.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), &v| (low.min(v), high.max(v)));
             high - low
         };
         let spans: Vec<f32> = columns.map(span).collect();
         let moving = spans.iter().filter(|&&span| span > MOVED).count();
-        for (at, _) in spans
-            .iter()
-            .enumerate()
-            .filter(|(_, span)| **span == 0.0 && moving * 2 > spans.len())
-        {
+        for (at, _) in spans.iter().enumerate().filter(|(_, span)| **span == 0.0 && moving * 2 > spans.len()) {
             let subject = format!("{}[{at}]", field.name);
             let detail = format!(
                 "the value never changes while {moving} of {} in the field move; check the joint's encoder, or ignore this \
                  if the joint was meant to rest",
                 spans.len()
             );
-            report.add(
-                Severity::Warning,
-                FindingCode::FrozenJoint,
-                &subject,
-                None,
-                detail,
-            );
+            report.add(Severity::Warning, FindingCode::FrozenJoint, &subject, None, detail);
         }
     }
 }
@@ -232,22 +164,15 @@ pub(crate) fn frozen_joints(values: &[f32], fields: &[FieldSpec], report: &mut R
 fn is_joint_position(name: &str) -> bool {
     let name = name.to_lowercase();
     let rates = ["vel", "acc", "effort", "torque", "current", "force"];
-    (name.contains("joint") || name.contains("qpos"))
-        && !rates.iter().any(|rate| name.contains(rate))
+    (name.contains("joint") || name.contains("qpos")) && !rates.iter().any(|rate| name.contains(rate))
 }
 
 fn width(fields: &[FieldSpec]) -> usize {
-    fields
-        .iter()
-        .map(|field| field.size as usize)
-        .sum::<usize>()
-        .max(1)
+    fields.iter().map(|field| field.size as usize).sum::<usize>().max(1)
 }
 
 /// Each column's number and name, such as `joint_position[3]`.
 fn columns(fields: &[FieldSpec]) -> impl Iterator<Item = (usize, String)> {
-    let names = fields
-        .iter()
-        .flat_map(|field| (0..field.size).map(move |at| format!("{}[{at}]", field.name)));
+    let names = fields.iter().flat_map(|field| (0..field.size).map(move |at| format!("{}[{at}]", field.name)));
     names.enumerate()
 }

@@ -30,6 +30,7 @@ mod spec;
 mod tests;
 mod tracks;
 mod validate;
+mod whole_file;
 mod write;
 
 pub use error::RecordingError;

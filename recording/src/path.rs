@@ -31,29 +31,20 @@ pub(crate) enum Missing {
 impl Path {
     /// Parses a path; the error says what is wrong and how paths look.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
-        let explain =
-            |what: &str| format!("`{text}`: {what}; paths look like `a.b`, `a.b[2]` or `a.b[0:9]`");
+        let explain = |what: &str| format!("`{text}`: {what}; paths look like `a.b`, `a.b[2]` or `a.b[0:9]`");
         let mut segments = Vec::new();
         for part in text.split('.') {
             let (name, brackets) = part.find('[').map_or((part, ""), |at| part.split_at(at));
-            if name.is_empty()
-                || !name
-                    .chars()
-                    .all(|c| c.is_alphanumeric() || "_-/".contains(c))
-            {
-                return Err(explain(
-                    "a field name is missing or has a strange character",
-                ));
+            if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-/".contains(c)) {
+                return Err(explain("a field name is missing or has a strange character"));
             }
             segments.push(Segment::Field(name.to_owned()));
             let mut rest = brackets;
             while !rest.is_empty() {
                 let inner = rest.strip_prefix('[').and_then(|rest| rest.split_once(']'));
                 let (inner, after) = inner.ok_or_else(|| explain("a bracket is not closed"))?;
-                segments.push(
-                    Segment::subscript(inner)
-                        .ok_or_else(|| explain("a subscript is not a number or range"))?,
-                );
+                segments
+                    .push(Segment::subscript(inner).ok_or_else(|| explain("a subscript is not a number or range"))?);
                 rest = after;
             }
         }
@@ -62,10 +53,7 @@ impl Path {
 
     /// Appends the numbers that the path leads to.
     pub(crate) fn numbers(&self, message: &Value<'_>, out: &mut Vec<f64>) -> Result<(), Missing> {
-        walk(&self.segments, message, &mut |value| {
-            value.append_numbers(out)
-        })
-        .map_err(Missing::Path)
+        walk(&self.segments, message, &mut |value| value.append_numbers(out)).map_err(Missing::Path)
     }
 
     /// Appends, for each wanted name, the number that stands at its place in the message's `name` array.
@@ -83,33 +71,19 @@ impl Path {
         sibling.pop();
         sibling.push(Segment::Field("name".to_owned()));
         let mut names: Vec<String> = Vec::new();
-        walk(&sibling, message, &mut |value| {
-            value.append_texts(&mut names)
-        })
-        .map_err(Missing::Path)?;
+        walk(&sibling, message, &mut |value| value.append_texts(&mut names)).map_err(Missing::Path)?;
         let mut values = Vec::new();
         self.numbers(message, &mut values)?;
         if values.len() != names.len() {
-            return Err(Missing::Path(format!(
-                "there are {} values for {} names",
-                values.len(),
-                names.len()
-            )));
+            return Err(Missing::Path(format!("there are {} values for {} names", values.len(), names.len())));
         }
         let begin = out.len();
         for name in wanted {
-            if let Some(&value) = names
-                .iter()
-                .position(|found| found == name)
-                .and_then(|at| values.get(at))
-            {
+            if let Some(&value) = names.iter().position(|found| found == name).and_then(|at| values.get(at)) {
                 out.push(value);
             } else {
                 out.truncate(begin);
-                return Err(Missing::Names(format!(
-                    "no `{name}` among the names {}",
-                    names.join(", ")
-                )));
+                return Err(Missing::Names(format!("no `{name}` among the names {}", names.join(", "))));
             }
         }
         Ok(())
@@ -138,18 +112,11 @@ fn walk(
         return found(value);
     };
     match (segment, value) {
-        (Segment::Field(name), Value::Message(fields)) => {
-            match fields.iter().find(|(field, _)| field == name) {
-                Some((_, inner)) => walk(rest, inner, found),
-                None => Err(format!(
-                    "there is no `{name}`; the message has {}",
-                    value.field_names()
-                )),
-            }
-        }
-        (Segment::Field(_), Value::List(items)) => items
-            .iter()
-            .try_for_each(|item| walk(segments, item, found)),
+        (Segment::Field(name), Value::Message(fields)) => match fields.iter().find(|(field, _)| field == name) {
+            Some((_, inner)) => walk(rest, inner, found),
+            None => Err(format!("there is no `{name}`; the message has {}", value.field_names())),
+        },
+        (Segment::Field(_), Value::List(items)) => items.iter().try_for_each(|item| walk(segments, item, found)),
         (Segment::Field(name), _) => Err(format!("`{name}` is asked of {}", value.kind())),
         (Segment::Index(at), _) => elements(value, *at, at.saturating_add(1), rest, found),
         (Segment::Range(from, to), _) => elements(value, *from, *to, rest, found),
@@ -163,24 +130,15 @@ fn elements(
     rest: &[Segment],
     found: &mut dyn FnMut(&Value<'_>) -> Result<(), String>,
 ) -> Result<(), String> {
-    let outside = |length: usize| {
-        format!(
-            "element {} is asked of an array of {length}",
-            to.saturating_sub(1)
-        )
-    };
+    let outside = |length: usize| format!("element {} is asked of an array of {length}", to.saturating_sub(1));
     match value {
         Value::Numbers(numbers) => {
-            let part = numbers
-                .get(from..to)
-                .ok_or_else(|| outside(numbers.len()))?;
-            part.iter()
-                .try_for_each(|&number| walk(rest, &Value::Number(number), found))
+            let part = numbers.get(from..to).ok_or_else(|| outside(numbers.len()))?;
+            part.iter().try_for_each(|&number| walk(rest, &Value::Number(number), found))
         }
         Value::Bytes(bytes) => {
             let part = bytes.get(from..to).ok_or_else(|| outside(bytes.len()))?;
-            part.iter()
-                .try_for_each(|&byte| walk(rest, &Value::Number(f64::from(byte)), found))
+            part.iter().try_for_each(|&byte| walk(rest, &Value::Number(f64::from(byte)), found))
         }
         Value::List(items) => {
             let part = items.get(from..to).ok_or_else(|| outside(items.len()))?;
@@ -193,100 +151,4 @@ fn elements(
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-    use super::*;
-
-    fn joints() -> Value<'static> {
-        Value::Message(vec![
-            (
-                "name".into(),
-                Value::List(vec![Value::Text("b".into()), Value::Text("a".into())]),
-            ),
-            ("position".into(), Value::Numbers(vec![2.0, 1.0])),
-            ("effort".into(), Value::Numbers(vec![])),
-            (
-                "pose".into(),
-                Value::Message(vec![("x".into(), Value::Number(7.0))]),
-            ),
-            ("raw".into(), Value::Bytes(vec![3, 4, 5].into())),
-            (
-                "each".into(),
-                Value::List(vec![
-                    Value::Message(vec![
-                        ("name".into(), Value::Text("p".into())),
-                        ("v".into(), Value::Number(10.0)),
-                    ]),
-                    Value::Message(vec![
-                        ("name".into(), Value::Text("q".into())),
-                        ("v".into(), Value::Number(20.0)),
-                    ]),
-                ]),
-            ),
-        ])
-    }
-
-    fn numbers(path: &str) -> Result<Vec<f64>, Missing> {
-        let mut out = Vec::new();
-        Path::parse(path)
-            .unwrap()
-            .numbers(&joints(), &mut out)
-            .map(|()| out)
-    }
-
-    fn by_name(path: &str, names: &[&str]) -> Result<Vec<f64>, Missing> {
-        let names: Vec<String> = names.iter().map(|&name| name.into()).collect();
-        let mut out = Vec::new();
-        Path::parse(path)
-            .unwrap()
-            .numbers_by_name(&joints(), &names, &mut out)
-            .map(|()| out)
-    }
-
-    #[test]
-    fn picks_scalars_arrays_elements_and_ranges() {
-        assert_eq!(numbers("pose.x").unwrap(), [7.0]);
-        assert_eq!(numbers("position").unwrap(), [2.0, 1.0]);
-        assert_eq!(numbers("position[1]").unwrap(), [1.0]);
-        assert_eq!(numbers("raw[1:3]").unwrap(), [4.0, 5.0]);
-        assert_eq!(numbers("each.v").unwrap(), [10.0, 20.0]);
-        assert_eq!(numbers("each[1].v").unwrap(), [20.0]);
-    }
-
-    #[test]
-    fn picks_by_name_in_the_wanted_order() {
-        assert_eq!(by_name("position", &["a", "b"]).unwrap(), [1.0, 2.0]);
-        assert_eq!(by_name("position", &["b"]).unwrap(), [2.0]);
-        assert_eq!(by_name("each.v", &["q", "p"]).unwrap(), [20.0, 10.0]);
-        assert!(matches!(
-            by_name("position", &["c"]),
-            Err(Missing::Names(_))
-        ));
-        assert!(matches!(by_name("effort", &["a"]), Err(Missing::Path(_))));
-    }
-
-    #[test]
-    fn says_what_is_missing_and_what_there_is() {
-        let Err(Missing::Path(problem)) = numbers("velocity") else {
-            panic!("found a velocity")
-        };
-        assert!(
-            problem.contains("`velocity`") && problem.contains("position"),
-            "{problem}"
-        );
-        assert!(matches!(numbers("position[2]"), Err(Missing::Path(_))));
-        assert!(matches!(numbers("position[0:3]"), Err(Missing::Path(_))));
-        assert!(matches!(numbers("name"), Err(Missing::Path(_))));
-        assert!(matches!(numbers("pose"), Err(Missing::Path(_))));
-    }
-
-    #[test]
-    fn refuses_what_is_not_a_path() {
-        for text in [
-            "", ".", "a..b", "a[", "a[]", "a[1", "a[x]", "a[-1]", "a[3:3]", "a[1]b", "a b",
-        ] {
-            assert!(Path::parse(text).is_err(), "{text}");
-        }
-    }
-}
+mod tests;

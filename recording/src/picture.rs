@@ -26,20 +26,11 @@ impl Channel {
 }
 
 /// Decodes the image that a message holds, at the size of the camera.
-pub(crate) fn decode(
-    message: &Value<'_>,
-    channel: Channel,
-    camera: &CameraSpec,
-) -> Result<Vec<u8>, RecordingError> {
+pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec) -> Result<Vec<u8>, RecordingError> {
     let (height, width) = (camera.height, camera.width);
     let data = message.bytes("data").ok_or_else(|| not_an_image(message))?;
     if let Some(encoding) = message.text("encoding") {
-        let size = |name| {
-            message
-                .number(name)
-                .and_then(whole)
-                .ok_or_else(|| not_an_image(message))
-        };
+        let size = |name| message.number(name).and_then(whole).ok_or_else(|| not_an_image(message));
         let image = RawImage {
             height: size("height")?,
             width: size("width")?,
@@ -53,30 +44,23 @@ pub(crate) fn decode(
             Channel::Depth => raw_depth(image, height, width),
         };
     }
-    let format = message
-        .text("format")
-        .ok_or_else(|| not_an_image(message))?;
+    let format = message.text("format").ok_or_else(|| not_an_image(message))?;
     // The bytes themselves tell the compression; drivers fill the format in as they like.
     let decoded = match channel {
         Channel::Color => decode_color(data, PixelFormat::Auto, height, width),
         Channel::Depth => decode_depth(data, PixelFormat::Auto, height, width),
     };
-    decoded.map_err(|error| match error {
-        RecordingError::BrokenImage { problem } => RecordingError::BrokenImage {
-            problem: format!("format `{format}`: {problem}"),
-        },
-        other => other,
+    decoded.map_err(|mut error| {
+        if let RecordingError::BrokenImage { problem } = &mut error {
+            problem.insert_str(0, &format!("format `{format}`: "));
+        }
+        error
     })
 }
 
 fn whole(number: f64) -> Option<u32> {
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "the range is checked first"
-    )]
-    (number >= 0.0 && number <= f64::from(u32::MAX) && number.fract() == 0.0)
-        .then_some(number as u32)
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the range is checked first")]
+    (number >= 0.0 && number <= f64::from(u32::MAX) && number.fract() == 0.0).then_some(number as u32)
 }
 
 fn not_an_image(message: &Value<'_>) -> RecordingError {
@@ -96,12 +80,7 @@ mod tests {
     use super::*;
 
     fn camera() -> CameraSpec {
-        CameraSpec {
-            name: "c".into(),
-            height: 1,
-            width: 2,
-            depth: true,
-        }
+        CameraSpec { name: "c".into(), height: 1, width: 2, depth: true }
     }
 
     fn raw(encoding: &'static str, data: &'static [u8]) -> Value<'static> {
@@ -117,14 +96,8 @@ mod tests {
 
     #[test]
     fn reads_raw_images_by_their_fields() {
-        assert_eq!(
-            decode(&raw("bgr8", &[3, 2, 1, 6, 5, 4]), Channel::Color, &camera()).unwrap(),
-            [1, 2, 3, 4, 5, 6]
-        );
-        assert_eq!(
-            decode(&raw("16UC1", &[1, 2, 3, 4]), Channel::Depth, &camera()).unwrap(),
-            [2, 1, 4, 3]
-        );
+        assert_eq!(decode(&raw("bgr8", &[3, 2, 1, 6, 5, 4]), Channel::Color, &camera()).unwrap(), [1, 2, 3, 4, 5, 6]);
+        assert_eq!(decode(&raw("16UC1", &[1, 2, 3, 4]), Channel::Depth, &camera()).unwrap(), [2, 1, 4, 3]);
     }
 
     #[test]
@@ -133,18 +106,8 @@ mod tests {
             ("format".into(), Value::Text("h264".into())),
             ("data".into(), Value::Bytes(vec![0, 0, 0, 1].into())),
         ]);
-        assert!(
-            decode(&video, Channel::Color, &camera())
-                .unwrap_err()
-                .to_string()
-                .contains("`h264`")
-        );
+        assert!(decode(&video, Channel::Color, &camera()).unwrap_err().to_string().contains("`h264`"));
         let other = Value::Message(vec![("position".into(), Value::Number(1.0))]);
-        assert!(
-            decode(&other, Channel::Color, &camera())
-                .unwrap_err()
-                .to_string()
-                .contains("position")
-        );
+        assert!(decode(&other, Channel::Color, &camera()).unwrap_err().to_string().contains("position"));
     }
 }

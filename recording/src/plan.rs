@@ -60,12 +60,8 @@ pub(crate) struct ImageStream {
 /// [`RecordingError::Rejected`] when no step can be made; findings that leave steps are in the report.
 pub(crate) fn plan(path: &Path, spec: &TaskSpec) -> Result<Plan, RecordingError> {
     if spec.mappings.is_empty() {
-        let problem =
-            "the task has none; add one that says where its cameras and fields are in a recording";
-        return Err(RecordingError::Spec {
-            field: "mappings".into(),
-            problem: problem.into(),
-        });
+        let problem = "the task has none; add one that says where its cameras and fields are in a recording";
+        return Err(RecordingError::Spec { field: "mappings".into(), problem: problem.into() });
     }
     let tracks = collect(path, spec)?;
     let mut report = begin_report(&tracks);
@@ -96,40 +92,22 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec) -> Result<Plan, RecordingError>
 
 /// The plan's bookkeeping: which messages the steps use. Numbers and report are put in after.
 fn assemble(tracks: &Tracks, mapping: usize, clock_topic: &str, steps: &Steps<'_>) -> Plan {
-    let clock: Vec<usize> = steps
-        .ticks
-        .iter()
-        .map(|&at| steps.clock.order[at])
-        .collect();
-    let clock_stamps = tracks
-        .tracks
-        .get(clock_topic)
-        .map(|track| track.stamps.as_slice())
-        .unwrap_or_default();
+    let clock: Vec<usize> = steps.ticks.iter().map(|&at| steps.clock.order[at]).collect();
+    let clock_stamps = tracks.tracks.get(clock_topic).map(|track| track.stamps.as_slice()).unwrap_or_default();
     let mut used = BTreeMap::from([(clock_topic.to_owned(), vec![clock.clone()])]);
     let mut images = Vec::new();
     for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
         let picks: Vec<usize> = picks.iter().map(|&at| stream.message(at)).collect();
-        used.entry(stream.topic.clone())
-            .or_default()
-            .push(picks.clone());
+        used.entry(stream.topic.clone()).or_default().push(picks.clone());
         if let Source::Images { camera, channel } = stream.source {
-            images.push(ImageStream {
-                topic: stream.topic.clone(),
-                camera,
-                channel,
-                picks,
-            });
+            images.push(ImageStream { topic: stream.topic.clone(), camera, channel, picks });
         }
     }
     Plan {
         mapping,
         profile: tracks.profile.clone(),
         clock_topic: clock_topic.to_owned(),
-        log_times: clock
-            .iter()
-            .map(|&message| clock_stamps[message].log)
-            .collect(),
+        log_times: clock.iter().map(|&message| clock_stamps[message].log).collect(),
         clock,
         stamps: steps.stamps.clone(),
         images,
@@ -141,54 +119,27 @@ fn assemble(tracks: &Tracks, mapping: usize, clock_topic: &str, steps: &Steps<'_
 }
 
 fn begin_report(tracks: &Tracks) -> Report {
-    let mut report = Report {
-        messages: tracks.messages,
-        topics: tracks.topics.values().cloned().collect(),
-        ..Report::default()
-    };
+    let mut report =
+        Report { messages: tracks.messages, topics: tracks.topics.values().cloned().collect(), ..Report::default() };
     if tracks.ending == Some(Ending::Cut) {
         let detail = format!(
             "the file ends in the middle; the {} whole messages before the cut were read. Let the recorder close its \
              files to get all of them",
             tracks.messages
         );
-        report.add(
-            Severity::Warning,
-            FindingCode::Truncated,
-            "file",
-            None,
-            detail,
-        );
+        report.add(Severity::Warning, FindingCode::Truncated, "file", None, detail);
     }
     report
 }
 
 /// The mapping with the most topics among those of which all are there.
-fn choose_mapping(
-    tracks: &Tracks,
-    spec: &TaskSpec,
-    report: &mut Report,
-) -> Result<usize, RecordingError> {
+fn choose_mapping(tracks: &Tracks, spec: &TaskSpec, report: &mut Report) -> Result<usize, RecordingError> {
     let missing = |mapping: &Mapping| -> Vec<String> {
         let topics = mapping.topics(spec);
-        topics
-            .iter()
-            .filter(|&&topic| !tracks.tracks.contains_key(topic))
-            .map(|&topic| topic.to_owned())
-            .collect()
+        topics.iter().filter(|&&topic| !tracks.tracks.contains_key(topic)).map(|&topic| topic.to_owned()).collect()
     };
-    let score = |mapping: &Mapping| {
-        (
-            missing(mapping).len(),
-            usize::MAX - mapping.topics(spec).len(),
-        )
-    };
-    let Some((at, mapping)) = spec
-        .mappings
-        .iter()
-        .enumerate()
-        .min_by_key(|(_, mapping)| score(mapping))
-    else {
+    let score = |mapping: &Mapping| (missing(mapping).len(), usize::MAX - mapping.topics(spec).len());
+    let Some((at, mapping)) = spec.mappings.iter().enumerate().min_by_key(|(_, mapping)| score(mapping)) else {
         return Ok(0);
     };
     report.mapping.clone_from(&mapping.name);
@@ -202,15 +153,7 @@ fn choose_mapping(
              for the topics that are there",
             mapping.name
         );
-        report.add(
-            Severity::Error,
-            FindingCode::MissingTopic,
-            &topic,
-            None,
-            detail,
-        );
+        report.add(Severity::Error, FindingCode::MissingTopic, &topic, None, detail);
     }
-    Err(RecordingError::Rejected(Box::new(
-        std::mem::take(report).sorted(),
-    )))
+    Err(RecordingError::Rejected(Box::new(std::mem::take(report).sorted())))
 }

@@ -34,9 +34,5 @@ pub fn read_episode(path: &Path, spec: &TaskSpec) -> Result<Reading, RecordingEr
         return Err(RecordingError::Rejected(Box::new(report)));
     }
     let episode = Episode::new(spec, plan.stamps, plan.proprioception, plan.action, frames)?;
-    Ok(Reading {
-        episode,
-        mapping: report.mapping.clone(),
-        report,
-    })
+    Ok(Reading { episode, mapping: report.mapping.clone(), report })
 }

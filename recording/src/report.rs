@@ -115,34 +115,21 @@ impl Report {
         first_step: Option<u64>,
         detail: String,
     ) {
-        if self
-            .findings
-            .iter()
-            .any(|known| known.code == code && known.subject == subject)
-        {
+        if self.findings.iter().any(|known| known.code == code && known.subject == subject) {
             return;
         }
-        self.findings.push(Finding {
-            severity,
-            code,
-            subject: subject.to_owned(),
-            first_step,
-            detail,
-        });
+        self.findings.push(Finding { severity, code, subject: subject.to_owned(), first_step, detail });
     }
 
     /// The worst findings first; those alike in severity stay in the order in which they were found.
     pub(crate) fn sorted(mut self) -> Self {
-        self.findings
-            .sort_by_key(|finding| std::cmp::Reverse(finding.severity));
+        self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         self
     }
 
     /// Whether any finding forbids the episode's use.
     pub fn has_errors(&self) -> bool {
-        self.findings
-            .iter()
-            .any(|finding| finding.severity == Severity::Error)
+        self.findings.iter().any(|finding| finding.severity == Severity::Error)
     }
 
     /// The error findings in one line.

@@ -135,10 +135,7 @@ impl TaskSpec {
     /// Size of a field by name; 0 when there is none.
     pub(crate) fn field_size(&self, name: &str) -> usize {
         let fields = self.proprioception.iter().chain(&self.action);
-        fields
-            .filter(|field| field.name == name)
-            .map(|field| field.size as usize)
-            .sum()
+        fields.filter(|field| field.name == name).map(|field| field.size as usize).sum()
     }
 }
 
@@ -147,23 +144,14 @@ impl Mapping {
     pub(crate) fn clock_topic(&self, spec: &TaskSpec) -> Option<&str> {
         let first = spec.action.first()?;
         let source = || self.fields.iter().find(|source| source.field == first.name);
-        self.clock
-            .as_deref()
-            .or_else(|| source().map(|source| source.topic.as_str()))
+        self.clock.as_deref().or_else(|| source().map(|source| source.topic.as_str()))
     }
 
     /// Every topic that this mapping reads, once.
     pub(crate) fn topics(&self, spec: &TaskSpec) -> BTreeSet<&str> {
-        let cameras = self
-            .cameras
-            .iter()
-            .flat_map(|source| [Some(source.color.as_str()), source.depth.as_deref()]);
+        let cameras = self.cameras.iter().flat_map(|source| [Some(source.color.as_str()), source.depth.as_deref()]);
         let fields = self.fields.iter().map(|source| Some(source.topic.as_str()));
-        cameras
-            .chain(fields)
-            .chain([self.clock_topic(spec)])
-            .flatten()
-            .collect()
+        cameras.chain(fields).chain([self.clock_topic(spec)]).flatten().collect()
     }
 }
 
@@ -188,26 +176,12 @@ pub(crate) mod tests {
         TaskSpec {
             name: "arm".into(),
             rate_hz: 10.0,
-            cameras: vec![CameraSpec {
-                name: "front".into(),
-                height: 8,
-                width: 16,
-                depth: true,
-            }],
+            cameras: vec![CameraSpec { name: "front".into(), height: 8, width: 16, depth: true }],
             proprioception: vec![
-                FieldSpec {
-                    name: "joint_position".into(),
-                    size: 2,
-                },
-                FieldSpec {
-                    name: "tool".into(),
-                    size: 1,
-                },
+                FieldSpec { name: "joint_position".into(), size: 2 },
+                FieldSpec { name: "tool".into(), size: 1 },
             ],
-            action: vec![FieldSpec {
-                name: "command".into(),
-                size: 2,
-            }],
+            action: vec![FieldSpec { name: "command".into(), size: 2 }],
             alignment: Alignment::default(),
             tolerance: 0.25,
             mappings: vec![Mapping {
@@ -233,19 +207,13 @@ pub(crate) mod tests {
         let text = serde_json::to_string(&spec).unwrap();
         assert_eq!(serde_json::from_str::<TaskSpec>(&text).unwrap(), spec);
         let strange = text.replacen("\"rate_hz\"", "\"rate\"", 1);
-        assert!(
-            serde_json::from_str::<TaskSpec>(&strange)
-                .unwrap_err()
-                .to_string()
-                .contains("rate")
-        );
+        assert!(serde_json::from_str::<TaskSpec>(&strange).unwrap_err().to_string().contains("rate"));
     }
 
     #[test]
     fn defaults_fill_what_is_left_out() {
         let spec: TaskSpec =
-            serde_json::from_str(r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}]}"#)
-                .unwrap();
+            serde_json::from_str(r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}]}"#).unwrap();
         assert_eq!(spec.tolerance, 0.25);
         assert_eq!(spec.alignment, Alignment::LatestBefore);
         assert_eq!((spec.proprioception_size(), spec.action_size()), (0, 3));

@@ -1,16 +1,12 @@
 //! Tests of the whole crate: real recordings, each finding, and damaged files.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout
-)]
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)]
 
 mod corpus;
 mod damage;
 mod findings;
 mod golden;
 mod scene;
+mod steps;
 
 use std::path::{Path, PathBuf};
 
@@ -23,7 +19,5 @@ fn pick_cube() -> TaskSpec {
 }
 
 fn fixture(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("fixtures")
-        .join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
 }

@@ -97,18 +97,16 @@ pub(crate) fn collect(path: &FilePath, spec: &TaskSpec) -> Result<Tracks, Record
             profile.clone_into(&mut tracks.profile);
             Ok(())
         }
-        other => {
-            if let Some(report) = channels.learn(&other, &|topic| wanted.contains_key(topic)) {
+        Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
+            if let Some(report) = channels.learn(&record, &|topic| wanted.contains_key(topic)) {
                 tracks.topics.entry(report.topic.clone()).or_insert(report);
             }
             Ok(())
         }
     })?;
     tracks.ending = Some(ending);
-    tracks.tracks = wanted
-        .into_iter()
-        .filter(|(_, track)| !track.stamps.is_empty() || track.failure.is_some())
-        .collect();
+    tracks.tracks =
+        wanted.into_iter().filter(|(_, track)| !track.stamps.is_empty() || track.failure.is_some()).collect();
     Ok(tracks)
 }
 
@@ -122,11 +120,7 @@ fn wanted_tracks(spec: &TaskSpec) -> Result<BTreeMap<String, Track>, RecordingEr
         for (source_at, source) in mapping.fields.iter().enumerate() {
             let size = spec.field_size(&source.field);
             let field = FieldTrack::new(source, (at, source_at), size)?;
-            wanted
-                .entry(source.topic.clone())
-                .or_default()
-                .fields
-                .push(field);
+            wanted.entry(source.topic.clone()).or_default().fields.push(field);
         }
     }
     Ok(wanted)
@@ -142,35 +136,24 @@ impl Track {
     ) -> Result<(), RecordingError> {
         if self.stamps.len() >= MAX_MESSAGES {
             return Err(RecordingError::TooLarge {
-                problem: format!(
-                    "topic {topic} has more than {MAX_MESSAGES} messages; split the recording"
-                ),
+                problem: format!("topic {topic} has more than {MAX_MESSAGES} messages; split the recording"),
             });
         }
         let log = i64::try_from(log_time).unwrap_or(i64::MAX);
         let value = match decoder {
-            Ok(decoder) => decoder
-                .decode(data)
-                .map_err(|problem| (FindingCode::BadMessage, problem)),
+            Ok(decoder) => decoder.decode(data).map_err(|problem| (FindingCode::BadMessage, problem)),
             Err(problem) => Err((FindingCode::BadSchema, problem.clone())),
         };
         let at = self.stamps.len();
         match value {
             Ok(value) => {
-                self.stamps.push(Stamp {
-                    header: value.stamp(),
-                    log,
-                });
-                self.fields
-                    .iter_mut()
-                    .try_for_each(|field| field.push(at, &value))
+                self.stamps.push(Stamp { header: value.stamp(), log });
+                self.fields.iter_mut().try_for_each(|field| field.push(at, &value))
             }
             Err((code, problem)) => {
                 // The message keeps its place, so that the second pass counts alike.
                 self.stamps.push(Stamp { header: None, log });
-                Failure::note(&mut self.failure, code, || {
-                    format!("message {at}: {problem}")
-                });
+                Failure::note(&mut self.failure, code, || format!("message {at}: {problem}"));
                 Ok(())
             }
         }
@@ -178,11 +161,7 @@ impl Track {
 }
 
 impl FieldTrack {
-    fn new(
-        source: &FieldSource,
-        (mapping, at): (usize, usize),
-        size: usize,
-    ) -> Result<Self, RecordingError> {
+    fn new(source: &FieldSource, (mapping, at): (usize, usize), size: usize) -> Result<Self, RecordingError> {
         let paths = source.paths.iter().map(|path| {
             Path::parse(path).map_err(|problem| RecordingError::Field {
                 topic: source.topic.clone(),
@@ -219,9 +198,7 @@ impl FieldTrack {
                     return Ok(());
                 }
                 Err(Missing::Path(problem)) => {
-                    Failure::note(&mut self.failure, FindingCode::MissingField, || {
-                        format!("message {at}: {problem}")
-                    });
+                    Failure::note(&mut self.failure, FindingCode::MissingField, || format!("message {at}: {problem}"));
                     return Ok(());
                 }
             }
@@ -246,8 +223,7 @@ impl FieldTrack {
             clippy::cast_possible_truncation,
             reason = "steps hold 32-bit floats; beyond them is infinite and found"
         )]
-        self.values
-            .extend(numbers.into_iter().map(|number| number as f32));
+        self.values.extend(numbers.into_iter().map(|number| number as f32));
         Ok(())
     }
 }
@@ -256,13 +232,7 @@ impl Failure {
     fn note(slot: &mut Option<Self>, code: FindingCode, first: impl FnOnce() -> String) {
         match slot {
             Some(failure) => failure.count += 1,
-            None => {
-                *slot = Some(Self {
-                    code,
-                    first: first(),
-                    count: 1,
-                })
-            }
+            None => *slot = Some(Self { code, first: first(), count: 1 }),
         }
     }
 }

@@ -23,10 +23,7 @@ impl TaskSpec {
     /// [`RecordingError::Spec`] names the first field that does not, and the mend.
     pub fn validate(&self) -> Result<(), RecordingError> {
         if !is_plain(&self.name) {
-            return wrong(
-                "name",
-                "use one or more of the characters a-z A-Z 0-9 _ - .",
-            );
+            return wrong("name", "use one or more of the characters a-z A-Z 0-9 _ - .");
         }
         if !(self.rate_hz.is_finite() && (0.01..=10_000.0).contains(&self.rate_hz)) {
             return wrong("rate_hz", "give the steps per second, from 0.01 to 10000");
@@ -68,10 +65,7 @@ impl TaskSpec {
             }
         }
         if frame_bytes_per_step(self) > MAX_STEP_BYTES {
-            return wrong(
-                "cameras",
-                "all images of a step together exceed 1 GiB; use smaller images",
-            );
+            return wrong("cameras", "all images of a step together exceed 1 GiB; use smaller images");
         }
         Ok(())
     }
@@ -81,10 +75,7 @@ impl TaskSpec {
             return wrong("action", "give at least one action field");
         }
         let mut names = BTreeSet::new();
-        for (kind, fields) in [
-            ("proprioception", &self.proprioception),
-            ("action", &self.action),
-        ] {
+        for (kind, fields) in [("proprioception", &self.proprioception), ("action", &self.action)] {
             for (i, FieldSpec { name, size }) in fields.iter().enumerate() {
                 if !is_identifier(name) || !names.insert(name) {
                     return wrong(
@@ -106,21 +97,14 @@ impl TaskSpec {
 
     fn validate_mapping(&self, mapping: &Mapping, at: &str) -> Result<(), RecordingError> {
         for (i, source) in mapping.cameras.iter().enumerate() {
-            let Some(camera) = self
-                .cameras
-                .iter()
-                .find(|camera| camera.name == source.camera)
-            else {
+            let Some(camera) = self.cameras.iter().find(|camera| camera.name == source.camera) else {
                 return wrong(
                     format!("{at}.cameras[{i}].camera"),
                     format!("the task has no camera `{}`", source.camera),
                 );
             };
             if source.color.is_empty() {
-                return wrong(
-                    format!("{at}.cameras[{i}].color"),
-                    "give the topic of the color images",
-                );
+                return wrong(format!("{at}.cameras[{i}].color"), "give the topic of the color images");
             }
             if camera.depth != source.depth.is_some() {
                 let mend = if camera.depth {
@@ -135,43 +119,21 @@ impl TaskSpec {
             self.validate_source(source, &format!("{at}.fields[{i}]"))?;
         }
         let cameras = self.cameras.iter().map(|camera| &camera.name);
-        each_once(
-            cameras,
-            mapping.cameras.iter().map(|source| &source.camera),
-            &format!("{at}.cameras"),
-        )?;
-        let fields = self
-            .proprioception
-            .iter()
-            .chain(&self.action)
-            .map(|field| &field.name);
-        each_once(
-            fields,
-            mapping.fields.iter().map(|source| &source.field),
-            &format!("{at}.fields"),
-        )
+        each_once(cameras, mapping.cameras.iter().map(|source| &source.camera), &format!("{at}.cameras"))?;
+        let fields = self.proprioception.iter().chain(&self.action).map(|field| &field.name);
+        each_once(fields, mapping.fields.iter().map(|source| &source.field), &format!("{at}.fields"))
     }
 
     fn validate_source(&self, source: &FieldSource, at: &str) -> Result<(), RecordingError> {
-        let Some(field) = self
-            .proprioception
-            .iter()
-            .chain(&self.action)
-            .find(|field| field.name == source.field)
+        let Some(field) = self.proprioception.iter().chain(&self.action).find(|field| field.name == source.field)
         else {
-            return wrong(
-                format!("{at}.field"),
-                format!("the task has no field `{}`", source.field),
-            );
+            return wrong(format!("{at}.field"), format!("the task has no field `{}`", source.field));
         };
         if source.topic.is_empty() {
             return wrong(format!("{at}.topic"), "give the topic of the messages");
         }
         if source.paths.is_empty() {
-            return wrong(
-                format!("{at}.paths"),
-                "give at least one path into the message",
-            );
+            return wrong(format!("{at}.paths"), "give at least one path into the message");
         }
         for (i, path) in source.paths.iter().enumerate() {
             if let Err(problem) = Path::parse(path) {
@@ -213,18 +175,11 @@ fn each_once<'a>(
 }
 
 fn wrong<T>(field: impl Into<String>, problem: impl Into<String>) -> Result<T, RecordingError> {
-    Err(RecordingError::Spec {
-        field: field.into(),
-        problem: problem.into(),
-    })
+    Err(RecordingError::Spec { field: field.into(), problem: problem.into() })
 }
 
 fn is_plain(name: &str) -> bool {
-    !name.is_empty()
-        && name.len() <= 128
-        && name
-            .chars()
-            .all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c))
+    !name.is_empty() && name.len() <= 128 && name.chars().all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c))
 }
 
 /// Field names become field names of protobuf messages, beside their `timestamp`.
@@ -260,20 +215,11 @@ mod tests {
         assert!(problem(|s| s.name.clear()).contains("name"));
         assert!(problem(|s| s.action.clear()).contains("action"));
         assert!(problem(|s| s.cameras[0].height = 0).contains("cameras[0].height"));
-        assert!(
-            problem(|s| s.proprioception[0].name = "timestamp".into())
-                .contains("proprioception[0].name")
-        );
+        assert!(problem(|s| s.proprioception[0].name = "timestamp".into()).contains("proprioception[0].name"));
         assert!(problem(|s| s.action[0].name = "joint_position".into()).contains("action[0].name"));
         assert!(problem(|s| s.mappings[0].cameras.clear()).contains("`front` has no source"));
-        assert!(
-            problem(|s| s.mappings[0].fields[0].field = "elbow".into())
-                .contains("no field `elbow`")
-        );
-        assert!(
-            problem(|s| s.mappings[0].fields[0].paths = vec!["a[".into()])
-                .contains("fields[0].paths[0]")
-        );
+        assert!(problem(|s| s.mappings[0].fields[0].field = "elbow".into()).contains("no field `elbow`"));
+        assert!(problem(|s| s.mappings[0].fields[0].paths = vec!["a[".into()]).contains("fields[0].paths[0]"));
         assert!(problem(|s| s.mappings[0].fields[0].names = vec!["a".into()]).contains("names"));
     }
 }

@@ -10,30 +10,11 @@ use crate::error::RecordingError;
 /// A record that matters here.
 #[derive(Debug)]
 pub(crate) enum Record<'a> {
-    Header {
-        profile: &'a str,
-    },
-    Schema {
-        id: u16,
-        name: &'a str,
-        encoding: &'a str,
-        data: &'a [u8],
-    },
-    Channel {
-        id: u16,
-        schema_id: u16,
-        topic: &'a str,
-        encoding: &'a str,
-        metadata: BTreeMap<String, String>,
-    },
-    Message {
-        header: MessageHeader,
-        data: &'a [u8],
-    },
-    Metadata {
-        name: &'a str,
-        values: BTreeMap<String, String>,
-    },
+    Header { profile: &'a str },
+    Schema { id: u16, name: &'a str, encoding: &'a str, data: &'a [u8] },
+    Channel { id: u16, schema_id: u16, topic: &'a str, encoding: &'a str, metadata: BTreeMap<String, String> },
+    Message { header: MessageHeader, data: &'a [u8] },
+    Metadata { name: &'a str, values: BTreeMap<String, String> },
 }
 
 /// Parses a record's body; `None` for a kind that does not matter.
@@ -48,9 +29,7 @@ pub(super) fn parse(opcode: u8, body: &[u8]) -> Result<Option<Record<'_>>, Recor
         _ => return Ok(None),
     };
     record.map(Some).ok_or_else(|| RecordingError::Damaged {
-        problem: format!(
-            "a record of kind {opcode:#04x} does not fit its length; record or copy the file again"
-        ),
+        problem: format!("a record of kind {opcode:#04x} does not fit its length; record or copy the file again"),
     })
 }
 
@@ -86,9 +65,7 @@ impl<'a> Fields<'a> {
     }
 
     fn map(&mut self) -> Option<BTreeMap<String, String>> {
-        let mut inner = Fields {
-            rest: self.bytes()?,
-        };
+        let mut inner = Fields { rest: self.bytes()? };
         let mut map = BTreeMap::new();
         while !inner.rest.is_empty() {
             map.insert(inner.text()?.to_owned(), inner.text()?.to_owned());
@@ -97,12 +74,7 @@ impl<'a> Fields<'a> {
     }
 
     fn schema(&mut self) -> Option<Record<'a>> {
-        Some(Record::Schema {
-            id: self.u16()?,
-            name: self.text()?,
-            encoding: self.text()?,
-            data: self.bytes()?,
-        })
+        Some(Record::Schema { id: self.u16()?, name: self.text()?, encoding: self.text()?, data: self.bytes()? })
     }
 
     fn channel(&mut self) -> Option<Record<'a>> {
@@ -122,16 +94,10 @@ impl<'a> Fields<'a> {
             log_time: self.u64()?,
             publish_time: self.u64()?,
         };
-        Some(Record::Message {
-            header,
-            data: self.rest,
-        })
+        Some(Record::Message { header, data: self.rest })
     }
 
     fn metadata(&mut self) -> Option<Record<'a>> {
-        Some(Record::Metadata {
-            name: self.text()?,
-            values: self.map()?,
-        })
+        Some(Record::Metadata { name: self.text()?, values: self.map()? })
     }
 }

@@ -4,8 +4,8 @@ use super::Value;
 
 /// Reads one JSON message. Arrays of numbers become numeric arrays; null is left out.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Value<'static>, String> {
-    let json: serde_json::Value = serde_json::from_slice(bytes)
-        .map_err(|error| format!("the message is not JSON: {error}"))?;
+    let json: serde_json::Value =
+        serde_json::from_slice(bytes).map_err(|error| format!("the message is not JSON: {error}"))?;
     convert(json).ok_or_else(|| "the message is null".to_owned())
 }
 
@@ -21,10 +21,7 @@ fn convert(json: serde_json::Value) -> Option<Value<'static>> {
         }
         Json::Array(items) => Value::List(items.into_iter().filter_map(convert).collect()),
         Json::Object(fields) => Value::Message(
-            fields
-                .into_iter()
-                .filter_map(|(name, value)| Some((name.into(), convert(value)?)))
-                .collect(),
+            fields.into_iter().filter_map(|(name, value)| Some((name.into(), convert(value)?))).collect(),
         ),
     })
 }
@@ -37,8 +34,7 @@ mod tests {
 
     #[test]
     fn reads_fields_arrays_and_stamp() {
-        let text =
-            br#"{"timestamp":{"sec":3,"nsec":4},"q":[1,2.5],"on":true,"who":"me","gone":null}"#;
+        let text = br#"{"timestamp":{"sec":3,"nsec":4},"q":[1,2.5],"on":true,"who":"me","gone":null}"#;
         let value = decode(text).unwrap();
         assert_eq!(value.stamp(), Some(3_000_000_004));
         assert_eq!(value.field("q"), Some(&Value::Numbers(vec![1.0, 2.5])));

@@ -2,8 +2,7 @@
 
 use prost::Message as _;
 use prost_reflect::{
-    DescriptorPool, DynamicMessage, FieldDescriptor, MessageDescriptor, ReflectMessage as _,
-    Value as Proto,
+    DescriptorPool, DynamicMessage, FieldDescriptor, MessageDescriptor, ReflectMessage as _, Value as Proto,
 };
 use prost_types::FileDescriptorSet;
 
@@ -23,17 +22,12 @@ impl Decoder {
             .map_err(|error| format!("the schema is not a FileDescriptorSet ({error}); {mend}"))?;
         // The well-known types are at hand, since some recorders leave them out.
         let mut pool = DescriptorPool::global();
-        let files = set
-            .file
-            .into_iter()
-            .filter(|file| pool.get_file_by_name(file.name()).is_none())
-            .collect::<Vec<_>>();
-        pool.add_file_descriptor_protos(files).map_err(|error| {
-            format!("the schema's descriptors don't fit together ({error}); {mend}")
-        })?;
-        let message = pool
-            .get_message_by_name(name)
-            .ok_or_else(|| format!("the schema does not describe `{name}`; {mend}"))?;
+        let files =
+            set.file.into_iter().filter(|file| pool.get_file_by_name(file.name()).is_none()).collect::<Vec<_>>();
+        pool.add_file_descriptor_protos(files)
+            .map_err(|error| format!("the schema's descriptors don't fit together ({error}); {mend}"))?;
+        let message =
+            pool.get_message_by_name(name).ok_or_else(|| format!("the schema does not describe `{name}`; {mend}"))?;
         Ok(Self { message })
     }
 
@@ -41,12 +35,7 @@ impl Decoder {
     pub(crate) fn decode(&self, bytes: &[u8]) -> Result<Value<'static>, String> {
         DynamicMessage::decode(self.message.clone(), bytes)
             .map(convert_message)
-            .map_err(|error| {
-                format!(
-                    "the bytes are not a `{}`: {error}",
-                    self.message.full_name()
-                )
-            })
+            .map_err(|error| format!("the bytes are not a `{}`: {error}", self.message.full_name()))
     }
 }
 
@@ -103,9 +92,7 @@ fn number(value: &Proto) -> Option<f64> {
         Proto::U64(number) => Some(*number as f64),
         Proto::F32(number) => Some(f64::from(*number)),
         Proto::F64(number) => Some(*number),
-        Proto::String(_) | Proto::Bytes(_) | Proto::Message(_) | Proto::List(_) | Proto::Map(_) => {
-            None
-        }
+        Proto::String(_) | Proto::Bytes(_) | Proto::Message(_) | Proto::List(_) | Proto::Map(_) => None,
     }
 }
 
@@ -124,10 +111,7 @@ mod tests {
         let bytes = [0x0a, 0x02, 0x08, 0x01, 0x12, 0x04, 0x00, 0x00, 0xc0, 0x3f];
         let value = decoder.decode(&bytes).unwrap();
         assert_eq!(value.stamp(), Some(1_000_000_000));
-        assert_eq!(
-            value.field("joint_position"),
-            Some(&Value::Numbers(vec![1.5]))
-        );
+        assert_eq!(value.field("joint_position"), Some(&Value::Numbers(vec![1.5])));
         assert_eq!(value.field("tool"), Some(&Value::Numbers(vec![])));
         assert_eq!(decoder.decode(&[]).unwrap().field("timestamp"), None);
     }
@@ -135,16 +119,8 @@ mod tests {
     #[test]
     fn names_what_is_wrong_with_schema_or_bytes() {
         let (name, set) = state_schema();
-        assert!(
-            Decoder::new("lab.Other", &set)
-                .unwrap_err()
-                .contains("`lab.Other`")
-        );
-        assert!(
-            Decoder::new(&name, b"no descriptor")
-                .unwrap_err()
-                .contains("FileDescriptorSet")
-        );
+        assert!(Decoder::new("lab.Other", &set).unwrap_err().contains("`lab.Other`"));
+        assert!(Decoder::new(&name, b"no descriptor").unwrap_err().contains("FileDescriptorSet"));
         let decoder = Decoder::new(&name, &set).unwrap();
         assert!(decoder.decode(&[0x0a, 0x7f]).unwrap_err().contains(&name));
     }

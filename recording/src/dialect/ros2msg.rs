@@ -29,6 +29,16 @@ pub(crate) struct FieldDefinition {
 /// What one element of a field is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
+    Scalar(Scalar),
+    Text,
+    WideText,
+    /// Index into [`Definitions::messages`].
+    Message(usize),
+}
+
+/// A primitive number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Scalar {
     Bool,
     U8,
     I8,
@@ -40,10 +50,6 @@ pub(crate) enum Kind {
     I64,
     F32,
     F64,
-    Text,
-    WideText,
-    /// Index into [`Definitions::messages`].
-    Message(usize),
 }
 
 /// How many elements a field has.
@@ -67,20 +73,14 @@ impl Definitions {
         let mut sections = split(name, text);
         for (missing, fields) in WELL_KNOWN {
             if !sections.iter().any(|section| section.name == *missing) {
-                sections.push(Section {
-                    name: (*missing).to_owned(),
-                    lines: fields.to_vec(),
-                });
+                sections.push(Section { name: (*missing).to_owned(), lines: fields.to_vec() });
             }
         }
         let mut index = BTreeMap::new();
         for (at, section) in sections.iter().enumerate() {
             index.entry(section.name.as_str()).or_insert(at);
         }
-        let messages = sections
-            .iter()
-            .map(|section| message(section, &index))
-            .collect::<Result<Vec<_>, _>>()?;
+        let messages = sections.iter().map(|section| message(section, &index)).collect::<Result<Vec<_>, _>>()?;
         Ok(Self { messages })
     }
 }
@@ -88,30 +88,18 @@ impl Definitions {
 /// Types that some recorders leave out of their schemas.
 const WELL_KNOWN: &[(&str, &[&str])] = &[
     ("builtin_interfaces/Time", &["int32 sec", "uint32 nanosec"]),
-    (
-        "builtin_interfaces/Duration",
-        &["int32 sec", "uint32 nanosec"],
-    ),
-    (
-        "std_msgs/Header",
-        &["builtin_interfaces/Time stamp", "string frame_id"],
-    ),
+    ("builtin_interfaces/Duration", &["int32 sec", "uint32 nanosec"]),
+    ("std_msgs/Header", &["builtin_interfaces/Time stamp", "string frame_id"]),
 ];
 
 fn split<'a>(name: &str, text: &'a str) -> Vec<Section<'a>> {
-    let mut sections = vec![Section {
-        name: short(name),
-        lines: Vec::new(),
-    }];
+    let mut sections = vec![Section { name: short(name), lines: Vec::new() }];
     let mut begun = true;
     for line in text.lines().map(str::trim) {
         if line.len() >= 40 && line.bytes().all(|byte| byte == b'=') {
             begun = false;
         } else if let (false, Some(name)) = (begun, line.strip_prefix("MSG:")) {
-            sections.push(Section {
-                name: short(name.trim()),
-                lines: Vec::new(),
-            });
+            sections.push(Section { name: short(name.trim()), lines: Vec::new() });
             begun = true;
         } else if let (true, Some(section)) = (begun, sections.last_mut()) {
             section.lines.push(line);
@@ -125,30 +113,17 @@ fn short(name: &str) -> String {
     name.replace("/msg/", "/")
 }
 
-fn message(
-    section: &Section<'_>,
-    index: &BTreeMap<&str, usize>,
-) -> Result<MessageDefinition, String> {
+fn message(section: &Section<'_>, index: &BTreeMap<&str, usize>) -> Result<MessageDefinition, String> {
     let mut definition = MessageDefinition::default();
     for line in &section.lines {
         let line = line.split('#').next().unwrap_or_default().trim();
         if line.is_empty() {
             continue;
         }
-        let bad = |what: &str| {
-            format!(
-                "the definition of {} has the line `{line}`: {what}",
-                section.name
-            )
-        };
-        let (type_text, rest) = line
-            .split_once(char::is_whitespace)
-            .ok_or_else(|| bad("no field name"))?;
+        let bad = |what: &str| format!("the definition of {} has the line `{line}`: {what}", section.name);
+        let (type_text, rest) = line.split_once(char::is_whitespace).ok_or_else(|| bad("no field name"))?;
         let end = rest.trim_start();
-        let name: String = end
-            .chars()
-            .take_while(|c| c.is_ascii_alphanumeric() || *c == '_')
-            .collect();
+        let name: String = end.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
         let after = end.get(name.len()..).unwrap_or_default();
         if name.is_empty() || !(after.is_empty() || after.starts_with([' ', '\t', '='])) {
             return Err(bad("no field name"));
@@ -156,20 +131,13 @@ fn message(
         if after.trim_start().starts_with('=') {
             continue;
         }
-        let (kind, count) =
-            field_type(type_text, &section.name, index).map_err(|what| bad(&what))?;
-        definition
-            .fields
-            .push(FieldDefinition { name, kind, count });
+        let (kind, count) = field_type(type_text, &section.name, index).map_err(|what| bad(&what))?;
+        definition.fields.push(FieldDefinition { name, kind, count });
     }
     Ok(definition)
 }
 
-fn field_type(
-    text: &str,
-    within: &str,
-    index: &BTreeMap<&str, usize>,
-) -> Result<(Kind, Count), String> {
+fn field_type(text: &str, within: &str, index: &BTreeMap<&str, usize>) -> Result<(Kind, Count), String> {
     let (element, count) = match text.split_once('[') {
         None => (text, Count::One),
         Some((element, size)) => {
@@ -192,26 +160,22 @@ fn field_type(
 
 fn kind(element: &str, within: &str, index: &BTreeMap<&str, usize>) -> Result<Kind, String> {
     Ok(match element {
-        "bool" => Kind::Bool,
-        "byte" | "char" | "uint8" => Kind::U8,
-        "int8" => Kind::I8,
-        "uint16" => Kind::U16,
-        "int16" => Kind::I16,
-        "uint32" => Kind::U32,
-        "int32" => Kind::I32,
-        "uint64" => Kind::U64,
-        "int64" => Kind::I64,
-        "float32" => Kind::F32,
-        "float64" => Kind::F64,
+        "bool" => Kind::Scalar(Scalar::Bool),
+        "byte" | "char" | "uint8" => Kind::Scalar(Scalar::U8),
+        "int8" => Kind::Scalar(Scalar::I8),
+        "uint16" => Kind::Scalar(Scalar::U16),
+        "int16" => Kind::Scalar(Scalar::I16),
+        "uint32" => Kind::Scalar(Scalar::U32),
+        "int32" => Kind::Scalar(Scalar::I32),
+        "uint64" => Kind::Scalar(Scalar::U64),
+        "int64" => Kind::Scalar(Scalar::I64),
+        "float32" => Kind::Scalar(Scalar::F32),
+        "float64" => Kind::Scalar(Scalar::F64),
         "string" => Kind::Text,
         "wstring" => Kind::WideText,
         other => {
             let package = within.split('/').next().unwrap_or_default();
-            let names = [
-                short(other),
-                format!("{package}/{other}"),
-                format!("std_msgs/{other}"),
-            ];
+            let names = [short(other), format!("{package}/{other}"), format!("std_msgs/{other}")];
             let found = names.iter().find_map(|name| index.get(name.as_str()));
             Kind::Message(*found.ok_or_else(|| {
                 format!("the type `{other}` is not defined in the schema; record with complete definitions")
@@ -221,73 +185,4 @@ fn kind(element: &str, within: &str, index: &BTreeMap<&str, usize>) -> Result<Ki
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-    use super::*;
-
-    fn fields(text: &str) -> Vec<(String, Kind, Count)> {
-        let parsed = Definitions::parse("lab_msgs/msg/Top", text).unwrap();
-        parsed.messages[0]
-            .fields
-            .iter()
-            .map(|field| (field.name.clone(), field.kind, field.count))
-            .collect()
-    }
-
-    #[test]
-    fn keeps_fields_and_drops_constants_defaults_and_comments() {
-        let text = "# a comment\nint32 X=5\nint32 Y = 6 # six\nstring WORD=\"a#b\"\n\nfloat64 speed 1.5 # m/s\n\
-                    string<=10 label \"x\"\nuint8[<=4] bounded\nstring<=5[3] words\nint16[] open [1, 2]\nbool\tflag";
-        let expected = [
-            ("speed", Kind::F64, Count::One),
-            ("label", Kind::Text, Count::One),
-            ("bounded", Kind::U8, Count::Counted),
-            ("words", Kind::Text, Count::Fixed(3)),
-            ("open", Kind::I16, Count::Counted),
-            ("flag", Kind::Bool, Count::One),
-        ];
-        assert_eq!(
-            fields(text),
-            expected.map(|(name, kind, count)| (name.to_owned(), kind, count))
-        );
-    }
-
-    #[test]
-    fn finds_dependencies_by_full_short_and_local_name() {
-        let line = "=".repeat(80);
-        let text = format!(
-            "std_msgs/Header header\nPart near\nother_msgs/msg/Far far\n{line}\nMSG: lab_msgs/Part\nint8 a\n\
-             {line}\nMSG: other_msgs/Far\nbuiltin_interfaces/Time t\n"
-        );
-        let parsed = Definitions::parse("lab_msgs/msg/Top", &text).unwrap();
-        let kinds: Vec<Kind> = parsed.messages[0]
-            .fields
-            .iter()
-            .map(|field| field.kind)
-            .collect();
-        let Kind::Message(header) = kinds[0] else {
-            panic!("header is no message")
-        };
-        assert_eq!(parsed.messages[header].fields[1].name, "frame_id");
-        assert_eq!(kinds[1..], [Kind::Message(1), Kind::Message(2)]);
-    }
-
-    #[test]
-    fn names_the_line_that_is_wrong() {
-        for (text, what) in [
-            ("float64", "no field name"),
-            ("Unknown x", "`Unknown` is not defined"),
-            ("int8[0] x", "size 0"),
-            ("int8[x] x", "not a number"),
-            ("int8[3 x", "not closed"),
-            ("int8 x-y", "no field name"),
-        ] {
-            let problem = Definitions::parse("lab_msgs/msg/Top", text).unwrap_err();
-            assert!(
-                problem.contains(what) && problem.contains(text),
-                "{problem}"
-            );
-        }
-    }
-}
+mod tests;

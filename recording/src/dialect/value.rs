@@ -18,13 +18,8 @@ impl<'a> Value<'a> {
     /// A field of a message.
     pub(crate) fn field(&self, name: &str) -> Option<&Value<'a>> {
         match self {
-            Self::Message(fields) => fields
-                .iter()
-                .find(|(field, _)| field == name)
-                .map(|(_, value)| value),
-            Self::Number(_) | Self::Numbers(_) | Self::Bytes(_) | Self::Text(_) | Self::List(_) => {
-                None
-            }
+            Self::Message(fields) => fields.iter().find(|(field, _)| field == name).map(|(_, value)| value),
+            Self::Number(_) | Self::Numbers(_) | Self::Bytes(_) | Self::Text(_) | Self::List(_) => None,
         }
     }
 
@@ -55,18 +50,11 @@ impl<'a> Value<'a> {
     /// The header stamp in nanoseconds: foxglove's `timestamp` or ROS's `header.stamp`.
     /// A stamp of zero is one that nobody set.
     pub(crate) fn stamp(&self) -> Option<i64> {
-        let stamp = self
-            .field("timestamp")
-            .or_else(|| self.field("header")?.field("stamp"))?;
+        let stamp = self.field("timestamp").or_else(|| self.field("header")?.field("stamp"))?;
         let seconds = stamp.number("seconds").or_else(|| stamp.number("sec"))?;
-        let nanos = ["nanos", "nanosec", "nsec"]
-            .iter()
-            .find_map(|name| stamp.number(name))?;
+        let nanos = ["nanos", "nanosec", "nsec"].iter().find_map(|name| stamp.number(name))?;
         let whole = |number: f64| {
-            #[expect(
-                clippy::cast_possible_truncation,
-                reason = "the range is checked first"
-            )]
+            #[expect(clippy::cast_possible_truncation, reason = "the range is checked first")]
             (number.abs() < 4e9 && number.fract() == 0.0).then_some(number as i64)
         };
         let stamp = whole(seconds)? * 1_000_000_000 + whole(nanos)?;
@@ -115,13 +103,12 @@ impl<'a> Value<'a> {
     /// The fields of a message, for an error.
     pub(crate) fn field_names(&self) -> String {
         match self {
-            Self::Message(fields) if !fields.is_empty() => fields
-                .iter()
-                .take(32)
-                .map(|(name, _)| name.as_ref())
-                .collect::<Vec<_>>()
-                .join(", "),
-            _ => "no fields".to_owned(),
+            Self::Message(fields) if !fields.is_empty() => {
+                fields.iter().take(32).map(|(name, _)| name.as_ref()).collect::<Vec<_>>().join(", ")
+            }
+            Self::Message(_) | Self::Number(_) | Self::Numbers(_) | Self::Bytes(_) | Self::Text(_) | Self::List(_) => {
+                "no fields".to_owned()
+            }
         }
     }
 }
@@ -133,10 +120,7 @@ mod tests {
     use super::*;
 
     fn time(seconds: &'static str, nanos: &'static str, values: (f64, f64)) -> Value<'static> {
-        Value::Message(vec![
-            (seconds.into(), Value::Number(values.0)),
-            (nanos.into(), Value::Number(values.1)),
-        ])
+        Value::Message(vec![(seconds.into(), Value::Number(values.0)), (nanos.into(), Value::Number(values.1))])
     }
 
     fn message(name: &'static str, value: Value<'static>) -> Value<'static> {
@@ -145,28 +129,16 @@ mod tests {
 
     #[test]
     fn finds_the_stamp_of_each_dialect() {
-        assert_eq!(
-            message("timestamp", time("seconds", "nanos", (2.0, 5.0))).stamp(),
-            Some(2_000_000_005)
-        );
+        assert_eq!(message("timestamp", time("seconds", "nanos", (2.0, 5.0))).stamp(), Some(2_000_000_005));
         let header = message("stamp", time("sec", "nanosec", (1.0, 7.0)));
         assert_eq!(message("header", header).stamp(), Some(1_000_000_007));
-        assert_eq!(
-            message("timestamp", time("sec", "nsec", (1.0, 7.0))).stamp(),
-            Some(1_000_000_007)
-        );
+        assert_eq!(message("timestamp", time("sec", "nsec", (1.0, 7.0))).stamp(), Some(1_000_000_007));
     }
 
     #[test]
     fn an_unset_or_absurd_stamp_is_none() {
-        assert_eq!(
-            message("timestamp", time("seconds", "nanos", (0.0, 0.0))).stamp(),
-            None
-        );
-        assert_eq!(
-            message("timestamp", time("seconds", "nanos", (1e30, 0.0))).stamp(),
-            None
-        );
+        assert_eq!(message("timestamp", time("seconds", "nanos", (0.0, 0.0))).stamp(), None);
+        assert_eq!(message("timestamp", time("seconds", "nanos", (1e30, 0.0))).stamp(), None);
         assert_eq!(message("timestamp", Value::Number(3.0)).stamp(), None);
         assert_eq!(Value::Number(3.0).stamp(), None);
     }

@@ -7,9 +7,7 @@ use super::*;
 
 fn png(bytes: &[u8], height: u32, width: u32, color: ExtendedColorType) -> Vec<u8> {
     let mut out = Vec::new();
-    image::codecs::png::PngEncoder::new(&mut out)
-        .write_image(bytes, width, height, color)
-        .unwrap();
+    image::codecs::png::PngEncoder::new(&mut out).write_image(bytes, width, height, color).unwrap();
     out
 }
 
@@ -25,12 +23,7 @@ fn jpeg_round_trip_is_close_and_png_exact() {
     let rgb = gradient(16, 24);
     let jpeg = encode_jpeg(&rgb, 16, 24, 92).unwrap();
     let back = decode_color(&jpeg, PixelFormat::Auto, 16, 24).unwrap();
-    let worst = rgb
-        .iter()
-        .zip(&back)
-        .map(|(a, b)| a.abs_diff(*b))
-        .max()
-        .unwrap();
+    let worst = rgb.iter().zip(&back).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
     assert!(back.len() == rgb.len() && worst < 12, "{worst}");
     let png = png(&rgb, 16, 24, ExtendedColorType::Rgb8);
     assert_eq!(decode_color(&png, PixelFormat::Png, 16, 24).unwrap(), rgb);
@@ -43,38 +36,19 @@ fn depth_is_exact_raw_and_as_png() {
     let little: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_le_bytes()).collect();
     let native: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_ne_bytes()).collect();
     let png = png(&native, 2, 3, ExtendedColorType::L16);
-    assert_eq!(
-        decode_depth(&little, PixelFormat::Depth16, 2, 3).unwrap(),
-        little
-    );
+    assert_eq!(decode_depth(&little, PixelFormat::Depth16, 2, 3).unwrap(), little);
     assert_eq!(decode_depth(&png, PixelFormat::Auto, 2, 3).unwrap(), little);
     let with_prefix = [&[0; 12][..], &png].concat();
-    assert_eq!(
-        decode_depth(&with_prefix, PixelFormat::Auto, 2, 3).unwrap(),
-        little
-    );
+    assert_eq!(decode_depth(&with_prefix, PixelFormat::Auto, 2, 3).unwrap(), little);
 }
 
 #[test]
 fn a_wrong_size_names_both() {
     let jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
     let error = decode_color(&jpeg, PixelFormat::Jpeg, 24, 16).unwrap_err();
-    assert!(matches!(
-        error,
-        RecordingError::WrongSize {
-            height: 24,
-            width: 16,
-            found_height: 16,
-            found_width: 24
-        }
-    ));
+    assert!(matches!(error, RecordingError::WrongSize { height: 24, width: 16, found_height: 16, found_width: 24 }));
     assert!(error.to_string().contains("16×24") && error.to_string().contains("24×16"));
-    assert!(
-        decode_color(&[0; 10], PixelFormat::Rgb8, 2, 2)
-            .unwrap_err()
-            .to_string()
-            .contains("12")
-    );
+    assert!(decode_color(&[0; 10], PixelFormat::Rgb8, 2, 2).unwrap_err().to_string().contains("12"));
 }
 
 #[test]
@@ -82,20 +56,12 @@ fn broken_and_mistaken_images_are_errors() {
     let mut jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
     for length in [jpeg.len() - 20, 30] {
         jpeg.truncate(length);
-        assert!(matches!(
-            decode_color(&jpeg, PixelFormat::Auto, 16, 24),
-            Err(RecordingError::BrokenImage { .. })
-        ));
+        assert!(matches!(decode_color(&jpeg, PixelFormat::Auto, 16, 24), Err(RecordingError::BrokenImage { .. })));
     }
     assert!(decode_color(&[0; 12], PixelFormat::Depth16, 2, 2).is_err());
     assert!(decode_depth(&[0; 8], PixelFormat::Rgb8, 2, 2).is_err());
     let color = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
-    assert!(
-        decode_depth(&color, PixelFormat::Auto, 2, 2)
-            .unwrap_err()
-            .to_string()
-            .contains("16-bit gray")
-    );
+    assert!(decode_depth(&color, PixelFormat::Auto, 2, 2).unwrap_err().to_string().contains("16-bit gray"));
     assert!(encode_jpeg(&[0; 3], 2, 2, 90).is_err());
 }
 

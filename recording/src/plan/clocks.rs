@@ -16,27 +16,14 @@ pub(super) struct Clocks {
 impl Clocks {
     /// Header stamps first. Only when some topic has none, and the others' are of another clock than the
     /// recorder's, is the one clock that all share used: log time.
-    pub(super) fn new(
-        tracks: &Tracks,
-        mapping: &Mapping,
-        spec: &TaskSpec,
-        report: &mut Report,
-    ) -> Self {
+    pub(super) fn new(tracks: &Tracks, mapping: &Mapping, spec: &TaskSpec, report: &mut Report) -> Self {
         let topics = mapping.topics(spec);
-        let headless = topics.iter().find(|&&topic| {
-            stamps(tracks, topic)
-                .iter()
-                .all(|stamp| stamp.header.is_none())
-        });
+        let headless = topics.iter().find(|&&topic| stamps(tracks, topic).iter().all(|stamp| stamp.header.is_none()));
         let skewed = topics.iter().find(|&&topic| {
-            let mut skews: Vec<u64> = stamps(tracks, topic)
-                .iter()
-                .filter_map(|stamp| Some(stamp.header?.abs_diff(stamp.log)))
-                .collect();
+            let mut skews: Vec<u64> =
+                stamps(tracks, topic).iter().filter_map(|stamp| Some(stamp.header?.abs_diff(stamp.log))).collect();
             skews.sort_unstable();
-            skews
-                .get(skews.len() / 2)
-                .is_some_and(|&skew| skew > MAX_CLOCK_SKEW)
+            skews.get(skews.len() / 2).is_some_and(|&skew| skew > MAX_CLOCK_SKEW)
         });
         let (Some(headless), Some(skewed)) = (headless, skewed) else {
             return Self { log_only: false };
@@ -45,13 +32,7 @@ impl Clocks {
             "its header stamps are of another clock than the recorder's, and {headless} has none, so log times were \
              used for all; stamp {headless} to align better"
         );
-        report.add(
-            Severity::Note,
-            FindingCode::MixedClocks,
-            skewed,
-            None,
-            detail,
-        );
+        report.add(Severity::Note, FindingCode::MixedClocks, skewed, None, detail);
         Self { log_only: true }
     }
 
@@ -65,9 +46,5 @@ impl Clocks {
 }
 
 fn stamps<'a>(tracks: &'a Tracks, topic: &str) -> &'a [Stamp] {
-    tracks
-        .tracks
-        .get(topic)
-        .map(|track| track.stamps.as_slice())
-        .unwrap_or_default()
+    tracks.tracks.get(topic).map(|track| track.stamps.as_slice()).unwrap_or_default()
 }

@@ -61,14 +61,8 @@ pub(super) fn streams<'a>(
     let mut streams = Vec::new();
     let chosen = &spec.mappings[mapping];
     for (camera, wanted) in spec.cameras.iter().enumerate() {
-        let source = chosen
-            .cameras
-            .iter()
-            .find(|source| source.camera == wanted.name)?;
-        for (topic, channel) in [
-            (Some(&source.color), Channel::Color),
-            (source.depth.as_ref(), Channel::Depth),
-        ] {
+        let source = chosen.cameras.iter().find(|source| source.camera == wanted.name)?;
+        for (topic, channel) in [(Some(&source.color), Channel::Color), (source.depth.as_ref(), Channel::Depth)] {
             let Some(topic) = topic else { continue };
             streams.push(Stream {
                 subject: topic.clone(),
@@ -91,19 +85,11 @@ fn field_stream<'a>(
     clocks: &Clocks,
 ) -> Option<Stream<'a>> {
     let sources = &spec.mappings[mapping].fields;
-    let at = sources
-        .iter()
-        .position(|source| source.field == field.name)?;
+    let at = sources.iter().position(|source| source.field == field.name)?;
     let topic = &sources[at].topic;
     let track = tracks.tracks.get(topic)?;
-    let values = track
-        .fields
-        .iter()
-        .find(|values| (values.mapping, values.source) == (mapping, at))?;
-    let times = values
-        .messages
-        .iter()
-        .map(|&message| clocks.time(track.stamps[message]));
+    let values = track.fields.iter().find(|values| (values.mapping, values.source) == (mapping, at))?;
+    let times = values.messages.iter().map(|&message| clocks.time(track.stamps[message]));
     (!values.messages.is_empty()).then(|| Stream {
         subject: field.name.clone(),
         topic: topic.clone(),

@@ -12,34 +12,20 @@ fn a_cut_file_gives_the_steps_before_the_cut_and_says_so() {
     for cut in [900, 1200, 1500, 2000, 3000, 4000] {
         let reading = read_bytes(&bytes[..cut], &spec).unwrap();
         let finding = &reading.report.findings[0];
-        assert_eq!(
-            (finding.severity, finding.code),
-            (Severity::Warning, FindingCode::Truncated)
-        );
-        assert!(
-            reading.report.steps > last,
-            "cut at {cut}: {} steps",
-            reading.report.steps
-        );
+        assert_eq!((finding.severity, finding.code), (Severity::Warning, FindingCode::Truncated));
+        assert!(reading.report.steps > last, "cut at {cut}: {} steps", reading.report.steps);
         last = reading.report.steps;
     }
 }
 
 #[test]
 fn a_real_chunked_recording_cut_anywhere_is_read_or_refused_in_words() {
-    let (bytes, spec) = (
-        std::fs::read(fixture("pick_cube_ros2.mcap")).unwrap(),
-        pick_cube(),
-    );
+    let (bytes, spec) = (std::fs::read(fixture("pick_cube_ros2.mcap")).unwrap(), pick_cube());
     let mut salvaged = 0;
     for cut in (0..bytes.len()).step_by(bytes.len() / 40) {
         match read_bytes(&bytes[..cut], &spec) {
             Ok(reading) => {
-                assert_eq!(
-                    reading.report.findings[0].code,
-                    FindingCode::Truncated,
-                    "cut at {cut}"
-                );
+                assert_eq!(reading.report.findings[0].code, FindingCode::Truncated, "cut at {cut}");
                 salvaged = salvaged.max(reading.report.steps);
             }
             Err(RecordingError::Rejected(report)) => assert!(report.has_errors(), "cut at {cut}"),
@@ -52,9 +38,7 @@ fn a_real_chunked_recording_cut_anywhere_is_read_or_refused_in_words() {
 /// A small generator of repeatable numbers, so that a failure can be found again.
 fn numbers(mut state: u64) -> impl FnMut(usize) -> usize {
     move |below| {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         usize::try_from(state >> 33).unwrap() % below
     }
 }
@@ -62,11 +46,7 @@ fn numbers(mut state: u64) -> impl FnMut(usize) -> usize {
 #[test]
 fn changed_bytes_never_panic() {
     let files = [
-        (
-            std::fs::read(fixture("pick_cube_ros2.mcap")).unwrap(),
-            pick_cube(),
-            60,
-        ),
+        (std::fs::read(fixture("pick_cube_ros2.mcap")).unwrap(), pick_cube(), 60),
         (written(3), written_arm(), 150),
         (Scene::steps(4).mcap(), numbers_only(), 300),
     ];
@@ -83,10 +63,7 @@ fn changed_bytes_never_panic() {
             refused += usize::from(read_bytes(&changed, spec).is_err());
         }
     }
-    assert!(
-        refused > 100,
-        "only {refused} of the changed files were refused"
-    );
+    assert!(refused > 100, "only {refused} of the changed files were refused");
 }
 
 #[test]
@@ -98,12 +75,7 @@ fn changed_messages_never_panic() {
         let (mut schemas, mut messages) = (Vec::new(), Vec::new());
         scan(&fixture(name), &mut |record| {
             match record {
-                Record::Schema {
-                    name,
-                    encoding,
-                    data,
-                    ..
-                } => {
+                Record::Schema { name, encoding, data, .. } => {
                     schemas.push((name.to_owned(), encoding.to_owned(), data.to_vec()));
                 }
                 Record::Message { data, .. } => messages.push(data.to_vec()),
@@ -115,17 +87,8 @@ fn changed_messages_never_panic() {
         let mut next = numbers(7);
         for (name, encoding, mut data) in schemas {
             for _ in 0..30 {
-                let message_encoding = if encoding == "ros2msg" {
-                    "cdr"
-                } else {
-                    "protobuf"
-                };
-                let schema = ChannelSchema {
-                    message_encoding,
-                    schema_encoding: &encoding,
-                    name: &name,
-                    data: &data,
-                };
+                let message_encoding = if encoding == "ros2msg" { "cdr" } else { "protobuf" };
+                let schema = ChannelSchema { message_encoding, schema_encoding: &encoding, name: &name, data: &data };
                 if let Ok(decoder) = Decoder::new(schema) {
                     let mut message = messages[next(messages.len())].clone();
                     let at = next(message.len().min(64));

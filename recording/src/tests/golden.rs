@@ -25,10 +25,7 @@ fn check(name: &str, mapping: &str) {
     assert_eq!(reading.mapping, mapping);
     assert_eq!(reading.report.findings, []);
     assert_eq!(reading.episode.stamps(), expected.stamps);
-    assert_eq!(
-        reading.episode.proprioception(),
-        expected.proprioception.concat()
-    );
+    assert_eq!(reading.episode.proprioception(), expected.proprioception.concat());
     assert_eq!(reading.episode.action(), expected.action.concat());
     let frames = reading.episode.frames();
     let (pixels, camera_bytes) = (128 * 128, 128 * 128 * 5);
@@ -36,34 +33,13 @@ fn check(name: &str, mapping: &str) {
     for (at, camera) in frames.as_ref().chunks_exact(camera_bytes).enumerate() {
         let (step, which) = (at / 2, at % 2);
         let (color, depth) = camera.split_at(pixels * 3);
-        let depth: Vec<u64> = depth
-            .as_chunks()
-            .0
-            .iter()
-            .map(|mm| u64::from(u16::from_le_bytes(*mm)))
-            .collect();
-        let found = [
-            depth.iter().sum(),
-            depth[0],
-            depth[64 * 128 + 64],
-            depth[100 * 128 + 17],
-        ];
-        assert_eq!(
-            found, expected.depth_sum_and_pixels[step][which],
-            "depth of step {step}, camera {which}"
-        );
+        let depth: Vec<u64> = depth.as_chunks().0.iter().map(|mm| u64::from(u16::from_le_bytes(*mm))).collect();
+        let found = [depth.iter().sum(), depth[0], depth[64 * 128 + 64], depth[100 * 128 + 17]];
+        assert_eq!(found, expected.depth_sum_and_pixels[step][which], "depth of step {step}, camera {which}");
         for (channel, mean) in expected.color_mean[step][which].iter().enumerate() {
-            let sum: f64 = color
-                .iter()
-                .skip(channel)
-                .step_by(3)
-                .map(|value| f64::from(*value))
-                .sum();
+            let sum: f64 = color.iter().skip(channel).step_by(3).map(|value| f64::from(*value)).sum();
             let found = sum / f64::from(u32::try_from(pixels).unwrap());
-            assert!(
-                (found - mean).abs() < 0.5,
-                "step {step}, camera {which}, channel {channel}: {found}, {mean}"
-            );
+            assert!((found - mean).abs() < 0.5, "step {step}, camera {which}, channel {channel}: {found}, {mean}");
         }
     }
 }

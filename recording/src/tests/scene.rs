@@ -8,7 +8,7 @@ use mcap::records::MessageHeader;
 use serde_json::{Value, json};
 
 use crate::spec::tests::arm;
-use crate::{Reading, RecordingError, Report, TaskSpec, read_episode};
+use crate::{Finding, FindingCode, Reading, RecordingError, Report, Severity, TaskSpec, read_episode};
 
 /// The small test task without its camera, read from JSON topics.
 pub(super) fn numbers_only() -> TaskSpec {
@@ -42,33 +42,22 @@ impl Scene {
     }
 
     /// Changes the messages of one topic; those for which `change` gives false are left out.
-    pub(super) fn change(
-        mut self,
-        topic: &str,
-        mut change: impl FnMut(usize, &mut i64, &mut Value) -> bool,
-    ) -> Self {
+    pub(super) fn change(mut self, topic: &str, mut change: impl FnMut(usize, &mut i64, &mut Value) -> bool) -> Self {
         let mut at = 0;
         self.messages.retain_mut(|(of, stamp, _, content)| {
             if *of != topic {
                 return true;
             }
             at += 1;
-            stamp
-                .as_mut()
-                .is_none_or(|stamp| change(at - 1, stamp, content))
+            stamp.as_mut().is_none_or(|stamp| change(at - 1, stamp, content))
         });
         self
     }
 
     pub(super) fn mcap(&self) -> Vec<u8> {
-        let mut writer = mcap::WriteOptions::new()
-            .use_chunks(false)
-            .create(Cursor::new(Vec::new()))
-            .unwrap();
+        let mut writer = mcap::WriteOptions::new().use_chunks(false).create(Cursor::new(Vec::new())).unwrap();
         for (topic, stamp, log, content) in &self.messages {
-            let channel = writer
-                .add_channel(0, topic, "json", &BTreeMap::new())
-                .unwrap();
+            let channel = writer.add_channel(0, topic, "json", &BTreeMap::new()).unwrap();
             let mut content = content.clone();
             if let (Some(ms), Some(fields)) = (stamp, content.as_object_mut()) {
                 fields.insert(
@@ -77,15 +66,8 @@ impl Scene {
                 );
             }
             let time = u64::try_from(log * 1_000_000).unwrap();
-            let header = MessageHeader {
-                channel_id: channel,
-                sequence: 0,
-                log_time: time,
-                publish_time: time,
-            };
-            writer
-                .write_to_known_channel(&header, content.to_string().as_bytes())
-                .unwrap();
+            let header = MessageHeader { channel_id: channel, sequence: 0, log_time: time, publish_time: time };
+            writer.write_to_known_channel(&header, content.to_string().as_bytes()).unwrap();
         }
         writer.finish().unwrap();
         writer.into_inner().into_inner()
@@ -114,4 +96,17 @@ pub(super) fn read_bytes(bytes: &[u8], spec: &TaskSpec) -> Result<Reading, Recor
 
 fn write(path: &Path, bytes: &[u8]) {
     std::fs::write(path, bytes).unwrap();
+}
+
+/// The one finding of a report.
+pub(super) fn only(report: &Report) -> &Finding {
+    assert_eq!(report.findings.len(), 1, "{:?}", report.findings);
+    &report.findings[0]
+}
+
+/// The one finding of a report, which must be this.
+pub(super) fn check(report: &Report, severity: Severity, code: FindingCode, subject: &str) -> Finding {
+    let finding = only(report);
+    assert_eq!((finding.severity, finding.code, finding.subject.as_str()), (severity, code, subject));
+    finding.clone()
 }

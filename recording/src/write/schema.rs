@@ -6,9 +6,7 @@
 use prost::Message;
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, Value};
 use prost_types::field_descriptor_proto::{Label, Type};
-use prost_types::{
-    DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp,
-};
+use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp};
 
 use crate::spec::FieldSpec;
 
@@ -54,11 +52,7 @@ pub(crate) struct Schema {
 
 /// Descriptors of foxglove.CompressedImage.
 pub(super) fn compressed_image() -> Schema {
-    let fields = vec![
-        one(2, "data", Type::Bytes),
-        one(3, "format", Type::String),
-        one(4, "frame_id", Type::String),
-    ];
+    let fields = vec![one(2, "data", Type::Bytes), one(3, "format", Type::String), one(4, "frame_id", Type::String)];
     schema("foxglove", "CompressedImage", fields)
 }
 
@@ -102,16 +96,9 @@ fn schema(package: &str, name: &str, fields: Vec<FieldDescriptorProto>) -> Schem
         ..FileDescriptorProto::default()
     };
     let known = DescriptorPool::global();
-    let timestamp_file = known
-        .get_file_by_name(TIMESTAMP_FILE)
-        .map(|file| file.file_descriptor_proto().clone());
-    let set = FileDescriptorSet {
-        file: timestamp_file.into_iter().chain([file]).collect(),
-    };
-    Schema {
-        name: format!("{package}.{name}"),
-        descriptors: set.encode_to_vec(),
-    }
+    let timestamp_file = known.get_file_by_name(TIMESTAMP_FILE).map(|file| file.file_descriptor_proto().clone());
+    let set = FileDescriptorSet { file: timestamp_file.into_iter().chain([file]).collect() };
+    Schema { name: format!("{package}.{name}"), descriptors: set.encode_to_vec() }
 }
 
 fn one(number: i32, name: &str, kind: Type) -> FieldDescriptorProto {
@@ -133,13 +120,8 @@ pub(super) struct Numbers {
 impl Numbers {
     /// The type that [`numbers`] describes.
     pub(super) fn new(schema: &Schema, specs: &[FieldSpec]) -> Option<Self> {
-        let message = DescriptorPool::decode(schema.descriptors.as_slice())
-            .ok()?
-            .get_message_by_name(&schema.name)?;
-        Some(Self {
-            message,
-            sizes: specs.iter().map(|spec| spec.size as usize).collect(),
-        })
+        let message = DescriptorPool::decode(schema.descriptors.as_slice()).ok()?.get_message_by_name(&schema.name)?;
+        Some(Self { message, sizes: specs.iter().map(|spec| spec.size as usize).collect() })
     }
 
     /// The wire form of one message. `values` holds as many as the fields together.
@@ -153,9 +135,7 @@ impl Numbers {
         for (number, &size) in (2..).zip(&self.sizes) {
             let (field, after) = rest.split_at_checked(size)?;
             let list = field.iter().map(|&value| Value::F32(value)).collect();
-            message
-                .try_set_field_by_number(number, Value::List(list))
-                .ok()?;
+            message.try_set_field_by_number(number, Value::List(list)).ok()?;
             rest = after;
         }
         Some(message.encode_to_vec())
