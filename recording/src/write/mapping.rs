@@ -7,7 +7,7 @@ pub(super) const ACTION_TOPIC: &str = "/robot/action";
 /// Name of the mapping that reads what is written here.
 const MAPPING: &str = "gleaner";
 
-/// The mapping that reads what [`EpisodeWriter`] writes for this task.
+/// The mapping that reads what [`EpisodeWriter`](crate::EpisodeWriter) writes for this task.
 pub fn written_mapping(spec: &TaskSpec) -> Mapping {
     let fields = |specs: &[FieldSpec], topic: &str| -> Vec<FieldSource> {
         let source = |field: &FieldSpec| FieldSource {
