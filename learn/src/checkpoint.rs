@@ -70,10 +70,7 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     let unreadable = |error| LearnError::Checkpoint(format!("header: {error}"));
     let version: AnyVersion = serde_json::from_str(header).map_err(unreadable)?;
     if version.format_version != FORMAT_VERSION {
-        return Err(LearnError::Version {
-            found: version.format_version,
-            supported: FORMAT_VERSION,
-        });
+        return Err(LearnError::Version { found: version.format_version, supported: FORMAT_VERSION });
     }
     let info: CheckpointInfo = serde_json::from_str(header).map_err(unreadable)?;
     info.shape.validate()?;
@@ -88,10 +85,7 @@ pub(crate) fn read(
 ) -> Result<(CheckpointInfo, BTreeMap<String, Tensor>), LearnError> {
     let info = inspect(bytes)?;
     if info.kind != kind {
-        return Err(LearnError::Checkpoint(format!(
-            "holds {:?}, {kind:?} is needed here",
-            info.kind
-        )));
+        return Err(LearnError::Checkpoint(format!("holds {:?}, {kind:?} is needed here", info.kind)));
     }
     let mut named = BTreeMap::new();
     for (name, view) in SafeTensors::deserialize(bytes)?.iter() {
@@ -101,33 +95,19 @@ pub(crate) fn read(
         let (floats, _) = view.data().as_chunks::<4>();
         let floats: Vec<f32> = floats.iter().map(|b| f32::from_le_bytes(*b)).collect();
         let size: Vec<i64> = view.shape().iter().map(|n| int(*n)).collect();
-        named.insert(
-            name.to_owned(),
-            Tensor::from_slice(&floats).view(size.as_slice()),
-        );
+        named.insert(name.to_owned(), Tensor::from_slice(&floats).view(size.as_slice()));
     }
     Ok((info, named))
 }
 
 /// Writes a checkpoint. The same header and tensors give the same bytes.
-pub(crate) fn write(
-    info: &CheckpointInfo,
-    named: &[(String, Tensor)],
-) -> Result<Vec<u8>, LearnError> {
-    let header = serde_json::to_string(info)
-        .map_err(|error| LearnError::Checkpoint(format!("header: {error}")))?;
+pub(crate) fn write(info: &CheckpointInfo, named: &[(String, Tensor)]) -> Result<Vec<u8>, LearnError> {
+    let header = serde_json::to_string(info).map_err(|error| LearnError::Checkpoint(format!("header: {error}")))?;
     let mut stored = Vec::with_capacity(named.len());
     for (name, tensor) in named {
         debug_assert_eq!(tensor.kind(), Kind::Float, "{name}");
-        let bytes: Vec<u8> = values(tensor)
-            .iter()
-            .flat_map(|x| x.to_le_bytes())
-            .collect();
-        let size: Vec<usize> = tensor
-            .size()
-            .into_iter()
-            .map(|n| usize::try_from(n).unwrap_or(0))
-            .collect();
+        let bytes: Vec<u8> = values(tensor).iter().flat_map(|x| x.to_le_bytes()).collect();
+        let size: Vec<usize> = tensor.size().into_iter().map(|n| usize::try_from(n).unwrap_or(0)).collect();
         stored.push((name, size, bytes));
     }
     let views = stored
@@ -151,12 +131,7 @@ mod tests {
             step: 3,
             finished: false,
             shape: TaskShape {
-                cameras: vec![CameraShape {
-                    name: "top".into(),
-                    height: 16,
-                    width: 16,
-                    depth: false,
-                }],
+                cameras: vec![CameraShape { name: "top".into(), height: 16, width: 16, depth: false }],
                 proprioception: 2,
                 action: 1,
             },
@@ -166,14 +141,7 @@ mod tests {
     }
 
     fn tensors() -> Vec<(String, Tensor)> {
-        let odd = [
-            0.1f32,
-            -0.0,
-            f32::MIN_POSITIVE / 4.0,
-            1e38,
-            f32::EPSILON,
-            7.0,
-        ];
+        let odd = [0.1f32, -0.0, f32::MIN_POSITIVE / 4.0, 1e38, f32::EPSILON, 7.0];
         vec![
             ("b".into(), Tensor::from_slice(&odd).view([2, 3])),
             ("a".into(), Tensor::from_slice(&odd[..1]).view([1, 1, 1])),
@@ -195,27 +163,16 @@ mod tests {
 
     #[test]
     fn another_version_is_named_with_ours_and_the_mend() {
-        let bytes = write(
-            &CheckpointInfo {
-                format_version: 9,
-                ..info()
-            },
-            &tensors(),
-        );
+        let bytes = write(&CheckpointInfo { format_version: 9, ..info() }, &tensors());
         let message = inspect(&bytes.unwrap()).unwrap_err().to_string();
-        assert!(
-            message.contains("version 9") && message.contains("version 1"),
-            "{message}"
-        );
+        assert!(message.contains("version 9") && message.contains("version 1"), "{message}");
         assert!(message.contains("train it again"), "{message}");
     }
 
     #[test]
     fn the_wrong_kind_is_refused() {
         let bytes = write(&info(), &tensors()).unwrap();
-        let message = read(&bytes, CheckpointKind::Policy)
-            .unwrap_err()
-            .to_string();
+        let message = read(&bytes, CheckpointKind::Policy).unwrap_err().to_string();
         assert!(message.contains("holds Encoder"), "{message}");
     }
 

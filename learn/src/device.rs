@@ -19,9 +19,6 @@ pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, 
     match device {
         Device::Cpu => Ok(tch::Device::Cpu),
         Device::Cuda if tch::Cuda::is_available() => Ok(tch::Device::Cuda(0)),
-        Device::Cuda => Err(LearnError::invalid(
-            "device",
-            "is cuda, but no CUDA device is usable here; use cpu",
-        )),
+        Device::Cuda => Err(LearnError::invalid("device", "is cuda, but no CUDA device is usable here; use cpu")),
     }
 }

@@ -56,10 +56,7 @@ pub enum LearnError {
 impl LearnError {
     /// An [`LearnError::Invalid`] for `field`.
     pub(crate) fn invalid(field: impl Into<String>, message: impl Into<String>) -> Self {
-        Self::Invalid {
-            field: field.into(),
-            message: message.into(),
-        }
+        Self::Invalid { field: field.into(), message: message.into() }
     }
 }
 
@@ -71,9 +68,7 @@ impl From<TchError> for LearnError {
 
 impl From<SafeTensorError> for LearnError {
     fn from(error: SafeTensorError) -> Self {
-        Self::Checkpoint(format!(
-            "{error}; the bytes are cut short or are not a checkpoint"
-        ))
+        Self::Checkpoint(format!("{error}; the bytes are cut short or are not a checkpoint"))
     }
 }
 

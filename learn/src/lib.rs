@@ -31,8 +31,8 @@ pub use policy::{Embedding, History, Policy, train_policy};
 pub use pretrain::pretrain;
 pub use score::{EpisodeScores, Normaliser, Scores, score};
 pub use spec::{
-    CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
-    PretrainSpec, ScoreSpec, Similarity, TaskShape, TrainSpec,
+    CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset, PretrainSpec, ScoreSpec,
+    Similarity, TaskShape, TrainSpec,
 };
 pub use train::{Monitor, Silent};
 pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};

@@ -48,14 +48,8 @@ impl AdamW {
         slots
             .flat_map(|slot| {
                 [
-                    (
-                        format!("optimizer.mean.{}", slot.name),
-                        slot.mean.shallow_clone(),
-                    ),
-                    (
-                        format!("optimizer.square.{}", slot.name),
-                        slot.square.shallow_clone(),
-                    ),
+                    (format!("optimizer.mean.{}", slot.name), slot.mean.shallow_clone()),
+                    (format!("optimizer.square.{}", slot.name), slot.square.shallow_clone()),
                 ]
             })
             .collect()
@@ -111,9 +105,7 @@ impl AdamW {
                 let _ = slot.parameter.g_mul_scalar_(1.0 - rate * spec.weight_decay);
             }
             let spread = (&slot.square / second).sqrt() + EPSILON;
-            let _ = slot
-                .parameter
-                .g_sub_(&(&slot.mean * (rate / first) / spread));
+            let _ = slot.parameter.g_sub_(&(&slot.mean * (rate / first) / spread));
         }
         norm
     }
@@ -129,10 +121,7 @@ impl AdamW {
         if squares.is_empty() {
             return 0.0;
         }
-        Tensor::stack(&squares, 0)
-            .sum(Kind::Double)
-            .sqrt()
-            .double_value(&[])
+        Tensor::stack(&squares, 0).sum(Kind::Double).sqrt().double_value(&[])
     }
 }
 
@@ -143,18 +132,12 @@ mod tests {
     use crate::batch::values;
 
     fn spec(weight_decay: f64, clip_norm: f64) -> OptimSpec {
-        OptimSpec {
-            weight_decay,
-            clip_norm,
-            ..OptimSpec::default()
-        }
+        OptimSpec { weight_decay, clip_norm, ..OptimSpec::default() }
     }
 
     /// Steps `[x]` under the loss `slope * x`.
     fn run(spec: &OptimSpec, slope: f64, steps: u64) -> (f32, f64) {
-        let x = Tensor::from_slice(&[1.0f32])
-            .view([1, 1])
-            .set_requires_grad(true);
+        let x = Tensor::from_slice(&[1.0f32]).view([1, 1]).set_requires_grad(true);
         let mut adam = AdamW::new(vec![("x".into(), x.shallow_clone())]);
         let mut norm = 0.0;
         for step in 0..steps {

@@ -10,9 +10,7 @@ use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::{Attention, Network, Size, View};
 use crate::normalize::Statistics;
-use crate::objective::{
-    Targets, action_autoregression, masked_transition, masking, reconstruction,
-};
+use crate::objective::{Targets, action_autoregression, masked_transition, masking, reconstruction};
 use crate::random::{Purpose, generator};
 use crate::spec::{Objective, PretrainSpec, TaskShape};
 use crate::train::{Loss, Monitor, Resumed, Training};
@@ -79,18 +77,10 @@ fn begin(
     let target = Size::of(spec.model.preset).target;
     let statistics = Statistics::measure(shape, data, target, device);
     let network = Network::new(shape, spec.model, statistics, spec.seed, device);
-    Ok(Resumed::Unfinished(Box::new(Training::start(
-        network, info,
-    ))))
+    Ok(Resumed::Unfinished(Box::new(Training::start(network, info))))
 }
 
-fn draw(
-    network: &Network,
-    data: &[&Trajectory],
-    segments: &Segments,
-    spec: &PretrainSpec,
-    step: u64,
-) -> Batch {
+fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &PretrainSpec, step: u64) -> Batch {
     let mut rng = generator(spec.seed, Purpose::Batch, step);
     let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
     let window = spec.model.window();
@@ -106,10 +96,7 @@ fn pretrain_loss(network: &Network, batch: &Batch, spec: &PretrainSpec, step: u6
     let mut losses = Vec::new();
     if wants(Objective::Mtp) || wants(Objective::Tr) {
         let masked = mask(windows, spec.seed, step, network.device());
-        let view = View {
-            attention: Attention::Bidirectional,
-            hidden: Some(&masked),
-        };
+        let view = View { attention: Attention::Bidirectional, hidden: Some(&masked) };
         let features = network.features(&steps, windows, view, windows.length);
         let errors = targets.errors(network, &features);
         if wants(Objective::Mtp) {
@@ -127,13 +114,8 @@ fn pretrain_loss(network: &Network, batch: &Batch, spec: &PretrainSpec, step: u6
         losses.push(("loss_aa", loss));
     }
     let total: Tensor = losses.iter().map(|(_, loss)| loss).sum();
-    let parts = losses
-        .iter()
-        .map(|(name, loss)| (*name, loss.double_value(&[])));
-    Loss {
-        parts: parts.collect(),
-        total,
-    }
+    let parts = losses.iter().map(|(name, loss)| (*name, loss.double_value(&[])));
+    Loss { parts: parts.collect(), total }
 }
 
 /// The indicator I(e_t) of one step's batch, `[W, L, 3]`.
@@ -155,10 +137,7 @@ mod tests {
     #[test]
     fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
         let (shape, data) = (toy::shape(), toy::experts(3, 12));
-        let spec = PretrainSpec {
-            checkpoint_every: 3,
-            ..toy::pretrain_spec(8)
-        };
+        let spec = PretrainSpec { checkpoint_every: 3, ..toy::pretrain_spec(8) };
         let mut straight = Recorder::default();
         let result = pretrain(&shape, &data, &spec, None, &mut straight).unwrap();
         let steps: Vec<u64> = straight.checkpoints.iter().map(|(step, _)| *step).collect();
@@ -192,16 +171,12 @@ mod tests {
         let spec = toy::pretrain_spec(120);
         let bytes = pretrain(&shape, &data, &spec, None, &mut monitor).unwrap();
         let mean = |part: &[(u64, f64)]| {
-            part.iter().map(|(_, loss)| loss).sum::<f64>()
-                / f64::from(u32::try_from(part.len()).unwrap())
+            part.iter().map(|(_, loss)| loss).sum::<f64>() / f64::from(u32::try_from(part.len()).unwrap())
         };
         let (first, last) = (mean(&monitor.losses[..10]), mean(&monitor.losses[110..]));
         assert!(last < 0.5 * first, "{first} {last}");
         let info = inspect(&bytes).unwrap();
-        assert_eq!(
-            (info.kind, info.step, info.finished),
-            (CheckpointKind::Encoder, 120, true)
-        );
+        assert_eq!((info.kind, info.step, info.finished), (CheckpointKind::Encoder, 120, true));
         assert_eq!((info.shape, info.model), (shape, spec.model));
     }
 
@@ -209,10 +184,7 @@ mod tests {
     fn each_objective_alone_trains() {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
         for objective in [Objective::Mtp, Objective::Tr, Objective::Aa] {
-            let spec = PretrainSpec {
-                objectives: vec![objective],
-                ..toy::pretrain_spec(2)
-            };
+            let spec = PretrainSpec { objectives: vec![objective], ..toy::pretrain_spec(2) };
             assert!(pretrain(&shape, &data, &spec, None, &mut Silent).is_ok());
         }
     }
@@ -220,10 +192,7 @@ mod tests {
     #[test]
     fn cancelling_and_diverging_are_told_apart() {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
-        let mut monitor = Recorder {
-            stop_after: Some(2),
-            ..Recorder::default()
-        };
+        let mut monitor = Recorder { stop_after: Some(2), ..Recorder::default() };
         let result = pretrain(&shape, &data, &toy::pretrain_spec(9), None, &mut monitor);
         assert!(matches!(result, Err(LearnError::Cancelled)));
         assert_eq!(monitor.losses.len(), 2);
@@ -233,9 +202,6 @@ mod tests {
         spec.optim.clip_norm = 1e12;
         spec.optim.weight_decay = 10.0;
         let result = pretrain(&shape, &data, &spec, None, &mut Silent);
-        assert!(
-            matches!(result, Err(LearnError::Diverged { .. })),
-            "{result:?}"
-        );
+        assert!(matches!(result, Err(LearnError::Diverged { .. })), "{result:?}");
     }
 }

@@ -17,12 +17,7 @@ pub(crate) const SIDE: u32 = 16;
 
 pub(crate) fn shape() -> TaskShape {
     TaskShape {
-        cameras: vec![CameraShape {
-            name: "top".into(),
-            height: SIDE,
-            width: SIDE,
-            depth: true,
-        }],
+        cameras: vec![CameraShape { name: "top".into(), height: SIDE, width: SIDE, depth: true }],
         proprioception: 3,
         action: 2,
     }
@@ -67,28 +62,16 @@ pub(crate) fn episode(id: &str, seed: u64, steps: usize, expert: bool) -> Trajec
 }
 
 pub(crate) fn experts(count: u64, steps: usize) -> Vec<Trajectory> {
-    (0..count)
-        .map(|seed| episode(&format!("expert {seed}"), seed, steps, true))
-        .collect()
+    (0..count).map(|seed| episode(&format!("expert {seed}"), seed, steps, true)).collect()
 }
 
 pub(crate) fn optim(steps: u64) -> OptimSpec {
-    OptimSpec {
-        steps,
-        batch: 16,
-        stretch: 4,
-        learning_rate: 2e-3,
-        warmup_steps: 5,
-        ..OptimSpec::default()
-    }
+    OptimSpec { steps, batch: 16, stretch: 4, learning_rate: 2e-3, warmup_steps: 5, ..OptimSpec::default() }
 }
 
 pub(crate) fn pretrain_spec(steps: u64) -> PretrainSpec {
     PretrainSpec {
-        model: ModelSpec {
-            preset: Preset::Tiny,
-            segment_length: 3,
-        },
+        model: ModelSpec { preset: Preset::Tiny, segment_length: 3 },
         optim: optim(steps),
         seed: 11,
         ..PretrainSpec::default()
@@ -96,11 +79,7 @@ pub(crate) fn pretrain_spec(steps: u64) -> PretrainSpec {
 }
 
 pub(crate) fn train_spec(steps: u64) -> TrainSpec {
-    TrainSpec {
-        optim: optim(steps),
-        seed: 12,
-        ..TrainSpec::default()
-    }
+    TrainSpec { optim: optim(steps), seed: 12, ..TrainSpec::default() }
 }
 
 /// Keeps everything a job reports, and may stop it after some steps.
@@ -114,8 +93,7 @@ pub(crate) struct Recorder {
 impl crate::train::Monitor for Recorder {
     fn progress(&mut self, step: u64, _: u64, metrics: &[(&'static str, f64)]) {
         let loss = metrics.iter().find(|(name, _)| *name == "loss");
-        self.losses
-            .push((step, loss.map_or(0.0, |(_, loss)| *loss)));
+        self.losses.push((step, loss.map_or(0.0, |(_, loss)| *loss)));
     }
 
     fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String> {
@@ -124,7 +102,6 @@ impl crate::train::Monitor for Recorder {
     }
 
     fn cancelled(&self) -> bool {
-        self.stop_after
-            .is_some_and(|after| self.losses.len() >= after)
+        self.stop_after.is_some_and(|after| self.losses.len() >= after)
     }
 }

@@ -69,19 +69,11 @@ pub(crate) enum Resumed {
 impl Training {
     /// From the first step; `info` describes the run.
     pub(crate) fn start(network: Network, info: CheckpointInfo) -> Self {
-        Self {
-            optimizer: AdamW::new(network.parameters()),
-            network,
-            info,
-        }
+        Self { optimizer: AdamW::new(network.parameters()), network, info }
     }
 
     /// From a checkpoint of the run that `info` describes.
-    pub(crate) fn resume(
-        bytes: &[u8],
-        info: &CheckpointInfo,
-        device: tch::Device,
-    ) -> Result<Resumed, LearnError> {
+    pub(crate) fn resume(bytes: &[u8], info: &CheckpointInfo, device: tch::Device) -> Result<Resumed, LearnError> {
         let (stored, named) = checkpoint::read(bytes, info.kind)?;
         let same = [
             ("spec", stored.spec == info.spec),
@@ -121,12 +113,7 @@ impl Training {
             monitor.progress(done, optim.steps, &metrics);
             if done.is_multiple_of(u64::from(checkpoint_every)) && done < optim.steps {
                 let bytes = checkpoint::write(&self.info, &self.state())?;
-                monitor
-                    .checkpoint(done, &bytes)
-                    .map_err(|message| LearnError::Monitor {
-                        step: done,
-                        message,
-                    })?;
+                monitor.checkpoint(done, &bytes).map_err(|message| LearnError::Monitor { step: done, message })?;
             }
         }
         self.info.finished = true;

@@ -49,12 +49,7 @@ impl Trajectory {
         proprioception: Vec<f32>,
         action: Vec<f32>,
     ) -> Result<Self, LearnError> {
-        let trajectory = Self {
-            id: id.into(),
-            frames,
-            proprioception,
-            action,
-        };
+        let trajectory = Self { id: id.into(), frames, proprioception, action };
         trajectory.validate(shape)?;
         Ok(trajectory)
     }
@@ -87,11 +82,7 @@ impl Trajectory {
             return Err(self.invalid("action", "has no step; leave the episode out"));
         }
         self.expect_length("action", self.action.len(), steps * shape.action)?;
-        self.expect_length(
-            "proprioception",
-            self.proprioception.len(),
-            steps * shape.proprioception,
-        )?;
+        self.expect_length("proprioception", self.proprioception.len(), steps * shape.proprioception)?;
         let bytes = self.frames.as_ref().as_ref().len();
         self.expect_length("frames", bytes, steps * shape.frame_bytes())?;
         self.expect_finite("action", &self.action, shape.action)?;
@@ -104,9 +95,7 @@ impl Trajectory {
         }
         Err(self.invalid(
             field,
-            &format!(
-                "has length {found}, the number of steps and the task's shape ask for {expected}"
-            ),
+            &format!("has length {found}, the number of steps and the task's shape ask for {expected}"),
         ))
     }
 
@@ -115,11 +104,7 @@ impl Trajectory {
             None => Ok(()),
             Some(at) => Err(self.invalid(
                 field,
-                &format!(
-                    "dimension {} of step {} is not finite; cut or mend the step",
-                    at % width,
-                    at / width
-                ),
+                &format!("dimension {} of step {} is not finite; cut or mend the step", at % width, at / width),
             )),
         }
     }
@@ -144,16 +129,14 @@ impl WeightedSegments {
         let steps = self.trajectory.steps(shape);
         for (step, weight) in &self.steps {
             if *step as usize >= steps {
-                return Err(self.trajectory.invalid(
-                    "kept segments",
-                    &format!("end at step {step}, the episode has {steps} steps"),
-                ));
+                return Err(self
+                    .trajectory
+                    .invalid("kept segments", &format!("end at step {step}, the episode has {steps} steps")));
             }
             if !(0.0..=1.0).contains(weight) {
-                return Err(self.trajectory.invalid(
-                    "kept segments",
-                    &format!("weight {weight} at step {step} is not between 0 and 1"),
-                ));
+                return Err(self
+                    .trajectory
+                    .invalid("kept segments", &format!("weight {weight} at step {step} is not between 0 and 1")));
             }
         }
         Ok(())
@@ -168,53 +151,33 @@ mod tests {
 
     fn shape() -> TaskShape {
         TaskShape {
-            cameras: vec![CameraShape {
-                name: "top".into(),
-                height: 8,
-                width: 8,
-                depth: true,
-            }],
+            cameras: vec![CameraShape { name: "top".into(), height: 8, width: 8, depth: true }],
             proprioception: 2,
             action: 1,
         }
     }
 
-    fn build(
-        frames: usize,
-        proprioception: Vec<f32>,
-        action: Vec<f32>,
-    ) -> Result<Trajectory, LearnError> {
+    fn build(frames: usize, proprioception: Vec<f32>, action: Vec<f32>) -> Result<Trajectory, LearnError> {
         let bytes: FrameBytes = Arc::new(vec![0u8; frames]);
         Trajectory::new(&shape(), "ep", bytes, proprioception, action)
     }
 
     #[test]
     fn lengths_must_agree_on_the_number_of_steps() {
-        assert_eq!(
-            build(640, vec![0.0; 4], vec![0.0; 2])
-                .unwrap()
-                .steps(&shape()),
-            2
-        );
+        assert_eq!(build(640, vec![0.0; 4], vec![0.0; 2]).unwrap().steps(&shape()), 2);
         for (bad, field) in [
             (build(639, vec![0.0; 4], vec![0.0; 2]), "frames"),
             (build(640, vec![0.0; 3], vec![0.0; 2]), "proprioception"),
             (build(0, vec![], vec![]), "action"),
         ] {
             let message = bad.unwrap_err().to_string();
-            assert!(
-                message.starts_with(&format!("episode ep: {field}")),
-                "{message}"
-            );
+            assert!(message.starts_with(&format!("episode ep: {field}")), "{message}");
         }
     }
 
     #[test]
     fn a_value_that_is_not_finite_is_placed() {
         let error = build(640, vec![0.0, 0.0, 0.0, f32::NAN], vec![0.0; 2]).unwrap_err();
-        assert!(
-            error.to_string().contains("dimension 1 of step 1"),
-            "{error}"
-        );
+        assert!(error.to_string().contains("dimension 1 of step 1"), "{error}");
     }
 }

@@ -4,13 +4,7 @@
 
 /// `gleaner.v1`: the messages, clients and server traits.
 pub mod v1 {
-    #![allow(
-        missing_docs,
-        clippy::all,
-        clippy::pedantic,
-        unreachable_pub,
-        reason = "generated code"
-    )]
+    #![allow(missing_docs, clippy::all, clippy::pedantic, unreachable_pub, reason = "generated code")]
     tonic::include_proto!("gleaner.v1");
 }
 

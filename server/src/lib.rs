@@ -35,7 +35,9 @@ const DRAIN: Duration = Duration::from_secs(20);
 /// # Errors
 /// Precondition when the address is taken or not ours.
 pub async fn bind(address: SocketAddr) -> Result<TcpListener> {
-    TcpListener::bind(address).await.map_err(|error| Error::precondition(format!("cannot listen on {address}: {error}")))
+    TcpListener::bind(address)
+        .await
+        .map_err(|error| Error::precondition(format!("cannot listen on {address}: {error}")))
 }
 
 /// Serves on `listener` until `stop` ends, then drains: open calls get a while, jobs are stopped to resume later.

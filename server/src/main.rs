@@ -42,7 +42,8 @@ fn main() -> ExitCode {
 #[tokio::main]
 async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
     let listener = gleaner_server::bind(config.listen).await?;
-    let address = listener.local_addr().map_err(|error| gleaner_server::error::Error::internal("asking the address", error))?;
+    let address =
+        listener.local_addr().map_err(|error| gleaner_server::error::Error::internal("asking the address", error))?;
     println!("listening on http://{address}");
     gleaner_server::run(config, listener, async {
         if let Err(error) = gleaner_server::shutdown::requested().await {

@@ -35,11 +35,13 @@ async fn episode_count(api: &mut Api) -> usize {
 #[tokio::test]
 async fn files_that_are_no_recordings() {
     let (_server, mut api) = quiet_lab().await;
-    let not_mcap = lab::push(&mut api, lab::TASK, &with_bytes(b"ply\nformat ascii 1.0\n".repeat(50))).await.unwrap_err();
+    let not_mcap =
+        lab::push(&mut api, lab::TASK, &with_bytes(b"ply\nformat ascii 1.0\n".repeat(50))).await.unwrap_err();
     refused(&not_mcap, Code::InvalidArgument, &["MCAP"]);
     let empty = lab::push(&mut api, lab::TASK, &with_bytes(vec![])).await.unwrap_err();
     refused(&empty, Code::InvalidArgument, &["empty"]);
-    let cut_in_the_header = lab::push(&mut api, lab::TASK, &with_bytes(RECORDINGS[0].bytes[..40].to_vec())).await.unwrap_err();
+    let cut_in_the_header =
+        lab::push(&mut api, lab::TASK, &with_bytes(RECORDINGS[0].bytes[..40].to_vec())).await.unwrap_err();
     refused(&cut_in_the_header, Code::InvalidArgument, &[]);
     assert_eq!(episode_count(&mut api).await, 0, "nothing half-done is visible");
 }
@@ -48,9 +50,17 @@ async fn files_that_are_no_recordings() {
 async fn a_truncated_recording_is_salvaged_and_says_so() {
     let (_server, mut api) = quiet_lab().await;
     let long = RECORDINGS[0].bytes.len();
-    let episode = lab::push(&mut api, lab::TASK, &with_bytes(RECORDINGS[0].bytes[..long * 7 / 10].to_vec())).await.unwrap();
+    let episode =
+        lab::push(&mut api, lab::TASK, &with_bytes(RECORDINGS[0].bytes[..long * 7 / 10].to_vec())).await.unwrap();
     assert!(episode.warnings >= 1);
-    let report = api.episodes.get_episode(GetEpisodeRequest { episode_id: episode.id }).await.unwrap().into_inner().report.unwrap();
+    let report = api
+        .episodes
+        .get_episode(GetEpisodeRequest { episode_id: episode.id })
+        .await
+        .unwrap()
+        .into_inner()
+        .report
+        .unwrap();
     assert!(report.findings.iter().any(|finding| finding.code == "truncated"), "{report:?}");
     let whole = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
     assert!(episode.steps < whole.steps);
@@ -71,11 +81,9 @@ async fn recordings_that_do_not_fit_their_task() {
     other_size.name = "other_size".into();
     other_size.cameras[0].height = 48;
 
-    for (spec, words) in [
-        (lost_topic, ["/no/such/topic", ""]),
-        (lost_field, ["no_such_field", ""]),
-        (other_size, ["48", "16"]),
-    ] {
+    for (spec, words) in
+        [(lost_topic, ["/no/such/topic", ""]), (lost_field, ["no_such_field", ""]), (other_size, ["48", "16"])]
+    {
         let task = spec.name.clone();
         api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
         let error = lab::push(&mut api, &task, &RECORDINGS[0]).await.unwrap_err();

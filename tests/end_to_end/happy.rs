@@ -24,7 +24,8 @@ async fn recordings_become_scores_datasets_and_a_policy() {
 
     let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::DatasetId(dataset.id.clone()), 6)).await.result_id;
     let base = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder.result_id), 6)).await.result_id;
-    let policies = api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
+    let policies =
+        api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
     let ids: Vec<&str> = policies.iter().map(|policy| policy.id.as_str()).collect();
     assert_eq!(ids, [base.as_str(), policy.as_str()], "newest first");
     assert_eq!((policies[0].dataset_id.as_str(), policies[1].dataset_id.as_str()), ("", dataset.id.as_str()));
@@ -32,7 +33,14 @@ async fn recordings_become_scores_datasets_and_a_policy() {
 
 /// Every imperfect segment has w ≤ 0, q in [0, 1], the sum of distances is −w, and q spans the whole range.
 async fn scores_are_whole(api: &mut Api, run: &str, episodes: &[Episode]) {
-    let described = api.scores.get_score_run(GetScoreRunRequest { score_run_id: run.into() }).await.unwrap().into_inner().score_run.unwrap();
+    let described = api
+        .scores
+        .get_score_run(GetScoreRunRequest { score_run_id: run.into() })
+        .await
+        .unwrap()
+        .into_inner()
+        .score_run
+        .unwrap();
     assert_eq!((described.similarity.as_str(), described.normaliser.as_str()), ("last_l2", "minmax"));
     let mut every_q = Vec::new();
     for episode in episodes {
@@ -111,7 +119,8 @@ async fn exports(api: &mut Api, dataset: &Dataset) {
         assert_eq!(blake3::hash(&bytes).to_hex().to_string(), file.blake3);
         if file.name.ends_with(".mcap") {
             // What was exported is a recording of the same task.
-            let (dir, spec) = (tempfile::tempdir().unwrap(), gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config()));
+            let (dir, spec) =
+                (tempfile::tempdir().unwrap(), gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config()));
             let path = dir.path().join("stretch.mcap");
             std::fs::write(&path, &bytes).unwrap();
             match gleaner_recording::read_episode(&path, &spec) {

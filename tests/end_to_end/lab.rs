@@ -28,7 +28,8 @@ pub fn sim_config() -> SimConfig {
 
 /// Six experts and six failures, made once.
 pub static RECORDINGS: LazyLock<Vec<Recording>> = LazyLock::new(|| {
-    let agents = [("expert", Outcome::Success), ("wrong_goal:1.0", Outcome::Failure), ("early_release:1.0", Outcome::Failure)];
+    let agents =
+        [("expert", Outcome::Success), ("wrong_goal:1.0", Outcome::Failure), ("early_release:1.0", Outcome::Failure)];
     let counts = [6, 3, 3];
     let mut seed = 0;
     let mut recordings = Vec::new();
@@ -47,12 +48,7 @@ pub fn record(agent: AgentSpec, outcome: Outcome, seed: u64) -> Recording {
     let demonstration = demonstrate(SimTask::PickCube, sim_config(), agent, seed);
     let bytes = demonstration.write_mcap(std::io::Cursor::new(Vec::new())).unwrap().into_inner();
     let cohort = if outcome == Outcome::Success { "expert" } else { "failed" };
-    Recording {
-        name: format!("{seed:04}.mcap"),
-        bytes: bytes.into(),
-        outcome,
-        cohort: cohort.to_owned(),
-    }
+    Recording { name: format!("{seed:04}.mcap"), bytes: bytes.into(), outcome, cohort: cohort.to_owned() }
 }
 
 /// Creates the task and pushes every recording; gives back the episodes in order.

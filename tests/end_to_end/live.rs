@@ -111,7 +111,8 @@ async fn sessions_are_isolated() {
     let observation = observe(&start_sim());
     let mut alone = Robot::open(&mut api, NAME).await.unwrap();
     let first = alone.act(observation.clone()).await.unwrap().actions;
-    let (mut left, mut right) = (Robot::open(&mut api, NAME).await.unwrap(), Robot::open(&mut api, NAME).await.unwrap());
+    let (mut left, mut right) =
+        (Robot::open(&mut api, NAME).await.unwrap(), Robot::open(&mut api, NAME).await.unwrap());
     let mut shifted = observation.clone();
     shifted.proprioception.iter_mut().for_each(|value| *value += 0.5);
     right.act(shifted).await.unwrap();
@@ -131,7 +132,8 @@ async fn observations_that_are_wrong() {
     let mut small = good.clone();
     small.cameras[0].color = Some(Image { format: ImageFormat::Raw.into(), data: vec![0; 30].into() });
     let mut broken = good.clone();
-    broken.cameras[1].color = Some(Image { format: ImageFormat::Jpeg.into(), data: b"\xff\xd8\xff broken".to_vec().into() });
+    broken.cameras[1].color =
+        Some(Image { format: ImageFormat::Jpeg.into(), data: b"\xff\xd8\xff broken".to_vec().into() });
     let mut short = good.clone();
     short.proprioception.pop();
     let mut not_a_number = good.clone();
@@ -180,7 +182,8 @@ async fn sessions_that_begin_wrong() {
 #[tokio::test]
 async fn deployments_that_cannot_be() {
     let mut api = Api::connect(served().await).await;
-    let policies = api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
+    let policies =
+        api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
     let policy = policies[0].id.clone();
     let slash = DeployRequest { name: "../prod".into(), policy_id: policy.clone() };
     assert_eq!(api.policies.deploy(slash).await.unwrap_err().code(), Code::InvalidArgument);

@@ -24,7 +24,11 @@ fn some(dialect: &str, wanted: &[(&str, usize)]) -> Vec<Recording> {
     let rows: Vec<Vec<&str>> = labels.lines().skip(1).map(|line| line.split(',').collect()).collect();
     let mut recordings = Vec::new();
     for (cohort, count) in wanted {
-        for row in rows.iter().filter(|row| row[3].trim() == *cohort && (*cohort == "expert" || row[2] == "failure")).take(*count) {
+        for row in rows
+            .iter()
+            .filter(|row| row[3].trim() == *cohort && (*cohort == "expert" || row[2] == "failure"))
+            .take(*count)
+        {
             recordings.push(Recording {
                 name: row[0].to_owned(),
                 bytes: std::fs::read(dir.join(row[0])).unwrap().into(),
@@ -44,7 +48,8 @@ async fn both_dialects_are_one_task() {
     }
     let server = TestServer::start().await;
     let mut api = Api::connect(&server).await;
-    let text = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pick_cube_maniskill.toml")).unwrap();
+    let text =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pick_cube_maniskill.toml")).unwrap();
     let spec: gleaner_recording::TaskSpec = toml::from_str(&text).unwrap();
     let task = spec.name.clone();
     let spec = gleaner_client::spec::to_proto(&spec);

@@ -82,7 +82,12 @@ fn every_file_says_what_it_is() {
 #[test]
 fn no_stub_and_no_sleep() {
     // Built here, so that this file does not name them.
-    let marks = [["to", "do!("].concat(), ["unimplem", "ented!("].concat(), ["thread::", "sleep"].concat(), ["#[ig", "nore"].concat()];
+    let marks = [
+        ["to", "do!("].concat(),
+        ["unimplem", "ented!("].concat(),
+        ["thread::", "sleep"].concat(),
+        ["#[ig", "nore"].concat(),
+    ];
     let found: Vec<String> = sources()
         .into_iter()
         .filter(|(_, source)| marks.iter().any(|mark| source.contains(mark.as_str())))

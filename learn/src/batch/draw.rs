@@ -30,11 +30,7 @@ pub(crate) struct Segments {
 impl Segments {
     /// Every segment of every episode, weight 1.
     pub(crate) fn every(shape: &TaskShape, data: &[&Trajectory]) -> Self {
-        let ends = data.iter().map(|trajectory| {
-            (0..trajectory.steps(shape))
-                .map(|step| (step, 1.0))
-                .collect()
-        });
+        let ends = data.iter().map(|trajectory| (0..trajectory.steps(shape)).map(|step| (step, 1.0)).collect());
         Self::from_ends(ends)
     }
 
@@ -52,11 +48,7 @@ impl Segments {
     fn from_ends(ends: impl Iterator<Item = Vec<(usize, f32)>>) -> Self {
         let (mut all, mut bounds) = (Vec::new(), vec![0]);
         for (trajectory, ends) in ends.enumerate() {
-            all.extend(ends.into_iter().map(|(step, weight)| Segment {
-                trajectory,
-                step,
-                weight,
-            }));
+            all.extend(ends.into_iter().map(|(step, weight)| Segment { trajectory, step, weight }));
             bounds.push(all.len());
         }
         Self { all, bounds }
@@ -125,10 +117,7 @@ mod tests {
             }
         }
         // 64,000 draws over 40 segments: 1,600 each, standard deviation about 110 for stretches.
-        assert!(
-            counts.iter().all(|n| (1_200..2_000).contains(n)),
-            "{counts:?}"
-        );
+        assert!(counts.iter().all(|n| (1_200..2_000).contains(n)), "{counts:?}");
     }
 
     #[test]

@@ -10,10 +10,7 @@ pub(crate) fn images(shape: &TaskShape, frames: &[&[u8]], device: Device) -> Vec
     let mut offset = 0;
     let mut all = Vec::with_capacity(shape.cameras.len());
     for camera in &shape.cameras {
-        let images: Vec<&[u8]> = frames
-            .iter()
-            .map(|frame| &frame[offset..offset + camera.bytes()])
-            .collect();
+        let images: Vec<&[u8]> = frames.iter().map(|frame| &frame[offset..offset + camera.bytes()]).collect();
         all.push(camera_images(camera, &images, device));
         offset += camera.bytes();
     }
@@ -41,9 +38,7 @@ fn camera_images(camera: &CameraShape, images: &[&[u8]], device: Device) -> Tens
         .flat_map(|image| image[split..].as_chunks::<2>().0)
         .map(|bytes| squash(u16::from_le_bytes(*bytes)))
         .collect();
-    let depth = Tensor::from_slice(&depth)
-        .view([count, 1, height, width])
-        .to_device(device);
+    let depth = Tensor::from_slice(&depth).view([count, 1, height, width]).to_device(device);
     Tensor::cat(&[colour, depth], 1)
 }
 
@@ -61,27 +56,15 @@ mod tests {
 
     #[test]
     fn colour_and_depth_land_in_their_channels() {
-        let camera = |depth| CameraShape {
-            name: "c".into(),
-            height: 1,
-            width: 2,
-            depth,
-        };
-        let shape = TaskShape {
-            cameras: vec![camera(false), camera(true)],
-            proprioception: 1,
-            action: 1,
-        };
+        let camera = |depth| CameraShape { name: "c".into(), height: 1, width: 2, depth };
+        let shape = TaskShape { cameras: vec![camera(false), camera(true)], proprioception: 1, action: 1 };
         let mut frame = vec![255, 0, 0, 0, 0, 51];
         frame.extend([0, 255, 0, 0, 0, 0]);
         frame.extend(1000u16.to_le_bytes());
         frame.extend(0u16.to_le_bytes());
         let tensors = images(&shape, &[&frame], Device::Cpu);
         assert_eq!(tensors[0].size(), [1, 3, 1, 2]);
-        assert_eq!(
-            super::super::values(&tensors[0]),
-            [1.0, 0.0, 0.0, 0.0, 0.0, 0.2]
-        );
+        assert_eq!(super::super::values(&tensors[0]), [1.0, 0.0, 0.0, 0.0, 0.0, 0.2]);
         assert_eq!(tensors[1].size(), [1, 4, 1, 2]);
         assert_eq!(super::super::values(&tensors[1])[2..4], [1.0, 0.0]);
         assert_eq!(super::super::values(&tensors[1])[6..], [0.5, 0.0]);

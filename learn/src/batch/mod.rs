@@ -38,10 +38,7 @@ impl Batch {
         device: Device,
     ) -> Self {
         let (windows, steps) = Windows::lay_out(segments, window, device);
-        let frames: Vec<&[u8]> = steps
-            .iter()
-            .map(|(trajectory, step)| data[*trajectory].frame(shape, *step))
-            .collect();
+        let frames: Vec<&[u8]> = steps.iter().map(|(trajectory, step)| data[*trajectory].frame(shape, *step)).collect();
         let (mut proprioception, mut action) = (Vec::new(), Vec::new());
         for (trajectory, step) in &steps {
             proprioception.extend_from_slice(data[*trajectory].proprioception_at(shape, *step));
@@ -60,18 +57,12 @@ impl Batch {
 
 /// `values` as `[values.len() / width, width]`.
 pub(crate) fn rows(values: &[f32], width: usize, device: Device) -> Tensor {
-    Tensor::from_slice(values)
-        .view([-1, int(width)])
-        .to_device(device)
+    Tensor::from_slice(values).view([-1, int(width)]).to_device(device)
 }
 
 /// A tensor's values, row-major.
 pub(crate) fn values(tensor: &Tensor) -> Vec<f32> {
-    let tensor = tensor
-        .detach()
-        .to_device(Device::Cpu)
-        .to_kind(tch::Kind::Float)
-        .contiguous();
+    let tensor = tensor.detach().to_device(Device::Cpu).to_kind(tch::Kind::Float).contiguous();
     let mut values = vec![0f32; tensor.numel()];
     let count = values.len();
     tensor.copy_data(&mut values, count);

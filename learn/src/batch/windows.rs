@@ -22,11 +22,7 @@ pub(crate) struct Windows {
 
 impl Windows {
     /// Lays out `segments` of `length` steps; also returns the (episode, step) of the N steps.
-    pub(crate) fn lay_out(
-        segments: &[Segment],
-        length: usize,
-        device: Device,
-    ) -> (Self, Vec<(usize, usize)>) {
+    pub(crate) fn lay_out(segments: &[Segment], length: usize, device: Device) -> (Self, Vec<(usize, usize)>) {
         let mut steps = Vec::new();
         let mut places: HashMap<(usize, usize), i64> = HashMap::new();
         let mut index = Vec::with_capacity(segments.len() * length);
@@ -76,11 +72,7 @@ mod tests {
     use super::*;
 
     fn end(step: usize) -> Segment {
-        Segment {
-            trajectory: 7,
-            step,
-            weight: 1.0,
-        }
+        Segment { trajectory: 7, step, weight: 1.0 }
     }
 
     #[test]

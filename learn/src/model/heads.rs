@@ -37,18 +37,10 @@ pub(crate) struct Heads {
 impl Heads {
     pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size) -> Self {
         let pixels = |camera| target_size(camera, size.target).iter().product::<i64>();
-        let image = shape
-            .cameras
-            .iter()
-            .map(|camera| int(camera.channels()) * pixels(camera))
-            .sum();
+        let image = shape.cameras.iter().map(|camera| int(camera.channels()) * pixels(camera)).sum();
         Self {
             image: Head::new(&(path / "image"), size.width, image),
-            proprioception: Head::new(
-                &(path / "proprioception"),
-                size.width,
-                int(shape.proprioception),
-            ),
+            proprioception: Head::new(&(path / "proprioception"), size.width, int(shape.proprioception)),
             action: Head::new(&(path / "action"), size.width, int(shape.action)),
         }
     }

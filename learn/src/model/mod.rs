@@ -39,13 +39,7 @@ pub(crate) struct Network {
 
 impl Network {
     /// The network with first weights drawn from `seed`.
-    pub(crate) fn new(
-        shape: &TaskShape,
-        spec: ModelSpec,
-        statistics: Statistics,
-        seed: u64,
-        device: Device,
-    ) -> Self {
+    pub(crate) fn new(shape: &TaskShape, spec: ModelSpec, statistics: Statistics, seed: u64, device: Device) -> Self {
         let network = Self::build(shape, spec, statistics, device);
         weights::draw(&network.parameters(), seed);
         network
@@ -105,11 +99,8 @@ impl Network {
 
     /// Images, per camera `[N, C, H, W]`, to one embedding a step `[N, d]`.
     pub(crate) fn embed_images(&self, images: &[Tensor]) -> Tensor {
-        let standard: Vec<Tensor> = images
-            .iter()
-            .zip(&self.statistics.cameras)
-            .map(|(image, camera)| camera.input.apply(image))
-            .collect();
+        let standard: Vec<Tensor> =
+            images.iter().zip(&self.statistics.cameras).map(|(image, camera)| camera.input.apply(image)).collect();
         self.images.forward(&standard)
     }
 
@@ -129,13 +120,7 @@ impl Network {
     /// Features z of the last `keep` steps of each window, `[W, keep, 3, d]`.
     ///
     /// `steps` is `[N, 3, d]`; `hidden` `[W, L, 3]` says which elements are masked out, M(τ).
-    pub(crate) fn features(
-        &self,
-        steps: &Tensor,
-        windows: &Windows,
-        view: View<'_>,
-        keep: usize,
-    ) -> Tensor {
+    pub(crate) fn features(&self, steps: &Tensor, windows: &Windows, view: View<'_>, keep: usize) -> Tensor {
         let tokens = self.tokens.windows(steps, windows, view.hidden);
         let mask = mask(&windows.valid, view.attention);
         self.transformer.forward(&tokens, &mask, keep)
@@ -153,15 +138,9 @@ pub(crate) struct View<'a> {
 
 impl View<'_> {
     /// Nothing hidden, every token sees every other.
-    pub(crate) const WHOLE: Self = View {
-        attention: Attention::Bidirectional,
-        hidden: None,
-    };
+    pub(crate) const WHOLE: Self = View { attention: Attention::Bidirectional, hidden: None };
     /// Nothing hidden, a token sees itself and what came before.
-    pub(crate) const CAUSAL: Self = View {
-        attention: Attention::Causal,
-        hidden: None,
-    };
+    pub(crate) const CAUSAL: Self = View { attention: Attention::Causal, hidden: None };
 }
 
 #[cfg(test)]

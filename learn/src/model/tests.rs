@@ -16,11 +16,7 @@ fn network(data: &[&Trajectory]) -> Network {
 }
 
 fn segment(step: usize) -> Segment {
-    Segment {
-        trajectory: 0,
-        step,
-        weight: 1.0,
-    }
+    Segment { trajectory: 0, step, weight: 1.0 }
 }
 
 fn features(network: &Network, data: &Trajectory, ends: &[Segment], view: View<'_>) -> Tensor {
@@ -40,11 +36,7 @@ fn first_weights_depend_on_the_seed_alone() {
         let statistics = Statistics::measure(&toy::shape(), &[&data], 8, DEVICE);
         let spec = toy::pretrain_spec(1).model;
         let network = Network::new(&toy::shape(), spec, statistics, seed, DEVICE);
-        let all: Vec<f32> = network
-            .parameters()
-            .iter()
-            .flat_map(|(_, p)| values(p))
-            .collect();
+        let all: Vec<f32> = network.parameters().iter().flat_map(|(_, p)| values(p)).collect();
         all
     };
     tch::manual_seed(1);
@@ -95,12 +87,8 @@ fn the_causal_pass_never_sees_the_action_it_predicts_nor_the_future() {
     assert!(moved(Modality::Action, 1) > 1e-4);
     assert!(moved(Modality::Proprioception, 2) > 1e-6);
     let whole = largest_difference(
-        &Modality::Proprioception
-            .of(&at(&data, View::WHOLE))
-            .select(1, 0),
-        &Modality::Proprioception
-            .of(&at(&changed, View::WHOLE))
-            .select(1, 0),
+        &Modality::Proprioception.of(&at(&data, View::WHOLE)).select(1, 0),
+        &Modality::Proprioception.of(&at(&changed, View::WHOLE)).select(1, 0),
     );
     assert!(whole > 1e-6, "the bidirectional pass sees everything");
 }
@@ -129,14 +117,8 @@ fn a_hidden_element_is_not_seen() {
     let mut hidden = vec![false; 12];
     hidden[2 * 3 + 1] = true;
     let hidden = Windows::grid(&hidden, &[1, 4, 3], DEVICE);
-    let view = View {
-        attention: Attention::Bidirectional,
-        hidden: Some(&hidden),
-    };
+    let view = View { attention: Attention::Bidirectional, hidden: Some(&hidden) };
     let at = |data: &Trajectory, view| features(&network, data, &[segment(5)], view);
-    assert_eq!(
-        largest_difference(&at(&data, view), &at(&changed, view)),
-        0.0
-    );
+    assert_eq!(largest_difference(&at(&data, view), &at(&changed, view)), 0.0);
     assert!(largest_difference(&at(&data, View::WHOLE), &at(&changed, View::WHOLE)) > 1e-4);
 }

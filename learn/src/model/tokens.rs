@@ -42,8 +42,7 @@ pub(crate) struct Tokens {
 
 impl Tokens {
     pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, width: i64, window: usize) -> Self {
-        let linear =
-            |name: &str, inputs| nn::linear(path / name, int(inputs), width, Default::default());
+        let linear = |name: &str, inputs| nn::linear(path / name, int(inputs), width, Default::default());
         Self {
             proprioception: linear("proprioception", shape.proprioception),
             action: linear("action", shape.action),
@@ -61,22 +60,13 @@ impl Tokens {
     }
 
     /// Steps `[N, 3, d]` laid out as windows `[W, 3 L, d]`, ordered o, m, a within a step.
-    pub(super) fn windows(
-        &self,
-        steps: &Tensor,
-        windows: &Windows,
-        hidden: Option<&Tensor>,
-    ) -> Tensor {
+    pub(super) fn windows(&self, steps: &Tensor, windows: &Windows, hidden: Option<&Tensor>) -> Tensor {
         let width = steps.size()[2];
         let length = int(windows.length);
-        let mut tokens = steps
-            .index_select(0, &windows.index)
-            .view([-1, length, MODALITIES, width]);
+        let mut tokens = steps.index_select(0, &windows.index).view([-1, length, MODALITIES, width]);
         if let Some(hidden) = hidden {
             tokens = self.mask.where_self(&hidden.unsqueeze(-1), &tokens);
         }
-        (tokens + &self.modality + &self.time)
-            .to_kind(Kind::Float)
-            .view([-1, length * MODALITIES, width])
+        (tokens + &self.modality + &self.time).to_kind(Kind::Float).view([-1, length * MODALITIES, width])
     }
 }

@@ -98,9 +98,7 @@ pub(crate) struct Transformer {
 
 impl Transformer {
     pub(super) fn new(path: &nn::Path<'_>, size: &Size) -> Self {
-        let blocks = (0..size.layers)
-            .map(|i| Block::new(&(path / "block" / i), size))
-            .collect();
+        let blocks = (0..size.layers).map(|i| Block::new(&(path / "block" / i), size)).collect();
         let norm = nn::layer_norm(path / "norm", vec![size.width], Default::default());
         Self { blocks, norm }
     }

@@ -46,28 +46,19 @@ fn deviation(name: &str, size: &[i64]) -> f64 {
 fn fill_uniform(parameter: &mut Tensor, deviation: f64, seed: u64, place: u64) {
     let mut rng = generator(seed, Purpose::Weights, place);
     let bound = deviation * 3f64.sqrt();
-    let values: Vec<f64> = (0..parameter.numel())
-        .map(|_| rng.random_range(-bound..bound))
-        .collect();
+    let values: Vec<f64> = (0..parameter.numel()).map(|_| rng.random_range(-bound..bound)).collect();
     let values = Tensor::from_slice(&values).view(parameter.size().as_slice());
     parameter.copy_(&values);
 }
 
 /// Copies `named` into `parameters`.
-pub(super) fn load(
-    parameters: &[(String, Tensor)],
-    named: &BTreeMap<String, Tensor>,
-) -> Result<(), LearnError> {
+pub(super) fn load(parameters: &[(String, Tensor)], named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
     let _no_grad = no_grad_guard();
     for (name, parameter) in parameters {
-        let stored = named
-            .get(name)
-            .filter(|stored| stored.size() == parameter.size());
+        let stored = named.get(name).filter(|stored| stored.size() == parameter.size());
         let Some(stored) = stored else {
             let size = parameter.size();
-            return Err(LearnError::Checkpoint(format!(
-                "`{name}` is missing or does not have size {size:?}"
-            )));
+            return Err(LearnError::Checkpoint(format!("`{name}` is missing or does not have size {size:?}")));
         };
         parameter.shallow_clone().copy_(stored);
     }

@@ -43,25 +43,14 @@ struct Sums {
 }
 
 /// Measures every camera over an even sample of the steps.
-pub(super) fn measure(
-    shape: &TaskShape,
-    data: &[&Trajectory],
-    target: u32,
-    device: Device,
-) -> Vec<CameraStandard> {
-    let steps: Vec<(usize, usize)> = data
-        .iter()
-        .enumerate()
-        .flat_map(|(i, t)| (0..t.steps(shape)).map(move |step| (i, step)))
-        .collect();
+pub(super) fn measure(shape: &TaskShape, data: &[&Trajectory], target: u32, device: Device) -> Vec<CameraStandard> {
+    let steps: Vec<(usize, usize)> =
+        data.iter().enumerate().flat_map(|(i, t)| (0..t.steps(shape)).map(move |step| (i, step))).collect();
     let every = steps.len().div_ceil(SAMPLED_FRAMES).max(1);
     let sample: Vec<_> = steps.into_iter().step_by(every).collect();
     let mut sums: Vec<Option<Sums>> = shape.cameras.iter().map(|_| None).collect();
     for chunk in sample.chunks(CHUNK) {
-        let frames: Vec<&[u8]> = chunk
-            .iter()
-            .map(|(i, t)| data[*i].frame(shape, *t))
-            .collect();
+        let frames: Vec<&[u8]> = chunk.iter().map(|(i, t)| data[*i].frame(shape, *t)).collect();
         for (i, image) in images(shape, &frames, device).iter().enumerate() {
             let size = target_size(&shape.cameras[i], target);
             let part = Sums::of(image, size);
@@ -80,8 +69,7 @@ impl Sums {
     /// Of `[N, C, H, W]`; pixels are averaged, images are summed.
     fn of(images: &Tensor, size: [i64; 2]) -> Self {
         let mean = |x: &Tensor| {
-            x.mean_dim([2i64, 3].as_slice(), true, Kind::Double)
-                .sum_dim_intlist([0i64].as_slice(), false, Kind::Double)
+            x.mean_dim([2i64, 3].as_slice(), true, Kind::Double).sum_dim_intlist([0i64].as_slice(), false, Kind::Double)
         };
         let small = images.adaptive_avg_pool2d(size).to_kind(Kind::Double);
         Self {
@@ -106,9 +94,7 @@ impl Sums {
         let channel = &self.channel / count;
         let spread = deviation(&self.channel_square / count - channel.square());
         let target = &self.target / count;
-        let still = target
-            .square()
-            .mean_dim([1i64, 2].as_slice(), true, Kind::Double);
+        let still = target.square().mean_dim([1i64, 2].as_slice(), true, Kind::Double);
         let moving = deviation(&self.target_square / count - still);
         let size = spread.zeros_like();
         CameraStandard {
@@ -132,9 +118,6 @@ mod tests {
         assert_eq!(values(&standard.target.apply(&still)), [0.0; 4]);
         let moving = Tensor::from_slice(&[0.0f32, 1.0, 1.0, 0.0]).view([2, 1, 1, 2]);
         let standard = Sums::of(&moving, [1, 2]).standard(2.0, Device::Cpu);
-        assert_eq!(
-            values(&standard.target.apply(&moving)),
-            [-1.0, 1.0, 1.0, -1.0]
-        );
+        assert_eq!(values(&standard.target.apply(&moving)), [-1.0, 1.0, 1.0, -1.0]);
     }
 }

@@ -60,19 +60,13 @@ impl Standard {
     fn of_rows(rows: &Tensor, device: Device) -> Self {
         let rows = rows.to_kind(Kind::Double);
         let mean = rows.mean_dim([0i64].as_slice(), false, Kind::Double);
-        let deviation = (&rows - &mean)
-            .square()
-            .mean_dim([0i64].as_slice(), false, Kind::Double)
-            .sqrt();
+        let deviation = (&rows - &mean).square().mean_dim([0i64].as_slice(), false, Kind::Double).sqrt();
         Self::new(&mean, &deviation, &mean, device)
     }
 
     fn name_into(&self, prefix: &str, named: &mut Vec<(String, Tensor)>) {
         named.push((format!("{prefix}.mean"), self.mean.shallow_clone()));
-        named.push((
-            format!("{prefix}.deviation"),
-            self.deviation.shallow_clone(),
-        ));
+        named.push((format!("{prefix}.deviation"), self.deviation.shallow_clone()));
     }
 
     fn from_named(
@@ -85,26 +79,16 @@ impl Standard {
             let name = format!("{prefix}.{name}");
             match named.get(&name) {
                 Some(tensor) if tensor.size() == size => Ok(tensor.to_device(device)),
-                _ => Err(LearnError::Checkpoint(format!(
-                    "`{name}` is missing or does not have size {size:?}"
-                ))),
+                _ => Err(LearnError::Checkpoint(format!("`{name}` is missing or does not have size {size:?}"))),
             }
         };
-        Ok(Self {
-            mean: take("mean", sizes[0])?,
-            deviation: take("deviation", sizes[1])?,
-        })
+        Ok(Self { mean: take("mean", sizes[0])?, deviation: take("deviation", sizes[1])? })
     }
 }
 
 impl Statistics {
     /// Measures `data`. Images are down-sampled to at most `target` a side for H_o.
-    pub(crate) fn measure(
-        shape: &TaskShape,
-        data: &[&Trajectory],
-        target: u32,
-        device: Device,
-    ) -> Self {
+    pub(crate) fn measure(shape: &TaskShape, data: &[&Trajectory], target: u32, device: Device) -> Self {
         let gather = |field: fn(&Trajectory) -> &[f32], width: usize| {
             let all: Vec<f32> = data.iter().flat_map(|t| field(t)).copied().collect();
             Standard::of_rows(&rows(&all, width, Device::Cpu), device)
@@ -119,16 +103,11 @@ impl Statistics {
     /// Every tensor with its name in a checkpoint.
     pub(crate) fn named(&self) -> Vec<(String, Tensor)> {
         let mut named = Vec::new();
-        self.proprioception
-            .name_into("statistics.proprioception", &mut named);
+        self.proprioception.name_into("statistics.proprioception", &mut named);
         self.action.name_into("statistics.action", &mut named);
         for (i, camera) in self.cameras.iter().enumerate() {
-            camera
-                .input
-                .name_into(&format!("statistics.camera.{i}.input"), &mut named);
-            camera
-                .target
-                .name_into(&format!("statistics.camera.{i}.target"), &mut named);
+            camera.input.name_into(&format!("statistics.camera.{i}.input"), &mut named);
+            camera.target.name_into(&format!("statistics.camera.{i}.target"), &mut named);
         }
         named
     }
@@ -151,12 +130,7 @@ impl Statistics {
             let [height, width] = target_size(camera, target);
             let prefix = format!("statistics.camera.{i}");
             Ok(CameraStandard {
-                input: Standard::from_named(
-                    &format!("{prefix}.input"),
-                    [&each, &each],
-                    named,
-                    device,
-                )?,
+                input: Standard::from_named(&format!("{prefix}.input"), [&each, &each], named, device)?,
                 target: Standard::from_named(
                     &format!("{prefix}.target"),
                     [&[channels, height, width], &each],
@@ -168,12 +142,7 @@ impl Statistics {
         Ok(Self {
             proprioception: vector("proprioception", shape.proprioception)?,
             action: vector("action", shape.action)?,
-            cameras: shape
-                .cameras
-                .iter()
-                .enumerate()
-                .map(camera)
-                .collect::<Result<_, LearnError>>()?,
+            cameras: shape.cameras.iter().enumerate().map(camera).collect::<Result<_, LearnError>>()?,
         })
     }
 }

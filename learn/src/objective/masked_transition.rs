@@ -38,9 +38,6 @@ mod tests {
         let errors = Tensor::from_slice(&[3.0f32, 6.0, 9.0, 3.0, 0.0, 0.0]).view([1, 2, 3]);
         let masked = [true, true, true, true, false, false];
         let masked = Windows::grid(&masked, &[1, 2, 3], Device::Cpu);
-        assert_eq!(
-            loss(&errors, &masked).double_value(&[]),
-            (3.0 + 6.0 + 9.0) / 3.0
-        );
+        assert_eq!(loss(&errors, &masked).double_value(&[]), (3.0 + 6.0 + 9.0) / 3.0);
     }
 }

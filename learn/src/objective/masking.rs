@@ -14,14 +14,10 @@ const MODALITIES: usize = 3;
 /// Padding is never masked; at least one element is, and at least one is not.
 pub(crate) fn draw(rng: &mut ChaCha8Rng, valid: &[bool], length: usize) -> Vec<bool> {
     let mut masked = vec![false; valid.len() * MODALITIES];
-    let samples = valid
-        .chunks(length)
-        .zip(masked.chunks_mut(length * MODALITIES));
+    let samples = valid.chunks(length).zip(masked.chunks_mut(length * MODALITIES));
     for (valid, masked) in samples {
         let ratio = RATIOS[rng.random_range(0..RATIOS.len())];
-        let elements: Vec<usize> = (0..masked.len())
-            .filter(|element| valid[element / MODALITIES])
-            .collect();
+        let elements: Vec<usize> = (0..masked.len()).filter(|element| valid[element / MODALITIES]).collect();
         for element in &elements {
             masked[*element] = rng.random_bool(ratio);
         }
@@ -58,10 +54,7 @@ mod tests {
         // 21 elements: the share masked per sample clusters at the four ratios; its mean is 0.25.
         let valid = vec![true; 7 * 20_000];
         let masked = draw(&mut generator(2, Purpose::Mask, 0), &valid, 7);
-        let counts: Vec<usize> = masked
-            .chunks(21)
-            .map(|sample| sample.iter().filter(|m| **m).count())
-            .collect();
+        let counts: Vec<usize> = masked.chunks(21).map(|sample| sample.iter().filter(|m| **m).count()).collect();
         #[allow(clippy::cast_precision_loss)]
         let share = |n: usize, of: usize| n as f64 / of as f64;
         let mean = share(counts.iter().sum(), masked.len());

@@ -30,11 +30,8 @@ impl Targets {
     /// The targets of `batch`.
     pub(crate) fn new(network: &Network, batch: &Batch) -> Self {
         let statistics = &network.statistics;
-        let spread = |steps: &Tensor| {
-            steps
-                .index_select(0, &batch.windows.index)
-                .unflatten(0, [-1, int(batch.windows.length)])
-        };
+        let spread =
+            |steps: &Tensor| steps.index_select(0, &batch.windows.index).unflatten(0, [-1, int(batch.windows.length)]);
         let images: Vec<Tensor> = batch
             .images
             .iter()
@@ -65,9 +62,7 @@ impl Targets {
 
 /// Mean over the last dimension of the squared difference.
 pub(crate) fn squared_error(prediction: &Tensor, target: &Tensor) -> Tensor {
-    (prediction - target)
-        .square()
-        .mean_dim([-1i64].as_slice(), false, Kind::Float)
+    (prediction - target).square().mean_dim([-1i64].as_slice(), false, Kind::Float)
 }
 
 /// Mean over o, m, a of the mean of `errors` `[W, L, 3]` where `counted` `[W, L, 3]` is true; a

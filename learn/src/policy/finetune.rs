@@ -40,10 +40,7 @@ pub fn train_policy(
     shape.validate()?;
     spec.validate()?;
     if experts.is_empty() {
-        return Err(LearnError::invalid(
-            "experts",
-            "has no episode to learn from",
-        ));
+        return Err(LearnError::invalid("experts", "has no episode to learn from"));
     }
     for trajectory in experts {
         trajectory.validate(shape)?;
@@ -62,12 +59,7 @@ pub fn train_policy(
     })
 }
 
-fn begin(
-    shape: &TaskShape,
-    encoder: &[u8],
-    spec: &TrainSpec,
-    resume: Option<&[u8]>,
-) -> Result<Resumed, LearnError> {
+fn begin(shape: &TaskShape, encoder: &[u8], spec: &TrainSpec, resume: Option<&[u8]>) -> Result<Resumed, LearnError> {
     let device = device::open(spec.device, spec.threads)?;
     let (stored, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
     if stored.shape != *shape {
@@ -89,9 +81,7 @@ fn begin(
         return Training::resume(bytes, &info, device);
     }
     let network = Network::from_named(&info.shape, info.model, &named, device)?;
-    Ok(Resumed::Unfinished(Box::new(Training::start(
-        network, info,
-    ))))
+    Ok(Resumed::Unfinished(Box::new(Training::start(network, info))))
 }
 
 /// Where the two batches of a step come from.
@@ -101,21 +91,13 @@ struct Sources<'a> {
 }
 
 impl<'a> Sources<'a> {
-    fn new(
-        shape: &TaskShape,
-        experts: &'a [Trajectory],
-        kept: &'a [WeightedSegments],
-        spec: &TrainSpec,
-    ) -> Self {
+    fn new(shape: &TaskShape, experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Self {
         let experts: Vec<&Trajectory> = experts.iter().collect();
         // λ = 0 makes kept segments worth nothing, so they are not even read.
         let kept = if spec.lambda > 0.0 { kept } else { &[] };
         Self {
             experts: (experts.clone(), Segments::every(shape, &experts)),
-            kept: (
-                kept.iter().map(|segments| &segments.trajectory).collect(),
-                Segments::kept(kept),
-            ),
+            kept: (kept.iter().map(|segments| &segments.trajectory).collect(), Segments::kept(kept)),
         }
     }
 
@@ -123,17 +105,11 @@ impl<'a> Sources<'a> {
         let expert = weighted_loss(network, &self.experts, spec, (Purpose::Batch, step));
         let mut parts = vec![("loss_expert", expert.double_value(&[]))];
         if self.kept.1.is_empty() {
-            return Loss {
-                total: expert,
-                parts,
-            };
+            return Loss { total: expert, parts };
         }
         let kept = weighted_loss(network, &self.kept, spec, (Purpose::KeptBatch, step));
         parts.push(("loss_kept", kept.double_value(&[])));
-        Loss {
-            total: expert + kept * spec.lambda,
-            parts,
-        }
+        Loss { total: expert + kept * spec.lambda, parts }
     }
 }
 
@@ -145,20 +121,14 @@ fn weighted_loss(
     (purpose, step): (Purpose, u64),
 ) -> Tensor {
     let mut rng = generator(spec.seed, purpose, step);
-    let drawn = source
-        .1
-        .draw(&mut rng, spec.optim.batch, spec.optim.stretch);
+    let drawn = source.1.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
     let window = network.spec.window();
     let device: Device = network.device();
     let batch = Batch::collect(&network.shape, &source.0, &drawn, window, device);
     let steps = network.batch_steps(&batch);
     let features = network.features(&steps, &batch.windows, View::CAUSAL, 1);
     let prediction = action_autoregression::predict(network, &features).squeeze_dim(1);
-    let last = batch
-        .windows
-        .index
-        .view([-1, crate::batch::int(window)])
-        .select(1, -1);
+    let last = batch.windows.index.view([-1, crate::batch::int(window)]).select(1, -1);
     let target = batch.action.index_select(0, &last);
     let target = network.statistics.action.apply(&target);
     (squared_error(&prediction, &target) * &batch.weight).mean(Kind::Float)

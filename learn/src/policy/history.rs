@@ -32,10 +32,7 @@ pub struct History {
 impl History {
     /// An empty history for a policy with this segment length l.
     pub fn new(segment_length: u32) -> Self {
-        Self {
-            window: segment_length as usize + 1,
-            steps: VecDeque::new(),
-        }
+        Self { window: segment_length as usize + 1, steps: VecDeque::new() }
     }
 
     /// Steps remembered, at most `l + 1`.
@@ -52,16 +49,8 @@ impl History {
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if the action of the step before was never told.
-    pub fn push(
-        &mut self,
-        embedding: Embedding,
-        proprioception: Vec<f32>,
-    ) -> Result<(), LearnError> {
-        if self
-            .steps
-            .back()
-            .is_some_and(|step| step.executed.is_none())
-        {
+    pub fn push(&mut self, embedding: Embedding, proprioception: Vec<f32>) -> Result<(), LearnError> {
+        if self.steps.back().is_some_and(|step| step.executed.is_none()) {
             return Err(LearnError::invalid(
                 "executed",
                 "the previous step's executed action is unknown; \
@@ -71,11 +60,7 @@ impl History {
         if self.steps.len() == self.window {
             self.steps.pop_front();
         }
-        self.steps.push_back(Step {
-            embedding,
-            proprioception,
-            executed: None,
-        });
+        self.steps.push_back(Step { embedding, proprioception, executed: None });
         Ok(())
     }
 
@@ -90,10 +75,7 @@ impl History {
                 step.executed = Some(action);
                 Ok(())
             }
-            None => Err(LearnError::invalid(
-                "executed",
-                "comes before any observation; push one first",
-            )),
+            None => Err(LearnError::invalid("executed", "comes before any observation; push one first")),
         }
     }
 
@@ -116,9 +98,7 @@ mod tests {
         let mut history = History::new(1);
         assert!(history.set_executed(vec![0.0]).is_err());
         for t in 0..3u8 {
-            history
-                .push(Embedding(vec![f32::from(t)]), vec![f32::from(t)])
-                .unwrap();
+            history.push(Embedding(vec![f32::from(t)]), vec![f32::from(t)]).unwrap();
             assert!(history.push(Embedding(vec![]), vec![]).is_err());
             history.set_executed(vec![f32::from(t)]).unwrap();
         }

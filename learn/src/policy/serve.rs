@@ -23,10 +23,7 @@ pub struct Policy {
 
 impl fmt::Debug for Policy {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Policy")
-            .field("shape", &self.network.shape)
-            .field("model", &self.network.spec)
-            .finish()
+        f.debug_struct("Policy").field("shape", &self.network.shape).field("model", &self.network.spec).finish()
     }
 }
 
@@ -140,9 +137,7 @@ impl Policy {
         if history.is_empty() {
             return Err(LearnError::invalid(field, "is empty; push an observation"));
         }
-        history
-            .steps()
-            .try_for_each(|step| self.check_step(field, step))
+        history.steps().try_for_each(|step| self.check_step(field, step))
     }
 
     fn check_step(&self, field: &str, step: &Step) -> Result<(), LearnError> {
@@ -157,10 +152,7 @@ impl Policy {
             let field = format!("{field}.{name}");
             expect_length(&field, values.len(), width)?;
             if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-                return Err(LearnError::invalid(
-                    field,
-                    format!("value {at} is not finite"),
-                ));
+                return Err(LearnError::invalid(field, format!("value {at} is not finite")));
             }
         }
         Ok(())
@@ -171,8 +163,5 @@ fn expect_length(field: &str, found: usize, expected: usize) -> Result<(), Learn
     if found == expected {
         return Ok(());
     }
-    Err(LearnError::invalid(
-        field,
-        format!("has length {found}, the policy's shape asks for {expected}"),
-    ))
+    Err(LearnError::invalid(field, format!("has length {found}, the policy's shape asks for {expected}")))
 }

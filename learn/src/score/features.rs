@@ -40,24 +40,15 @@ impl Features {
 /// The features of every segment of `trajectory`.
 pub(crate) fn episode_features(network: &Network, trajectory: &Trajectory) -> Features {
     let every = Segments::every(&network.shape, &[trajectory]);
-    let steps: Vec<Tensor> = every
-        .all()
-        .chunks(CHUNK)
-        .map(|chunk| encode(network, trajectory, chunk))
-        .collect();
+    let steps: Vec<Tensor> = every.all().chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk)).collect();
     let steps = Tensor::cat(&steps, 0);
-    let mut features = Features {
-        values: Default::default(),
-        width: network.width(),
-    };
+    let mut features = Features { values: Default::default(), width: network.width() };
     for chunk in every.all().chunks(CHUNK) {
         let (windows, needed) = Windows::lay_out(chunk, network.spec.window(), network.device());
         let needed: Vec<i64> = needed.iter().map(|(_, t)| crate::batch::int(*t)).collect();
         let needed = Tensor::from_slice(&needed).to_device(network.device());
         let steps = steps.index_select(0, &needed);
-        let last = network
-            .features(&steps, &windows, View::WHOLE, 1)
-            .select(1, 0);
+        let last = network.features(&steps, &windows, View::WHOLE, 1).select(1, 0);
         let modalities = [Modality::Image, Modality::Proprioception, Modality::Action];
         for (all, modality) in features.values.iter_mut().zip(modalities) {
             all.extend(values(&modality.of(&last)));

@@ -83,10 +83,7 @@ pub fn score(
     }
     let mut ids = HashSet::new();
     if let Some(twice) = experts.iter().find(|expert| !ids.insert(&expert.id)) {
-        return Err(LearnError::invalid(
-            "experts",
-            format!("has episode {} twice; name it once", twice.id),
-        ));
+        return Err(LearnError::invalid("experts", format!("has episode {} twice; name it once", twice.id)));
     }
     guard(|| {
         let device = device::open(spec.device, spec.threads)?;
@@ -142,9 +139,7 @@ impl<'a> Run<'a> {
             expert_features.push(self.features(trajectory)?);
         }
         let Similarity::LastL2 = self.spec.similarity;
-        let similarity = LastL2 {
-            scale: self.spec.scale(),
-        };
+        let similarity = LastL2 { scale: self.spec.scale() };
         let mut reference = Reference::new(&expert_features, similarity, Tiles::default());
         let mut imperfect = Vec::with_capacity(self.imperfect.len());
         for trajectory in self.imperfect {
@@ -172,12 +167,7 @@ impl<'a> Run<'a> {
         for episode in imperfect.iter_mut().chain(&mut experts) {
             episode.q = episode.w.iter().map(|w| normaliser.q(*w)).collect();
         }
-        Ok(Scores {
-            imperfect,
-            experts,
-            lo: normaliser.lo,
-            hi: normaliser.hi,
-        })
+        Ok(Scores { imperfect, experts, lo: normaliser.lo, hi: normaliser.hi })
     }
 
     fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
@@ -207,8 +197,7 @@ impl<'a> Run<'a> {
         self.done += segments as u64;
         #[expect(clippy::cast_precision_loss, reason = "a rate for people to read")]
         let rate = self.done as f64 / self.begin.elapsed().as_secs_f64().max(1e-9);
-        self.monitor
-            .progress(self.done, self.total, &[("segments_per_second", rate)]);
+        self.monitor.progress(self.done, self.total, &[("segments_per_second", rate)]);
         Ok(())
     }
 }

@@ -13,14 +13,8 @@ pub struct Normaliser {
 impl Normaliser {
     /// From the smallest to the largest of `similarities`.
     pub(crate) fn min_max(similarities: impl Iterator<Item = f64>) -> Self {
-        let none = Self {
-            lo: f64::INFINITY,
-            hi: f64::NEG_INFINITY,
-        };
-        similarities.fold(none, |range, w| Self {
-            lo: range.lo.min(w),
-            hi: range.hi.max(w),
-        })
+        let none = Self { lo: f64::INFINITY, hi: f64::NEG_INFINITY };
+        similarities.fold(none, |range, w| Self { lo: range.lo.min(w), hi: range.hi.max(w) })
     }
 
     /// The quality of similarity `w`.

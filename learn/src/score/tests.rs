@@ -76,17 +76,8 @@ fn bad_input_is_named() {
 #[test]
 fn a_cancelled_run_stops() {
     let experts = toy::experts(2, 8);
-    let mut monitor = toy::Recorder {
-        stop_after: Some(1),
-        ..Default::default()
-    };
-    let result = score(
-        &encoder(),
-        &experts,
-        &experts,
-        &ScoreSpec::default(),
-        &mut monitor,
-    );
+    let mut monitor = toy::Recorder { stop_after: Some(1), ..Default::default() };
+    let result = score(&encoder(), &experts, &experts, &ScoreSpec::default(), &mut monitor);
     assert!(matches!(result, Err(LearnError::Cancelled)));
     assert_eq!(monitor.losses.len(), 1);
 }
@@ -101,22 +92,14 @@ fn features_do_not_depend_on_what_else_is_in_the_pass() {
     let width = |values: usize, each: usize| values * each;
     let short = Trajectory {
         id: "its beginning".into(),
-        frames: std::sync::Arc::new(
-            long.frames.as_ref().as_ref()[..width(11, network.shape.frame_bytes())].to_vec(),
-        ),
+        frames: std::sync::Arc::new(long.frames.as_ref().as_ref()[..width(11, network.shape.frame_bytes())].to_vec()),
         proprioception: long.proprioception[..width(11, 3)].to_vec(),
         action: long.action[..width(11, 2)].to_vec(),
     };
-    let (long, short) = (
-        episode_features(&network, &long),
-        episode_features(&network, &short),
-    );
+    let (long, short) = (episode_features(&network, &long), episode_features(&network, &short));
     for modality in 0..3 {
         for step in 0..11 {
-            let pairs = long
-                .row(modality, step)
-                .iter()
-                .zip(short.row(modality, step));
+            let pairs = long.row(modality, step).iter().zip(short.row(modality, step));
             for (a, b) in pairs {
                 assert!((a - b).abs() < 1e-4, "{a} {b}");
             }

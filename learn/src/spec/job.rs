@@ -61,10 +61,7 @@ impl PretrainSpec {
         self.model.validate()?;
         self.optim.validate()?;
         if self.objectives.is_empty() {
-            return Err(LearnError::invalid(
-                "objectives",
-                "is empty; name at least one of mtp, tr, aa",
-            ));
+            return Err(LearnError::invalid("objectives", "is empty; name at least one of mtp, tr, aa"));
         }
         validate_run(self.checkpoint_every, self.threads)
     }
@@ -120,10 +117,7 @@ impl ScoreSpec {
             within(&format!("modality_scale[{i}]"), *factor, 0.0, 1e6)?;
         }
         if scale.iter().all(|factor| *factor == 0.0) {
-            return Err(LearnError::invalid(
-                "modality_scale",
-                "is zero for every modality; at least one must count",
-            ));
+            return Err(LearnError::invalid("modality_scale", "is zero for every modality; at least one must count"));
         }
         validate_run(1, self.threads)
     }
@@ -196,10 +190,7 @@ impl TrainSpec {
 
 fn validate_run(checkpoint_every: u32, threads: Option<u32>) -> Result<(), LearnError> {
     if checkpoint_every == 0 {
-        return Err(LearnError::invalid(
-            "checkpoint_every",
-            "must be at least 1",
-        ));
+        return Err(LearnError::invalid("checkpoint_every", "must be at least 1"));
     }
     within("threads", f64::from(threads.unwrap_or(1)), 1.0, 1024.0)
 }
@@ -240,25 +231,15 @@ mod tests {
     #[test]
     fn a_resume_may_change_only_how_the_run_is_carried_out() {
         let spec = TrainSpec::default();
-        let carried_out = TrainSpec {
-            checkpoint_every: 7,
-            threads: Some(2),
-            ..spec.clone()
-        };
-        let different = TrainSpec {
-            seed: 1,
-            ..spec.clone()
-        };
+        let carried_out = TrainSpec { checkpoint_every: 7, threads: Some(2), ..spec.clone() };
+        let different = TrainSpec { seed: 1, ..spec.clone() };
         assert_eq!(spec.identity(), carried_out.identity());
         assert_ne!(spec.identity(), different.identity());
     }
 
     #[test]
     fn a_scale_that_counts_nothing_is_refused() {
-        let spec = ScoreSpec {
-            modality_scale: Some([0.0; 3]),
-            ..ScoreSpec::default()
-        };
+        let spec = ScoreSpec { modality_scale: Some([0.0; 3]), ..ScoreSpec::default() };
         assert!(spec.validate().is_err());
     }
 }

@@ -6,9 +6,7 @@ mod model;
 mod optim;
 mod shape;
 
-pub use job::{
-    NormaliserKind, Objective, PolicyKind, PretrainSpec, ScoreSpec, Similarity, TrainSpec,
-};
+pub use job::{NormaliserKind, Objective, PolicyKind, PretrainSpec, ScoreSpec, Similarity, TrainSpec};
 pub use model::{Device, ModelSpec, Preset};
 pub use optim::OptimSpec;
 pub use shape::{CameraShape, TaskShape};
@@ -20,8 +18,5 @@ fn within(field: &str, value: f64, low: f64, high: f64) -> Result<(), LearnError
     if (low..=high).contains(&value) {
         return Ok(());
     }
-    Err(LearnError::invalid(
-        field,
-        format!("is {value}, must be between {low} and {high}"),
-    ))
+    Err(LearnError::invalid(field, format!("is {value}, must be between {low} and {high}")))
 }

@@ -30,10 +30,7 @@ pub struct ModelSpec {
 
 impl Default for ModelSpec {
     fn default() -> Self {
-        Self {
-            preset: Preset::default(),
-            segment_length: 6,
-        }
+        Self { preset: Preset::default(), segment_length: 6 }
     }
 }
 

@@ -55,11 +55,7 @@ impl OptimSpec {
     /// The learning rate of `step` (from 0): linear warm-up times a cosine that ends at zero.
     pub(crate) fn learning_rate_at(&self, step: u64) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "step counts are far below 2^52")]
-        let (done, total, warmup) = (
-            step as f64,
-            self.steps as f64,
-            self.warmup_steps.max(1) as f64,
-        );
+        let (done, total, warmup) = (step as f64, self.steps as f64, self.warmup_steps.max(1) as f64);
         let rise = ((done + 1.0) / warmup).min(1.0);
         let fall = 0.5 * (1.0 + (std::f64::consts::PI * done / total).cos());
         self.learning_rate * rise * fall
@@ -73,12 +69,7 @@ mod tests {
 
     #[test]
     fn the_rate_rises_then_falls_to_nearly_zero() {
-        let spec = OptimSpec {
-            steps: 100,
-            warmup_steps: 10,
-            learning_rate: 1.0,
-            ..OptimSpec::default()
-        };
+        let spec = OptimSpec { steps: 100, warmup_steps: 10, learning_rate: 1.0, ..OptimSpec::default() };
         assert!((spec.learning_rate_at(0) - 0.1).abs() < 1e-12);
         assert!(spec.learning_rate_at(9) > 0.97);
         assert!((spec.learning_rate_at(50) - 0.5).abs() < 1e-12);
@@ -87,10 +78,7 @@ mod tests {
 
     #[test]
     fn a_value_out_of_range_is_named() {
-        let spec = OptimSpec {
-            learning_rate: f64::NAN,
-            ..OptimSpec::default()
-        };
+        let spec = OptimSpec { learning_rate: f64::NAN, ..OptimSpec::default() };
         let message = spec.validate().unwrap_err().to_string();
         assert!(message.starts_with("optim.learning_rate: "), "{message}");
     }

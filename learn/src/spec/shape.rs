@@ -74,18 +74,10 @@ impl TaskShape {
         let (low, high) = (f64::from(IMAGE_SIDE.0), f64::from(IMAGE_SIDE.1));
         for (i, camera) in self.cameras.iter().enumerate() {
             let path = format!("shape.cameras[{i}] ({})", camera.name);
-            within(
-                &format!("{path}.height"),
-                f64::from(camera.height),
-                low,
-                high,
-            )?;
+            within(&format!("{path}.height"), f64::from(camera.height), low, high)?;
             within(&format!("{path}.width"), f64::from(camera.width), low, high)?;
         }
-        for (field, count) in [
-            ("shape.proprioception", self.proprioception),
-            ("shape.action", self.action),
-        ] {
+        for (field, count) in [("shape.proprioception", self.proprioception), ("shape.action", self.action)] {
             if count == 0 || count > MAX_DIMENSIONS {
                 return Err(LearnError::invalid(
                     field,

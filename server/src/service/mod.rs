@@ -18,13 +18,7 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs,
-    config::ServeConfig,
-    error::Result,
-    ingest::Ingest,
-    jobs::Jobs,
-    policies::Policies,
-    store::Store,
+    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, policies::Policies, store::Store,
 };
 
 /// Every room a service may call, built once.

@@ -104,8 +104,10 @@ fn is_duplicate(error: &sqlx::Error) -> bool {
 }
 
 async fn check_version(pool: &SqlitePool) -> Result<()> {
-    let version: String =
-        sqlx::query_scalar("select sqlite_version()").fetch_one(pool).await.map_err(fault("asking SQLite's version"))?;
+    let version: String = sqlx::query_scalar("select sqlite_version()")
+        .fetch_one(pool)
+        .await
+        .map_err(fault("asking SQLite's version"))?;
     let mut parts = version.split('.').map(|part| part.parse::<u32>().unwrap_or(0));
     let mut next = || parts.next().unwrap_or(0);
     if (next(), next(), next()) < OLDEST_SQLITE {

@@ -24,25 +24,14 @@ fn kept(weight: f32) -> Vec<WeightedSegments> {
 fn train(encoder: &[u8], kept: &[WeightedSegments], spec: &TrainSpec) -> (Vec<u8>, Recorder) {
     let mut monitor = Recorder::default();
     let experts = toy::experts(4, 12);
-    let bytes = train_policy(
-        &toy::shape(),
-        encoder,
-        &experts,
-        kept,
-        spec,
-        None,
-        &mut monitor,
-    );
+    let bytes = train_policy(&toy::shape(), encoder, &experts, kept, spec, None, &mut monitor);
     (bytes.unwrap(), monitor)
 }
 
 #[test]
 fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
     let encoder = encoder(2);
-    let spec = TrainSpec {
-        checkpoint_every: 2,
-        ..toy::train_spec(6)
-    };
+    let spec = TrainSpec { checkpoint_every: 2, ..toy::train_spec(6) };
     let (result, straight) = train(&encoder, &kept(0.9), &spec);
     let mut resumed = Recorder::default();
     let again = train_policy(
@@ -68,10 +57,7 @@ fn kept_segments_of_no_weight_leave_plain_behaviour_cloning() {
         all.collect::<Vec<f32>>()
     };
     let spec = toy::train_spec(3);
-    let no_lambda = TrainSpec {
-        lambda: 0.0,
-        ..spec.clone()
-    };
+    let no_lambda = TrainSpec { lambda: 0.0, ..spec.clone() };
     let plain = weights(&train(&encoder, &[], &spec).0);
     assert_eq!(plain, weights(&train(&encoder, &kept(0.0), &spec).0));
     assert_eq!(plain, weights(&train(&encoder, &kept(1.0), &no_lambda).0));
@@ -82,10 +68,7 @@ fn kept_segments_of_no_weight_leave_plain_behaviour_cloning() {
 fn the_loss_is_the_expert_mean_plus_lambda_times_the_weighted_kept_mean() {
     let encoder = encoder(1);
     let first = |weight, lambda| {
-        let spec = TrainSpec {
-            lambda,
-            ..toy::train_spec(1)
-        };
+        let spec = TrainSpec { lambda, ..toy::train_spec(1) };
         train(&encoder, &kept(weight), &spec).1.losses[0].1
     };
     let (base, full) = (first(0.0, 1.0), first(1.0, 1.0));
@@ -101,9 +84,7 @@ fn final_distance(policy: &Policy, square: [f32; 2], steps: usize) -> f32 {
     let frame = toy::frame(square[0], square[1]);
     for _ in 0..steps {
         let embedding = policy.embed(&[&frame]).unwrap().remove(0);
-        history
-            .push(embedding, vec![hand[0], hand[1], 5.0])
-            .unwrap();
+        history.push(embedding, vec![hand[0], hand[1], 5.0]).unwrap();
         let action = policy.act(&[&history]).unwrap().remove(0);
         hand = [hand[0] + action[0], hand[1] + action[1]];
         history.set_executed(action).unwrap();
@@ -133,32 +114,19 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
     let (bytes, _) = train(&encoder(2), &[], &toy::train_spec(2));
     let policy = Policy::load(&bytes).unwrap();
     let (_, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
-    let network = Network::from_named(
-        &toy::shape(),
-        toy::pretrain_spec(1).model,
-        &named,
-        Device::Cpu,
-    );
+    let network = Network::from_named(&toy::shape(), toy::pretrain_spec(1).model, &named, Device::Cpu);
     let network = network.unwrap();
     let data = toy::episode("session", 77, 9, true);
     let segments = Segments::every(&network.shape, &[&data]);
     let batch = Batch::collect(&network.shape, &[&data], segments.all(), 4, Device::Cpu);
-    let features = network.features(
-        &network.batch_steps(&batch),
-        &batch.windows,
-        View::CAUSAL,
-        1,
-    );
+    let features = network.features(&network.batch_steps(&batch), &batch.windows, View::CAUSAL, 1);
     let full = action_autoregression::predict(&network, &features);
     let full = crate::batch::values(&network.statistics.action.invert(&full));
 
     let mut history = History::new(policy.segment_length());
     let mut snapshots = Vec::new();
     for (t, expected) in full.chunks(2).enumerate() {
-        let embedding = policy
-            .embed(&[data.frame(&network.shape, t)])
-            .unwrap()
-            .remove(0);
+        let embedding = policy.embed(&[data.frame(&network.shape, t)]).unwrap().remove(0);
         let m = data.proprioception_at(&network.shape, t).to_vec();
         history.push(embedding, m).unwrap();
         let action = policy.act(&[&history]).unwrap().remove(0);
@@ -168,10 +136,7 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
         history.set_executed(executed).unwrap();
     }
     // Sessions of all lengths in one pass.
-    let all = policy
-        .act(&snapshots.iter().collect::<Vec<_>>())
-        .unwrap()
-        .concat();
+    let all = policy.act(&snapshots.iter().collect::<Vec<_>>()).unwrap().concat();
     assert!(all.iter().zip(&full).all(|(a, b)| (a - b).abs() < 1e-5));
 }
 
@@ -190,17 +155,11 @@ fn a_policy_refuses_what_does_not_fit_it() {
     let embedding = policy.embed(&[&frame]).unwrap().remove(0);
     other.push(embedding.clone(), vec![0.0; 3]).unwrap();
     assert!(message(policy.act(&[&other]).unwrap_err()).contains("needs 4"));
-    for (m, problem) in [
-        (vec![0.0; 2], "length 2"),
-        (vec![f32::NAN; 3], "not finite"),
-    ] {
+    for (m, problem) in [(vec![0.0; 2], "length 2"), (vec![f32::NAN; 3], "not finite")] {
         let mut history = History::new(policy.segment_length());
         history.push(embedding.clone(), m).unwrap();
         let message = message(policy.act(&[&history]).unwrap_err());
-        assert!(
-            message.contains("proprioception") && message.contains(problem),
-            "{message}"
-        );
+        assert!(message.contains("proprioception") && message.contains(problem), "{message}");
     }
     assert!(policy.act(&[]).unwrap().is_empty());
     assert!(Policy::load(&encoder(1)).is_err());

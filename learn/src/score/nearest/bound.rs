@@ -28,26 +28,15 @@ struct Modality {
 impl Modality {
     fn new(values: &[f32], centre: &[f32]) -> Self {
         let width = centre.len();
-        let moved: Vec<f32> = values
-            .chunks(width)
-            .flat_map(|row| row.iter().zip(centre).map(|(x, c)| x - c))
-            .collect();
-        let squares: Vec<f64> = moved
-            .chunks(width)
-            .map(|row| row.iter().map(|x| f64::from(*x).powi(2)).sum())
-            .collect();
+        let moved: Vec<f32> = values.chunks(width).flat_map(|row| row.iter().zip(centre).map(|(x, c)| x - c)).collect();
+        let squares: Vec<f64> =
+            moved.chunks(width).map(|row| row.iter().map(|x| f64::from(*x).powi(2)).sum()).collect();
         // The product errs by at most γ(d + 2) · 2 (‖x‖² + ‖y‖²), γ(n) ≈ n U, whatever the order of
         // its additions; rounding the two squares and their sum errs by at most 3 U (‖x‖² + ‖y‖²).
         #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
         let epsilon = 2.5 * U * (width as f64 + 8.0);
-        #[expect(
-            clippy::cast_possible_truncation,
-            reason = "the rounding is in the margin"
-        )]
-        let shrunk: Vec<f32> = squares
-            .iter()
-            .map(|s| (s * (1.0 - epsilon)) as f32)
-            .collect();
+        #[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margin")]
+        let shrunk: Vec<f32> = squares.iter().map(|s| (s * (1.0 - epsilon)) as f32).collect();
         Self {
             rows: rows(&moved, width, Device::Cpu),
             squares: Tensor::from_slice(&shrunk),
@@ -60,8 +49,8 @@ impl Modality {
         let squares = others.squares.narrow(0, from, count).unsqueeze(0);
         // Doubling is exact, so −2 x·y has the relative error of x·y.
         let doubled = &self.rows * -2.0;
-        let mut bound = (self.squares.unsqueeze(1) + squares)
-            .addmm_(&doubled, &others.rows.narrow(0, from, count).tr());
+        let mut bound =
+            (self.squares.unsqueeze(1) + squares).addmm_(&doubled, &others.rows.narrow(0, from, count).tr());
         bound.clamp_min_(0.0).sqrt_()
     }
 }
@@ -69,9 +58,7 @@ impl Modality {
 impl Centred {
     /// Centres `values` (row-major, per modality) at `centre`.
     pub(super) fn new(values: [&[f32]; 3], centre: &[Vec<f32>; 3]) -> Self {
-        Self(std::array::from_fn(|i| {
-            Modality::new(values[i], &centre[i])
-        }))
+        Self(std::array::from_fn(|i| Modality::new(values[i], &centre[i])))
     }
 
     /// Lower bounds of the scaled distances to `tile` of `others`, `[N, tile]`, up to what

@@ -27,10 +27,7 @@ pub(crate) struct Tiles {
 impl Default for Tiles {
     /// Two single-precision tiles of this size stay within a core's cache.
     fn default() -> Self {
-        Self {
-            queries: 128,
-            experts: 2048,
-        }
+        Self { queries: 128, experts: 2048 }
     }
 }
 
@@ -48,9 +45,7 @@ pub(crate) struct Match {
 impl Match {
     /// Nearer, or as near and earlier.
     fn beats(&self, other: &Option<Self>) -> bool {
-        other
-            .as_ref()
-            .is_none_or(|other| (self.distance, self.expert) < (other.distance, other.expert))
+        other.as_ref().is_none_or(|other| (self.distance, self.expert) < (other.distance, other.expert))
     }
 }
 
@@ -100,11 +95,7 @@ impl Reference {
 
     /// The nearest expert segment of every query, leaving out the expert episodes `without`;
     /// `None` if that leaves no expert.
-    pub(crate) fn nearest(
-        &mut self,
-        queries: &Features,
-        without: &Range<usize>,
-    ) -> Option<Vec<Match>> {
+    pub(crate) fn nearest(&mut self, queries: &Features, without: &Range<usize>) -> Option<Vec<Match>> {
         let skip = self.bounds[without.start]..self.bounds[without.end];
         if skip.len() == self.features.count() {
             return None;
@@ -140,12 +131,7 @@ impl Reference {
             let tile = begin..self.features.count().min(begin + self.tiles.experts);
             let bounds = centred.lower_bounds(&self.centred, scale, &tile, skip);
             let reach = centred.reach(&self.centred, scale, &tile);
-            self.refine(
-                (queries, block.start),
-                &bounds,
-                (tile.start, &reach),
-                &mut best,
-            );
+            self.refine((queries, block.start), &bounds, (tile.start, &reach), &mut best);
         }
         best.into_iter().flatten().collect()
     }
@@ -161,10 +147,8 @@ impl Reference {
         let (lowest, nearest) = bounds.min_dim(1, false);
         let lowest = values(&lowest);
         let nearest = Vec::<i64>::try_from(nearest).unwrap_or_default();
-        let limit = |best: &Option<Match>, reach: f64| {
-            best.as_ref()
-                .map_or(f64::MAX, |best| limit(best.distance, reach))
-        };
+        let limit =
+            |best: &Option<Match>, reach: f64| best.as_ref().map_or(f64::MAX, |best| limit(best.distance, reach));
         for (row, best) in best.iter_mut().enumerate() {
             if f64::from(lowest[row]) > limit(best, reach[row]) {
                 continue;
@@ -184,11 +168,7 @@ impl Reference {
 
     fn consider(&self, query: (&Features, usize), expert: usize, best: &mut Option<Match>) {
         let parts = LastL2::parts(query, (&self.features, expert));
-        let found = Match {
-            expert,
-            distance: self.similarity.distance(parts),
-            parts,
-        };
+        let found = Match { expert, distance: self.similarity.distance(parts), parts };
         if found.beats(best) {
             *best = Some(found);
         }

@@ -13,15 +13,8 @@ const ONES: LastL2 = LastL2 { scale: [1.0; 3] };
 /// Rows of norm about `norm` around a far-off common point.
 fn features(seed: u64, count: usize, norm: f32) -> Features {
     let mut rng = generator(seed, Purpose::Mask, 9);
-    let mut values = |_| {
-        (0..count * WIDTH)
-            .map(|_| norm / 5.0 * (1.0 + rng.random_range(-0.5f32..0.5)))
-            .collect()
-    };
-    Features {
-        values: [values(0), values(1), values(2)],
-        width: WIDTH,
-    }
+    let mut values = |_| (0..count * WIDTH).map(|_| norm / 5.0 * (1.0 + rng.random_range(-0.5f32..0.5))).collect();
+    Features { values: [values(0), values(1), values(2)], width: WIDTH }
 }
 
 fn copy_row(from: (&Features, usize), to: (&mut Features, usize)) {
@@ -74,22 +67,10 @@ fn found(
 }
 
 const TILES: [Tiles; 4] = [
-    Tiles {
-        queries: 128,
-        experts: 2048,
-    },
-    Tiles {
-        queries: 1,
-        experts: 1,
-    },
-    Tiles {
-        queries: 7,
-        experts: 33,
-    },
-    Tiles {
-        queries: 50,
-        experts: 5,
-    },
+    Tiles { queries: 128, experts: 2048 },
+    Tiles { queries: 1, experts: 1 },
+    Tiles { queries: 7, experts: 33 },
+    Tiles { queries: 50, experts: 5 },
 ];
 
 #[test]
@@ -121,9 +102,7 @@ fn near_and_exact_duplicates_at_large_norms_are_found_exactly() {
 #[test]
 fn an_episode_left_out_is_never_matched() {
     let episodes: Vec<Features> = (0..4).map(|seed| features(seed, 30, 10.0)).collect();
-    let scaled = LastL2 {
-        scale: [0.5, 0.0, 3.0],
-    };
+    let scaled = LastL2 { scale: [0.5, 0.0, 3.0] };
     for (at, queries) in episodes.iter().enumerate() {
         let without = at..at + 1;
         let expected = brute_force(&episodes, queries, scaled, &without);
