@@ -1,5 +1,6 @@
 //! Downloads: a stream of bytes into a file, which appears under its name only when it is whole and verified.
 
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Component, Path, PathBuf};
 
 use bytes::Bytes;
@@ -78,8 +79,12 @@ async fn save(
         Some(_) | None => Path::new("."),
     };
     std::fs::create_dir_all(folder).map_err(ClientError::io(folder))?;
-    // Deleted by itself when anything goes wrong on the way.
-    let part = tempfile::NamedTempFile::with_prefix_in(".gleaner-", folder).map_err(ClientError::io(folder))?;
+    // Deleted by itself when anything goes wrong on the way. Readable as any new file is, not only by its owner.
+    let part = tempfile::Builder::new()
+        .prefix(".gleaner-")
+        .permissions(std::fs::Permissions::from_mode(0o666))
+        .tempfile_in(folder)
+        .map_err(ClientError::io(folder))?;
     let mut file = tokio::fs::File::create(part.path()).await.map_err(ClientError::io(path))?;
     let mut hasher = blake3::Hasher::new();
     while let Some(piece) = pieces.next().await {
@@ -114,6 +119,11 @@ mod tests {
         let digest = blake3::hash(b"hello world").to_hex().to_string();
         save(pieces(&["hello ", "world"]), &path, &digest, |_| {}).await.unwrap();
         assert_eq!(std::fs::read(&path).unwrap(), b"hello world");
+        // As readable as a file that is made in the plain way.
+        std::fs::write(folder.path().join("plain"), b"").unwrap();
+        let mode = |path: &Path| std::fs::metadata(path).unwrap().permissions().mode();
+        assert_eq!(mode(&path), mode(&folder.path().join("plain")));
+        std::fs::remove_file(folder.path().join("plain")).unwrap();
 
         let other = folder.path().join("b.mcap");
         let error = save(pieces(&["hello ", "word"]), &other, &digest, |_| {}).await.unwrap_err();

@@ -12,6 +12,9 @@ use crate::connection::Client;
 use crate::error::{ClientError, Result};
 use crate::session::{Session, observation};
 
+// Far longer than any policy takes; an evaluation must not wait for ever.
+const PATIENCE: Duration = Duration::from_secs(60);
+
 /// What to evaluate and how often.
 #[derive(Clone, Debug)]
 pub struct DrivePlan {
@@ -145,7 +148,13 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
         let seen = sim.observe();
         let observation = observation(spec, seen.stamp_ns, seen.frames, seen.proprioception)?;
         let sent = Instant::now();
-        let answer = session.act(observation).await?;
+        let answer = tokio::time::timeout(PATIENCE, session.act(observation)).await.map_err(|_| {
+            ClientError::Invalid(format!(
+                "{} gave no action in {} s; see the server's log",
+                plan.deployment,
+                PATIENCE.as_secs()
+            ))
+        })??;
         latencies.push(sent.elapsed());
         let first = answer.actions.first().ok_or(ClientError::Contract { missing: "an action" })?;
         let action = first.values.as_slice().try_into().map_err(|_| {
