@@ -107,7 +107,7 @@ async fn a_cancelled_job_stops_and_takes_its_dependents_along() {
     lab::set_up(&mut api).await;
     let pretrain = api.submit(lab::TASK, lab::pretrain(100_000)).await.unwrap();
     let score = api.submit(lab::TASK, lab::score(&pretrain.result_id)).await.unwrap();
-    assert_eq!(score.needs, [pretrain.id.clone()]);
+    assert_eq!(score.needs, std::slice::from_ref(&pretrain.id));
     api.watch_until(&pretrain.id, |job| job.done >= 1).await;
     api.jobs.cancel_job(CancelJobRequest { job_id: pretrain.id.clone() }).await.unwrap();
     assert_eq!(api.watch(&pretrain.id).await.state(), JobState::Cancelled);

@@ -60,12 +60,14 @@ impl Store {
         let doing = |error: sqlx::Error| Error::internal(format!("opening the database {}", path.display()), error);
         let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await.map_err(doing)?;
         check_version(&writer).await?;
-        MIGRATIONS.run(&writer).await.map_err(|error| match error {
-            sqlx::migrate::MigrateError::VersionMissing(version) => Error::precondition(format!(
-                "the database {} has migration {version}, which this program does not know: use a newer gleaner-server",
-                path.display()
-            )),
-            error => Error::internal("migrating the database", error),
+        MIGRATIONS.run(&writer).await.map_err(|error| {
+            if let sqlx::migrate::MigrateError::VersionMissing(version) = error {
+                let path = path.display();
+                return Error::precondition(format!(
+                    "the database {path} has migration {version}, which this program does not know: use a newer gleaner-server"
+                ));
+            }
+            Error::internal("migrating the database", error)
         })?;
         let readers = SqlitePoolOptions::new().max_connections(4).connect_with(options).await.map_err(doing)?;
         Ok(Self { writer, readers })
