@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use gleaner_proto::v1::*;
+use gleaner_recording::TaskSpec;
 
 use crate::{
     api::Api,
@@ -52,8 +53,8 @@ async fn both_dialects_are_one_task() {
         std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pick_cube_maniskill.toml")).unwrap();
     let spec: gleaner_recording::TaskSpec = toml::from_str(&text).unwrap();
     let task = spec.name.clone();
-    let spec = gleaner_client::spec::to_proto(&spec);
-    api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
+    let created = CreateTaskRequest { spec: Some(gleaner_client::spec::to_proto(&spec)) };
+    api.tasks.create_task(created).await.unwrap();
 
     let mut mappings = std::collections::BTreeSet::new();
     for dialect in ["foxglove", "ros2"] {
@@ -69,4 +70,31 @@ async fn both_dialects_are_one_task() {
     let run = api.succeed(&task, lab::score(&encoder)).await.result_id;
     let request = GetHistogramRequest { score_run_id: run.clone(), bins: 0, betas: vec![0.5] };
     assert!(api.scores.get_histogram(request).await.unwrap().into_inner().segments > 100);
+
+    let policy = api.succeed(&task, lab::train(train_spec::Data::ExpertsOf(encoder), 2)).await.result_id;
+    api.policies.deploy(DeployRequest { name: "real@test".into(), policy_id: policy }).await.unwrap();
+    let request = ActRequest { deployment: "real@test".into(), observations: replayed(&spec) };
+    let acted = api.policies.act(request).await.unwrap().into_inner();
+    assert_eq!(acted.actions[0].values.len(), 7);
+    assert!(acted.actions[0].values.iter().all(|value| value.is_finite()));
+}
+
+/// The first steps of a recording, as a robot would have sent them.
+fn replayed(spec: &TaskSpec) -> Vec<Observation> {
+    let recording = folder().unwrap().join("ros2").join(&some("ros2", &[("expert", 1)])[0].name);
+    let episode = gleaner_recording::read_episode(&recording, spec).unwrap().episode;
+    let (frames, proprioception, action) = (episode.frames(), episode.proprioception(), episode.action());
+    let bytes = gleaner_recording::frame_bytes_per_step(spec);
+    let (values, actions) = (spec.proprioception_size(), spec.action_size());
+    (0..3)
+        .map(|step| {
+            let frame = frames.as_ref()[step * bytes..][..bytes].to_vec();
+            let seen = proprioception[step * values..][..values].to_vec();
+            let mut observation = gleaner_client::observation(spec, episode.stamps()[step], frame, seen).unwrap();
+            if step > 0 {
+                observation.executed_action = action[(step - 1) * actions..][..actions].to_vec();
+            }
+            observation
+        })
+        .collect()
 }

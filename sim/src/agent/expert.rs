@@ -12,11 +12,11 @@ use crate::world::{STEP_REACH, STEP_TURN, WIDTH_MAX, World, misalignment};
 const OPEN: f32 = 1.0;
 const CLOSE: f32 = -1.0;
 /// Over the grasp point by no more than this, the hand comes down.
-const ABOVE: f32 = 0.006;
+const ABOVE: f32 = 0.008;
 /// Over this much horizontal distance the hand sinks from hovering to grasping, or from carrying to the goal.
 const SLOPE: f32 = 0.025;
 /// At the grasp point within this, the fingers close.
-const AT_GRASP: f32 = 0.007;
+const AT_GRASP: f32 = 0.010;
 /// Steps above the grasp point after which the fingers close wherever the hand has come to.
 const PATIENCE: u32 = 8;
 /// Steps of closing after which a cube that is not held was missed.
@@ -26,7 +26,7 @@ const CARRY_OVER: f32 = 0.03;
 /// Within this horizontal distance of the cube an off grasp point shows.
 const NEAR_CUBE: f32 = 0.05;
 /// Standard half-width of the hand's unsteadiness, in action units.
-const WOBBLE: f32 = 0.06;
+const WOBBLE: f32 = 0.20;
 
 /// Habits that differ from one expert to the next.
 #[derive(Clone, Debug)]
