@@ -10,8 +10,10 @@ use gleaner_proto::v1::{
     worker_service_server::WorkerServiceServer,
 };
 use tokio::{net::TcpListener, sync::oneshot};
-use tokio_stream::wrappers::TcpListenerStream;
-use tonic::transport::{Server, server::Router};
+use tonic::transport::{
+    Server,
+    server::{Router, TcpIncoming},
+};
 
 use super::{
     Rooms, dataset::Datasets, episode::Episodes, job::JobsFace, policy::PoliciesFace, schedule::Schedules,
@@ -37,8 +39,11 @@ pub(crate) async fn serve(
     drain: Duration,
 ) -> Result<()> {
     let router = router(rooms).await?;
+    // Set on the sockets themselves: the builder's own setting does not reach a listener that is handed in, and
+    // without it a small answer can wait 40 ms for the peer's acknowledgement.
+    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
     let (tell, told) = oneshot::channel::<()>();
-    let serving = router.serve_with_incoming_shutdown(TcpListenerStream::new(listener), async {
+    let serving = router.serve_with_incoming_shutdown(incoming, async {
         // An error means the sender is gone, which is a stop too.
         let _ = told.await;
     });
@@ -70,7 +75,6 @@ async fn router(rooms: &Rooms) -> Result<Router> {
         .build_v1()
         .map_err(|error| Error::internal("building server reflection", error))?;
     let mut router = Server::builder()
-        .tcp_nodelay(true)
         .http2_keepalive_interval(Some(PING_EVERY))
         .http2_keepalive_timeout(Some(PING_TIMEOUT))
         .initial_stream_window_size(STREAM_WINDOW)

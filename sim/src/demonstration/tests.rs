@@ -129,15 +129,11 @@ fn same_pictures(read: &[u8], written: &[u8], pixels: usize) {
 fn a_recording_names_its_agent_seed_outcome_and_mark_in_metadata() {
     let demonstration = short("early_release:1");
     let bytes = demonstration.write_mcap(Cursor::new(Vec::new())).unwrap().into_inner();
-    let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-    let found = summary
-        .metadata_indexes
-        .iter()
-        .map(|index| mcap::read::metadata(&bytes, index).unwrap())
-        .find(|metadata| metadata.name == METADATA)
-        .unwrap();
-    assert_eq!(found.metadata["agent"], "early_release:1");
-    assert_eq!(found.metadata["seed"], "11");
-    assert_eq!(found.metadata["success"], "false");
-    assert_eq!(found.metadata["went_wrong"], demonstration.went_wrong.unwrap().to_string());
+    let went_wrong = demonstration.went_wrong.unwrap().to_string();
+    let entries = [("agent", "early_release:1"), ("seed", "11"), ("success", "false"), ("went_wrong", &went_wrong)];
+    // An MCAP metadata record is not compressed: a map of texts, each behind its length.
+    let text = |text: &str| [&u32::try_from(text.len()).unwrap().to_le_bytes(), text.as_bytes()].concat();
+    for entry in entries.map(|(key, value)| [text(key), text(value)].concat()).into_iter().chain([text(METADATA)]) {
+        assert!(bytes.windows(entry.len()).any(|part| part == entry), "{}", String::from_utf8_lossy(&entry));
+    }
 }
