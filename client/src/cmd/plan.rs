@@ -55,6 +55,32 @@ impl RuleArgs {
     }
 }
 
+/// Options of everything that is optimised.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct RunArgs {
+    /// Optimiser steps.
+    #[arg(long)]
+    pub(crate) steps: Option<u32>,
+    /// Segments a step.
+    #[arg(long)]
+    pub(crate) batch: Option<u32>,
+    /// Learning rate.
+    #[arg(long)]
+    pub(crate) lr: Option<f64>,
+    /// Seed of everything random.
+    #[arg(long, default_value_t = 0)]
+    pub(crate) seed: u64,
+    /// Where to compute.
+    #[arg(long, value_enum, default_value = "cpu")]
+    pub(crate) device: DeviceArg,
+}
+
+impl RunArgs {
+    pub(crate) fn optim(&self) -> OptimSpec {
+        optim(self.steps, self.batch, self.lr)
+    }
+}
+
 /// Options of a pretraining.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PretrainArgs {
@@ -69,21 +95,8 @@ pub(crate) struct PretrainArgs {
     /// Steps beside the last that a segment spans (the paper's l).
     #[arg(long, value_name = "L")]
     segment_length: Option<u32>,
-    /// Optimiser steps.
-    #[arg(long)]
-    steps: Option<u32>,
-    /// Segments a step.
-    #[arg(long)]
-    batch: Option<u32>,
-    /// Learning rate.
-    #[arg(long)]
-    lr: Option<f64>,
-    /// Seed of everything random.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Where to compute.
-    #[arg(long, value_enum, default_value = "cpu")]
-    device: DeviceArg,
+    #[command(flatten)]
+    run: RunArgs,
     /// Steps between checkpoints.
     #[arg(long, value_name = "STEPS")]
     checkpoint_every: Option<u32>,
@@ -96,19 +109,19 @@ impl PretrainArgs {
             rule: Some(self.rule.rule()),
             preset: Preset::from(self.preset).into(),
             segment_length: self.segment_length,
-            optim: Some(optim(self.steps, self.batch, self.lr)),
-            seed: self.seed,
-            device: Device::from(self.device).into(),
+            optim: Some(self.run.optim()),
+            seed: self.run.seed,
+            device: Device::from(self.run.device).into(),
             checkpoint_every: self.checkpoint_every,
         }
     }
 
     pub(crate) fn seed(&self) -> u64 {
-        self.seed
+        self.run.seed
     }
 
     pub(crate) fn device(&self) -> DeviceArg {
-        self.device
+        self.run.device
     }
 }
 

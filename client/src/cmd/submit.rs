@@ -7,7 +7,7 @@ use gleaner_proto::v1::train_spec::Data;
 use gleaner_proto::v1::{Device, GetDatasetRequest, Job, JobKind, JobSpec, ScoreSpec, SubmitJobRequest};
 
 use super::follow;
-use super::plan::{self, DeviceArg, PretrainArgs};
+use super::plan::{self, DeviceArg, PretrainArgs, RunArgs};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::{json, words};
@@ -88,21 +88,8 @@ pub(crate) struct TrainCommand {
     /// Weight of the kept segments' loss.
     #[arg(long)]
     lambda: Option<f64>,
-    /// Optimiser steps.
-    #[arg(long)]
-    steps: Option<u32>,
-    /// Segments a step.
-    #[arg(long)]
-    batch: Option<u32>,
-    /// Learning rate.
-    #[arg(long)]
-    lr: Option<f64>,
-    /// Seed of everything random.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Where to compute.
-    #[arg(long, value_enum, default_value = "cpu")]
-    device: DeviceArg,
+    #[command(flatten)]
+    run: RunArgs,
     #[command(flatten)]
     submit: SubmitArgs,
 }
@@ -110,7 +97,7 @@ pub(crate) struct TrainCommand {
 impl TrainCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let mut spec = plan::train(plan::optim(self.steps, self.batch, self.lr), self.lambda, self.seed, self.device);
+        let mut spec = plan::train(self.run.optim(), self.lambda, self.run.seed, self.run.device);
         let task = match (self.dataset, self.experts_of) {
             (Some(dataset), _) => {
                 let task = task_of_dataset(&client, self.task, &dataset).await?;

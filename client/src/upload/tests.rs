@@ -115,26 +115,26 @@ impl EpisodeService for Fake {
     }
 
     async fn get_episode(&self, _: Request<GetEpisodeRequest>) -> Reply<GetEpisodeResponse> {
-        Err(Status::unimplemented(""))
+        Err(Status::failed_precondition("this fake takes uploads only"))
     }
 
     async fn list_episodes(&self, _: Request<ListEpisodesRequest>) -> Reply<ListEpisodesResponse> {
-        Err(Status::unimplemented(""))
+        Err(Status::failed_precondition("this fake takes uploads only"))
     }
 
     async fn label_episodes(&self, _: Request<LabelEpisodesRequest>) -> Reply<LabelEpisodesResponse> {
-        Err(Status::unimplemented(""))
+        Err(Status::failed_precondition("this fake takes uploads only"))
     }
 
     async fn list_labels(&self, _: Request<ListLabelsRequest>) -> Reply<ListLabelsResponse> {
-        Err(Status::unimplemented(""))
+        Err(Status::failed_precondition("this fake takes uploads only"))
     }
 
     type DownloadEpisodeStream =
         Pin<Box<dyn Stream<Item = std::result::Result<DownloadEpisodeResponse, Status>> + Send>>;
 
     async fn download_episode(&self, _: Request<DownloadEpisodeRequest>) -> Reply<Self::DownloadEpisodeStream> {
-        Err(Status::unimplemented(""))
+        Err(Status::failed_precondition("this fake takes uploads only"))
     }
 }
 
