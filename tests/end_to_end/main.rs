@@ -14,6 +14,8 @@
 
 mod api;
 mod bad_input;
+mod command;
+mod face;
 mod happy;
 mod lab;
 mod live;

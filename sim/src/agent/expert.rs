@@ -25,7 +25,8 @@ const CLOSING: u32 = 5;
 const CARRY_OVER: f32 = 0.03;
 /// Within this horizontal distance of the cube an off grasp point shows.
 const NEAR_CUBE: f32 = 0.05;
-/// Standard half-width of the hand's unsteadiness, in action units.
+/// Half-width of the hand's unsteadiness, in action units: 4 mm a step. It shows imitators how to come back from
+/// small errors.
 const WOBBLE: f32 = 0.20;
 
 /// Habits that differ from one expert to the next.
