@@ -1,8 +1,10 @@
 //! Policies at work: one trained once, acted with in every way, and everything a client can get wrong.
 
+use std::sync::{Arc, Weak};
+
 use gleaner_proto::v1::{session_request::Message as Say, session_response::Message as Hear, *};
 use gleaner_sim::{Sim, Task as SimTask};
-use tokio::sync::{OnceCell, mpsc};
+use tokio::sync::{Mutex, mpsc};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status, Streaming};
 
@@ -10,20 +12,22 @@ use crate::{api::Api, lab, server::TestServer};
 
 const NAME: &str = "pick_cube@test";
 
-/// A server with a deployed policy; every test here shares it.
-async fn served() -> &'static TestServer {
-    static SERVED: OnceCell<TestServer> = OnceCell::const_new();
-    SERVED
-        .get_or_init(|| async {
-            let server = TestServer::start().await;
-            let mut api = Api::connect(&server).await;
-            lab::set_up(&mut api).await;
-            let encoder = api.succeed(lab::TASK, lab::pretrain(3)).await.result_id;
-            let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder), 3)).await.result_id;
-            api.policies.deploy(DeployRequest { name: NAME.into(), policy_id: policy }).await.unwrap();
-            server
-        })
-        .await
+/// A server with a deployed policy, shared by the tests that run at the same time. The last one to end takes it
+/// down: what a static holds is never dropped, and a server would stay behind.
+async fn served() -> Arc<TestServer> {
+    static SERVED: Mutex<Weak<TestServer>> = Mutex::const_new(Weak::new());
+    let mut served = SERVED.lock().await;
+    if let Some(server) = served.upgrade() {
+        return server;
+    }
+    let server = Arc::new(TestServer::start().await);
+    let mut api = Api::connect(&server).await;
+    lab::set_up(&mut api).await;
+    let encoder = api.succeed(lab::TASK, lab::pretrain(3)).await.result_id;
+    let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder), 3)).await.result_id;
+    api.policies.deploy(DeployRequest { name: NAME.into(), policy_id: policy }).await.unwrap();
+    *served = Arc::downgrade(&server);
+    server
 }
 
 fn observe(sim: &Sim) -> Observation {
@@ -78,7 +82,8 @@ impl Robot {
 /// A session and Act see the same history, so they give the same actions.
 #[tokio::test]
 async fn a_session_and_act_agree() {
-    let mut api = Api::connect(served().await).await;
+    let server = served().await;
+    let mut api = Api::connect(&server).await;
     let mut robot = Robot::open(&mut api, NAME).await.unwrap();
     let mut sim = start_sim();
     let mut window: Vec<Observation> = Vec::new();
@@ -107,7 +112,8 @@ async fn a_session_and_act_agree() {
 /// Two sessions in step give what each gives alone: neither sees the other's history.
 #[tokio::test]
 async fn sessions_are_isolated() {
-    let mut api = Api::connect(served().await).await;
+    let server = served().await;
+    let mut api = Api::connect(&server).await;
     let observation = observe(&start_sim());
     let mut alone = Robot::open(&mut api, NAME).await.unwrap();
     let first = alone.act(observation.clone()).await.unwrap().actions;
@@ -123,7 +129,8 @@ async fn sessions_are_isolated() {
 
 #[tokio::test]
 async fn observations_that_are_wrong() {
-    let mut api = Api::connect(served().await).await;
+    let server = served().await;
+    let mut api = Api::connect(&server).await;
     let good = observe(&start_sim());
     let mut missing = good.clone();
     missing.cameras.pop();
@@ -166,7 +173,8 @@ async fn observations_that_are_wrong() {
 
 #[tokio::test]
 async fn sessions_that_begin_wrong() {
-    let mut api = Api::connect(served().await).await;
+    let server = served().await;
+    let mut api = Api::connect(&server).await;
     let unknown = Robot::open(&mut api, "nobody@prod").await.err().unwrap();
     assert_eq!(unknown.code(), Code::NotFound, "{unknown}");
     let mut early = Robot::dial(&mut api).await;
@@ -181,7 +189,8 @@ async fn sessions_that_begin_wrong() {
 
 #[tokio::test]
 async fn deployments_that_cannot_be() {
-    let mut api = Api::connect(served().await).await;
+    let server = served().await;
+    let mut api = Api::connect(&server).await;
     let policies =
         api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
     let policy = policies[0].id.clone();
