@@ -88,7 +88,6 @@ impl EpisodeService for Episodes {
         self.start(request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
-    #[tracing::instrument(name = "write_upload", skip_all)]
     async fn write_upload(
         &self,
         request: Request<Streaming<v1::WriteUploadRequest>>,

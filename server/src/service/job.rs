@@ -65,7 +65,6 @@ impl JobsFace {
 impl JobService for JobsFace {
     type WatchJobStream = Pin<Box<dyn Stream<Item = tonic::Result<v1::WatchJobResponse>> + Send>>;
 
-    #[tracing::instrument(name = "submit_job", skip_all)]
     async fn submit_job(
         &self,
         request: Request<v1::SubmitJobRequest>,
@@ -73,7 +72,6 @@ impl JobService for JobsFace {
         self.submit(request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
-    #[tracing::instrument(name = "submit_pipeline", skip_all)]
     async fn submit_pipeline(
         &self,
         request: Request<v1::SubmitPipelineRequest>,
@@ -89,7 +87,6 @@ impl JobService for JobsFace {
         self.list(request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
-    #[tracing::instrument(name = "cancel_job", skip_all)]
     async fn cancel_job(
         &self,
         request: Request<v1::CancelJobRequest>,

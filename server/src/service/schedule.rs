@@ -42,7 +42,6 @@ impl Schedules {
 
 #[tonic::async_trait]
 impl ScheduleService for Schedules {
-    #[tracing::instrument(name = "create_schedule", skip_all)]
     async fn create_schedule(
         &self,
         request: Request<v1::CreateScheduleRequest>,
@@ -57,7 +56,6 @@ impl ScheduleService for Schedules {
         self.list(&request.into_inner().task).await.map(Response::new).map_err(from_error)
     }
 
-    #[tracing::instrument(name = "pause_schedule", skip_all)]
     async fn pause_schedule(
         &self,
         request: Request<v1::PauseScheduleRequest>,
@@ -65,7 +63,6 @@ impl ScheduleService for Schedules {
         self.pause(request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
-    #[tracing::instrument(name = "delete_schedule", skip_all)]
     async fn delete_schedule(
         &self,
         request: Request<v1::DeleteScheduleRequest>,

@@ -75,6 +75,7 @@ async fn router(rooms: &Rooms) -> Result<Router> {
         .build_v1()
         .map_err(|error| Error::internal("building server reflection", error))?;
     let mut router = Server::builder()
+        .trace_fn(|request| tracing::info_span!("rpc", rpc.path = request.uri().path()))
         .http2_keepalive_interval(Some(PING_EVERY))
         .http2_keepalive_timeout(Some(PING_TIMEOUT))
         .initial_stream_window_size(STREAM_WINDOW)

@@ -37,7 +37,6 @@ impl Snapshots {
 
 #[tonic::async_trait]
 impl SnapshotService for Snapshots {
-    #[tracing::instrument(name = "create_snapshot", skip_all)]
     async fn create_snapshot(
         &self,
         request: Request<v1::CreateSnapshotRequest>,

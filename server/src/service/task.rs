@@ -35,7 +35,6 @@ impl Tasks {
 
 #[tonic::async_trait]
 impl TaskService for Tasks {
-    #[tracing::instrument(name = "create_task", skip_all)]
     async fn create_task(
         &self,
         request: Request<v1::CreateTaskRequest>,
