@@ -1,15 +1,20 @@
 //! What a caller asks for: the task's shape, model sizes and the settings of each job, with their
 //! checks. Pure values; knows nothing of tensors or of how a job runs.
 
-mod job;
 mod model;
 mod optim;
+mod pretrain;
+mod run;
+mod score;
 mod shape;
+mod train;
 
-pub use job::{NormaliserKind, Objective, PolicyKind, PretrainSpec, ScoreSpec, Similarity, TrainSpec};
 pub use model::{Device, ModelSpec, Preset};
 pub use optim::OptimSpec;
+pub use pretrain::{Objective, PretrainSpec};
+pub use score::{NormaliserKind, ScoreSpec, Similarity};
 pub use shape::{CameraShape, TaskShape};
+pub use train::{PolicyKind, TrainSpec};
 
 use crate::error::LearnError;
 
