@@ -95,7 +95,7 @@ fn measure_training(shape: &TaskShape, data: &[Trajectory], preset: Preset) -> R
     println!("pretrain: {:.0} ms a step of 64 segments", times.median());
     let spec = TrainSpec { optim: optim(15), ..TrainSpec::default() };
     let mut times = Times::default();
-    train_policy(shape, &encoder, data, &[], &spec, None, &mut times)?;
+    train_policy(shape, Some(&encoder), data, &[], &spec, None, &mut times)?;
     println!("finetune: {:.0} ms a step of 64 expert segments", times.median());
     Ok(encoder)
 }
@@ -112,7 +112,7 @@ fn measure_scoring(encoder: &[u8], data: &[Trajectory]) -> Result<(), LearnError
 fn measure_acting(shape: &TaskShape, encoder: &[u8], data: &[Trajectory]) -> Result<(), LearnError> {
     set_threads(1);
     let spec = TrainSpec { optim: optim(1), ..TrainSpec::default() };
-    let policy = Policy::load(&train_policy(shape, encoder, data, &[], &spec, None, &mut Silent)?)?;
+    let policy = Policy::load(&train_policy(shape, Some(encoder), data, &[], &spec, None, &mut Silent)?)?;
     let bytes = data[0].frames.as_ref().as_ref();
     for sessions in [1, 4, 16] {
         let frames = vec![&bytes[..shape.frame_bytes()]; sessions];
@@ -125,8 +125,8 @@ fn measure_acting(shape: &TaskShape, encoder: &[u8], data: &[Trajectory]) -> Res
             }
             let actions = policy.act(&histories.iter().collect::<Vec<_>>())?;
             times.0.push(begin.elapsed().as_secs_f64() * 1e3);
-            for (history, action) in histories.iter_mut().zip(actions) {
-                history.set_executed(action)?;
+            for (history, mut actions) in histories.iter_mut().zip(actions) {
+                history.set_executed(actions.remove(0))?;
             }
         }
         println!("act: {:.2} ms (median) to embed and act for {sessions}, 1 thread", times.median());

@@ -27,12 +27,12 @@ mod trajectory;
 pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};
 pub use device::set_threads;
 pub use error::LearnError;
-pub use policy::{Embedding, History, Policy, train_policy};
+pub use policy::{Embedding, Ensemble, History, Policy, train_policy};
 pub use pretrain::pretrain;
 pub use score::{EpisodeScores, Normaliser, Scores, score};
 pub use spec::{
-    CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset, PretrainSpec, ScoreSpec,
-    Similarity, TaskShape, TrainSpec,
+    ActSpec, Augmentation, CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
+    PretrainSpec, ScoreSpec, Similarity, TaskShape, TrainSpec,
 };
 pub use train::{Monitor, Silent};
 pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};

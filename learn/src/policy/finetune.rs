@@ -30,7 +30,7 @@ use crate::trajectory::{Trajectory, WeightedSegments};
 /// the tensor library may give.
 pub fn train_policy(
     shape: &TaskShape,
-    encoder: &[u8],
+    encoder: Option<&[u8]>,
     experts: &[Trajectory],
     kept: &[WeightedSegments],
     spec: &TrainSpec,
@@ -48,6 +48,7 @@ pub fn train_policy(
     for segments in kept {
         segments.validate(shape)?;
     }
+    let encoder = encoder.ok_or_else(|| LearnError::invalid("encoder", "is needed by the policy finetune"))?;
     guard(|| {
         let training = match begin(shape, encoder, spec, resume)? {
             Resumed::Finished(bytes) => return Ok(bytes),

@@ -50,6 +50,11 @@ impl Policy {
         self.network.spec.segment_length
     }
 
+    /// Actions that [`Policy::act`] gives at once, k; 1 but for ACT.
+    pub fn chunk_length(&self) -> u32 {
+        1
+    }
+
     /// Encodes frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes).
     ///
     /// # Errors
@@ -72,12 +77,13 @@ impl Policy {
         })
     }
 
-    /// The next action of each history, in physical units; one pass for all.
+    /// The next k actions of each history, the first for now, in physical units; one pass for all.
+    /// k is [`Policy::chunk_length`]; [`Ensemble`](crate::Ensemble) makes one action of many chunks.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, or holds values
     /// that do not fit the shape or are not finite.
-    pub fn act(&self, histories: &[&History]) -> Result<Vec<Vec<f32>>, LearnError> {
+    pub fn act(&self, histories: &[&History]) -> Result<Vec<Vec<Vec<f32>>>, LearnError> {
         for (i, history) in histories.iter().enumerate() {
             self.check(&format!("histories[{i}]"), history)?;
         }
@@ -91,7 +97,7 @@ impl Policy {
             let action = action_autoregression::predict(&self.network, &features);
             let action = values(&self.network.statistics.action.invert(&action));
             let each = action.chunks(self.network.shape.action);
-            Ok(each.map(<[f32]>::to_vec).collect())
+            Ok(each.map(|action| vec![action.to_vec()]).collect())
         })
     }
 

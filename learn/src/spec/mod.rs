@@ -1,6 +1,7 @@
 //! What a caller asks for: the task's shape, model sizes and the settings of each job, with their
 //! checks. Pure values; knows nothing of tensors or of how a job runs.
 
+mod augmentation;
 mod model;
 mod optim;
 mod pretrain;
@@ -9,12 +10,13 @@ mod score;
 mod shape;
 mod train;
 
+pub use augmentation::Augmentation;
 pub use model::{Device, ModelSpec, Preset};
 pub use optim::OptimSpec;
 pub use pretrain::{Objective, PretrainSpec};
 pub use score::{NormaliserKind, ScoreSpec, Similarity};
 pub use shape::{CameraShape, TaskShape};
-pub use train::{PolicyKind, TrainSpec};
+pub use train::{ActSpec, PolicyKind, TrainSpec};
 
 use crate::error::LearnError;
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::run::{identity, validate_run};
-use super::{Device, ModelSpec, OptimSpec};
+use super::{Augmentation, Device, ModelSpec, OptimSpec};
 use crate::error::LearnError;
 
 /// A self-supervised objective of pretraining.
@@ -18,6 +18,17 @@ pub enum Objective {
     Aa,
 }
 
+impl Objective {
+    /// The word for it in settings and records.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Mtp => "mtp",
+            Self::Tr => "tr",
+            Self::Aa => "aa",
+        }
+    }
+}
+
 /// Settings of [`pretrain`](crate::pretrain).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -26,6 +37,8 @@ pub struct PretrainSpec {
     pub model: ModelSpec,
     /// The objectives to add up; all three by default, as the paper does.
     pub objectives: Vec<Objective>,
+    /// Random changes to images; none by default.
+    pub augmentation: Augmentation,
     /// Optimiser and batches.
     pub optim: OptimSpec,
     /// Seed of everything random.
@@ -44,6 +57,7 @@ impl Default for PretrainSpec {
         Self {
             model: ModelSpec::default(),
             objectives: vec![Objective::Mtp, Objective::Tr, Objective::Aa],
+            augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
             seed: 0,
             checkpoint_every: 500,
@@ -60,6 +74,7 @@ impl PretrainSpec {
     /// [`LearnError::Invalid`] naming the field.
     pub fn validate(&self) -> Result<(), LearnError> {
         self.model.validate()?;
+        self.augmentation.validate()?;
         self.optim.validate()?;
         if self.objectives.is_empty() {
             return Err(LearnError::invalid("objectives", "is empty; name at least one of mtp, tr, aa"));

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::run::{identity, validate_run};
-use super::{Device, OptimSpec, within};
+use super::{Augmentation, Device, ModelSpec, OptimSpec, within};
 use crate::error::LearnError;
 
 /// Which policy is trained.
@@ -13,6 +13,50 @@ pub enum PolicyKind {
     /// The pretrained transformer, finetuned: causal pass, action head on the last m token.
     #[default]
     Finetune,
+    /// The same transformer and loss, from scratch.
+    TfBc,
+    /// No history: one step's images and proprioception to its action.
+    Bc,
+    /// Action chunking with transformers: a conditional VAE that predicts chunks of actions.
+    Act,
+}
+
+impl PolicyKind {
+    /// The word for it in settings and records.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Finetune => "finetune",
+            Self::TfBc => "tf_bc",
+            Self::Bc => "bc",
+            Self::Act => "act",
+        }
+    }
+}
+
+/// Settings of [`PolicyKind::Act`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ActSpec {
+    /// Actions predicted at once, k.
+    pub chunk_length: u32,
+    /// Weight of the style's divergence from N(0, 1).
+    pub kl_weight: f64,
+    /// Values of the style z.
+    pub latent_size: u32,
+}
+
+impl Default for ActSpec {
+    fn default() -> Self {
+        Self { chunk_length: 10, kl_weight: 10.0, latent_size: 16 }
+    }
+}
+
+impl ActSpec {
+    pub(crate) fn validate(&self) -> Result<(), LearnError> {
+        within("act.chunk_length", f64::from(self.chunk_length), 1.0, 256.0)?;
+        within("act.kl_weight", self.kl_weight, 0.0, 1e6)?;
+        within("act.latent_size", f64::from(self.latent_size), 1.0, 1024.0)
+    }
 }
 
 /// Settings of [`train_policy`](crate::train_policy).
@@ -21,6 +65,13 @@ pub enum PolicyKind {
 pub struct TrainSpec {
     /// Which policy.
     pub policy: PolicyKind,
+    /// Size of a policy that starts from scratch, and how much history `tf_bc` sees; `finetune` has
+    /// its encoder's.
+    pub model: ModelSpec,
+    /// Settings of `act`.
+    pub act: ActSpec,
+    /// Random changes to images.
+    pub augmentation: Augmentation,
     /// Optimiser and batches: each step draws `batch` expert and `batch` kept segments.
     pub optim: OptimSpec,
     /// The paper's λ: weight of the kept imperfect segments.
@@ -39,6 +90,9 @@ impl Default for TrainSpec {
     fn default() -> Self {
         Self {
             policy: PolicyKind::default(),
+            model: ModelSpec::default(),
+            act: ActSpec::default(),
+            augmentation: Augmentation::default(),
             optim: OptimSpec::default(),
             lambda: 0.1,
             seed: 0,
@@ -55,6 +109,9 @@ impl TrainSpec {
     /// # Errors
     /// [`LearnError::Invalid`] naming the field.
     pub fn validate(&self) -> Result<(), LearnError> {
+        self.model.validate()?;
+        self.act.validate()?;
+        self.augmentation.validate()?;
         self.optim.validate()?;
         within("lambda", self.lambda, 0.0, 1e6)?;
         validate_run(self.checkpoint_every, self.threads)
@@ -75,7 +132,28 @@ mod tests {
     fn an_empty_object_means_the_papers_settings() {
         let train: TrainSpec = serde_json::from_str("{}").unwrap();
         assert_eq!(train.lambda, 0.1);
-        assert!(train.validate().is_ok());
+        assert_eq!(train, TrainSpec::default());
+        assert!(train.augmentation.is_none() && train.validate().is_ok());
+    }
+
+    #[test]
+    fn every_policy_is_written_as_its_word() {
+        for kind in [PolicyKind::Finetune, PolicyKind::TfBc, PolicyKind::Bc, PolicyKind::Act] {
+            assert_eq!(serde_json::to_value(kind).unwrap(), kind.as_str());
+        }
+    }
+
+    #[test]
+    fn settings_out_of_range_are_named() {
+        for (text, field) in [
+            (r#"{"act": {"chunk_length": 0}}"#, "act.chunk_length: "),
+            (r#"{"augmentation": {"contrast": 1.5}}"#, "augmentation.contrast: "),
+            (r#"{"model": {"segment_length": 64}}"#, "model.segment_length: "),
+        ] {
+            let spec: TrainSpec = serde_json::from_str(text).unwrap();
+            let message = spec.validate().unwrap_err().to_string();
+            assert!(message.starts_with(field), "{message}");
+        }
     }
 
     #[test]

@@ -24,7 +24,7 @@ fn kept(weight: f32) -> Vec<WeightedSegments> {
 fn train(encoder: &[u8], kept: &[WeightedSegments], spec: &TrainSpec) -> (Vec<u8>, Recorder) {
     let mut monitor = Recorder::default();
     let experts = toy::experts(4, 12);
-    let bytes = train_policy(&toy::shape(), encoder, &experts, kept, spec, None, &mut monitor);
+    let bytes = train_policy(&toy::shape(), Some(encoder), &experts, kept, spec, None, &mut monitor);
     (bytes.unwrap(), monitor)
 }
 
@@ -36,7 +36,7 @@ fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
     let mut resumed = Recorder::default();
     let again = train_policy(
         &toy::shape(),
-        &encoder,
+        Some(&encoder),
         &toy::experts(4, 12),
         &kept(0.9),
         &spec,
@@ -85,7 +85,7 @@ fn final_distance(policy: &Policy, square: [f32; 2], steps: usize) -> f32 {
     for _ in 0..steps {
         let embedding = policy.embed(&[&frame]).unwrap().remove(0);
         history.push(embedding, vec![hand[0], hand[1], 5.0]).unwrap();
-        let action = policy.act(&[&history]).unwrap().remove(0);
+        let action = policy.act(&[&history]).unwrap().remove(0).remove(0);
         hand = [hand[0] + action[0], hand[1] + action[1]];
         history.set_executed(action).unwrap();
     }
@@ -99,7 +99,7 @@ fn behaviour_cloning_learns_to_look_at_the_image() {
     let encoder = pretrain(&shape, &experts, &toy::pretrain_spec(60), None, &mut Silent).unwrap();
     let spec = toy::train_spec(250);
     let mut monitor = Recorder::default();
-    let bytes = train_policy(&shape, &encoder, &experts, &[], &spec, None, &mut monitor).unwrap();
+    let bytes = train_policy(&shape, Some(&encoder), &experts, &[], &spec, None, &mut monitor).unwrap();
     let (first, last) = (monitor.losses[0].1, monitor.losses[249].1);
     assert!(last < 0.3 * first, "{first} {last}");
     let policy = Policy::load(&bytes).unwrap();
@@ -129,14 +129,14 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
         let embedding = policy.embed(&[data.frame(&network.shape, t)]).unwrap().remove(0);
         let m = data.proprioception_at(&network.shape, t).to_vec();
         history.push(embedding, m).unwrap();
-        let action = policy.act(&[&history]).unwrap().remove(0);
+        let action = policy.act(&[&history]).unwrap().remove(0).remove(0);
         assert!((action[0] - expected[0]).hypot(action[1] - expected[1]) < 1e-5);
         snapshots.push(history.clone());
         let executed = data.action_at(&network.shape, t).to_vec();
         history.set_executed(executed).unwrap();
     }
     // Sessions of all lengths in one pass.
-    let all = policy.act(&snapshots.iter().collect::<Vec<_>>()).unwrap().concat();
+    let all = policy.act(&snapshots.iter().collect::<Vec<_>>()).unwrap().concat().concat();
     assert!(all.iter().zip(&full).all(|(a, b)| (a - b).abs() < 1e-5));
 }
 
@@ -171,7 +171,7 @@ fn bad_training_input_is_named() {
     let experts = toy::experts(2, 6);
     let spec = toy::train_spec(1);
     let train = |experts: &[Trajectory], kept: &[WeightedSegments], shape: &TaskShape| {
-        let result = train_policy(shape, &encoder, experts, kept, &spec, None, &mut Silent);
+        let result = train_policy(shape, Some(&encoder), experts, kept, &spec, None, &mut Silent);
         result.unwrap_err().to_string()
     };
     let shape = toy::shape();
