@@ -10,7 +10,7 @@ use tch::{Kind, Tensor};
 
 use crate::batch::{int, values};
 use crate::error::LearnError;
-use crate::spec::{ModelSpec, TaskShape};
+use crate::spec::{ActSpec, ModelSpec, PolicyKind, TaskShape};
 
 /// The version this program writes, and the only one it reads.
 pub const FORMAT_VERSION: u32 = 1;
@@ -42,8 +42,14 @@ pub struct CheckpointInfo {
     pub finished: bool,
     /// The task's shape.
     pub shape: TaskShape,
-    /// The model.
+    /// The model. A policy without history has segment length 0.
     pub model: ModelSpec,
+    /// Which policy; `None` in an encoder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policy: Option<PolicyKind>,
+    /// Settings of an ACT policy; `None` in all else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub act: Option<ActSpec>,
     /// The job's settings as a JSON text, less those that only say how it is carried out (device,
     /// threads, checkpoint_every). A run resumes only under the same text.
     pub spec: String,
@@ -72,9 +78,14 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     if version.format_version != FORMAT_VERSION {
         return Err(LearnError::Version { found: version.format_version, supported: FORMAT_VERSION });
     }
-    let info: CheckpointInfo = serde_json::from_str(header).map_err(unreadable)?;
+    let mut info: CheckpointInfo = serde_json::from_str(header).map_err(unreadable)?;
     info.shape.validate()?;
     info.model.validate()?;
+    info.act.unwrap_or_default().validate()?;
+    if info.kind == CheckpointKind::Policy {
+        // The first policies had one kind, and their headers do not say it.
+        info.policy.get_or_insert_default();
+    }
     Ok(info)
 }
 
@@ -136,6 +147,8 @@ mod tests {
                 action: 1,
             },
             model: ModelSpec::default(),
+            policy: None,
+            act: None,
             spec: r#"{"seed":1}"#.into(),
         }
     }
@@ -167,6 +180,15 @@ mod tests {
         let message = inspect(&bytes.unwrap()).unwrap_err().to_string();
         assert!(message.contains("version 9") && message.contains("version 1"), "{message}");
         assert!(message.contains("train it again"), "{message}");
+    }
+
+    #[test]
+    fn a_policy_whose_header_names_no_kind_is_finetuned() {
+        let old = CheckpointInfo { kind: CheckpointKind::Policy, ..info() };
+        let bytes = write(&old, &tensors()).unwrap();
+        assert!(!String::from_utf8_lossy(&bytes).contains("finetune"));
+        assert_eq!(inspect(&bytes).unwrap().policy, Some(PolicyKind::Finetune));
+        assert_eq!(inspect(&write(&info(), &tensors()).unwrap()).unwrap().policy, None);
     }
 
     #[test]

@@ -69,6 +69,8 @@ fn begin(
         finished: false,
         shape: shape.clone(),
         model: spec.model,
+        policy: None,
+        act: None,
         spec: spec.identity(),
     };
     if let Some(bytes) = resume {
@@ -84,7 +86,9 @@ fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &Pre
     let mut rng = generator(spec.seed, Purpose::Batch, step);
     let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
     let window = spec.model.window();
-    Batch::collect(&network.shape, data, &drawn, window, network.device())
+    let mut batch = Batch::collect(&network.shape, data, &drawn, window, network.device());
+    batch.augment(&spec.augmentation, &mut generator(spec.seed, Purpose::Augmentation, step));
+    batch
 }
 
 /// The sum of the objectives asked for. MTP and TR share one bidirectional pass over M(τ).

@@ -1,6 +1,7 @@
 //! The training loop that pretraining and policies share: step, report, checkpoint, resume. Knows
 //! nothing of what the loss means.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use tch::Tensor;
@@ -50,30 +51,64 @@ pub(crate) struct Loss {
     pub(crate) parts: Vec<(&'static str, f64)>,
 }
 
-/// A network in training.
-pub(crate) struct Training {
-    network: Network,
+/// What the loop trains.
+pub(crate) trait Learner: Sized {
+    /// The one `info` describes, with the weights in `named`.
+    fn from_named(
+        info: &CheckpointInfo,
+        named: &BTreeMap<String, Tensor>,
+        device: tch::Device,
+    ) -> Result<Self, LearnError>;
+
+    /// Every parameter in name order.
+    fn parameters(&self) -> Vec<(String, Tensor)>;
+
+    /// Everything a finished checkpoint holds: parameters and statistics.
+    fn named(&self) -> Vec<(String, Tensor)>;
+}
+
+impl Learner for Network {
+    fn from_named(
+        info: &CheckpointInfo,
+        named: &BTreeMap<String, Tensor>,
+        device: tch::Device,
+    ) -> Result<Self, LearnError> {
+        Network::from_named(&info.shape, info.model, named, device)
+    }
+
+    fn parameters(&self) -> Vec<(String, Tensor)> {
+        Network::parameters(self)
+    }
+
+    fn named(&self) -> Vec<(String, Tensor)> {
+        Network::named(self)
+    }
+}
+
+/// A learner in training; the transformer, but for policies of another kind.
+pub(crate) struct Training<N = Network> {
+    network: N,
     optimizer: AdamW,
     /// The header of the next checkpoint; `step` counts.
     info: CheckpointInfo,
 }
 
 /// What a resume finds.
-pub(crate) enum Resumed {
+pub(crate) enum Resumed<N = Network> {
     /// The run goes on from here.
-    Unfinished(Box<Training>),
+    Unfinished(Box<Training<N>>),
     /// The run was over: its result.
     Finished(Vec<u8>),
 }
 
-impl Training {
+impl<N: Learner> Training<N> {
     /// From the first step; `info` describes the run.
-    pub(crate) fn start(network: Network, info: CheckpointInfo) -> Self {
+    pub(crate) fn start(network: N, info: CheckpointInfo) -> Self {
         Self { optimizer: AdamW::new(network.parameters()), network, info }
     }
 
     /// From a checkpoint of the run that `info` describes.
-    pub(crate) fn resume(bytes: &[u8], info: &CheckpointInfo, device: tch::Device) -> Result<Resumed, LearnError> {
+    pub(crate) fn resume(bytes: &[u8], info: &CheckpointInfo, device: tch::Device) -> Result<Resumed<N>, LearnError> {
         let (stored, named) = checkpoint::read(bytes, info.kind)?;
         let same = [
             ("spec", stored.spec == info.spec),
@@ -90,7 +125,7 @@ impl Training {
         if stored.finished {
             return Ok(Resumed::Finished(bytes.to_vec()));
         }
-        let network = Network::from_named(&stored.shape, stored.model, &named, device)?;
+        let network = N::from_named(&stored, &named, device)?;
         let mut training = Self::start(network, stored);
         training.optimizer.load(&named)?;
         Ok(Resumed::Unfinished(Box::new(training)))
@@ -101,7 +136,7 @@ impl Training {
         mut self,
         optim: &OptimSpec,
         checkpoint_every: u32,
-        loss: &dyn Fn(&Network, u64) -> Loss,
+        loss: &dyn Fn(&N, u64) -> Loss,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
         while self.info.step < optim.steps {
@@ -123,7 +158,7 @@ impl Training {
     fn step(
         &mut self,
         optim: &OptimSpec,
-        loss: &dyn Fn(&Network, u64) -> Loss,
+        loss: &dyn Fn(&N, u64) -> Loss,
     ) -> Result<Vec<(&'static str, f64)>, LearnError> {
         let begin = Instant::now();
         let step = self.info.step;

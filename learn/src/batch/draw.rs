@@ -64,6 +64,21 @@ impl Segments {
         self.all.is_empty()
     }
 
+    /// How many steps in a row, from the one `segment` ends at and up to `limit`, end a segment that
+    /// can be drawn.
+    pub(crate) fn run(&self, segment: &Segment, limit: usize) -> usize {
+        let episode = &self.all[self.bounds[segment.trajectory]..self.bounds[segment.trajectory + 1]];
+        let from = episode.partition_point(|other| other.step < segment.step);
+        let mut run = 0;
+        for other in &episode[from..] {
+            if run == limit || other.step > segment.step + run {
+                break;
+            }
+            run = other.step - segment.step + 1;
+        }
+        run
+    }
+
     /// Draws `count` segments in stretches of up to `stretch`. A stretch that reaches the end of
     /// its episode goes on at its beginning; that is what makes all segments equally likely.
     pub(crate) fn draw(&self, rng: &mut ChaCha8Rng, count: u32, stretch: u32) -> Vec<Segment> {
@@ -118,6 +133,15 @@ mod tests {
         }
         // 64,000 draws over 40 segments: 1,600 each, standard deviation about 110 for stretches.
         assert!(counts.iter().all(|n| (1_200..2_000).contains(n)), "{counts:?}");
+    }
+
+    #[test]
+    fn a_run_ends_where_a_step_is_not_kept_or_the_episode_ends() {
+        let ends = [vec![(0, 1.0)], [2, 3, 3, 4, 7].map(|step| (step, 0.5)).to_vec()];
+        let segments = Segments::from_ends(ends.into_iter());
+        let runs: Vec<usize> = segments.all().iter().map(|segment| segments.run(segment, 10)).collect();
+        assert_eq!(runs, [1, 3, 2, 2, 1, 1]);
+        assert_eq!(segments.run(&segments.all()[1], 2), 2);
     }
 
     #[test]

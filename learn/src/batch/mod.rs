@@ -1,10 +1,13 @@
 //! The door between plain arrays and tensors: draws segments, lays out their windows so that each
 //! step is there once, and moves bytes and floats into tensors. Knows nothing of the model.
 
+mod augment;
+mod chunks;
 mod draw;
 mod images;
 mod windows;
 
+pub(crate) use chunks::Chunks;
 pub(crate) use draw::{Segment, Segments};
 pub(crate) use images::images;
 pub(crate) use windows::Windows;
@@ -26,6 +29,8 @@ pub(crate) struct Batch {
     pub(crate) windows: Windows,
     /// `[W]`, the segments' weights.
     pub(crate) weight: Tensor,
+    /// The episode of each of the N steps, an index into the data.
+    episodes: Vec<usize>,
 }
 
 impl Batch {
@@ -51,6 +56,7 @@ impl Batch {
             action: rows(&action, shape.action, device),
             windows,
             weight: Tensor::from_slice(&weight).to_device(device),
+            episodes: steps.iter().map(|(trajectory, _)| *trajectory).collect(),
         }
     }
 }

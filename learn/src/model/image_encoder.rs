@@ -21,7 +21,7 @@ pub(crate) struct ImageEncoder {
 }
 
 impl ImageEncoder {
-    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size) -> Self {
+    pub(crate) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size) -> Self {
         let cameras: Vec<_> = (shape.cameras.iter().enumerate())
             .map(|(i, camera)| CameraEncoder::new(&(path / "camera" / i), camera, size))
             .collect();
@@ -31,7 +31,7 @@ impl ImageEncoder {
     }
 
     /// Standardised images, per camera `[N, C, H, W]`, to `[N, d]`.
-    pub(super) fn forward(&self, images: &[Tensor]) -> Tensor {
+    pub(crate) fn forward(&self, images: &[Tensor]) -> Tensor {
         let seen: Vec<Tensor> =
             (self.cameras.iter().zip(images)).map(|(camera, image)| camera.forward(image)).collect();
         self.project.forward(&Tensor::cat(&seen, 1))
@@ -78,9 +78,9 @@ impl CameraEncoder {
 
     fn forward(&self, image: &Tensor) -> Tensor {
         let seen = self.stages.forward_t(image, false).flatten(2, -1);
-        let attention = seen.softmax(-1, Kind::Float);
-        let place = attention.matmul(&self.grid).flatten(1, -1);
-        let clearness = (attention * seen).sum_dim_intlist([-1i64].as_slice(), false, Kind::Float);
+        let attention = seen.softmax(-1, None);
+        let place = attention.matmul(&self.grid.to_kind(seen.kind())).flatten(1, -1);
+        let clearness = (attention * seen).sum_dim_intlist([-1i64].as_slice(), false, None);
         Tensor::cat(&[place, clearness], 1)
     }
 }

@@ -6,11 +6,12 @@ mod image_encoder;
 mod size;
 mod tokens;
 mod transformer;
-mod weights;
+pub(crate) mod weights;
 
+pub(crate) use image_encoder::ImageEncoder;
 pub(crate) use size::Size;
 pub(crate) use tokens::Modality;
-pub(crate) use transformer::{Attention, mask};
+pub(crate) use transformer::{Attention, Transformer, mask};
 
 use std::collections::BTreeMap;
 
@@ -21,9 +22,7 @@ use crate::error::LearnError;
 use crate::normalize::Statistics;
 use crate::spec::{ModelSpec, TaskShape};
 use heads::Heads;
-use image_encoder::ImageEncoder;
 use tokens::Tokens;
-use transformer::Transformer;
 
 /// The network of one task.
 pub(crate) struct Network {
@@ -77,8 +76,7 @@ impl Network {
 
     /// Every parameter in name order.
     pub(crate) fn parameters(&self) -> Vec<(String, Tensor)> {
-        let sorted: BTreeMap<_, _> = self.store.variables().into_iter().collect();
-        sorted.into_iter().collect()
+        weights::sorted(&self.store)
     }
 
     /// Parameters and statistics with their names in a checkpoint.
@@ -99,9 +97,7 @@ impl Network {
 
     /// Images, per camera `[N, C, H, W]`, to one embedding a step `[N, d]`.
     pub(crate) fn embed_images(&self, images: &[Tensor]) -> Tensor {
-        let standard: Vec<Tensor> =
-            images.iter().zip(&self.statistics.cameras).map(|(image, camera)| camera.input.apply(image)).collect();
-        self.images.forward(&standard)
+        self.images.forward(&self.statistics.images(images))
     }
 
     /// Embedded o `[N, d]`, m `[N, M]` and a `[N, A]` in physical units, to `[N, 3, d]`.

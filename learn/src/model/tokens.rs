@@ -1,8 +1,8 @@
 //! Steps to tokens. What does not depend on the window (the projections) is done once per step;
 //! what does (mask token, modality and time embeddings) is added when windows are laid out.
 
+use tch::Tensor;
 use tch::nn::{self, Module};
-use tch::{Kind, Tensor};
 
 use crate::batch::{Windows, int};
 use crate::spec::TaskShape;
@@ -67,6 +67,6 @@ impl Tokens {
         if let Some(hidden) = hidden {
             tokens = self.mask.where_self(&hidden.unsqueeze(-1), &tokens);
         }
-        (tokens + &self.modality + &self.time).to_kind(Kind::Float).view([-1, length * MODALITIES, width])
+        (tokens + &self.modality + &self.time).view([-1, length * MODALITIES, width])
     }
 }

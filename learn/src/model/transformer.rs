@@ -97,7 +97,7 @@ pub(crate) struct Transformer {
 }
 
 impl Transformer {
-    pub(super) fn new(path: &nn::Path<'_>, size: &Size) -> Self {
+    pub(crate) fn new(path: &nn::Path<'_>, size: &Size) -> Self {
         let blocks = (0..size.layers).map(|i| Block::new(&(path / "block" / i), size)).collect();
         let norm = nn::layer_norm(path / "norm", vec![size.width], Default::default());
         Self { blocks, norm }
@@ -106,14 +106,20 @@ impl Transformer {
     /// Tokens `[W, 3 L, d]` to features of the last `keep` steps `[W, keep, 3, d]`. The last
     /// block works on those alone.
     pub(super) fn forward(&self, tokens: &Tensor, mask: &Tensor, keep: usize) -> Tensor {
-        let all = tokens.size()[1];
         let kept = int(keep) * MODALITIES;
+        self.last_tokens(tokens, mask, kept).unflatten(1, [-1, MODALITIES])
+    }
+
+    /// Tokens `[W, S, d]`, of which `mask` `[W or 1, 1, S, S]` says who sees whom, to features of
+    /// the last `kept` of them `[W, kept, d]`.
+    pub(crate) fn last_tokens(&self, tokens: &Tensor, mask: &Tensor, kept: i64) -> Tensor {
+        let all = tokens.size()[1];
         let mut x = tokens.shallow_clone();
         for (i, block) in self.blocks.iter().enumerate() {
             let last = i + 1 == self.blocks.len();
             x = block.forward(&x, mask, if last { kept } else { all });
         }
-        self.norm.forward(&x).unflatten(1, [-1, MODALITIES])
+        self.norm.forward(&x)
     }
 }
 

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use rand::RngExt;
-use tch::{Tensor, no_grad_guard};
+use tch::{Tensor, nn, no_grad_guard};
 
 use crate::error::LearnError;
 use crate::random::{Purpose, generator};
@@ -14,10 +14,16 @@ use crate::random::{Purpose, generator};
 /// Deviation of embeddings at first.
 const EMBEDDING: f64 = 0.1;
 
+/// Every parameter in name order.
+pub(crate) fn sorted(store: &nn::VarStore) -> Vec<(String, Tensor)> {
+    let sorted: BTreeMap<_, _> = store.variables().into_iter().collect();
+    sorted.into_iter().collect()
+}
+
 /// Draws `parameters`, which come in name order: matrices and kernels uniform with variance
 /// `1 / inputs` (kernels, which a ReLU follows, `2 / inputs`), embeddings uniform with a fixed
 /// deviation, norms 1, biases 0.
-pub(super) fn draw(parameters: &[(String, Tensor)], seed: u64) {
+pub(crate) fn draw(parameters: &[(String, Tensor)], seed: u64) {
     let _no_grad = no_grad_guard();
     for (place, (name, parameter)) in (0u64..).zip(parameters) {
         let mut parameter = parameter.shallow_clone();
@@ -52,7 +58,7 @@ fn fill_uniform(parameter: &mut Tensor, deviation: f64, seed: u64, place: u64) {
 }
 
 /// Copies `named` into `parameters`.
-pub(super) fn load(parameters: &[(String, Tensor)], named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
+pub(crate) fn load(parameters: &[(String, Tensor)], named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
     let _no_grad = no_grad_guard();
     for (name, parameter) in parameters {
         let stored = named.get(name).filter(|stored| stored.size() == parameter.size());

@@ -100,6 +100,11 @@ impl Statistics {
         }
     }
 
+    /// Standardises images, per camera `[N, C, H, W]`, for the image encoder.
+    pub(crate) fn images(&self, images: &[Tensor]) -> Vec<Tensor> {
+        images.iter().zip(&self.cameras).map(|(image, camera)| camera.input.apply(image)).collect()
+    }
+
     /// Every tensor with its name in a checkpoint.
     pub(crate) fn named(&self) -> Vec<(String, Tensor)> {
         let mut named = Vec::new();

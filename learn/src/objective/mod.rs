@@ -62,7 +62,7 @@ impl Targets {
 
 /// Mean over the last dimension of the squared difference.
 pub(crate) fn squared_error(prediction: &Tensor, target: &Tensor) -> Tensor {
-    (prediction - target).square().mean_dim([-1i64].as_slice(), false, Kind::Float)
+    (prediction - target).square().mean_dim([-1i64].as_slice(), false, None)
 }
 
 /// Mean over o, m, a of the mean of `errors` `[W, L, 3]` where `counted` `[W, L, 3]` is true; a

@@ -48,9 +48,10 @@ impl History {
     /// Adds the newest observation; the oldest step is forgotten when there are more than `l + 1`.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] if the action of the step before was never told.
+    /// [`LearnError::Invalid`] if the action of the step before was never told, unless that step
+    /// is forgotten anyway.
     pub fn push(&mut self, embedding: Embedding, proprioception: Vec<f32>) -> Result<(), LearnError> {
-        if self.steps.back().is_some_and(|step| step.executed.is_none()) {
+        if self.window > 1 && self.steps.back().is_some_and(|step| step.executed.is_none()) {
             return Err(LearnError::invalid(
                 "executed",
                 "the previous step's executed action is unknown; \

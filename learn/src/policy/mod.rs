@@ -1,11 +1,21 @@
-//! Step three of SSDF: policies. One policy, one file; here is what runs them.
+//! Step three of SSDF: policies. One policy, one file, and its line in [`method`]; the rest here
+//! trains and runs them without knowing which they are.
 
+mod act;
+mod bc;
 mod ensemble;
 mod finetune;
 mod history;
+mod method;
+mod scratch;
 mod serve;
+mod tf_bc;
+mod train;
 
 pub use ensemble::Ensemble;
-pub use finetune::train_policy;
 pub use history::{Embedding, History};
 pub use serve::Policy;
+pub use train::train_policy;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,90 @@
+//! ACT's two networks, built of the transformer's blocks: plain layers and their shapes.
+
+use tch::nn::{self, Module};
+use tch::{Kind, Tensor};
+
+use crate::batch::int;
+use crate::model::{Size, Transformer};
+use crate::spec::{ActSpec, TaskShape};
+
+/// Tokens the decoder remembers: o, m and z.
+const MEMORY: i64 = 3;
+
+/// q(z | m, a): reads m_t and the chunk, sums them up in a token of its own.
+pub(super) struct StyleEncoder {
+    proprioception: nn::Linear,
+    action: nn::Linear,
+    /// `[1, d]`: the token that sums up.
+    summary: Tensor,
+    /// `[k + 2, d]`: m, the chunk's places, the summary.
+    place: Tensor,
+    transformer: Transformer,
+    out: nn::Linear,
+}
+
+impl StyleEncoder {
+    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, spec: &ActSpec, size: &Size) -> Self {
+        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
+        Self {
+            proprioception: linear("proprioception", int(shape.proprioception), size.width),
+            action: linear("action", int(shape.action), size.width),
+            summary: path.zeros("summary_embedding", &[1, size.width]),
+            place: path.zeros("place_embedding", &[i64::from(spec.chunk_length) + 2, size.width]),
+            transformer: Transformer::new(&(path / "transformer"), size),
+            out: linear("out", size.width, 2 * i64::from(spec.latent_size)),
+        }
+    }
+
+    /// Standardised m `[W, M]` and chunk `[W, k, A]`, of which only what is `counted` `[W, k]` is
+    /// seen, to the mean and the logarithm of the variance of z, `[W, Z]` each.
+    pub(super) fn forward(&self, m: &Tensor, chunk: &Tensor, counted: &Tensor) -> (Tensor, Tensor) {
+        let m = self.proprioception.forward(m).unsqueeze(1);
+        let summary = self.summary.expand_as(&m);
+        let tokens = Tensor::cat(&[m, self.action.forward(chunk), summary], 1) + &self.place;
+        let always = counted.ones_like().narrow(1, 0, 1);
+        let keys = Tensor::cat(&[&always, counted, &always], 1);
+        let (windows, length) = (keys.size()[0], keys.size()[1]);
+        let mask = keys.view([windows, 1, 1, length]).expand([windows, 1, length, length], false);
+        let seen = self.transformer.last_tokens(&tokens, &mask, 1).squeeze_dim(1);
+        let halves = self.out.forward(&seen).chunk(2, -1);
+        (halves[0].shallow_clone(), halves[1].shallow_clone())
+    }
+}
+
+/// Predicts a chunk: k learnt queries look at o, m and z, and at each other.
+pub(super) struct ChunkDecoder {
+    proprioception: nn::Linear,
+    style: nn::Linear,
+    /// `[3, d]`: which of o, m and z a token is.
+    memory: Tensor,
+    /// `[k, d]`.
+    query: Tensor,
+    transformer: Transformer,
+    out: nn::Linear,
+}
+
+impl ChunkDecoder {
+    pub(super) fn new(path: &nn::Path<'_>, shape: &TaskShape, spec: &ActSpec, size: &Size) -> Self {
+        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
+        Self {
+            proprioception: linear("proprioception", int(shape.proprioception), size.width),
+            style: linear("style", i64::from(spec.latent_size), size.width),
+            memory: path.zeros("memory_embedding", &[MEMORY, size.width]),
+            query: path.zeros("query_embedding", &[i64::from(spec.chunk_length), size.width]),
+            transformer: Transformer::new(&(path / "transformer"), size),
+            out: linear("out", size.width, int(shape.action)),
+        }
+    }
+
+    /// Embedded o `[W, d]`, standardised m `[W, M]` and z `[W, Z]` to the standardised chunk
+    /// `[W, k, A]`.
+    pub(super) fn forward(&self, o: &Tensor, m: &Tensor, z: &Tensor) -> Tensor {
+        let memory = Tensor::stack(&[o, &self.proprioception.forward(m), &self.style.forward(z)], 1) + &self.memory;
+        let chunk = self.query.size()[0];
+        let query = self.query.unsqueeze(0).expand([o.size()[0], -1, -1], false);
+        let all = MEMORY + chunk;
+        let mask = Tensor::ones([1, 1, all, all], (Kind::Bool, o.device()));
+        let tokens = Tensor::cat(&[memory, query], 1);
+        self.out.forward(&self.transformer.last_tokens(&tokens, &mask, chunk))
+    }
+}
