@@ -1,6 +1,6 @@
 //! Draws an attempt as a contact sheet: a column per shown step; table color, table depth, hand color, hand depth.
 //!
-//! `cargo run -p gleaner-sim --example contact_sheet -- sheet.jpg [agent] [seed] [image size]`
+//! `cargo run -p gleaner-sim --example contact_sheet -- sheet.jpg [task] [agent] [seed] [image size]`
 
 use gleaner_recording::encode_jpeg;
 use gleaner_sim::{AgentSpec, SimConfig, Task, demonstrate};
@@ -14,13 +14,14 @@ const DEEPEST: u32 = 900;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut arguments = std::env::args().skip(1);
-    let path = arguments.next().ok_or("usage: contact_sheet FILE.jpg [agent] [seed] [image size]")?;
+    let path = arguments.next().ok_or("usage: contact_sheet FILE.jpg [task] [agent] [seed] [image size]")?;
+    let task: Task = arguments.next().as_deref().unwrap_or("pick_cube").parse()?;
     let agent: AgentSpec = arguments.next().as_deref().unwrap_or("expert").parse()?;
     let seed = arguments.next().as_deref().unwrap_or("0").parse()?;
     let image = arguments.next().as_deref().unwrap_or("32").parse()?;
     let config = SimConfig { image, ..SimConfig::default() };
     config.validate()?;
-    let demonstration = demonstrate(Task::PickCube, config, agent, seed);
+    let demonstration = demonstrate(task, config, agent, seed);
     let size = image as usize;
     let width = COLUMNS * SHOWN;
     let mut sheet = vec![0_u8; width * 4 * SHOWN * 3];

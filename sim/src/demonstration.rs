@@ -18,6 +18,9 @@ use crate::task::{ACTION_SIZE, Task, task_spec};
 /// Name of the metadata record that holds agent, seed, outcome and mark. No mapping reads metadata.
 pub const METADATA: &str = "gleaner.sim";
 
+/// The departure of an action that opens the gripper where the expert closes it, or the other way round.
+const OTHER_GRIPPER: f32 = 2.0;
+
 /// One attempt by an agent. Step t is `observations[t]`, then `actions[t]`.
 #[derive(Clone, Debug)]
 pub struct Demonstration {
@@ -37,13 +40,18 @@ pub struct Demonstration {
     pub success: bool,
     /// The mark: the first step whose action is not what the expert would have done in its place.
     pub went_wrong: Option<u32>,
+    /// For each step how far its action is from the expert's in the same state, in action units, 0 to 2: the largest
+    /// difference of a displacement or turn, or 2 when the gripper is told the other thing. After a fault the
+    /// expert's action is the recovery.
+    pub departure: Vec<f32>,
 }
 
 /// How an attempt ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Ending {
     pub(crate) success: bool,
     pub(crate) went_wrong: Option<u32>,
+    pub(crate) departure: Vec<f32>,
 }
 
 /// Has an agent attempt a task. The same arguments always give the same bytes.
@@ -65,6 +73,7 @@ pub fn demonstrate(task: Task, config: SimConfig, agent: AgentSpec, seed: u64) -
         actions,
         success: ending.success,
         went_wrong: ending.went_wrong,
+        departure: ending.departure,
     }
 }
 
@@ -75,8 +84,8 @@ pub(crate) fn attempt(
     seed: u64,
     mut on_step: impl FnMut(&Sim, &[f32; ACTION_SIZE]),
 ) -> Ending {
-    // Follows along until the agent departs from it: the agent's script has the same random habits.
-    let mut expert = Expert::new(random(seed, Stream::Expert));
+    // Follows along and says what is right in each state: the agent's script has the same random habits.
+    let mut expert = Expert::new(sim.task(), random(seed, Stream::Expert));
     let mut fault = match agent.kind() {
         AgentKind::Expert => None,
         AgentKind::MissedGrasp
@@ -85,6 +94,7 @@ pub(crate) fn attempt(
         | AgentKind::Freeze
         | AgentKind::Wander
         | AgentKind::Noise => Some(Fault::new(
+            sim.task(),
             agent,
             rehearse(sim.clone(), expert.clone()),
             random(seed, Stream::Expert),
@@ -92,6 +102,7 @@ pub(crate) fn attempt(
         )),
     };
     let mut went_wrong = None;
+    let mut departures = Vec::new();
     while !sim.done() {
         let step = sim.steps();
         let expected = expert.act(sim.world());
@@ -102,23 +113,34 @@ pub(crate) fn attempt(
         if went_wrong.is_none() && action != expected {
             went_wrong = Some(step);
         }
+        departures.push(departure(&action, &expected));
         on_step(&sim, &action);
         sim.step(&action);
     }
-    Ending { success: sim.success(), went_wrong }
+    Ending { success: sim.success(), went_wrong, departure: departures }
+}
+
+/// How far one action is from another, as in [`Demonstration::departure`].
+fn departure(action: &[f32; ACTION_SIZE], expected: &[f32; ACTION_SIZE]) -> f32 {
+    if (action[6] < 0.0) != (expected[6] < 0.0) {
+        return OTHER_GRIPPER;
+    }
+    action[..6].iter().zip(&expected[..6]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
 /// How the expert's own attempt goes.
 fn rehearse(mut sim: Sim, mut expert: Expert) -> Rehearsal {
-    let mut carry = None;
+    let (mut carry, mut carry_end) = (None, None);
     while !sim.done() {
         let action = expert.act(sim.world());
         if expert.carries() {
             carry.get_or_insert(sim.steps());
+            carry_end = Some(sim.steps() + 1);
         }
         sim.step(&action);
     }
-    Rehearsal { steps: sim.steps(), carry: carry.unwrap_or(sim.steps()) }
+    let steps = sim.steps();
+    Rehearsal { steps, carry: carry.unwrap_or(steps), carry_end: carry_end.unwrap_or(steps) }
 }
 
 impl Demonstration {

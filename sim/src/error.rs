@@ -8,8 +8,28 @@ use gleaner_recording::RecordingError;
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
     /// A task name that is not known.
-    #[error("task: {0:?} is not known; use \"pick_cube\"")]
+    #[error("task: {0:?} is not known; use one of {names}", names = crate::Task::ALL.map(crate::Task::name).join(", "))]
     UnknownTask(String),
+    /// A task specification that is not a simulated task's.
+    #[error("task.{field}: {given} cannot be simulated as {task}; it needs {wanted}")]
+    Incompatible {
+        /// The simulated task.
+        task: crate::Task,
+        /// The specification's field.
+        field: &'static str,
+        /// What it says.
+        given: String,
+        /// What it would have to say.
+        wanted: String,
+    },
+    /// A cohort of a set without a usable name.
+    #[error("cohort: {name:?}: {detail}")]
+    Cohort {
+        /// The name as given.
+        name: String,
+        /// What is wrong with it and the mend.
+        detail: &'static str,
+    },
     /// An agent description that cannot be read.
     #[error("agent: {text:?}: {detail}")]
     Agent {

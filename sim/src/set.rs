@@ -14,8 +14,27 @@ use crate::task::Task;
 
 /// File name of the labels: file, task, outcome, cohort. Learning may see them.
 pub const LABELS: &str = "labels.csv";
-/// File name of the marks: file, agent, grade, seed, success, went_wrong. Learning must never see them.
+/// File name of the marks: file, agent, grade, seed, success, went_wrong, and the departures of all steps with spaces
+/// between. Learning must never see them.
 pub const MARKS: &str = "marks.csv";
+
+/// So many attempts of one agent, under a name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Cohort {
+    /// The cohort that its episodes are labelled with. Two levels of one kind of agent are two cohorts by their names.
+    pub name: String,
+    /// Who attempts.
+    pub agent: AgentSpec,
+    /// How often.
+    pub count: usize,
+}
+
+impl From<(AgentSpec, usize)> for Cohort {
+    /// A cohort by the name of its agent's kind.
+    fn from((agent, count): (AgentSpec, usize)) -> Self {
+        Self { name: agent.kind().name().to_owned(), agent, count }
+    }
+}
 
 /// One recording of a set.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,6 +43,8 @@ pub struct RecordedEpisode {
     pub path: PathBuf,
     /// Who attempted.
     pub agent: AgentSpec,
+    /// The cohort's name.
+    pub cohort: String,
     /// The attempt's seed.
     pub seed: u64,
     /// Number of steps.
@@ -32,6 +53,8 @@ pub struct RecordedEpisode {
     pub success: bool,
     /// The mark, as in [`Demonstration::went_wrong`].
     pub went_wrong: Option<u32>,
+    /// How far each step is from the expert's, as in [`Demonstration::departure`].
+    pub departure: Vec<f32>,
 }
 
 /// A row of the labels.
@@ -52,44 +75,49 @@ struct Mark<'a> {
     seed: u64,
     success: bool,
     went_wrong: Option<u32>,
+    departure: String,
 }
 
-/// Records so many attempts of each agent into a folder, with [`LABELS`] and [`MARKS`].
+/// Records cohort after cohort into a folder, with [`LABELS`] and [`MARKS`]. A pair of agent and count is a cohort too.
 ///
-/// The attempts have the seeds `seed`, `seed + 1`, … in the order of `agents`, so no two begin alike. `progress` is
-/// called after each with the number done. An episode's cohort is its agent's kind.
+/// The attempts have the seeds `seed`, `seed + 1`, … in the order of `cohorts`, so no two begin alike. `progress` is
+/// called after each with the number done.
 ///
 /// # Errors
-/// [`SimError::Config`] for settings out of range, [`SimError::Io`], [`SimError::Recording`] or
-/// [`SimError::Table`] when something cannot be written.
-pub fn record_set(
+/// [`SimError::Config`] for settings out of range, [`SimError::Cohort`] for a cohort without a name,
+/// [`SimError::Io`], [`SimError::Recording`] or [`SimError::Table`] when something cannot be written.
+pub fn record_set<C: Clone + Into<Cohort>>(
     dir: &Path,
     task: Task,
     config: SimConfig,
-    agents: &[(AgentSpec, usize)],
+    cohorts: &[C],
     seed: u64,
     mut progress: impl FnMut(usize),
 ) -> Result<Vec<RecordedEpisode>, SimError> {
     config.validate()?;
+    let cohorts: Vec<Cohort> = cohorts.iter().cloned().map(Into::into).collect();
+    check_names(&cohorts)?;
     std::fs::create_dir_all(dir).map_err(|source| SimError::Io { path: dir.to_owned(), source })?;
-    let attempts = agents.iter().flat_map(|&(agent, count)| std::iter::repeat_n(agent, count));
+    let attempts = cohorts.iter().flat_map(|cohort| std::iter::repeat_n(cohort, cohort.count));
     let mut labels = Table::create(dir.join(LABELS))?;
     let mut marks = Table::create(dir.join(MARKS))?;
     let mut episodes = Vec::new();
-    for (agent, seed) in attempts.zip((0..).map(|i| seed.wrapping_add(i))) {
-        let demonstration = demonstrate(task, config, agent, seed);
-        let file = format!("{task}-{}-{seed:06}.mcap", agent.kind());
+    for (cohort, seed) in attempts.zip((0..).map(|i| seed.wrapping_add(i))) {
+        let demonstration = demonstrate(task, config, cohort.agent, seed);
+        let file = format!("{task}-{}-{seed:06}.mcap", cohort.agent.kind());
         let path = dir.join(&file);
         demonstration.save_mcap(&path)?;
-        labels.write(&label(&demonstration, &file))?;
+        labels.write(&label(&demonstration, &file, &cohort.name))?;
         marks.write(&mark(&demonstration, &file))?;
         episodes.push(RecordedEpisode {
             path,
-            agent,
+            agent: cohort.agent,
+            cohort: cohort.name.clone(),
             seed,
             steps: demonstration.steps(),
             success: demonstration.success,
             went_wrong: demonstration.went_wrong,
+            departure: demonstration.departure,
         });
         progress(episodes.len());
     }
@@ -98,12 +126,22 @@ pub fn record_set(
     Ok(episodes)
 }
 
-fn label<'a>(demonstration: &Demonstration, file: &'a str) -> Label<'a> {
+fn check_names(cohorts: &[Cohort]) -> Result<(), SimError> {
+    match cohorts.iter().find(|cohort| cohort.name.trim().is_empty()) {
+        Some(Cohort { name, .. }) => {
+            let detail = "an empty name says nothing; leave it out for the name of the agent's kind";
+            Err(SimError::Cohort { name: name.clone(), detail })
+        }
+        None => Ok(()),
+    }
+}
+
+fn label<'a>(demonstration: &Demonstration, file: &'a str, cohort: &'a str) -> Label<'a> {
     Label {
         file,
         task: demonstration.task.name(),
         outcome: if demonstration.success { "success" } else { "failure" },
-        cohort: demonstration.agent.kind().name(),
+        cohort,
     }
 }
 
@@ -115,7 +153,14 @@ fn mark<'a>(demonstration: &Demonstration, file: &'a str) -> Mark<'a> {
         seed: demonstration.seed,
         success: demonstration.success,
         went_wrong: demonstration.went_wrong,
+        departure: spaced(&demonstration.departure),
     }
+}
+
+/// Numbers with spaces between, to four digits after the point.
+fn spaced(numbers: &[f32]) -> String {
+    let rounded = |number: &f32| ((number * 1e4).round() / 1e4).to_string();
+    numbers.iter().map(rounded).collect::<Vec<_>>().join(" ")
 }
 
 /// A table being written, whose errors name its file.
@@ -167,16 +212,34 @@ mod tests {
              pick_cube-expert-000031.mcap,pick_cube,success,expert\n\
              pick_cube-freeze-000032.mcap,pick_cube,failure,freeze\n"
         );
-        let mark = episodes[2].went_wrong.unwrap();
-        assert_eq!(
-            read(MARKS),
-            format!(
-                "file,agent,grade,seed,success,went_wrong\n\
-                 pick_cube-expert-000030.mcap,expert,0.0,30,true,\n\
-                 pick_cube-expert-000031.mcap,expert,0.0,31,true,\n\
-                 pick_cube-freeze-000032.mcap,freeze,1.0,32,false,{mark}\n"
-            )
-        );
+        let marks: Vec<String> = read(MARKS).lines().map(str::to_owned).collect();
+        assert_eq!(marks[0], "file,agent,grade,seed,success,went_wrong,departure");
+        assert_eq!(marks[1], format!("pick_cube-expert-000030.mcap,expert,0.0,30,true,,{}", zeros(episodes[0].steps)));
+        let (freeze, mark) = (&episodes[2], episodes[2].went_wrong.unwrap());
+        let row = format!("pick_cube-freeze-000032.mcap,freeze,1.0,32,false,{mark},");
+        let departures: Vec<f32> =
+            marks[3].strip_prefix(&row).unwrap().split(' ').map(|number| number.parse().unwrap()).collect();
+        assert_eq!(departures.len(), freeze.steps);
+        assert!(departures.iter().zip(&freeze.departure).all(|(read, kept)| (read - kept).abs() < 1e-4));
+    }
+
+    fn zeros(steps: usize) -> String {
+        vec!["0"; steps].join(" ")
+    }
+
+    #[test]
+    fn two_levels_of_one_kind_are_two_cohorts_by_name() {
+        let dir = tempfile::tempdir().unwrap();
+        let config = SimConfig { image: 8, ..SimConfig::default() };
+        let level = |name: &str, agent: &str| Cohort { name: name.into(), agent: agent.parse().unwrap(), count: 1 };
+        let cohorts = [level("noisy", "noise:0.3"), level("very noisy", "noise:1")];
+        let episodes = record_set(dir.path(), Task::StackCube, config, &cohorts, 0, |_| {}).unwrap();
+        assert_eq!(episodes.iter().map(|episode| episode.cohort.as_str()).collect::<Vec<_>>(), ["noisy", "very noisy"]);
+        let labels = std::fs::read_to_string(dir.path().join(LABELS)).unwrap();
+        assert!(labels.lines().nth(1).unwrap().ends_with(",noisy"), "{labels}");
+        assert!(labels.lines().nth(2).unwrap().ends_with(",very noisy"), "{labels}");
+        let error = record_set(dir.path(), Task::StackCube, config, &[level(" ", "noise:1")], 0, |_| {}).unwrap_err();
+        assert!(error.to_string().starts_with("cohort: \" \": an empty name"), "{error}");
     }
 
     #[test]

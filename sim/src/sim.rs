@@ -49,9 +49,10 @@ pub struct Observation {
     pub stamp_ns: i64,
 }
 
-/// One attempt at a task.
+/// One attempt at a task. A plain value: an evaluation may copy many, and drive each on any thread.
 #[derive(Clone, Debug)]
 pub struct Sim {
+    task: Task,
     world: World,
     referee: Referee,
     config: SimConfig,
@@ -63,8 +64,8 @@ impl Sim {
     /// Begins an attempt. The same task, settings and seed always begin and go on in the same way.
     #[must_use]
     pub fn new(task: Task, config: SimConfig, seed: u64) -> Self {
-        let world = task.begin(&mut random(seed, Stream::World));
-        Self { referee: Referee::new(&world), world, config, steps: 0, success: false }
+        let world = (task.rules().begin)(&mut random(seed, Stream::World));
+        Self { task, referee: Referee::new(&world), world, config, steps: 0, success: false }
     }
 
     /// Renders the cameras and reads the proprioception.
@@ -89,7 +90,13 @@ impl Sim {
         }
         self.world.step(action);
         self.steps += 1;
-        self.success = self.referee.watch(&self.world);
+        self.success = self.referee.watch(self.task.rules(), &self.world);
+    }
+
+    /// What is attempted.
+    #[must_use]
+    pub fn task(&self) -> Task {
+        self.task
     }
 
     /// Whether the task has succeeded.
@@ -118,6 +125,7 @@ impl Sim {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
     const STAY: [f32; ACTION_SIZE] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
@@ -141,6 +149,19 @@ mod tests {
         let observe = |seed| Sim::new(Task::PickCube, SimConfig::default(), seed).observe();
         assert_eq!(observe(7), observe(7));
         assert_ne!(observe(7).frames, observe(8).frames);
+    }
+
+    #[test]
+    fn many_attempts_can_be_driven_on_other_threads() {
+        let sims: Vec<Sim> = (0..4).map(|seed| Sim::new(Task::StackCube, SimConfig::default(), seed)).collect();
+        let step = |mut sim: Sim| {
+            sim.step(&STAY);
+            sim.observe()
+        };
+        let here: Vec<Observation> = sims.iter().cloned().map(step).collect();
+        let threads: Vec<_> = sims.into_iter().map(|sim| std::thread::spawn(move || step(sim))).collect();
+        let there: Vec<Observation> = threads.into_iter().map(|thread| thread.join().unwrap()).collect();
+        assert_eq!(here, there);
     }
 
     #[test]

@@ -1,12 +1,15 @@
-//! The scripted expert: approach, close, carry; and after a miss, back off and try again.
+//! The scripted expert: approach, close, carry, set down where the task asks for it; and after a miss, back off and
+//! try again.
 //!
-//! What it does depends on what can be seen, and on memory only where it must, so that it can be imitated.
+//! What it does depends on what can be seen, and on memory only where it must, so that it can be imitated. It also
+//! says what would be right after another agent's action, however that agent got there. Must not know which task it
+//! is doing, only the task's rules.
 
 use glam::{Vec2, Vec3};
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 
-use crate::task::ACTION_SIZE;
+use crate::task::{ACTION_SIZE, Task};
 use crate::world::{STEP_REACH, STEP_TURN, WIDTH_MAX, World, misalignment};
 
 const OPEN: f32 = 1.0;
@@ -23,6 +26,18 @@ const PATIENCE: u32 = 8;
 const CLOSING: u32 = 5;
 /// How high above the straight line to the goal the cube is carried while far from it.
 const CARRY_OVER: f32 = 0.03;
+/// Nearer to its place than this, seen from above, a cube that is set down comes down.
+const COME_DOWN: f32 = ABOVE + SLOPE;
+/// Over this much height below its carrying height such a cube goes up rather than across.
+const CLIMB: f32 = 0.03;
+/// At its place within this, a cube is let go.
+const AT_PLACE: f32 = 0.010;
+/// Steps near the place after which the cube is let go wherever it has come to.
+const PATIENCE_DOWN: u32 = 10;
+/// How far a cube that was let go may be off its place and still be where it should.
+const PLACED: f32 = 0.0225;
+/// How high above the cube's place the hand waits when it is done.
+const WAIT_OVER: f32 = 0.08;
 /// Within this horizontal distance of the cube an off grasp point shows.
 const NEAR_CUBE: f32 = 0.05;
 /// Half-width of the hand's unsteadiness, in action units: 4 mm a step. It shows imitators how to come back from
@@ -48,14 +63,24 @@ pub(crate) struct Aim {
     pub(crate) recovers: bool,
 }
 
+impl Default for Aim {
+    fn default() -> Self {
+        Self { grasp_off: Vec2::ZERO, goal_off: Vec2::ZERO, recovers: true }
+    }
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stage {
     /// Towards the cube with open fingers; the steps spent above the grasp point.
     Approach { above: u32 },
     /// Fingers closing, so many steps already.
     Close { steps: u32 },
-    /// Towards the goal.
-    Carry,
+    /// Towards the goal; the steps spent near it.
+    Carry { near: u32 },
+    /// Fingers opening at the goal.
+    Release,
+    /// Up and open when the cube is where it should be.
+    Finish,
     /// Up and open after a miss, so many steps more.
     Retreat { left: u32 },
 }
@@ -63,6 +88,7 @@ enum Stage {
 /// A scripted agent with the true state before its eyes.
 #[derive(Clone, Debug)]
 pub(crate) struct Expert {
+    task: Task,
     habits: Habits,
     aim: Aim,
     stage: Stage,
@@ -72,24 +98,23 @@ pub(crate) struct Expert {
 
 impl Expert {
     /// The expert with the habits that these random numbers give.
-    pub(crate) fn new(random: ChaCha8Rng) -> Self {
-        let aim = Aim { grasp_off: Vec2::ZERO, goal_off: Vec2::ZERO, recovers: true };
-        Self::aiming(aim, random)
+    pub(crate) fn new(task: Task, random: ChaCha8Rng) -> Self {
+        Self::aiming(task, Aim::default(), random)
     }
 
     /// One that follows the same script with the same habits, but aims otherwise.
-    pub(crate) fn aiming(aim: Aim, mut random: ChaCha8Rng) -> Self {
+    pub(crate) fn aiming(task: Task, aim: Aim, mut random: ChaCha8Rng) -> Self {
         let habits = Habits {
             gain: random.random_range(0.55..0.75),
             speed: random.random_range(0.8..1.0),
             hover: random.random_range(0.048..0.062),
         };
-        Self { habits, aim, stage: Stage::Approach { above: 0 }, near_cube: false, random }
+        Self { task, habits, aim, stage: Stage::Approach { above: 0 }, near_cube: false, random }
     }
 
-    /// Whether it is past grasping.
+    /// Whether it is past grasping and has not let go.
     pub(crate) fn carries(&self) -> bool {
-        self.stage == Stage::Carry
+        matches!(self.stage, Stage::Carry { .. })
     }
 
     /// The next action.
@@ -101,45 +126,42 @@ impl Expert {
         let (target, gripper) = match self.stage {
             Stage::Approach { .. } => (self.approach_point(world), OPEN),
             Stage::Close { .. } => (tool.position, CLOSE),
-            Stage::Carry => (self.carry_point(world), CLOSE),
+            Stage::Carry { .. } => (self.carry_point(world), CLOSE),
+            Stage::Release => (tool.position, OPEN),
+            Stage::Finish => (tool.position.with_z(self.place(world).z + WAIT_OVER), OPEN),
             Stage::Retreat { .. } => (tool.position + Vec3::Z * STEP_REACH, OPEN),
         };
-        let reach = (target - tool.position) / STEP_REACH * self.habits.gain;
-        let steady = if self.stage_moves() { wobble } else { Vec3::ZERO };
-        let delta = reach.clamp_length_max(self.habits.speed) + steady;
-        let turn = match self.stage {
-            Stage::Approach { .. } => misalignment(tool.yaw, world.cube.yaw) / STEP_TURN * self.habits.gain,
-            Stage::Close { .. } | Stage::Carry | Stage::Retreat { .. } => 0.0,
+        let (steady, turn) = match self.stage {
+            Stage::Approach { .. } => (wobble, misalignment(tool.yaw, world.cube().yaw) / STEP_TURN * self.habits.gain),
+            Stage::Carry { .. } | Stage::Finish | Stage::Retreat { .. } => (wobble, 0.0),
+            Stage::Close { .. } | Stage::Release => (Vec3::ZERO, 0.0),
         };
+        let reach = (target - tool.position) / STEP_REACH * self.habits.gain;
+        let delta = reach.clamp_length_max(self.habits.speed) + steady;
         let [x, y, z] = delta.clamp(Vec3::NEG_ONE, Vec3::ONE).to_array();
         [x, y, z, 0.0, 0.0, turn.clamp(-1.0, 1.0), gripper]
     }
 
-    fn stage_moves(&self) -> bool {
-        !matches!(self.stage, Stage::Close { .. })
-    }
-
     /// Chooses the stage for the present state.
     fn advance(&mut self, world: &World) {
-        let away = world.cube.position.truncate() - world.tool.position.truncate();
+        let away = world.cube().position.truncate() - world.tool.position.truncate();
         self.near_cube |= away.length() < NEAR_CUBE;
         self.stage = match self.stage {
-            Stage::Approach { above } => {
-                let miss = self.grasp_point(world) - world.tool.position;
-                let over = miss.truncate().length() < 1.5 * ABOVE;
-                let turned = misalignment(world.tool.yaw, world.cube.yaw).abs() < 0.15;
-                if (miss.length() < AT_GRASP && turned) || above >= PATIENCE {
-                    Stage::Close { steps: 0 }
-                } else {
-                    Stage::Approach { above: above + u32::from(over) }
-                }
+            // Another agent may have grasped it.
+            Stage::Approach { .. } | Stage::Retreat { .. } | Stage::Finish if world.holds_cube() => {
+                Stage::Carry { near: 0 }
             }
-            Stage::Close { .. } if world.holds_cube() => Stage::Carry,
+            Stage::Approach { above } => self.approach(above, world),
+            Stage::Close { .. } if world.holds_cube() => Stage::Carry { near: 0 },
             Stage::Close { steps } if steps < CLOSING => Stage::Close { steps: steps + 1 },
             Stage::Close { .. } if self.aim.recovers => Stage::Retreat { left: 4 },
-            Stage::Close { .. } => Stage::Carry,
-            Stage::Carry if self.aim.recovers && !world.holds_cube() => Stage::Retreat { left: 4 },
-            Stage::Carry => Stage::Carry,
+            Stage::Close { .. } => Stage::Carry { near: 0 },
+            Stage::Carry { .. } if self.aim.recovers && !world.holds_cube() => Stage::Retreat { left: 4 },
+            Stage::Carry { near } if self.task.rules().sets_down => self.set_down(near, world),
+            Stage::Carry { near } => Stage::Carry { near },
+            Stage::Release if world.holds_cube() => Stage::Release,
+            Stage::Release | Stage::Finish if self.misplaced(world) => Stage::Retreat { left: 4 },
+            Stage::Release | Stage::Finish => Stage::Finish,
             Stage::Retreat { left } if left > 0 || world.tool.width < 0.9 * WIDTH_MAX => {
                 Stage::Retreat { left: left.saturating_sub(1) }
             }
@@ -147,9 +169,37 @@ impl Expert {
         };
     }
 
+    fn approach(&self, above: u32, world: &World) -> Stage {
+        let miss = self.grasp_point(world) - world.tool.position;
+        let over = miss.truncate().length() < 1.5 * ABOVE;
+        let turned = misalignment(world.tool.yaw, world.cube().yaw).abs() < 0.15;
+        if (miss.length() < AT_GRASP && turned) || above >= PATIENCE {
+            Stage::Close { steps: 0 }
+        } else {
+            Stage::Approach { above: above + u32::from(over) }
+        }
+    }
+
+    fn set_down(&self, near: u32, world: &World) -> Stage {
+        let miss = self.final_point(world) - world.tool.position;
+        let close = miss.truncate().length() < COME_DOWN;
+        if miss.length() < AT_PLACE || near >= PATIENCE_DOWN {
+            Stage::Release
+        } else {
+            Stage::Carry { near: near + u32::from(close) }
+        }
+    }
+
+    /// Whether it sees that the cube it let go is not where it should be. One that is mistaken about the place, or
+    /// does not look, believes it is.
+    fn misplaced(&self, world: &World) -> bool {
+        let looks = self.aim.recovers && self.aim.goal_off == Vec2::ZERO;
+        looks && world.cube().position.distance(self.place(world)) > PLACED
+    }
+
     fn grasp_point(&self, world: &World) -> Vec3 {
         let off = if self.near_cube { self.aim.grasp_off } else { Vec2::ZERO };
-        world.cube.position + off.extend(0.0)
+        world.cube().position + off.extend(0.0)
     }
 
     /// The grasp point, or the higher above it the farther off the hand still is.
@@ -159,12 +209,30 @@ impl Expert {
         grasp + Vec3::Z * self.habits.hover * ((miss - ABOVE) / SLOPE).clamp(0.0, 1.0)
     }
 
-    /// Where the tool must be for the cube to be at the goal, or a little higher while far off.
+    /// Where the cube should come.
+    fn place(&self, world: &World) -> Vec3 {
+        (self.task.rules().place)(world, self.aim.goal_off)
+    }
+
+    /// Where the tool must be for the cube to be at its place.
+    fn final_point(&self, world: &World) -> Vec3 {
+        let in_hand = if world.holds_cube() { world.cube().position - world.tool.position } else { Vec3::ZERO };
+        self.place(world) - in_hand
+    }
+
+    /// The final point, or a little higher while far off. What is set down on something first climbs over it.
     fn carry_point(&self, world: &World) -> Vec3 {
-        let in_hand = if world.holds_cube() { world.cube.position - world.tool.position } else { Vec3::ZERO };
-        let goal = world.goal + self.aim.goal_off.extend(0.0) - in_hand;
-        let miss = (goal - world.tool.position).truncate().length();
-        goal + Vec3::Z * CARRY_OVER * ((miss - ABOVE) / SLOPE).clamp(0.0, 1.0)
+        let tool = world.tool.position;
+        let last = self.final_point(world);
+        let away = (last - tool).truncate();
+        let over = CARRY_OVER * ((away.length() - ABOVE) / SLOPE).clamp(0.0, 1.0);
+        let point = last + Vec3::Z * over;
+        if !self.task.rules().sets_down || away.length() < COME_DOWN {
+            return point;
+        }
+        let low = (last.z + CARRY_OVER / 2.0 - tool.z).max(0.0);
+        let across = (1.0 - low / CLIMB).clamp(0.1, 1.0);
+        (tool.truncate() + away * across).extend(point.z)
     }
 }
 

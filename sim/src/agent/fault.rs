@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::expert::{Aim, Expert};
 use super::{AgentKind, AgentSpec};
-use crate::task::ACTION_SIZE;
+use crate::task::{ACTION_SIZE, Task};
 use crate::world::{STEP_REACH, World};
 
 /// How far off a grasp point is at grade 1, in metres.
@@ -27,6 +27,8 @@ pub(crate) struct Rehearsal {
     pub(crate) steps: u32,
     /// The step at which the carry begins.
     pub(crate) carry: u32,
+    /// The step before which it ends.
+    pub(crate) carry_end: u32,
 }
 
 /// An agent that goes wrong.
@@ -44,13 +46,18 @@ pub(crate) struct Fault {
 
 impl Fault {
     /// An agent whose script has the habits of `habits` and whose fault is drawn from `random`.
-    pub(crate) fn new(agent: AgentSpec, rehearsal: Rehearsal, habits: ChaCha8Rng, mut random: ChaCha8Rng) -> Self {
+    pub(crate) fn new(
+        task: Task,
+        agent: AgentSpec,
+        rehearsal: Rehearsal,
+        habits: ChaCha8Rng,
+        mut random: ChaCha8Rng,
+    ) -> Self {
         let grade = single(agent.grade());
-        let mut aim = Aim { grasp_off: Vec2::ZERO, goal_off: Vec2::ZERO, recovers: true };
+        let mut aim = Aim::default();
         let heading = Vec2::from_angle(random.random_range(0.0..std::f32::consts::TAU));
         let part: f32 = random.random_range(0.0..1.0);
         let steps = rehearsal.steps as f32;
-        let carry = rehearsal.carry as f32;
         let mut from = 0.0;
         match agent.kind() {
             AgentKind::Expert => {}
@@ -59,17 +66,20 @@ impl Fault {
                 aim.recovers = false;
             }
             AgentKind::WrongGoal => {
-                aim.goal_off = heading * grade * random.random_range(GOAL_OFF);
+                let off = random.random_range(GOAL_OFF);
+                // The lower the grade, the nearer the least of them, so that some are near enough.
+                aim.goal_off = heading * grade * (off - (1.0 - grade) * (GOAL_OFF.end - off));
             }
             AgentKind::EarlyRelease => {
-                // At grade 1 anywhere in the first third of the carry, at lower grades nearer its end.
-                from = carry + 1.0 + (steps - carry) * (1.0 - grade * (1.0 - 0.33 * part));
+                let (carry, end) = (rehearsal.carry as f32, rehearsal.carry_end as f32);
+                from = carry + 1.0 + (end - carry) * part * release_spread(grade);
                 aim.recovers = false;
             }
             AgentKind::Freeze | AgentKind::Wander => from = steps * (0.1 + 0.7 * part),
             AgentKind::Noise => from = steps * 0.6 * part,
         }
-        Self { script: Expert::aiming(aim, habits), kind: agent.kind(), grade, from: whole(from), leg: None, random }
+        let script = Expert::aiming(task, aim, habits);
+        Self { script, kind: agent.kind(), grade, from: whole(from), leg: None, random }
     }
 
     /// The action of the given step.
@@ -114,6 +124,12 @@ impl Fault {
             action[5] = 0.0;
         }
     }
+}
+
+/// Up to which share of the carry the fingers may open: its first third at grade 1; at a low grade mostly beyond its
+/// end, so that nothing goes wrong.
+fn release_spread(grade: f32) -> f32 {
+    0.33 + 1.5 * (1.0 / grade.max(1e-3) - 1.0)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "a grade needs no more digits")]

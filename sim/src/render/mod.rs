@@ -36,11 +36,12 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
 
     const SIZE: u32 = 64;
+    const GOAL: Vec3 = Vec3::new(-0.1, -0.06, 0.12);
     const PICTURE: usize = (SIZE * SIZE) as usize * PIXEL_BYTES;
 
     fn world_with_tool(tool: Vec3) -> World {
         let cube = Cube::resting(Vec3::new(0.0, 0.02, CUBE_HALF), 0.3);
-        World::new(Tool::open(tool, 0.1), cube, Vec3::new(-0.1, -0.06, 0.12))
+        World::new(Tool::open(tool, 0.1), cube, &[], Some(GOAL))
     }
 
     fn color_at(picture: &[u8], column: u32, row: u32) -> [u8; 3] {
@@ -53,17 +54,25 @@ mod tests {
         u16::from_le_bytes([picture[at], picture[at + 1]])
     }
 
+    fn pixels(picture: &[u8], is_it: impl Fn(&[u8]) -> bool) -> usize {
+        picture[..(SIZE * SIZE * 3) as usize].chunks_exact(3).filter(|color| is_it(color)).count()
+    }
+
     fn red_pixels(picture: &[u8]) -> usize {
-        let colors = picture[..(SIZE * SIZE * 3) as usize].chunks_exact(3);
-        colors.filter(|c| c[0] > 90 && c[1] < 60 && c[2] < 60).count()
+        pixels(picture, |c| c[0] > 90 && c[1] < 60 && c[2] < 60)
+    }
+
+    fn green_pixels(picture: &[u8]) -> usize {
+        pixels(picture, |c| c[1] > 60 && c[0] < 40 && c[2] < 50)
     }
 
     #[test]
-    fn the_table_camera_sees_the_cube_at_every_start() {
-        for seed in 0..100 {
-            let world = Task::PickCube.begin(&mut ChaCha8Rng::seed_from_u64(seed));
-            let seen = red_pixels(&frames(&world, SIZE)[..PICTURE]);
-            assert!(seen >= 20, "seed {seed}: {seen} pixels");
+    fn the_table_camera_sees_the_cubes_at_every_start() {
+        for (task, seed) in (0..100).flat_map(|seed| Task::ALL.map(|task| (task, seed))) {
+            let world = (task.rules().begin)(&mut ChaCha8Rng::seed_from_u64(seed));
+            let picture = &frames(&world, SIZE)[..PICTURE];
+            assert!(red_pixels(picture) >= 20, "{task}, seed {seed}");
+            assert!(task == Task::PickCube || green_pixels(picture) >= 20, "{task}, seed {seed}");
         }
     }
 
@@ -96,10 +105,10 @@ mod tests {
     fn the_goal_marker_shows_in_color_but_not_in_depth() {
         let mut world = world_with_tool(Vec3::new(0.15, 0.15, 0.2));
         let with = frames(&world, SIZE);
-        let (column, row, _) = Camera::table(SIZE).pixel(world.goal).unwrap();
+        let (column, row, _) = Camera::table(SIZE).pixel(GOAL).unwrap();
         let [red, green, blue] = color_at(&with, column, row);
         assert!(green > 100 && green > red + 40 && green > blue + 40);
-        world.goal = Vec3::new(0.1, 0.1, 0.02);
+        world.goal = Some(Vec3::new(0.1, 0.1, 0.02));
         let without = frames(&world, SIZE);
         assert_eq!(depth_at(&with, column, row), depth_at(&without, column, row));
     }

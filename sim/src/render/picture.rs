@@ -44,14 +44,16 @@ struct Shadow<'a> {
 
 impl<'a> Picture<'a> {
     /// Draws everything.
-    pub(super) fn draw(camera: &'a Camera, size: u32, blocks: &[Block], goal: Vec3) -> Self {
+    pub(super) fn draw(camera: &'a Camera, size: u32, blocks: &[Block], goal: Option<Vec3>) -> Self {
         let pixels = (size * size) as usize;
         let mut picture = Self { camera, size, color: vec![FLOOR_COLOR; pixels], depth: vec![NOTHING; pixels] };
         picture.table(blocks, goal);
         for block in blocks {
             picture.block(block);
         }
-        picture.marker(goal);
+        if let Some(goal) = goal {
+            picture.marker(goal);
+        }
         picture
     }
 
@@ -65,7 +67,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    fn table(&mut self, blocks: &[Block], goal: Vec3) {
+    fn table(&mut self, blocks: &[Block], goal: Option<Vec3>) {
         let shadows: Vec<Shadow> = blocks.iter().map(Shadow::new).collect();
         let camera = self.camera;
         let mut pixel = 0;
@@ -152,10 +154,11 @@ impl<'a> Shadow<'a> {
     }
 }
 
-fn table_color(point: Vec3, goal: Vec3, shadows: &[Shadow]) -> Vec3 {
+fn table_color(point: Vec3, goal: Option<Vec3>, shadows: &[Shadow]) -> Vec3 {
     let odd = ((point.x / TILE).floor() + (point.y / TILE).floor()) / 2.0;
     let mut color = if odd == odd.floor() { TABLE_COLOR } else { TABLE_COLOR * TABLE_DARKER };
-    if (point - goal).truncate().length_squared() < DISC_RADIUS * DISC_RADIUS {
+    let marked = |goal: Vec3| (point - goal).truncate().length_squared() < DISC_RADIUS * DISC_RADIUS;
+    if goal.is_some_and(marked) {
         color = color.lerp(GOAL_COLOR, DISC_OPACITY);
     }
     let shaded = shadows.iter().any(|shadow| shadow.covers(point));

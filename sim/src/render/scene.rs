@@ -4,14 +4,13 @@
 
 use glam::{Vec2, Vec3};
 
-use crate::world::{CUBE_HALF, FINGER_HALF_DEPTH, FINGER_THICKNESS, TIP_BELOW, World};
+use crate::world::{CUBE_HALF, FINGER_HALF_DEPTH, FINGER_HALF_HEIGHT, FINGER_THICKNESS, PALM_HALF, TIP_BELOW, World};
 
-const CUBE_COLOR: Vec3 = Vec3::new(0.86, 0.13, 0.10);
+/// The cubes' colors in the world's order; red is the one to be moved.
+const CUBE_COLORS: [Vec3; 2] = [Vec3::new(0.86, 0.13, 0.10), Vec3::new(0.10, 0.62, 0.16)];
 const FINGER_COLOR: Vec3 = Vec3::new(0.16, 0.22, 0.42);
 const PALM_COLOR: Vec3 = Vec3::new(0.82, 0.83, 0.86);
 const WRIST_COLOR: Vec3 = Vec3::new(0.55, 0.57, 0.62);
-const FINGER_HALF_HEIGHT: f32 = 0.030;
-const PALM_HALF: Vec3 = Vec3::new(0.052, 0.018, 0.014);
 const WRIST_HALF: Vec3 = Vec3::new(0.018, 0.018, 0.05);
 
 /// A box that stands upright, turned about the vertical.
@@ -46,8 +45,8 @@ impl Block {
     }
 }
 
-/// The boxes of a world: cube, two fingers, palm, wrist.
-pub(super) fn blocks(world: &World) -> [Block; 5] {
+/// The boxes of a world: cubes, two fingers, palm, wrist.
+pub(super) fn blocks(world: &World) -> Vec<Block> {
     let tool = &world.tool;
     let part = |offset: Vec3, half: Vec3, color: Vec3| {
         let turned = Vec2::from_angle(tool.yaw).rotate(offset.truncate());
@@ -58,11 +57,13 @@ pub(super) fn blocks(world: &World) -> [Block; 5] {
     let finger_z = FINGER_HALF_HEIGHT - TIP_BELOW;
     let palm_z = finger_z + FINGER_HALF_HEIGHT + PALM_HALF.z;
     let wrist_z = palm_z + PALM_HALF.z + WRIST_HALF.z;
-    [
-        Block::new(world.cube.position, Vec3::splat(CUBE_HALF), world.cube.yaw, CUBE_COLOR),
+    let cubes = world.cubes.iter().zip(CUBE_COLORS.into_iter().cycle());
+    let cubes = cubes.map(|(cube, color)| Block::new(cube.position, Vec3::splat(CUBE_HALF), cube.yaw, color));
+    let hand = [
         part(Vec3::new(aside, 0.0, finger_z), finger_half, FINGER_COLOR),
         part(Vec3::new(-aside, 0.0, finger_z), finger_half, FINGER_COLOR),
         part(Vec3::new(0.0, 0.0, palm_z), PALM_HALF, PALM_COLOR),
         part(Vec3::new(0.0, 0.0, wrist_z), WRIST_HALF, WRIST_COLOR),
-    ]
+    ];
+    cubes.chain(hand).collect()
 }

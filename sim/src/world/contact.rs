@@ -1,11 +1,12 @@
-//! Fingers against cube: landing, pushing, grasping, slipping.
+//! Hand against one cube: landing, pushing, grasping, slipping.
 //!
 //! All of it happens in the tool's frame, where a finger is an axis-aligned box and the cube is taken by its extent
 //! along the two axes. Must not know the rest of the world.
 
 use glam::{Vec2, Vec3};
 
-use super::{CUBE_HALF, Cube, FINGER_HALF_DEPTH, FINGER_THICKNESS, TIP_BELOW, Tool, misalignment, to_tool_frame};
+use super::tool::{FINGER_HALF_DEPTH, FINGER_HALF_HEIGHT, FINGER_THICKNESS, PALM_HALF, TIP_BELOW, Tool, to_tool_frame};
+use super::{CUBE_HALF, Cube, misalignment};
 
 /// How far the cube's centre may lie off the pads' middle, across the closing axis, and still be grasped.
 const GRASP_ACROSS: f32 = 0.016;
@@ -32,24 +33,43 @@ fn extent(turn: f32) -> f32 {
     CUBE_HALF * (turn.cos().abs() + turn.sin().abs())
 }
 
-/// Stops a descending tool whose finger tips come down on the cube's top.
-pub(super) fn land_fingers(tool: &mut Tool, cube: &Cube, z_before: f32) {
+/// A downward face of the hand: how far below the tool point, how deep across the closing axis, and from where to
+/// where along it.
+struct Sole<'a> {
+    below: f32,
+    half_depth: f32,
+    spans: &'a [(f32, f32)],
+}
+
+/// Stops a descending tool whose finger tips or palm come down on the cube's top.
+pub(super) fn land_hand(tool: &mut Tool, cube: &Cube, z_before: f32) {
+    let inner = tool.width / 2.0;
+    let outer = inner + FINGER_THICKNESS;
+    let tips = Sole { below: TIP_BELOW, half_depth: FINGER_HALF_DEPTH, spans: &[(inner, outer), (-outer, -inner)] };
+    let palm = Sole {
+        below: TIP_BELOW - 2.0 * FINGER_HALF_HEIGHT,
+        half_depth: PALM_HALF.y,
+        spans: &[(-PALM_HALF.x, PALM_HALF.x)],
+    };
+    for sole in [tips, palm] {
+        land_sole(tool, cube, z_before, &sole);
+    }
+}
+
+fn land_sole(tool: &mut Tool, cube: &Cube, z_before: f32, sole: &Sole) {
     let top = cube.position.z + CUBE_HALF;
-    let (tip, tip_before) = (tool.position.z - TIP_BELOW, z_before - TIP_BELOW);
-    if tip >= top || tip_before < top {
+    let (z, before) = (tool.position.z - sole.below, z_before - sole.below);
+    if z >= top || before < top {
         return;
     }
     let centre = to_tool_frame(tool, cube.position);
     let half = extent(misalignment(tool.yaw, cube.yaw));
-    if centre.y.abs() >= half + FINGER_HALF_DEPTH {
+    if centre.y.abs() >= half + sole.half_depth {
         return;
     }
-    let inner = tool.width / 2.0;
-    let over = [inner, -inner - FINGER_THICKNESS]
-        .iter()
-        .any(|&low| centre.x + half > low && centre.x - half < low + FINGER_THICKNESS);
+    let over = sole.spans.iter().any(|&(low, high)| centre.x + half > low && centre.x - half < high);
     if over {
-        tool.position.z = top + TIP_BELOW;
+        tool.position.z = top + sole.below;
     }
 }
 
@@ -60,7 +80,7 @@ pub(super) fn push_cube(tool: &mut Tool, cube: &mut Cube) -> Touch {
     let mut turn = misalignment(tool.yaw, cube.yaw);
     let half = extent(turn);
     let overlap = half + FINGER_HALF_DEPTH - centre.y.abs();
-    // Fingers below a falling cube would need a tip above its bottom; the hand is never that low.
+    // Fingers reach higher than a cube that lies on another has its bottom, so none is above them.
     if depth <= 0.0 || overlap <= 0.0 {
         return Touch::Free;
     }

@@ -1,84 +1,36 @@
-//! The world and its motion: a gripper, a cube, a table, gravity.
+//! The world and its motion: a gripper, cubes, a table, gravity.
 //!
 //! The table is the plane z = 0, lengths are metres, angles radians. Must not know tasks' rules, pictures or agents.
 
 mod contact;
+mod cubes;
+mod tool;
 
 use glam::{Vec2, Vec3};
 
+pub(crate) use cubes::{CUBE_HALF, Cube};
+pub(crate) use tool::{FINGER_HALF_DEPTH, FINGER_HALF_HEIGHT, FINGER_THICKNESS, PALM_HALF, TIP_BELOW, Tool, WIDTH_MAX};
+use tool::{TOOL_MAX, TOOL_MIN, WIDTH_SPEED, to_tool_frame};
+
 /// Control steps per second.
 pub(crate) const RATE_HZ: f32 = 10.0;
-/// Half the cube's edge.
-pub(crate) const CUBE_HALF: f32 = 0.0225;
-/// Widest opening between the finger pads.
-pub(crate) const WIDTH_MAX: f32 = 0.08;
 /// Tool travel per step and axis at action 1.
 pub(crate) const STEP_REACH: f32 = 0.02;
 /// Tool yaw per step at action 1.
 pub(crate) const STEP_TURN: f32 = 0.15;
-/// How far the finger tips lie below the tool point, which is between the pads.
-pub(crate) const TIP_BELOW: f32 = 0.012;
-/// Finger thickness along the closing axis and half its depth across.
-pub(crate) const FINGER_THICKNESS: f32 = 0.012;
-/// Half the finger's depth across the closing axis.
-pub(crate) const FINGER_HALF_DEPTH: f32 = 0.010;
 
 const SUBSTEPS: u8 = 8;
 const SUBSTEP_S: f32 = 1.0 / (RATE_HZ * SUBSTEPS as f32);
 /// Share of the way to the commanded velocity per substep: a time constant of about 50 ms.
 const VELOCITY_GAIN: f32 = 0.25;
-/// Speed of the gripper's width, in m/s.
-const WIDTH_SPEED: f32 = 0.16;
-const GRAVITY: f32 = 9.81;
 /// Opening beyond the grasped width at which the cube falls.
 const LET_GO: f32 = 0.002;
-/// Where the tool may go.
-const TOOL_MIN: Vec3 = Vec3::new(-0.20, -0.20, 0.015);
-const TOOL_MAX: Vec3 = Vec3::new(0.20, 0.20, 0.26);
-
-/// The gripper; its point lies midway between the finger pads, its fingers close along its x axis.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Tool {
-    /// The tool point.
-    pub(crate) position: Vec3,
-    /// Turn about the vertical; 0 closes along the world's x axis.
-    pub(crate) yaw: f32,
-    /// Gap between the pads.
-    pub(crate) width: f32,
-    /// Velocity of the tool point in m/s.
-    pub(crate) velocity: Vec3,
-    turn_rate: f32,
-}
-
-impl Tool {
-    /// A gripper at rest, open.
-    #[must_use]
-    pub(crate) fn open(position: Vec3, yaw: f32) -> Self {
-        Self { position, yaw, width: WIDTH_MAX, velocity: Vec3::ZERO, turn_rate: 0.0 }
-    }
-}
-
-/// The cube.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Cube {
-    /// Its centre.
-    pub(crate) position: Vec3,
-    /// Turn about the vertical.
-    pub(crate) yaw: f32,
-    velocity: Vec3,
-}
-
-impl Cube {
-    /// A cube at rest.
-    #[must_use]
-    pub(crate) fn resting(position: Vec3, yaw: f32) -> Self {
-        Self { position, yaw, velocity: Vec3::ZERO }
-    }
-}
 
 /// How the held cube sits in the gripper, in the tool's frame.
 #[derive(Clone, Debug, PartialEq)]
 struct Grip {
+    /// Which of the cubes.
+    cube: usize,
     offset: Vec3,
     yaw: f32,
 }
@@ -88,24 +40,42 @@ struct Grip {
 pub(crate) struct World {
     /// The gripper.
     pub(crate) tool: Tool,
-    /// The cube.
-    pub(crate) cube: Cube,
-    /// Where the cube's centre should go.
-    pub(crate) goal: Vec3,
+    /// The cubes, at least one. The first is the one to be moved.
+    pub(crate) cubes: Vec<Cube>,
+    /// A place that is marked for the eye.
+    pub(crate) goal: Option<Vec3>,
     grip: Option<Grip>,
 }
 
 impl World {
-    /// A world at rest.
+    /// A world at rest, with the cube to be moved and the others.
     #[must_use]
-    pub(crate) fn new(tool: Tool, cube: Cube, goal: Vec3) -> Self {
-        Self { tool, cube, goal, grip: None }
+    pub(crate) fn new(tool: Tool, cube: Cube, others: &[Cube], goal: Option<Vec3>) -> Self {
+        let cubes = std::iter::once(cube).chain(others.iter().cloned()).collect();
+        Self { tool, cubes, goal, grip: None }
     }
 
-    /// Whether the gripper holds the cube.
+    /// The cube to be moved.
+    #[must_use]
+    pub(crate) fn cube(&self) -> &Cube {
+        &self.cubes[0]
+    }
+
+    /// Whether the gripper holds the cube to be moved.
     #[must_use]
     pub(crate) fn holds_cube(&self) -> bool {
-        self.grip.is_some()
+        self.held() == Some(0)
+    }
+
+    /// Whether one cube, in nobody's hand, lies on another with its centre over it.
+    #[must_use]
+    pub(crate) fn rests_on(&self, upper: usize, lower: usize) -> bool {
+        self.held().is_none_or(|held| held != upper && held != lower)
+            && cubes::rests_on(&self.cubes[upper], &self.cubes[lower])
+    }
+
+    fn held(&self) -> Option<usize> {
+        self.grip.as_ref().map(|grip| grip.cube)
     }
 
     /// Moves everything on by one control step under an action, as in [`Sim::step`](crate::Sim::step).
@@ -123,22 +93,21 @@ impl World {
     }
 
     fn substep(&mut self, width_command: f32) {
-        let before = self.tool.position;
+        let tool_before = self.tool.position;
+        let before = self.cubes.clone();
         self.move_tool();
         self.move_fingers(width_command);
-        if self.grip.is_some() {
-            self.carry_cube(before);
-        } else {
-            contact::land_fingers(&mut self.tool, &self.cube, before.z);
-            let touch = contact::push_cube(&mut self.tool, &mut self.cube);
-            if touch == contact::Touch::Grasped {
-                self.grasp();
-            } else {
-                self.drop_cube();
-            }
+        self.land_hand(tool_before.z);
+        self.carry_cube(&before, tool_before);
+        self.push_cubes();
+        let held = self.held();
+        cubes::ride(&mut self.cubes, &before, held);
+        for index in (0..self.cubes.len()).filter(|&index| Some(index) != held) {
+            cubes::drop(&mut self.cubes, index);
         }
+        cubes::separate(&mut self.cubes, &before, held);
         // What stopped the tool also stopped its motion, so the velocity that is read is the true one.
-        self.tool.velocity = (self.tool.position - before) / SUBSTEP_S;
+        self.tool.velocity = (self.tool.position - tool_before) / SUBSTEP_S;
     }
 
     fn move_tool(&mut self) {
@@ -164,44 +133,52 @@ impl World {
         }
     }
 
-    fn grasp(&mut self) {
-        let across = to_tool_frame(&self.tool, self.cube.position);
-        let yaw = self.cube.yaw - self.tool.yaw;
-        self.grip = Some(Grip { offset: across, yaw });
-        self.cube.velocity = Vec3::ZERO;
+    /// The hand comes down on cubes that it does not hold.
+    fn land_hand(&mut self, z_before: f32) {
+        let held = self.held();
+        for (_, cube) in self.cubes.iter().enumerate().filter(|(index, _)| Some(*index) != held) {
+            contact::land_hand(&mut self.tool, cube, z_before);
+        }
     }
 
-    fn carry_cube(&mut self, tool_before: Vec3) {
+    /// Fingers push what they do not hold, and grasp when they hold nothing yet: of a stack the lower cube, which
+    /// takes the upper one along.
+    fn push_cubes(&mut self) {
+        let mut upwards: Vec<usize> = (0..self.cubes.len()).collect();
+        upwards.sort_by(|&a, &b| self.cubes[a].position.z.total_cmp(&self.cubes[b].position.z));
+        for index in upwards {
+            if self.held() == Some(index) {
+                continue;
+            }
+            let touch = contact::push_cube(&mut self.tool, &mut self.cubes[index]);
+            if touch == contact::Touch::Grasped && self.grip.is_none() {
+                self.grasp(index);
+            }
+        }
+    }
+
+    fn grasp(&mut self, index: usize) {
+        let cube = &mut self.cubes[index];
+        let offset = to_tool_frame(&self.tool, cube.position);
+        let yaw = cube.yaw - self.tool.yaw;
+        cube.velocity = Vec3::ZERO;
+        self.grip = Some(Grip { cube: index, offset, yaw });
+    }
+
+    /// The held cube follows the hand; the hand stops where the held cube comes down on another.
+    fn carry_cube(&mut self, before: &[Cube], tool_before: Vec3) {
         let Some(grip) = &self.grip else { return };
         let turned = Vec2::from_angle(self.tool.yaw).rotate(grip.offset.truncate());
-        self.cube.position = self.tool.position + turned.extend(grip.offset.z);
-        self.cube.yaw = self.tool.yaw + grip.yaw;
+        let mut carried = self.cubes[grip.cube].clone();
+        carried.position = self.tool.position + turned.extend(grip.offset.z);
+        carried.yaw = self.tool.yaw + grip.yaw;
+        let rise = cubes::rise_onto(&carried, grip.cube, before);
+        self.tool.position.z += rise;
+        carried.position.z += rise;
         // Kept so that a released cube flies on with the hand's motion.
-        self.cube.velocity = (self.tool.position - tool_before) / SUBSTEP_S;
+        carried.velocity = (self.tool.position - tool_before) / SUBSTEP_S;
+        self.cubes[grip.cube] = carried;
     }
-
-    fn drop_cube(&mut self) {
-        let cube = &mut self.cube;
-        let falling = cube.position.z > CUBE_HALF;
-        if falling {
-            cube.velocity.z -= GRAVITY * SUBSTEP_S;
-        } else {
-            // Friction takes a sliding cube's speed within a few substeps.
-            cube.velocity *= Vec3::new(0.5, 0.5, 0.0);
-        }
-        cube.position += cube.velocity * SUBSTEP_S;
-        if cube.position.z <= CUBE_HALF {
-            cube.position.z = CUBE_HALF;
-            cube.velocity.z = 0.0;
-        }
-    }
-}
-
-/// A point of the world in the tool's frame: x along the closing axis, z up.
-fn to_tool_frame(tool: &Tool, point: Vec3) -> Vec3 {
-    let away = point - tool.position;
-    let turned = Vec2::from_angle(-tool.yaw).rotate(away.truncate());
-    turned.extend(away.z)
 }
 
 /// The cube's turn against the gripper, in [−π/4, π/4]: a cube looks the same after a quarter turn.
