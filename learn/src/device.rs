@@ -22,3 +22,34 @@ pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, 
         Device::Cuda => Err(LearnError::invalid("device", "is cuda, but no CUDA device is usable here; use cpu")),
     }
 }
+
+/// Runs `work` for each of `workers` on a thread of its own with one intra-op thread, and waits
+/// for all; a single worker stays on this thread. What one of them panics with, this panics with.
+pub(crate) fn side_by_side<W: Send>(mut workers: Vec<W>, work: impl Fn(W) + Sync) {
+    if workers.len() < 2 {
+        return workers.pop().map_or((), work);
+    }
+    // The setting is the process's for threads yet to begin; dropped, it is as it was.
+    let _restore = Threads(tch::get_num_threads());
+    let work = &work;
+    std::thread::scope(|scope| {
+        let run = |worker| {
+            scope.spawn(move || {
+                tch::set_num_threads(1);
+                work(worker);
+            })
+        };
+        let running: Vec<_> = workers.into_iter().map(run).collect();
+        for thread in running {
+            thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        }
+    });
+}
+
+struct Threads(i32);
+
+impl Drop for Threads {
+    fn drop(&mut self) {
+        tch::set_num_threads(self.0);
+    }
+}

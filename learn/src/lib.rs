@@ -29,10 +29,15 @@ pub use device::set_threads;
 pub use error::LearnError;
 pub use policy::{Embedding, Ensemble, History, Policy, train_policy};
 pub use pretrain::pretrain;
-pub use score::{EpisodeScores, Normaliser, Scores, score};
+pub use score::{EpisodeScores, Normaliser, ScoreBase, Scores, extend_scores, score};
 pub use spec::{
     ActSpec, Augmentation, CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
-    PretrainSpec, ScoreSpec, Similarity, TaskShape, TrainSpec,
+    PretrainSpec, ScoreSpec, Scorer, Similarity, TaskShape, TrainSpec,
 };
 pub use train::{Monitor, Silent};
 pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};
+
+/// Exact nearest search over segments' features, by itself.
+pub mod nearest {
+    pub use crate::score::{Features, Match, Metric, Reference};
+}

@@ -3,16 +3,20 @@
 //!
 //! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1].
 
+mod base;
+mod classifier;
 mod features;
 mod nearest;
 mod normaliser;
+mod run;
 mod similarity;
 
+pub use features::Features;
+pub use nearest::{Match, Reference};
 pub use normaliser::Normaliser;
+pub use similarity::Metric;
 
 use std::collections::HashSet;
-use std::ops::Range;
-use std::time::Instant;
 
 use tch::no_grad_guard;
 
@@ -20,23 +24,23 @@ use crate::checkpoint::{self, CheckpointKind};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::Network;
-use crate::spec::{NormaliserKind, ScoreSpec, Similarity};
+use crate::spec::{ScoreSpec, Scorer};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
-use features::{Features, episode_features};
-use nearest::{Match, Reference, Tiles};
-use similarity::LastL2;
+use base::Known;
+use run::{Progress, Run, count};
 
 /// The scores of one episode's segments; place t is the segment that ends at step t.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeScores {
     /// The episode's id.
     pub id: String,
-    /// Similarity w to the nearest expert segment, at most 0.
+    /// Similarity w to the nearest expert segment, at most 0; the classifier's log p(expert).
     pub w: Vec<f64>,
     /// Quality q in 0 … 1.
     pub q: Vec<f32>,
-    /// The nearest expert segment's episode, an index into the experts given.
+    /// The nearest expert segment's episode, an index into the experts given. The classifier
+    /// matches none: this and the next two are empty.
     pub match_episode: Vec<u32>,
     /// The step the nearest expert segment ends at.
     pub match_step: Vec<u32>,
@@ -52,18 +56,28 @@ pub struct Scores {
     /// The experts, each against the other experts: what w and q look like for good data. Empty
     /// if there is only one expert.
     pub experts: Vec<EpisodeScores>,
-    /// Similarity that becomes quality 0: the smallest w of the imperfect segments.
-    pub lo: f64,
-    /// Similarity that becomes quality 1: the largest w of the imperfect segments.
-    pub hi: f64,
+    /// What made q of w.
+    pub normaliser: Normaliser,
+}
+
+/// What an earlier run found, to go on from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScoreBase {
+    /// The earlier run's normaliser; the new run keeps it.
+    pub normaliser: Normaliser,
+    /// The ids of the earlier run's experts, which its `match_episode` counts in.
+    pub experts: Vec<String>,
+    /// The scores of its imperfect episodes and of its experts; q is ignored.
+    pub scores: Vec<EpisodeScores>,
 }
 
 /// Scores every segment of the `imperfect` episodes (D_i) against every segment of the `experts`
 /// (D_e) under a pretrained `encoder`.
 ///
-/// The nearest expert segment is exact; ties go to the first expert, then the first step. An
-/// episode never matches itself: an expert of the same id is left out. Progress counts segments;
-/// nothing is checkpointed. Metric: `segments_per_second`.
+/// The nearest expert segment is exact; ties go to the expert whose id sorts first, then the first
+/// step, so the order of the episodes does not matter. An episode never matches itself: an expert
+/// of the same id is left out. Progress counts segments; nothing is checkpointed. Metric:
+/// `segments_per_second`.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for
@@ -75,144 +89,104 @@ pub fn score(
     spec: &ScoreSpec,
     monitor: &mut dyn Monitor,
 ) -> Result<Scores, LearnError> {
-    spec.validate()?;
-    for (field, episodes) in [("experts", experts), ("imperfect", imperfect)] {
-        if episodes.is_empty() {
-            return Err(LearnError::invalid(field, "has no episode to score with"));
-        }
-    }
-    let mut ids = HashSet::new();
-    if let Some(twice) = experts.iter().find(|expert| !ids.insert(&expert.id)) {
-        return Err(LearnError::invalid("experts", format!("has episode {} twice; name it once", twice.id)));
-    }
-    guard(|| {
-        let device = device::open(spec.device, spec.threads)?;
-        let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
-        for trajectory in experts.iter().chain(imperfect) {
-            trajectory.validate(&info.shape)?;
-        }
-        let network = Network::from_named(&info.shape, info.model, &named, device)?;
-        let _no_grad = no_grad_guard();
-        Run::new(&network, experts, imperfect, spec, monitor).scores()
-    })
+    Call { encoder, experts, imperfect, spec }.run(None, monitor)
 }
 
-/// One score run under way.
-struct Run<'a> {
-    network: &'a Network,
+/// Goes on from an earlier run of the same encoder and settings with more experts, more imperfect
+/// episodes, or both. Episodes the earlier run scored are compared only with the experts it did not
+/// have, and not even encoded if there are none. The result is bit for bit what [`score`] gives
+/// for the same episodes under the earlier run's normaliser.
+///
+/// # Errors
+/// As [`score`]; also [`LearnError::Invalid`] if an expert of the earlier run is missing, if its
+/// scores do not fit the episodes, or for the classifier, whose every score depends on all episodes.
+pub fn extend_scores(
+    encoder: &[u8],
+    experts: &[Trajectory],
+    imperfect: &[Trajectory],
+    base: &ScoreBase,
+    spec: &ScoreSpec,
+    monitor: &mut dyn Monitor,
+) -> Result<Scores, LearnError> {
+    if spec.scorer == Scorer::Classifier {
+        let message = "is classifier, whose every score depends on all episodes; score anew instead of extending";
+        return Err(LearnError::invalid("scorer", message));
+    }
+    Call { encoder, experts, imperfect, spec }.run(Some(base), monitor)
+}
+
+/// What both ways to score are called with.
+struct Call<'a> {
+    encoder: &'a [u8],
     experts: &'a [Trajectory],
     imperfect: &'a [Trajectory],
     spec: &'a ScoreSpec,
-    monitor: &'a mut dyn Monitor,
-    done: u64,
-    total: u64,
-    begin: Instant,
 }
 
-impl<'a> Run<'a> {
-    fn new(
-        network: &'a Network,
-        experts: &'a [Trajectory],
-        imperfect: &'a [Trajectory],
-        spec: &'a ScoreSpec,
-        monitor: &'a mut dyn Monitor,
-    ) -> Self {
-        let count = |episodes: &[Trajectory]| -> u64 {
-            let steps = episodes.iter().map(|t| t.steps(&network.shape));
-            steps.map(|steps| steps as u64).sum()
-        };
-        Self {
-            total: 2 * count(experts) + count(imperfect),
-            network,
-            experts,
-            imperfect,
-            spec,
-            monitor,
-            done: 0,
-            begin: Instant::now(),
-        }
-    }
-
-    fn scores(mut self) -> Result<Scores, LearnError> {
-        let mut expert_features = Vec::with_capacity(self.experts.len());
-        for trajectory in self.experts {
-            expert_features.push(self.features(trajectory)?);
-        }
-        let Similarity::LastL2 = self.spec.similarity;
-        let similarity = LastL2 { scale: self.spec.scale() };
-        let mut reference = Reference::new(&expert_features, similarity, Tiles::default());
-        let mut imperfect = Vec::with_capacity(self.imperfect.len());
-        for trajectory in self.imperfect {
-            let features = self.features(trajectory)?;
-            let without = self.same_id(&trajectory.id);
-            let matches = reference.nearest(&features, &without).ok_or_else(|| {
-                LearnError::invalid(
-                    format!("episode {}", trajectory.id),
-                    "is also the only expert, and an episode never matches itself; \
-                     leave it out or add experts",
-                )
-            })?;
-            imperfect.push(describe(&trajectory.id, &reference, &matches));
-        }
-        let mut experts = Vec::with_capacity(self.experts.len());
-        for (trajectory, features) in self.experts.iter().zip(&expert_features) {
-            let without = self.same_id(&trajectory.id);
-            if let Some(matches) = reference.nearest(features, &without) {
-                experts.push(describe(&trajectory.id, &reference, &matches));
+impl Call<'_> {
+    fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
+        self.validate()?;
+        guard(|| {
+            let device = device::open(self.spec.device, self.spec.threads)?;
+            let (info, named) = checkpoint::read(self.encoder, CheckpointKind::Encoder)?;
+            for trajectory in self.experts.iter().chain(self.imperfect) {
+                trajectory.validate(&info.shape)?;
             }
-            self.advance(features.count())?;
-        }
-        let NormaliserKind::MinMax = self.spec.normaliser;
-        let normaliser = Normaliser::min_max(imperfect.iter().flat_map(|e| e.w.iter().copied()));
-        for episode in imperfect.iter_mut().chain(&mut experts) {
-            episode.q = episode.w.iter().map(|w| normaliser.q(*w)).collect();
-        }
-        Ok(Scores { imperfect, experts, lo: normaliser.lo, hi: normaliser.hi })
+            let network = Network::from_named(&info.shape, info.model, &named, device)?;
+            let (mut imperfect, mut experts) = match self.spec.scorer {
+                Scorer::Ssdf | Scorer::Raw => self.by_nearest(&network, base, monitor)?,
+                Scorer::Classifier => {
+                    classifier::scores(&network, (self.experts, self.imperfect), self.spec.seed, monitor)?
+                }
+            };
+            let normaliser = base.map(|base| base.normaliser.clone()).unwrap_or_else(|| {
+                let similarities = imperfect.iter().flat_map(|episode| episode.w.iter().copied());
+                Normaliser::fit(self.spec.normaliser, similarities.collect())
+            });
+            for episode in imperfect.iter_mut().chain(&mut experts) {
+                episode.q = episode.w.iter().map(|w| normaliser.q(*w)).collect();
+            }
+            Ok(Scores { imperfect, experts, normaliser })
+        })
     }
 
-    fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = episode_features(self.network, trajectory);
-        if !features.sound() {
-            return Err(LearnError::Checkpoint(format!(
-                "gives features of episode {} that are not finite; train the encoder again",
-                trajectory.id
-            )));
+    fn validate(&self) -> Result<(), LearnError> {
+        self.spec.validate()?;
+        for (field, episodes) in [("experts", self.experts), ("imperfect", self.imperfect)] {
+            if episodes.is_empty() {
+                return Err(LearnError::invalid(field, "has no episode to score with"));
+            }
+            let mut ids = HashSet::new();
+            if let Some(twice) = episodes.iter().find(|episode| !ids.insert(&episode.id)) {
+                return Err(LearnError::invalid(field, format!("has episode {} twice; name it once", twice.id)));
+            }
         }
-        self.advance(features.count())?;
-        Ok(features)
-    }
-
-    /// The experts that are the episode `id` itself.
-    fn same_id(&self, id: &str) -> Range<usize> {
-        match self.experts.iter().position(|expert| expert.id == id) {
-            Some(at) => at..at + 1,
-            None => 0..0,
-        }
-    }
-
-    fn advance(&mut self, segments: usize) -> Result<(), LearnError> {
-        if self.monitor.cancelled() {
-            return Err(LearnError::Cancelled);
-        }
-        self.done += segments as u64;
-        #[expect(clippy::cast_precision_loss, reason = "a rate for people to read")]
-        let rate = self.done as f64 / self.begin.elapsed().as_secs_f64().max(1e-9);
-        self.monitor.progress(self.done, self.total, &[("segments_per_second", rate)]);
         Ok(())
     }
-}
 
-fn describe(id: &str, reference: &Reference, matches: &[Match]) -> EpisodeScores {
-    let (match_episode, match_step) = matches.iter().map(|m| reference.place(m.expert)).unzip();
-    #[expect(clippy::cast_possible_truncation, reason = "kept in single precision")]
-    let single = |distances: [f64; 3]| distances.map(|distance| distance as f32);
-    EpisodeScores {
-        id: id.to_owned(),
-        w: matches.iter().map(|m| -m.distance).collect(),
-        q: Vec::new(),
-        match_episode,
-        match_step,
-        distances: matches.iter().map(|m| single(m.parts)).collect(),
+    /// The scores by nearest expert segments, without q, in the orders given. Experts are numbered
+    /// in the order of their ids.
+    fn by_nearest(
+        &self,
+        network: &Network,
+        base: Option<&ScoreBase>,
+        monitor: &mut dyn Monitor,
+    ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
+        let _no_grad = no_grad_guard();
+        let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(self.experts).collect();
+        sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
+        let (places, experts): (Vec<u32>, Vec<&Trajectory>) = sorted.into_iter().unzip();
+        let known = match base {
+            Some(base) => Known::new(base, &network.shape, &experts, self.imperfect)?,
+            None => Known::default(),
+        };
+        let total = 2 * count(network, self.experts) + count(network, self.imperfect);
+        let progress = Progress::new(monitor, total);
+        let run = Run { network, spec: self.spec, experts: &experts, places: &places, known: &known, progress };
+        let (imperfect, experts) = run.scores(self.imperfect)?;
+        let mut placed: Vec<(u32, EpisodeScores)> = places.into_iter().zip(experts).collect();
+        placed.sort_by_key(|(place, _)| *place);
+        Ok((imperfect, placed.into_iter().map(|(_, scores)| scores).collect()))
     }
 }
 

@@ -6,6 +6,31 @@ use super::run::validate_run;
 use super::{Device, within};
 use crate::error::LearnError;
 
+/// What gives segments their score.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Scorer {
+    /// The nearest expert segment in the encoder's features: the paper's method.
+    #[default]
+    Ssdf,
+    /// A baseline: the nearest expert segment in standardised o, m and a themselves; the network
+    /// is not run.
+    Raw,
+    /// A baseline: a small network that tells experts' steps from imperfect ones.
+    Classifier,
+}
+
+impl Scorer {
+    /// The word for it in specs and reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ssdf => "ssdf",
+            Self::Raw => "raw",
+            Self::Classifier => "classifier",
+        }
+    }
+}
+
 /// How two segments' features are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -13,27 +38,71 @@ pub enum Similarity {
     /// Negative sum over o, m, a of the Euclidean distance between last-step features.
     #[default]
     LastL2,
+    /// Sum over o, m, a of the cosine between last-step features, less 1 each.
+    LastCosine,
+    /// As `LastL2`, over the features of all the segment's steps, one after the other.
+    SegmentL2,
+    /// As `LastCosine`, over the features of all the segment's steps, one after the other.
+    SegmentCosine,
+}
+
+impl Similarity {
+    /// The word for it in specs and reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::LastL2 => "last_l2",
+            Self::LastCosine => "last_cosine",
+            Self::SegmentL2 => "segment_l2",
+            Self::SegmentCosine => "segment_cosine",
+        }
+    }
+
+    /// Whether all steps of the segment count, not only the last.
+    pub(crate) fn whole_segment(self) -> bool {
+        match self {
+            Self::LastL2 | Self::LastCosine => false,
+            Self::SegmentL2 | Self::SegmentCosine => true,
+        }
+    }
 }
 
 /// How similarities become quality scores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[serde(rename_all = "lowercase")]
 pub enum NormaliserKind {
     /// Smallest and largest similarity of the run's imperfect segments become 0 and 1.
+    // As job records of the first version have it.
     #[default]
+    #[serde(alias = "min_max")]
     MinMax,
+    /// The share of the run's imperfect segments that are less similar.
+    Quantile,
+}
+
+impl NormaliserKind {
+    /// The word for it in specs and reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::MinMax => "minmax",
+            Self::Quantile => "quantile",
+        }
+    }
 }
 
 /// Settings of [`score`](fn@crate::score).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ScoreSpec {
-    /// How segments are compared.
+    /// What gives the scores.
+    pub scorer: Scorer,
+    /// How segments are compared; the classifier compares none.
     pub similarity: Similarity,
     /// How similarities become scores.
     pub normaliser: NormaliserKind,
     /// Factors of the o, m and a distances; unset means 1, 1, 1 as in the paper.
     pub modality_scale: Option<[f64; 3]>,
+    /// Of the classifier's random numbers; nearest segments need none.
+    pub seed: u64,
     /// Where to run.
     pub device: Device,
     /// Intra-op threads; unset leaves the process as it is.
@@ -71,5 +140,20 @@ mod tests {
     fn a_scale_that_counts_nothing_is_refused() {
         let spec = ScoreSpec { modality_scale: Some([0.0; 3]), ..ScoreSpec::default() };
         assert!(spec.validate().is_err());
+    }
+
+    #[test]
+    fn the_words_in_specs_are_the_words_in_reports() {
+        let word = |value: serde_json::Value| value.as_str().unwrap().to_owned();
+        for scorer in [Scorer::Ssdf, Scorer::Raw, Scorer::Classifier] {
+            assert_eq!(word(serde_json::to_value(scorer).unwrap()), scorer.as_str());
+        }
+        for similarity in [Similarity::LastL2, Similarity::LastCosine, Similarity::SegmentL2, Similarity::SegmentCosine]
+        {
+            assert_eq!(word(serde_json::to_value(similarity).unwrap()), similarity.as_str());
+        }
+        for kind in [NormaliserKind::MinMax, NormaliserKind::Quantile] {
+            assert_eq!(word(serde_json::to_value(kind).unwrap()), kind.as_str());
+        }
     }
 }

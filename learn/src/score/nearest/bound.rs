@@ -1,127 +1,135 @@
 //! The filter: lower bounds of distances from single-precision matrix products, with a proven
 //! margin. Knows nothing of which distances win.
 
-use std::ops::Range;
-
-use tch::{Device, Kind, Tensor};
-
-use crate::batch::{int, rows};
+use crate::score::features::Features;
+use crate::score::similarity::{Kind, Metric, to_unit};
 
 /// Unit roundoff of single precision.
 const U: f64 = 5.960_464_477_539_063e-8;
-/// More than the relative rounding of the square roots and sums that follow the products.
+/// More than the relative rounding of the roots, factors and sums that follow the products.
 const SLACK: f64 = 16.0 * U;
+/// More than what products below the range of single precision lose; far below any distance that
+/// is told apart.
+const UNDERFLOW: f64 = 1e-32;
 
-/// Rows of the three modalities, centred.
-pub(super) struct Centred([Modality; 3]);
-
-/// One modality's centred rows.
-struct Modality {
-    /// `[N, d]`.
-    rows: Tensor,
-    /// `[N]`: ‖x‖² less the margin ε ‖x‖² that makes the product a lower bound.
-    squares: Tensor,
-    /// ‖x‖ of every row.
-    norms: Vec<f64>,
+/// What brings rows into the filter's frame: any centre is right, a central one is good.
+pub(super) struct Frame {
+    metric: Metric,
+    centre: [Vec<f32>; 3],
 }
 
-impl Modality {
-    fn new(values: &[f32], centre: &[f32]) -> Self {
+/// One modality's rows in the frame: centred, for angles centred unit vectors.
+pub(super) struct Framed {
+    /// Row-major.
+    pub(super) rows: Vec<f32>,
+    /// Per row ‖x‖² less the margin ε ‖x‖² that makes the product a lower bound.
+    pub(super) squares: Vec<f32>,
+    /// Per row, how far bringing it here may have moved it.
+    pub(super) moved: Vec<f64>,
+}
+
+impl Frame {
+    /// The frame whose centre is the mean of `features`.
+    pub(super) fn new(features: &Features, metric: Metric) -> Self {
+        let centre = |modality: usize| {
+            let width = features.widths()[modality];
+            let mut sum = vec![0f64; width];
+            for row in features.values(modality).chunks(width) {
+                let factor = if metric.kind == Kind::Angular { to_unit(row) } else { 1.0 };
+                for (sum, x) in sum.iter_mut().zip(row) {
+                    *sum += f64::from(*x) * factor;
+                }
+            }
+            #[expect(clippy::cast_precision_loss, reason = "far fewer rows than 2^52")]
+            let count = features.count().max(1) as f64;
+            sum.iter().map(|sum| single(sum / count)).collect()
+        };
+        Self { metric, centre: [0, 1, 2].map(centre) }
+    }
+
+    /// Rows `from..to` of `modality`.
+    pub(super) fn apply(&self, features: &Features, modality: usize, (from, to): (usize, usize)) -> Framed {
+        let centre = &self.centre[modality];
         let width = centre.len();
-        let moved: Vec<f32> = values.chunks(width).flat_map(|row| row.iter().zip(centre).map(|(x, c)| x - c)).collect();
-        let squares: Vec<f64> =
-            moved.chunks(width).map(|row| row.iter().map(|x| f64::from(*x).powi(2)).sum()).collect();
-        // The product errs by at most γ(d + 2) · 2 (‖x‖² + ‖y‖²), γ(n) ≈ n U, whatever the order of
-        // its additions; rounding the two squares and their sum errs by at most 3 U (‖x‖² + ‖y‖²).
+        let values = &features.values(modality)[from * width..to * width];
+        let mut rows = Vec::with_capacity(values.len());
+        match self.metric.kind {
+            Kind::Euclidean => {
+                values.chunks_exact(width).for_each(|row| rows.extend(row.iter().zip(centre).map(|(x, c)| x - c)));
+            }
+            Kind::Angular => values.chunks_exact(width).for_each(|row| {
+                let factor = to_unit(row);
+                rows.extend(row.iter().zip(centre).map(|(x, c)| single(f64::from(*x) * factor) - c));
+            }),
+        }
+        // The product errs by at most γ(d) · 2 ‖x‖ ‖y‖ ≤ γ(d) (‖x‖² + ‖y‖²), γ(n) ≈ n U, whatever the
+        // order of its additions; the squares, in eight lanes, by γ(d / 8 + 8) of each; rounding
+        // them and adding the three by less than 5 U (‖x‖² + ‖y‖²).
         #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
-        let epsilon = 2.5 * U * (width as f64 + 8.0);
-        #[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margin")]
-        let shrunk: Vec<f32> = squares.iter().map(|s| (s * (1.0 - epsilon)) as f32).collect();
-        Self {
-            rows: rows(&moved, width, Device::Cpu),
-            squares: Tensor::from_slice(&shrunk),
-            norms: squares.iter().map(|s| s.sqrt()).collect(),
+        let epsilon = 1.5 * U * (width as f64 + 16.0);
+        let squares: Vec<f64> = rows.chunks_exact(width).map(square).collect();
+        // Centring errs by U of every difference, the unit vector by U of every value, at most 1 in
+        // all.
+        let unit = if self.metric.kind == Kind::Angular { 1.0 } else { 0.0 };
+        Framed {
+            moved: squares.iter().map(|square| 1.01 * U * (square.sqrt() + unit)).collect(),
+            squares: squares.iter().map(|square| single(square * (1.0 - epsilon) - UNDERFLOW)).collect(),
+            rows,
         }
     }
 
-    /// Lower bounds of ‖x − y‖ to rows `from .. from + count` of `others`, `[N, count]`.
-    fn lower_bounds(&self, others: &Self, from: i64, count: i64) -> Tensor {
-        let squares = others.squares.narrow(0, from, count).unsqueeze(0);
-        // Doubling is exact, so −2 x·y has the relative error of x·y.
-        let doubled = &self.rows * -2.0;
-        let mut bound =
-            (self.squares.unsqueeze(1) + squares).addmm_(&doubled, &others.rows.narrow(0, from, count).tr());
-        bound.clamp_min_(0.0).sqrt_()
-    }
-}
-
-impl Centred {
-    /// Centres `values` (row-major, per modality) at `centre`.
-    pub(super) fn new(values: [&[f32]; 3], centre: &[Vec<f32>; 3]) -> Self {
-        Self(std::array::from_fn(|i| Modality::new(values[i], &centre[i])))
-    }
-
-    /// Lower bounds of the scaled distances to `tile` of `others`, `[N, tile]`, up to what
-    /// [`limit`] allows for; infinite where the tile meets `skip`.
-    pub(super) fn lower_bounds(
-        &self,
-        others: &Self,
-        scale: &[f64; 3],
-        tile: &Range<usize>,
-        skip: &Range<usize>,
-    ) -> Tensor {
-        let (from, count) = (int(tile.start), int(tile.len()));
-        let size = [int(self.0[0].norms.len()), count];
-        let mut sum: Option<Tensor> = None;
-        for (i, scale) in scale.iter().enumerate().filter(|(_, scale)| **scale > 0.0) {
-            let mut bound = self.0[i].lower_bounds(&others.0[i], from, count);
-            if *scale != 1.0 {
-                bound = bound.g_mul_scalar_(*scale);
-            }
-            sum = Some(match sum {
-                Some(mut sum) => sum.g_add_(&bound),
-                None => bound,
-            });
+    /// How far the distance of two rows may have been changed by bringing them here, if that moved
+    /// them by at most `moved` in all, per modality.
+    pub(super) fn reach(&self, moved: [f64; 3]) -> f64 {
+        let scaled = moved.iter().zip(&self.metric.scale);
+        match self.metric.kind {
+            // |‖x′ − y′‖ − ‖x − y‖| ≤ r.
+            Kind::Euclidean => scaled.map(|(r, scale)| r * scale).sum(),
+            // ‖u′ − v′‖² / 2 ≤ (‖u − v‖ + r)² / 2, and ‖u − v‖ ≤ 2.
+            Kind::Angular => scaled.map(|(r, scale)| (2.0 + r) * r * scale).sum(),
         }
-        let sum = sum.unwrap_or_else(|| Tensor::zeros(size, (Kind::Float, Device::Cpu)));
-        let (start, end) = (skip.start.max(tile.start), skip.end.min(tile.end));
-        if start < end {
-            let mut skipped = sum.narrow(1, int(start - tile.start), int(end - start));
-            let _ = skipped.fill_(f64::INFINITY);
-        }
-        sum
     }
 
-    /// How far centring in single precision may have moved the distance of each row to any row in
-    /// `tile` of `others`: U (‖x‖ + ‖y‖) per modality.
-    pub(super) fn reach(&self, others: &Self, scale: &[f64; 3], tile: &Range<usize>) -> Vec<f64> {
-        let mut reach = vec![0.0; self.0[0].norms.len()];
-        for (i, scale) in scale.iter().enumerate() {
-            let norms = &others.0[i].norms[tile.clone()];
-            let farthest = norms.iter().fold(0.0, |a: f64, b| a.max(*b));
-            for (reach, norm) in reach.iter_mut().zip(&self.0[i].norms) {
-                *reach += 1.01 * U * scale * (norm + farthest);
+    /// Adds one modality's lower bounds of the scaled distances to `bounds`, one row against many:
+    /// `products` are −2 x·y, `squares` those of the many, `square` the one's.
+    pub(super) fn add(&self, modality: usize, (products, squares, square): (&[f32], &[f32], f32), bounds: &mut [f32]) {
+        let scale = single(self.metric.scale[modality]);
+        let terms = bounds.iter_mut().zip(products.iter().zip(squares));
+        match self.metric.kind {
+            Kind::Euclidean => terms.for_each(|(bound, (p, y))| *bound += scale * positive(p + y + square).sqrt()),
+            Kind::Angular => {
+                let half = scale / 2.0;
+                terms.for_each(|(bound, (p, y))| *bound += half * positive(p + y + square));
             }
         }
-        reach
     }
 }
 
 /// A lower bound above this rules out a distance of at most `distance`.
-pub(super) fn limit(distance: f64, reach: f64) -> f64 {
-    (distance + reach) * (1.0 + SLACK)
+pub(super) fn limit(distance: f64, reach: f64) -> f32 {
+    single((distance + reach) * (1.0 + SLACK)).next_up()
 }
 
-/// The mean of the rows, rounded to single precision: any centre is right, a central one is good.
-pub(super) fn centre(values: &[f32], width: usize) -> Vec<f32> {
-    let mut sum = vec![0f64; width];
-    for row in values.chunks(width) {
-        for (sum, x) in sum.iter_mut().zip(row) {
-            *sum += f64::from(*x);
+fn positive(x: f32) -> f32 {
+    if x > 0.0 { x } else { 0.0 }
+}
+
+/// ‖row‖².
+fn square(row: &[f32]) -> f64 {
+    let mut lanes = [0f32; 8];
+    let (chunks, rest) = row.as_chunks::<8>();
+    for chunk in chunks {
+        for lane in 0..8 {
+            lanes[lane] += chunk[lane] * chunk[lane];
         }
     }
-    #[expect(clippy::cast_precision_loss, reason = "far fewer rows than 2^52")]
-    let count = (values.len() / width).max(1) as f64;
-    #[expect(clippy::cast_possible_truncation, reason = "any centre is right")]
-    sum.iter().map(|sum| (sum / count) as f32).collect()
+    for (lane, x) in lanes.iter_mut().zip(rest) {
+        *lane += x * x;
+    }
+    lanes.iter().map(|lane| f64::from(*lane)).sum()
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margins")]
+fn single(x: f64) -> f32 {
+    x as f32
 }

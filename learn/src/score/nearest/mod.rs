@@ -1,4 +1,4 @@
-//! Exact nearest search over every expert segment.
+//! Exact nearest search over expert segments.
 //!
 //! A single-precision matrix product per modality, ‖x − y‖² = ‖x‖² + ‖y‖² − 2 x·y after centring,
 //! is the filter: it gives a lower bound of the distance with a proven margin. Whatever the bound
@@ -7,15 +7,21 @@
 //! where the best match is, its error exceeds the distance.
 
 mod bound;
+mod sweep;
 
-use std::ops::Range;
+use std::sync::Mutex;
 
-use tch::Tensor;
+use tch::{Device, Tensor};
 
 use super::features::Features;
-use super::similarity::LastL2;
-use crate::batch::{int, values};
-use bound::{Centred, centre, limit};
+use super::similarity::Metric;
+use crate::batch::rows;
+use crate::device;
+use bound::Frame;
+use sweep::Sweep;
+
+/// Fewer pairs than this are not worth another thread.
+const PAIRS_A_THREAD: usize = 1 << 17;
 
 /// How much is compared at a time; the result does not depend on it.
 #[derive(Debug, Clone, Copy)]
@@ -25,153 +31,136 @@ pub(crate) struct Tiles {
 }
 
 impl Default for Tiles {
-    /// Two single-precision tiles of this size stay within a core's cache.
+    /// The products of a tile, their copy and the bounds stay within a core's cache.
     fn default() -> Self {
-        Self { queries: 128, experts: 2048 }
+        Self { queries: 128, experts: 512 }
     }
 }
 
 /// A query's nearest expert segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Match {
-    /// Its place among all expert segments.
-    pub(crate) expert: usize,
+pub struct Match {
+    /// The number its episode was given.
+    pub episode: u32,
+    /// The step it ends at.
+    pub step: u32,
     /// The scaled sum of the distances.
-    pub(crate) distance: f64,
+    pub distance: f64,
     /// The distances of o, m and a.
-    pub(crate) parts: [f64; 3],
+    pub parts: [f32; 3],
 }
 
 impl Match {
-    /// Nearer, or as near and earlier.
+    /// Nearer, or as near and of an earlier number, or of the same and an earlier step.
     fn beats(&self, other: &Option<Self>) -> bool {
-        other.as_ref().is_none_or(|other| (self.distance, self.expert) < (other.distance, other.expert))
+        let order = |found: &Self| (found.distance, found.episode, found.step);
+        other.as_ref().is_none_or(|other| order(self) < order(other))
     }
 }
 
-/// All expert segments, ready to be compared with.
-pub(crate) struct Reference {
+/// Some expert episodes' segments, ready to be compared with.
+pub struct Reference {
+    experts: Experts,
+    /// −2 × the experts' rows in the filter's frame, `[N, d]` per modality.
+    doubled: [Tensor; 3],
+}
+
+/// What threads share of it.
+struct Experts {
     features: Features,
-    /// Where each expert episode's segments begin, and at last where all end.
+    /// The episodes' numbers, in rising order.
+    numbers: Vec<u32>,
+    /// Where each episode's segments begin, and at last where all end.
     bounds: Vec<usize>,
-    similarity: LastL2,
+    metric: Metric,
     tiles: Tiles,
-    centre: [Vec<f32>; 3],
-    centred: Centred,
-    /// The latest winner: a first bound for the next query.
-    latest: Option<usize>,
+    frame: Frame,
+    /// Per modality and segment, as the filter wants them.
+    squares: [Vec<f32>; 3],
+    /// Per modality the most that bringing a segment into the frame moved it.
+    moved: [f64; 3],
 }
 
 impl Reference {
-    /// The segments of `episodes`. Searches on the CPU, where single precision is what it says.
-    pub(crate) fn new(episodes: &[Features], similarity: LastL2, tiles: Tiles) -> Self {
-        let width = episodes.first().map_or(1, |features| features.width);
+    /// The segments of `episodes`, each with its number, in rising order. Searches on the CPU, where
+    /// single precision is what it says.
+    pub fn new(episodes: &[(u32, &Features)], metric: Metric) -> Self {
+        Self::with_tiles(episodes, metric, Tiles::default())
+    }
+
+    pub(crate) fn with_tiles(episodes: &[(u32, &Features)], metric: Metric, tiles: Tiles) -> Self {
+        let widths = episodes.first().map_or([1; 3], |(_, features)| features.widths());
+        let mut features = Features::empty(widths);
         let mut bounds = vec![0];
-        let mut values: [Vec<f32>; 3] = Default::default();
-        for features in episodes {
-            bounds.push(bounds[bounds.len() - 1] + features.count());
-            for (all, part) in values.iter_mut().zip(&features.values) {
-                all.extend_from_slice(part);
+        for (_, episode) in episodes {
+            features.append(episode);
+            bounds.push(features.count());
+        }
+        let frame = Frame::new(&features, metric);
+        let framed = [0, 1, 2].map(|modality| frame.apply(&features, modality, (0, features.count())));
+        let doubled = std::array::from_fn(|i| rows(&framed[i].rows, widths[i], Device::Cpu) * -2.0);
+        let moved = framed.each_ref().map(|framed| framed.moved.iter().fold(0.0, |a: f64, b| a.max(*b)));
+        let squares = framed.map(|framed| framed.squares);
+        let numbers = episodes.iter().map(|(number, _)| *number).collect();
+        Self { experts: Experts { features, numbers, bounds, metric, tiles, frame, squares, moved }, doubled }
+    }
+
+    /// Improves `matches`, one per query, by the nearest of these segments, leaving out the episode
+    /// number `without`. What was there stays where none is nearer; a tie goes to the lowest
+    /// episode number, then the first step.
+    pub fn improve(&self, queries: &Features, without: Option<u32>, matches: &mut [Option<Match>]) {
+        let threads = usize::try_from(tch::get_num_threads()).unwrap_or(1);
+        let worth = queries.count() * self.experts.features.count() / PAIRS_A_THREAD;
+        let ranges = self.experts.ranges(without);
+        let size = self.experts.tiles.queries;
+        let blocks = Mutex::new(matches.chunks_mut(size).enumerate());
+        let sweeps: Vec<Sweep<'_>> = (0..threads.min(worth).max(1))
+            .map(|_| Sweep::new(&self.experts, &self.doubled, queries, &ranges))
+            .collect();
+        device::side_by_side(sweeps, |mut sweep| {
+            // A thread that failed cannot have left the list half taken from.
+            let next = || blocks.lock().unwrap_or_else(std::sync::PoisonError::into_inner).next();
+            while let Some((block, best)) = next() {
+                sweep.block(block * size, best);
             }
-        }
-        let middle: [Vec<f32>; 3] = std::array::from_fn(|i| centre(&values[i], width));
-        Self {
-            centred: Centred::new(values.each_ref().map(Vec::as_slice), &middle),
-            features: Features { values, width },
-            bounds,
-            similarity,
-            tiles,
-            centre: middle,
-            latest: None,
-        }
+        });
     }
 
-    /// The expert episode and the step of expert segment `expert`.
-    pub(crate) fn place(&self, expert: usize) -> (u32, u32) {
-        let episode = self.bounds.partition_point(|bound| *bound <= expert) - 1;
-        let short = |n: usize| u32::try_from(n).unwrap_or(u32::MAX);
-        (short(episode), short(expert - self.bounds[episode]))
-    }
-
-    /// The nearest expert segment of every query, leaving out the expert episodes `without`;
+    /// The nearest of these segments to each query, leaving out the episode number `without`;
     /// `None` if that leaves no expert.
-    pub(crate) fn nearest(&mut self, queries: &Features, without: &Range<usize>) -> Option<Vec<Match>> {
-        let skip = self.bounds[without.start]..self.bounds[without.end];
-        if skip.len() == self.features.count() {
-            return None;
-        }
-        let mut matches = Vec::with_capacity(queries.count());
-        for begin in (0..queries.count()).step_by(self.tiles.queries) {
-            let end = queries.count().min(begin + self.tiles.queries);
-            let found = self.search(queries, begin..end, &skip);
-            self.latest = found.last().map(|found| found.expert);
-            matches.extend(found);
-        }
-        Some(matches)
+    pub fn nearest(&self, queries: &Features, without: Option<u32>) -> Option<Vec<Match>> {
+        let mut matches = vec![None; queries.count()];
+        self.improve(queries, without, &mut matches);
+        matches.into_iter().collect()
+    }
+}
+
+impl Experts {
+    /// Tiles over all segments but those of episode number `without`: (from, to).
+    fn ranges(&self, without: Option<u32>) -> Vec<(usize, usize)> {
+        let skipped = without.and_then(|number| self.numbers.binary_search(&number).ok());
+        let all = self.features.count();
+        let (start, end) = skipped.map_or((all, all), |at| (self.bounds[at], self.bounds[at + 1]));
+        let tile = |range: (usize, usize)| {
+            let begins = (range.0..range.1).step_by(self.tiles.experts);
+            begins.map(move |begin| (begin, range.1.min(begin + self.tiles.experts)))
+        };
+        tile((0, start)).chain(tile((end, all))).collect()
     }
 
-    /// The nearest of queries `block`.
-    fn search(&self, queries: &Features, block: Range<usize>, skip: &Range<usize>) -> Vec<Match> {
-        let width = queries.width;
-        let rows = block.start * width..block.end * width;
-        let part = queries.values.each_ref().map(|all| &all[rows.clone()]);
-        let centred = Centred::new(part, &self.centre);
-        let mut best: Vec<Option<Match>> = vec![None; block.len()];
-        if let Some(guess) = self.latest {
-            for (offset, best) in best.iter_mut().enumerate() {
-                for expert in [guess, guess + offset + 1] {
-                    if expert < self.features.count() && !skip.contains(&expert) {
-                        self.consider((queries, block.start + offset), expert, best);
-                    }
-                }
-            }
-        }
-        let scale = &self.similarity.scale;
-        for begin in (0..self.features.count()).step_by(self.tiles.experts) {
-            let tile = begin..self.features.count().min(begin + self.tiles.experts);
-            let bounds = centred.lower_bounds(&self.centred, scale, &tile, skip);
-            let reach = centred.reach(&self.centred, scale, &tile);
-            self.refine((queries, block.start), &bounds, (tile.start, &reach), &mut best);
-        }
-        best.into_iter().flatten().collect()
+    /// The episode number and the step of segment `at`.
+    fn place(&self, at: usize) -> (u32, u32) {
+        let episode = self.bounds.partition_point(|bound| *bound <= at) - 1;
+        (self.numbers[episode], u32::try_from(at - self.bounds[episode]).unwrap_or(u32::MAX))
     }
 
-    /// Compares directly whatever `bounds` cannot rule out. `tile` is its first expert and reach.
-    fn refine(
-        &self,
-        (queries, first): (&Features, usize),
-        bounds: &Tensor,
-        (begin, reach): (usize, &[f64]),
-        best: &mut [Option<Match>],
-    ) {
-        let (lowest, nearest) = bounds.min_dim(1, false);
-        let lowest = values(&lowest);
-        let nearest = Vec::<i64>::try_from(nearest).unwrap_or_default();
-        let limit =
-            |best: &Option<Match>, reach: f64| best.as_ref().map_or(f64::MAX, |best| limit(best.distance, reach));
-        for (row, best) in best.iter_mut().enumerate() {
-            if f64::from(lowest[row]) > limit(best, reach[row]) {
-                continue;
-            }
-            // The likeliest winner first: its distance rules out nearly all the others.
-            let query = (queries, first + row);
-            let likeliest = usize::try_from(nearest[row]).unwrap_or(0);
-            self.consider(query, begin + likeliest, best);
-            let row_bounds = values(&bounds.get(int(row)));
-            for (place, bound) in row_bounds.iter().enumerate() {
-                if f64::from(*bound) <= limit(best, reach[row]) {
-                    self.consider(query, begin + place, best);
-                }
-            }
-        }
-    }
-
-    fn consider(&self, query: (&Features, usize), expert: usize, best: &mut Option<Match>) {
-        let parts = LastL2::parts(query, (&self.features, expert));
-        let found = Match { expert, distance: self.similarity.distance(parts), parts };
-        if found.beats(best) {
-            *best = Some(found);
-        }
+    /// Row `query` of `queries` against segment `at`, directly.
+    fn compare(&self, queries: (&Features, usize), at: usize) -> Match {
+        let parts = self.metric.parts(queries, (&self.features, at));
+        let (episode, step) = self.place(at);
+        #[expect(clippy::cast_possible_truncation, reason = "kept in single precision")]
+        let single = parts.map(|part| part as f32);
+        Match { episode, step, distance: self.metric.distance(parts), parts: single }
     }
 }
 

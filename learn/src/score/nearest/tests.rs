@@ -6,41 +6,72 @@ use rand::RngExt;
 
 use super::*;
 use crate::random::{Purpose, generator};
+use crate::score::similarity::Kind;
 
-const WIDTH: usize = 24;
-const ONES: LastL2 = LastL2 { scale: [1.0; 3] };
+const WIDTHS: [usize; 3] = [24, 7, 33];
+const ONES: Metric = Metric { kind: Kind::Euclidean, scale: [1.0; 3] };
+const METRICS: [Metric; 4] = [
+    ONES,
+    Metric { kind: Kind::Angular, scale: [1.0; 3] },
+    Metric { kind: Kind::Euclidean, scale: [0.5, 0.0, 3.0] },
+    Metric { kind: Kind::Angular, scale: [0.0, 2.0, 0.1] },
+];
+const TILES: [Tiles; 4] = [
+    Tiles { queries: 128, experts: 512 },
+    Tiles { queries: 1, experts: 1 },
+    Tiles { queries: 7, experts: 33 },
+    Tiles { queries: 50, experts: 5 },
+];
 
-/// Rows of norm about `norm` around a far-off common point.
+/// Rows of size about `norm` around a far-off common point.
 fn features(seed: u64, count: usize, norm: f32) -> Features {
     let mut rng = generator(seed, Purpose::Mask, 9);
-    let mut values = |_| (0..count * WIDTH).map(|_| norm / 5.0 * (1.0 + rng.random_range(-0.5f32..0.5))).collect();
-    Features { values: [values(0), values(1), values(2)], width: WIDTH }
+    let values =
+        WIDTHS.map(|width| (0..count * width).map(|_| norm / 5.0 * (1.0 + rng.random_range(-0.5f32..0.5))).collect());
+    Features::new(values, WIDTHS).unwrap()
 }
 
-fn copy_row(from: (&Features, usize), to: (&mut Features, usize)) {
-    for modality in 0..3 {
-        let row = from.0.row(modality, from.1).to_vec();
-        to.0.values[modality][to.1 * WIDTH..(to.1 + 1) * WIDTH].copy_from_slice(&row);
-    }
+/// `features` with row `at` changed by `change`, per modality.
+fn with_row(features: &Features, at: usize, change: impl Fn(usize, &mut [f32])) -> Features {
+    let values = [0, 1, 2].map(|modality| {
+        let mut values = features.values(modality).to_vec();
+        change(modality, &mut values[at * WIDTHS[modality]..(at + 1) * WIDTHS[modality]]);
+        values
+    });
+    Features::new(values, WIDTHS).unwrap()
 }
 
-/// Direct comparison with every expert segment outside `without`, in order.
+/// The distance as anyone would write it.
+fn plain_distance(metric: &Metric, a: (&Features, usize), b: (&Features, usize)) -> f64 {
+    let double = |row: &[f32]| row.iter().map(|x| f64::from(*x)).collect::<Vec<f64>>();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    (0..3)
+        .map(|i| {
+            let (a, b) = (double(a.0.row(i, a.1)), double(b.0.row(i, b.1)));
+            let part = match metric.kind {
+                Kind::Euclidean => a.iter().zip(&b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt(),
+                Kind::Angular => 1.0 - dot(&a, &b) / (dot(&a, &a) * dot(&b, &b)).sqrt(),
+            };
+            part * metric.scale[i]
+        })
+        .sum()
+}
+
+/// Direct comparison with every expert segment outside episode `without`, in order.
 fn brute_force(
     episodes: &[Features],
     queries: &Features,
-    similarity: LastL2,
-    without: &Range<usize>,
+    metric: Metric,
+    without: Option<u32>,
 ) -> Vec<(u32, u32, f64)> {
     (0..queries.count())
         .map(|query| {
             let mut best = (0, 0, f64::INFINITY);
-            for (e, episode) in (0u32..).zip(episodes) {
-                if without.contains(&(e as usize)) {
-                    continue;
-                }
+            for (e, episode) in (0u32..).zip(episodes).filter(|(e, _)| Some(*e) != without) {
                 for (t, at) in (0u32..).zip(0..episode.count()) {
-                    let parts = LastL2::parts((queries, query), (episode, at));
-                    let distance = similarity.distance(parts);
+                    let distance = metric.distance(metric.parts((queries, query), (episode, at)));
+                    let plain = plain_distance(&metric, (queries, query), (episode, at));
+                    assert!((distance - plain).abs() <= 1e-13 * (1.0 + plain), "{distance} {plain}");
                     if distance < best.2 {
                         best = (e, t, distance);
                     }
@@ -51,90 +82,162 @@ fn brute_force(
         .collect()
 }
 
+fn numbered(episodes: &[Features]) -> Vec<(u32, &Features)> {
+    (0..).zip(episodes).collect()
+}
+
 fn found(
     episodes: &[Features],
     queries: &Features,
-    similarity: LastL2,
-    (tiles, without): (Tiles, Range<usize>),
+    metric: Metric,
+    (tiles, without): (Tiles, Option<u32>),
 ) -> Vec<(u32, u32, f64)> {
-    let mut reference = Reference::new(episodes, similarity, tiles);
-    let matches = reference.nearest(queries, &without).unwrap();
-    let describe = |found: &Match| {
-        let (episode, step) = reference.place(found.expert);
-        (episode, step, found.distance)
-    };
-    matches.iter().map(describe).collect()
+    let reference = Reference::with_tiles(&numbered(episodes), metric, tiles);
+    let matches = reference.nearest(queries, without).unwrap();
+    matches.iter().map(|found| (found.episode, found.step, found.distance)).collect()
 }
 
-const TILES: [Tiles; 4] = [
-    Tiles { queries: 128, experts: 2048 },
-    Tiles { queries: 1, experts: 1 },
-    Tiles { queries: 7, experts: 33 },
-    Tiles { queries: 50, experts: 5 },
-];
-
-#[test]
-fn near_and_exact_duplicates_at_large_norms_are_found_exactly() {
+/// Experts and queries, half of which have exact duplicates among the experts and half duplicates
+/// a bit or two off.
+fn near_duplicates() -> (Vec<Features>, Features) {
     let mut episodes: Vec<Features> = (0..6).map(|seed| features(seed, 40, 100.0)).collect();
     let queries = features(99, 60, 100.0);
+    let copy = |from: usize, bits: usize| {
+        let queries = queries.clone();
+        move |modality: usize, row: &mut [f32]| {
+            row.copy_from_slice(queries.row(modality, from));
+            if modality == from % 3 {
+                row[0] = (0..bits).fold(row[0], |x, _| x.next_up());
+            }
+        }
+    };
     for query in 0..30 {
         // The same row in two episodes and twice in one: the first must win.
-        for place in [(1, query), (4, query), (4, (query + 1) % 40)] {
-            copy_row((&queries, query), (&mut episodes[place.0], place.1));
+        for (episode, at) in [(1, query), (4, query), (4, (query + 1) % 40)] {
+            episodes[episode] = with_row(&episodes[episode], at, copy(query, 0));
         }
     }
-    let last_bit = |x: f32| f32::from_bits(x.to_bits() + 1);
     for query in 30..60 {
         // A duplicate one last bit off in a single value, and one two bits off before it.
         for (episode, bits) in [(0, 2), (5, 1)] {
-            copy_row((&queries, query), (&mut episodes[episode], query - 30));
-            let value = &mut episodes[episode].values[query % 3][(query - 30) * WIDTH];
-            *value = (0..bits).fold(*value, |x, _| last_bit(x));
+            episodes[episode] = with_row(&episodes[episode], query - 30, copy(query, bits));
         }
     }
-    let expected = brute_force(&episodes, &queries, ONES, &(0..0));
-    assert_eq!(expected[40].0, 5);
-    for tiles in TILES {
-        assert_eq!(found(&episodes, &queries, ONES, (tiles, 0..0)), expected);
+    (episodes, queries)
+}
+
+#[test]
+fn near_and_exact_duplicates_at_large_norms_are_found_exactly() {
+    let (episodes, queries) = near_duplicates();
+    for metric in METRICS {
+        let expected = brute_force(&episodes, &queries, metric, None);
+        for tiles in TILES {
+            assert_eq!(found(&episodes, &queries, metric, (tiles, None)), expected);
+        }
+    }
+    assert_eq!(found(&episodes, &queries, ONES, (TILES[0], None))[40].0, 5);
+}
+
+#[test]
+fn threads_do_not_change_the_result() {
+    // Enough pairs for three threads to be worth it.
+    let episodes: Vec<Features> = (0..3).map(|seed| features(seed, 400, 10.0)).collect();
+    let queries = features(7, 400, 10.0);
+    let matches = |threads| {
+        let before = tch::get_num_threads();
+        tch::set_num_threads(threads);
+        let reference = Reference::new(&numbered(&episodes), ONES);
+        let matches = reference.nearest(&queries, None).unwrap();
+        assert_eq!(tch::get_num_threads(), threads);
+        tch::set_num_threads(before);
+        matches
+    };
+    let alone = matches(1);
+    assert_eq!(matches(3), alone);
+    for (query, found) in alone.iter().enumerate().step_by(37) {
+        let episode = &episodes[found.episode as usize];
+        let plain = plain_distance(&ONES, (&queries, query), (episode, found.step as usize));
+        assert!((found.distance - plain).abs() < 1e-9);
     }
 }
 
 #[test]
 fn an_episode_left_out_is_never_matched() {
     let episodes: Vec<Features> = (0..4).map(|seed| features(seed, 30, 10.0)).collect();
-    let scaled = LastL2 { scale: [0.5, 0.0, 3.0] };
-    for (at, queries) in episodes.iter().enumerate() {
-        let without = at..at + 1;
-        let expected = brute_force(&episodes, queries, scaled, &without);
-        assert!(expected.iter().all(|best| best.0 as usize != at));
-        for tiles in TILES {
-            let found = found(&episodes, queries, scaled, (tiles, without.clone()));
-            assert_eq!(found, expected);
+    for metric in METRICS {
+        for (at, queries) in (0u32..).zip(&episodes) {
+            let expected = brute_force(&episodes, queries, metric, Some(at));
+            assert!(expected.iter().all(|best| best.0 != at));
+            for tiles in TILES {
+                assert_eq!(found(&episodes, queries, metric, (tiles, Some(at))), expected);
+            }
         }
     }
-    let only = &episodes[..1];
-    let mut reference = Reference::new(only, ONES, Tiles::default());
-    assert!(reference.nearest(&episodes[1], &(0..1)).is_none());
+    let reference = Reference::new(&numbered(&episodes[..1]), ONES);
+    assert!(reference.nearest(&episodes[1], Some(0)).is_none());
+    assert!(reference.nearest(&episodes[1], Some(9)).is_some());
 }
 
 #[test]
-fn the_bound_never_exceeds_the_distance_and_is_tight_when_far() {
-    let episodes = [features(1, 200, 100.0)];
-    let queries = features(2, 50, 100.0);
-    let reference = Reference::new(&episodes, ONES, Tiles::default());
-    let part = queries.values.each_ref().map(Vec::as_slice);
-    let centred = Centred::new(part, &reference.centre);
-    let tile = 0..200;
-    let bounds = centred.lower_bounds(&reference.centred, &ONES.scale, &tile, &(0..0));
-    let reach = centred.reach(&reference.centred, &ONES.scale, &tile);
-    let bounds = values(&bounds);
-    for query in 0..50 {
-        for expert in 0..200 {
-            let parts = LastL2::parts((&queries, query), (&episodes[0], expert));
-            let distance = ONES.distance(parts);
-            let bound = f64::from(bounds[query * 200 + expert]);
-            assert!(bound <= limit(distance, reach[query]));
-            assert!(bound > distance * 0.999, "{bound} {distance}");
+fn searching_in_parts_is_searching_in_the_whole() {
+    let (episodes, queries) = near_duplicates();
+    let numbered = numbered(&episodes);
+    for metric in METRICS {
+        let whole = Reference::new(&numbered, metric).nearest(&queries, Some(2)).unwrap();
+        for parts in [[0, 2, 4], [1, 3, 5]] {
+            let (first, rest): (Vec<_>, Vec<_>) = numbered.iter().partition(|(number, _)| parts.contains(number));
+            let mut matches: Vec<Option<Match>> = vec![None; queries.count()];
+            for part in [rest, first] {
+                Reference::new(&part, metric).improve(&queries, Some(2), &mut matches);
+            }
+            assert_eq!(matches.into_iter().flatten().collect::<Vec<_>>(), whole);
+        }
+    }
+}
+
+#[test]
+fn tiny_zero_and_huge_values_are_compared_exactly() {
+    for norm in [1e-22f32, 1e-12, 1e12] {
+        let episodes: Vec<Features> = (0..2).map(|seed| features(seed, 20, norm)).collect();
+        let zero = with_row(&episodes[1], 3, |_, row| row.fill(0.0));
+        let (episodes, queries) = ([episodes[0].clone(), zero.clone()], with_row(&zero, 9, |_, row| row[0] = 0.0));
+        for metric in METRICS {
+            let reference = Reference::new(&numbered(&episodes), metric);
+            let found = reference.nearest(&queries, None).unwrap();
+            assert_eq!((found[3].episode, found[3].step, found[3].distance), (1, 3, 0.0));
+            for (query, found) in found.iter().enumerate() {
+                let every = episodes.iter().flat_map(|e| (0..e.count()).map(move |at| (e, at)));
+                let distances = every.map(|expert| metric.distance(metric.parts((&queries, query), expert)));
+                assert_eq!(found.distance, distances.fold(f64::INFINITY, f64::min));
+            }
+        }
+    }
+}
+
+#[test]
+fn the_bound_is_tight_where_rows_are_far_apart() {
+    let (experts, queries) = (features(1, 200, 100.0), features(2, 50, 100.0));
+    for metric in METRICS {
+        let frame = bound::Frame::new(&experts, metric);
+        let mut bounds = vec![0f32; 50 * 200];
+        let mut moved = [0.0f64; 3];
+        for modality in (0..3).filter(|i| metric.scale[*i] > 0.0) {
+            let [many, few] = [(&experts, 200), (&queries, 50)].map(|(f, count)| frame.apply(f, modality, (0, count)));
+            moved[modality] = many.moved.iter().chain(&few.moved).fold(0.0, |a: f64, b| a.max(*b)) * 2.0;
+            for (query, bounds) in bounds.chunks_mut(200).enumerate() {
+                let width = WIDTHS[modality];
+                let row = &few.rows[query * width..(query + 1) * width];
+                let dot = |other: &[f32]| other.iter().zip(row).map(|(x, y)| x * y).sum::<f32>() * -2.0;
+                let products: Vec<f32> = many.rows.chunks(width).map(dot).collect();
+                frame.add(modality, (&products, &many.squares, few.squares[query]), bounds);
+            }
+        }
+        for (query, bounds) in bounds.chunks(200).enumerate() {
+            for (expert, bound) in bounds.iter().enumerate() {
+                let distance = metric.distance(metric.parts((&queries, query), (&experts, expert)));
+                assert!(*bound <= bound::limit(distance, frame.reach(moved)));
+                assert!(f64::from(*bound) > distance * 0.999, "{bound} {distance}");
+            }
         }
     }
 }

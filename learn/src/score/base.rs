@@ -1,0 +1,84 @@
+//! An earlier run to go on from, checked, and its matches in the numbers of the run that does.
+
+use std::collections::{HashMap, HashSet};
+
+use super::nearest::Match;
+use super::{EpisodeScores, ScoreBase};
+use crate::error::LearnError;
+use crate::spec::TaskShape;
+use crate::trajectory::Trajectory;
+
+/// What is known before the search begins.
+#[derive(Default)]
+pub(super) struct Known<'a> {
+    scores: HashMap<&'a str, &'a EpisodeScores>,
+    /// The number now, and the steps, of every expert of the earlier run.
+    experts: Vec<(u32, usize)>,
+}
+
+impl<'a> Known<'a> {
+    /// What `base` knows, for `experts` in the order of their numbers and the `imperfect`.
+    pub(super) fn new(
+        base: &'a ScoreBase,
+        shape: &TaskShape,
+        experts: &[&Trajectory],
+        imperfect: &[Trajectory],
+    ) -> Result<Self, LearnError> {
+        base.normaliser.validate("base.normaliser")?;
+        let number = |id: &String| {
+            let at = experts.iter().position(|expert| expert.id == *id).ok_or_else(|| {
+                let message = format!("has {id}, which is not among the experts; add it, or score anew");
+                LearnError::invalid("base.experts", message)
+            })?;
+            Ok((u32::try_from(at).unwrap_or(u32::MAX), experts[at].steps(shape)))
+        };
+        let known = Self {
+            scores: base.scores.iter().map(|scores| (scores.id.as_str(), scores)).collect(),
+            experts: base.experts.iter().map(number).collect::<Result<_, LearnError>>()?,
+        };
+        for episode in experts.iter().copied().chain(imperfect) {
+            known.check(episode, shape)?;
+        }
+        Ok(known)
+    }
+
+    /// Whether expert `number` was one of the earlier run's.
+    pub(super) fn had(&self) -> HashSet<u32> {
+        self.experts.iter().map(|(number, _)| *number).collect()
+    }
+
+    /// The matches of episode `id` among the earlier run's experts; `None` if it had no scores.
+    pub(super) fn matches(&self, id: &str) -> Option<Vec<Option<Match>>> {
+        let scores = self.scores.get(id)?;
+        let known = |step: usize| {
+            let (episode, _) = self.experts[scores.match_episode[step] as usize];
+            let (step_matched, parts) = (scores.match_step[step], scores.distances[step]);
+            Some(Match { episode, step: step_matched, distance: -scores.w[step], parts })
+        };
+        Some((0..scores.w.len()).map(known).collect())
+    }
+
+    /// Fails unless the earlier scores of `episode`, if there are any, can be its.
+    fn check(&self, episode: &Trajectory, shape: &TaskShape) -> Result<(), LearnError> {
+        let Some(scores) = self.scores.get(episode.id.as_str()) else { return Ok(()) };
+        let steps = episode.steps(shape);
+        let wrong =
+            |message: String| Err(LearnError::invalid("base.scores", format!("of episode {} {message}", episode.id)));
+        let lengths = [scores.w.len(), scores.match_episode.len(), scores.match_step.len(), scores.distances.len()];
+        if lengths.iter().any(|length| *length != steps) {
+            return wrong(format!("have lengths {lengths:?}, the episode has {steps} steps; score anew"));
+        }
+        if scores.w.iter().any(|w| !(w.is_finite() && *w <= 0.0)) {
+            return wrong("hold a w that is not a number at most 0; score anew".into());
+        }
+        let mut places = scores.match_episode.iter().zip(&scores.match_step);
+        let lost = places.find(|(at, step)| {
+            let expert = self.experts.get(**at as usize);
+            expert.is_none_or(|(_, steps)| **step as usize >= *steps)
+        });
+        match lost {
+            Some((at, step)) => wrong(format!("match step {step} of expert {at}, which there is not; score anew")),
+            None => Ok(()),
+        }
+    }
+}

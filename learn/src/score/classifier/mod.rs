@@ -1,0 +1,125 @@
+//! A baseline: how sure a small network is that a step is an expert's.
+//!
+//! w(τ) = log p(τ is an expert's), from the last step's observation and action alone. Episodes are
+//! split into two folds and each fold is scored by a network trained on the other, so no episode
+//! is scored by a network that saw it.
+
+mod mlp;
+
+use std::collections::HashMap;
+
+use tch::Tensor;
+
+use super::EpisodeScores;
+use super::features::{Features, raw};
+use super::run::{Progress, count};
+use crate::batch::rows;
+use crate::error::LearnError;
+use crate::model::Network;
+use crate::train::Monitor;
+use crate::trajectory::Trajectory;
+use mlp::{BATCH, Mlp, STEPS};
+
+/// One episode's steps, ready for the network.
+struct Episode<'a> {
+    id: &'a str,
+    /// `[T, W]`.
+    inputs: Tensor,
+    fold: usize,
+}
+
+/// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the
+/// order given.
+pub(super) fn scores(
+    network: &Network,
+    (experts, imperfect): (&[Trajectory], &[Trajectory]),
+    seed: u64,
+    monitor: &mut dyn Monitor,
+) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
+    let steps = count(network, experts.iter().chain(imperfect));
+    let mut progress = Progress::new(monitor, steps + 2 * STEPS * u64::from(BATCH));
+    let folds = folds(experts, imperfect)?;
+    let mut gather = |episodes| gather(network, episodes, &folds, &mut progress);
+    let (experts, imperfect) = (gather(experts)?, gather(imperfect)?);
+    let mut trained = Vec::with_capacity(2);
+    for fold in 0..2 {
+        let others = [class(&experts, 1 - fold), class(&imperfect, 1 - fold)];
+        trained.push(Mlp::train(&others, seed, fold, &mut progress)?);
+    }
+    let describe = |episodes: &[Episode<'_>]| -> Result<Vec<EpisodeScores>, LearnError> {
+        episodes.iter().map(|episode| describe(episode, &trained[episode.fold])).collect()
+    };
+    Ok((describe(&imperfect)?, describe(&experts)?))
+}
+
+/// The fold of every episode: every other one in the order of ids, for experts and imperfect
+/// episodes by themselves; one that is both is in one fold only.
+fn folds<'a>(experts: &'a [Trajectory], imperfect: &'a [Trajectory]) -> Result<HashMap<&'a str, usize>, LearnError> {
+    let mut folds = HashMap::new();
+    for (field, episodes) in [("experts", experts), ("imperfect", imperfect)] {
+        let mut ids: Vec<&str> = episodes.iter().map(|episode| episode.id.as_str()).collect();
+        ids.sort_unstable();
+        let mut next = 0;
+        for id in &ids {
+            folds.entry(*id).or_insert_with(|| {
+                next += 1;
+                (next - 1) % 2
+            });
+        }
+        if (0..2).any(|fold| ids.iter().all(|id| folds[id] != fold)) {
+            let message = "has too few episodes for the classifier, which is trained on one half to score the \
+                           other; give at least two, or use another scorer";
+            return Err(LearnError::invalid(field, message));
+        }
+    }
+    Ok(folds)
+}
+
+/// Every episode's inputs, by id.
+fn gather<'a>(
+    network: &Network,
+    episodes: &'a [Trajectory],
+    folds: &HashMap<&str, usize>,
+    progress: &mut Progress<'_>,
+) -> Result<Vec<Episode<'a>>, LearnError> {
+    let mut all = Vec::with_capacity(episodes.len());
+    for trajectory in episodes {
+        let features = raw::steps(network, trajectory);
+        if !features.sound() {
+            return Err(LearnError::invalid(
+                format!("episode {}", trajectory.id),
+                "is too far from the encoder's data to be standardised; mend it or leave it out",
+            ));
+        }
+        progress.advance(features.count())?;
+        let fold = folds.get(trajectory.id.as_str()).copied().unwrap_or(0);
+        all.push(Episode { id: &trajectory.id, inputs: inputs(network, &features), fold });
+    }
+    Ok(all)
+}
+
+/// o, m and a side by side, `[T, W]`.
+fn inputs(network: &Network, features: &Features) -> Tensor {
+    let part = |i: usize| rows(features.values(i), features.widths()[i], network.device());
+    Tensor::cat(&[0, 1, 2].map(part), 1)
+}
+
+/// All steps of the episodes in `fold`, `[N, W]`, in the order of ids.
+fn class(episodes: &[Episode<'_>], fold: usize) -> Tensor {
+    let mut chosen: Vec<&Episode<'_>> = episodes.iter().filter(|episode| episode.fold == fold).collect();
+    chosen.sort_by_key(|episode| episode.id);
+    Tensor::cat(&chosen.iter().map(|episode| &episode.inputs).collect::<Vec<_>>(), 0)
+}
+
+fn describe(episode: &Episode<'_>, mlp: &Mlp) -> Result<EpisodeScores, LearnError> {
+    let w = mlp.log_probability(&episode.inputs);
+    if !w.iter().all(|w| w.is_finite()) {
+        let message = "is too far from the other episodes for the classifier; mend it or use another scorer";
+        return Err(LearnError::invalid(format!("episode {}", episode.id), message));
+    }
+    let (match_episode, match_step, distances) = (Vec::new(), Vec::new(), Vec::new());
+    Ok(EpisodeScores { id: episode.id.to_owned(), w, q: Vec::new(), match_episode, match_step, distances })
+}
+
+#[cfg(test)]
+mod tests;

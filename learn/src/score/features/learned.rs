@@ -1,0 +1,39 @@
+//! z^o, z^m, z^a of the unmasked, bidirectional pass: of the last step, z_{i+l}, or of all the
+//! segment's steps z_i … z_{i+l}, one after the other.
+
+use tch::Tensor;
+
+use super::{CHUNK, Features};
+use crate::batch::{Batch, Segment, Segments, Windows, int};
+use crate::model::{Modality, Network, View};
+use crate::trajectory::Trajectory;
+
+/// Per segment and modality d values, or, of the `whole` segment, (l + 1) d, where places before
+/// the episode are zero.
+pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Features {
+    let every = Segments::every(&network.shape, &[trajectory]);
+    let steps: Vec<Tensor> = every.all().chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk)).collect();
+    let steps = Tensor::cat(&steps, 0);
+    let window = network.spec.window();
+    let keep = if whole { window } else { 1 };
+    let mut features = Features::empty([keep * network.width(); 3]);
+    for chunk in every.all().chunks(CHUNK) {
+        let (windows, needed) = Windows::lay_out(chunk, window, network.device());
+        let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
+        let needed = Tensor::from_slice(&needed).to_device(network.device());
+        let steps = steps.index_select(0, &needed);
+        let z = network.features(&steps, &windows, View::WHOLE, keep);
+        // The last step always lies in the episode; of the others some may be padding.
+        let padding = windows.valid.logical_not().narrow(1, int(window - keep), int(keep));
+        let z = z.masked_fill(&padding.unsqueeze(-1).unsqueeze(-1), 0.0);
+        let part = |modality: Modality| modality.of(&z).flatten(1, -1);
+        features.extend(&[Modality::Image, Modality::Proprioception, Modality::Action].map(part));
+    }
+    features
+}
+
+/// The steps of `chunk`, `[chunk.len(), 3, d]`.
+fn encode(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> Tensor {
+    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device());
+    network.batch_steps(&batch)
+}

@@ -1,0 +1,60 @@
+//! The observations and actions themselves: all cameras' images down-sampled as H_o predicts
+//! them, proprioception and actions, standardised by the model's statistics. No network pass.
+
+use tch::Tensor;
+
+use super::{CHUNK, Features};
+use crate::batch::{Batch, Segment, Segments};
+use crate::model::Network;
+use crate::trajectory::Trajectory;
+
+/// Of every segment's last step, or of all the steps of the `whole` segment. Each value is divided
+/// by the root of its modality's width, so that o, m and a weigh the same whatever their sizes.
+pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Features {
+    let mut steps = steps(network, trajectory);
+    for (values, width) in steps.values.iter_mut().zip(steps.widths) {
+        #[expect(clippy::cast_precision_loss, reason = "a step has far fewer values than 2^24")]
+        let root = (width as f32).sqrt();
+        values.iter_mut().for_each(|value| *value /= root);
+    }
+    if whole { windows(&steps, network.spec.window()) } else { steps }
+}
+
+/// Standardised o, m and a of every step.
+pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Features {
+    let every = Segments::every(&network.shape, &[trajectory]);
+    let parts: Vec<[Tensor; 3]> = every.all().chunks(CHUNK).map(|chunk| standard(network, trajectory, chunk)).collect();
+    let widths = [0, 1, 2].map(|i| parts.first().map_or(1, |part| usize::try_from(part[i].size()[1]).unwrap_or(1)));
+    let mut features = Features::empty(widths);
+    parts.iter().for_each(|part| features.extend(part));
+    features
+}
+
+/// o, m and a of `chunk`, `[chunk.len(), width]` each.
+fn standard(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> [Tensor; 3] {
+    let batch = Batch::collect(&network.shape, &[trajectory], chunk, 1, network.device());
+    let statistics = &network.statistics;
+    let cameras = batch.images.iter().zip(&statistics.cameras);
+    let images: Vec<Tensor> = cameras.map(|(image, camera)| camera.small(image).flatten(1, -1)).collect();
+    [
+        Tensor::cat(&images, 1),
+        statistics.proprioception.apply(&batch.proprioception),
+        statistics.action.apply(&batch.action),
+    ]
+}
+
+/// The last `window` steps one after the other, for every step; places before the episode are
+/// zero.
+fn windows(steps: &Features, window: usize) -> Features {
+    let mut all = Features::empty(steps.widths.map(|width| width * window));
+    for (modality, values) in all.values.iter_mut().enumerate() {
+        for last in 0..steps.count() {
+            let padding = window.saturating_sub(last + 1);
+            values.resize(values.len() + padding * steps.widths[modality], 0.0);
+            for step in last + 1 + padding - window..=last {
+                values.extend_from_slice(steps.row(modality, step));
+            }
+        }
+    }
+    all
+}

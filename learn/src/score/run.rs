@@ -1,0 +1,174 @@
+//! One score run by nearest expert segments under way, anew or going on from an earlier one.
+
+use std::time::Instant;
+
+use super::EpisodeScores;
+use super::base::Known;
+use super::features::{Features, episode_features};
+use super::nearest::{Match, Reference};
+use super::similarity::Metric;
+use crate::error::LearnError;
+use crate::model::Network;
+use crate::spec::ScoreSpec;
+use crate::train::Monitor;
+use crate::trajectory::Trajectory;
+
+/// Counts what is done, tells the monitor and asks it whether to go on.
+pub(super) struct Progress<'a> {
+    monitor: &'a mut dyn Monitor,
+    total: u64,
+    done: u64,
+    begin: Instant,
+}
+
+impl<'a> Progress<'a> {
+    pub(super) fn new(monitor: &'a mut dyn Monitor, total: u64) -> Self {
+        Self { monitor, total, done: 0, begin: Instant::now() }
+    }
+
+    pub(super) fn advance(&mut self, segments: usize) -> Result<(), LearnError> {
+        if self.monitor.cancelled() {
+            return Err(LearnError::Cancelled);
+        }
+        self.done += segments as u64;
+        #[expect(clippy::cast_precision_loss, reason = "a rate for people to read")]
+        let rate = self.done as f64 / self.begin.elapsed().as_secs_f64().max(1e-9);
+        self.monitor.progress(self.done, self.total, &[("segments_per_second", rate)]);
+        Ok(())
+    }
+}
+
+/// Number of segments of `episodes`.
+pub(super) fn count<'a>(network: &Network, episodes: impl IntoIterator<Item = &'a Trajectory>) -> u64 {
+    episodes.into_iter().map(|episode| episode.steps(&network.shape) as u64).sum()
+}
+
+/// A run under way.
+pub(super) struct Run<'a> {
+    pub(super) network: &'a Network,
+    pub(super) spec: &'a ScoreSpec,
+    /// In the order of their numbers.
+    pub(super) experts: &'a [&'a Trajectory],
+    /// For every number, the expert's place in the order given.
+    pub(super) places: &'a [u32],
+    pub(super) known: &'a Known<'a>,
+    pub(super) progress: Progress<'a>,
+}
+
+/// What queries are compared with.
+struct References {
+    all: Reference,
+    /// The experts that the earlier run did not have; `None` if it had all.
+    new: Option<Reference>,
+}
+
+impl Run<'_> {
+    /// The scores of the imperfect episodes and of the experts, each in the order of `imperfect`
+    /// and of the numbers, without q.
+    pub(super) fn scores(
+        mut self,
+        imperfect: &[Trajectory],
+    ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
+        let had = self.known.had();
+        let news = self.places.len() > had.len();
+        let known = |episode: &Trajectory| self.known.matches(&episode.id).is_some();
+        if !news && imperfect.iter().all(known) && (self.experts.len() < 2 || self.experts.iter().all(|e| known(e))) {
+            self.progress.advance(usize::try_from(self.progress.total).unwrap_or(usize::MAX))?;
+            return Ok(self.unchanged(imperfect));
+        }
+        let mut features = Vec::with_capacity(self.experts.len());
+        for expert in self.experts {
+            features.push(self.features(expert)?);
+        }
+        let metric = Metric::new(self.spec);
+        let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
+        let new: Vec<(u32, &Features)> = numbered.iter().filter(|(number, _)| !had.contains(number)).copied().collect();
+        let references = References {
+            all: Reference::new(&numbered, metric),
+            new: (!had.is_empty() && news).then(|| Reference::new(&new, metric)),
+        };
+        let mut scored = Vec::with_capacity(imperfect.len());
+        for episode in imperfect {
+            scored.push(self.imperfect(episode, &references)?);
+        }
+        let mut experts = Vec::with_capacity(self.experts.len());
+        for (expert, features) in self.experts.iter().zip(&features) {
+            let known = self.known.matches(&expert.id);
+            experts.extend(self.nearest(&expert.id, features, &references, known));
+            self.progress.advance(features.count())?;
+        }
+        Ok((scored, experts))
+    }
+
+    /// There is nothing to compare: everything is as it was.
+    fn unchanged(&self, imperfect: &[Trajectory]) -> (Vec<EpisodeScores>, Vec<EpisodeScores>) {
+        let same = |episode: &Trajectory| {
+            let matches: Vec<Match> = self.known.matches(&episode.id)?.into_iter().flatten().collect();
+            Some(self.describe(&episode.id, &matches))
+        };
+        (imperfect.iter().filter_map(same).collect(), self.experts.iter().filter_map(|e| same(e)).collect())
+    }
+
+    fn imperfect(&mut self, episode: &Trajectory, references: &References) -> Result<EpisodeScores, LearnError> {
+        let known = self.known.matches(&episode.id);
+        if let (Some(known), None) = (&known, &references.new) {
+            let matches: Vec<Match> = known.iter().flatten().copied().collect();
+            self.progress.advance(matches.len())?;
+            return Ok(self.describe(&episode.id, &matches));
+        }
+        let features = self.features(episode)?;
+        self.nearest(&episode.id, &features, references, known).ok_or_else(|| {
+            LearnError::invalid(
+                format!("episode {}", episode.id),
+                "is also the only expert, and an episode never matches itself; leave it out or add experts",
+            )
+        })
+    }
+
+    /// The nearest expert segments of episode `id`, an expert of the same id left out; `None` if
+    /// that leaves no expert.
+    fn nearest(
+        &self,
+        id: &str,
+        queries: &Features,
+        references: &References,
+        known: Option<Vec<Option<Match>>>,
+    ) -> Option<EpisodeScores> {
+        let own = self.experts.binary_search_by(|expert| expert.id.as_str().cmp(id)).ok();
+        let own = own.and_then(|number| u32::try_from(number).ok());
+        let matches = match (known, &references.new) {
+            (None, _) => references.all.nearest(queries, own)?,
+            (Some(mut known), new) => {
+                if let Some(new) = new {
+                    new.improve(queries, own, &mut known);
+                }
+                known.into_iter().collect::<Option<_>>()?
+            }
+        };
+        Some(self.describe(id, &matches))
+    }
+
+    fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
+        let features = episode_features(self.network, trajectory, self.spec);
+        if !features.sound() {
+            return Err(LearnError::Checkpoint(format!(
+                "gives features of episode {} that are not finite; train the encoder again",
+                trajectory.id
+            )));
+        }
+        self.progress.advance(features.count())?;
+        Ok(features)
+    }
+
+    fn describe(&self, id: &str, matches: &[Match]) -> EpisodeScores {
+        EpisodeScores {
+            id: id.to_owned(),
+            // Not −distance: that would make −0 of the best there is.
+            w: matches.iter().map(|found| 0.0 - found.distance).collect(),
+            q: Vec::new(),
+            match_episode: matches.iter().map(|found| self.places[found.episode as usize]).collect(),
+            match_step: matches.iter().map(|found| found.step).collect(),
+            distances: matches.iter().map(|found| found.parts).collect(),
+        }
+    }
+}
