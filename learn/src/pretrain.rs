@@ -92,7 +92,7 @@ fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &Pre
 }
 
 /// The sum of the objectives asked for. MTP and TR share one bidirectional pass over M(τ).
-fn pretrain_loss(network: &Network, batch: &Batch, spec: &PretrainSpec, step: u64) -> Loss {
+pub(crate) fn pretrain_loss(network: &Network, batch: &Batch, spec: &PretrainSpec, step: u64) -> Loss {
     let wants = |objective| spec.objectives.contains(&objective);
     let steps = network.batch_steps(batch);
     let targets = Targets::new(network, batch);

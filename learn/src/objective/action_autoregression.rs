@@ -4,7 +4,7 @@
 //! causal pass; a_t is read from the token of m_t, which sees o_i … m_t and never a_t. Here as a
 //! loss to minimise.
 
-use tch::{Kind, Tensor};
+use tch::Tensor;
 
 use super::squared_error;
 use crate::model::{Modality, Network};
@@ -18,9 +18,9 @@ pub(crate) fn predict(network: &Network, features: &Tensor) -> Tensor {
 /// `prediction` and `target` are `[W, L, A]`; padding, where `valid` `[W, L]` is false, does not
 /// count; a scalar.
 pub(crate) fn loss(prediction: &Tensor, target: &Tensor, valid: &Tensor) -> Tensor {
-    let valid = valid.to_kind(Kind::Float);
-    let errors = squared_error(prediction, target) * &valid;
-    errors.sum(Kind::Float) / valid.sum(Kind::Float).clamp_min(1.0)
+    let errors = squared_error(prediction, target);
+    let valid = valid.to_kind(errors.kind());
+    (errors * &valid).sum(None) / valid.sum(None).clamp_min(1.0)
 }
 
 #[cfg(test)]

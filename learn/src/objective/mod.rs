@@ -11,7 +11,7 @@ pub(crate) mod masked_transition;
 pub(crate) mod masking;
 pub(crate) mod reconstruction;
 
-use tch::{Kind, Tensor};
+use tch::Tensor;
 
 use crate::batch::{Batch, int};
 use crate::model::{Modality, Network};
@@ -68,9 +68,9 @@ pub(crate) fn squared_error(prediction: &Tensor, target: &Tensor) -> Tensor {
 /// Mean over o, m, a of the mean of `errors` `[W, L, 3]` where `counted` `[W, L, 3]` is true; a
 /// modality with no counted element gives 0.
 fn modality_mean(errors: &Tensor, counted: &Tensor) -> Tensor {
-    let counted = counted.to_kind(Kind::Float);
+    let counted = counted.to_kind(errors.kind());
     let places = [0i64, 1];
-    let count = counted.sum_dim_intlist(places.as_slice(), false, Kind::Float);
-    let sum = (errors * counted).sum_dim_intlist(places.as_slice(), false, Kind::Float);
-    (sum / count.clamp_min(1.0)).mean(Kind::Float)
+    let count = counted.sum_dim_intlist(places.as_slice(), false, None);
+    let sum = (errors * counted).sum_dim_intlist(places.as_slice(), false, None);
+    (sum / count.clamp_min(1.0)).mean(None)
 }

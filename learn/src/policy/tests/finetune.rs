@@ -1,67 +1,32 @@
-//! Training and running the finetuned policy.
-
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+//! What is particular to `finetune`, and what every policy refuses.
 
 use super::*;
-use crate::policy::{History, Policy};
-use crate::pretrain::pretrain;
-use crate::toy::{self, Recorder};
-use crate::train::Silent;
+use crate::batch::{Batch, Segments};
+use crate::checkpoint;
+use crate::model::{Network, View};
+use crate::objective::action_autoregression;
+use crate::spec::TaskShape;
 
-fn encoder(steps: u64) -> Vec<u8> {
-    let data = toy::experts(4, 12);
-    let spec = toy::pretrain_spec(steps);
-    pretrain(&toy::shape(), &data, &spec, None, &mut Silent).unwrap()
-}
-
-fn kept(weight: f32) -> Vec<WeightedSegments> {
-    vec![WeightedSegments {
-        trajectory: toy::episode("failure", 40, 10, false),
-        steps: (2..9).map(|step| (step, weight)).collect(),
-    }]
-}
-
-fn train(encoder: &[u8], kept: &[WeightedSegments], spec: &TrainSpec) -> (Vec<u8>, Recorder) {
+fn finetune(encoder: &[u8], kept: &[WeightedSegments], spec: &TrainSpec) -> (Vec<u8>, Recorder) {
     let mut monitor = Recorder::default();
-    let experts = toy::experts(4, 12);
-    let bytes = train_policy(&toy::shape(), Some(encoder), &experts, kept, spec, None, &mut monitor);
+    let bytes = train_policy(&toy::shape(), Some(encoder), &toy::experts(4, 12), kept, spec, None, &mut monitor);
     (bytes.unwrap(), monitor)
-}
-
-#[test]
-fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
-    let encoder = encoder(2);
-    let spec = TrainSpec { checkpoint_every: 2, ..toy::train_spec(6) };
-    let (result, straight) = train(&encoder, &kept(0.9), &spec);
-    let mut resumed = Recorder::default();
-    let again = train_policy(
-        &toy::shape(),
-        Some(&encoder),
-        &toy::experts(4, 12),
-        &kept(0.9),
-        &spec,
-        Some(&straight.checkpoints[0].1),
-        &mut resumed,
-    );
-    assert_eq!(straight.losses[2..], resumed.losses);
-    assert_eq!(straight.checkpoints[1], resumed.checkpoints[0]);
-    assert_eq!(result, again.unwrap());
 }
 
 #[test]
 fn kept_segments_of_no_weight_leave_plain_behaviour_cloning() {
     let encoder = encoder(2);
     let weights = |bytes: &[u8]| {
-        let (_, named) = checkpoint::read(bytes, CheckpointKind::Policy).unwrap();
+        let (_, named) = checkpoint::read(bytes, checkpoint::CheckpointKind::Policy).unwrap();
         let all = named.values().flat_map(crate::batch::values);
         all.collect::<Vec<f32>>()
     };
     let spec = toy::train_spec(3);
     let no_lambda = TrainSpec { lambda: 0.0, ..spec.clone() };
-    let plain = weights(&train(&encoder, &[], &spec).0);
-    assert_eq!(plain, weights(&train(&encoder, &kept(0.0), &spec).0));
-    assert_eq!(plain, weights(&train(&encoder, &kept(1.0), &no_lambda).0));
-    assert_ne!(plain, weights(&train(&encoder, &kept(1.0), &spec).0));
+    let plain = weights(&finetune(&encoder, &[], &spec).0);
+    assert_eq!(plain, weights(&finetune(&encoder, &kept(0.0), &spec).0));
+    assert_eq!(plain, weights(&finetune(&encoder, &kept(1.0), &no_lambda).0));
+    assert_ne!(plain, weights(&finetune(&encoder, &kept(1.0), &spec).0));
 }
 
 #[test]
@@ -69,7 +34,7 @@ fn the_loss_is_the_expert_mean_plus_lambda_times_the_weighted_kept_mean() {
     let encoder = encoder(1);
     let first = |weight, lambda| {
         let spec = TrainSpec { lambda, ..toy::train_spec(1) };
-        train(&encoder, &kept(weight), &spec).1.losses[0].1
+        finetune(&encoder, &kept(weight), &spec).1.losses[0].1
     };
     let (base, full) = (first(0.0, 1.0), first(1.0, 1.0));
     assert!(full > base + 0.1);
@@ -77,48 +42,16 @@ fn the_loss_is_the_expert_mean_plus_lambda_times_the_weighted_kept_mean() {
     assert!((first(1.0, 0.1) - (base + 0.1 * (full - base))).abs() < 1e-5);
 }
 
-/// Runs `policy` on an unseen square: how far the hand is from it after `steps`.
-fn final_distance(policy: &Policy, square: [f32; 2], steps: usize) -> f32 {
-    let mut hand = [0.5f32, 0.5];
-    let mut history = History::new(policy.segment_length());
-    let frame = toy::frame(square[0], square[1]);
-    for _ in 0..steps {
-        let embedding = policy.embed(&[&frame]).unwrap().remove(0);
-        history.push(embedding, vec![hand[0], hand[1], 5.0]).unwrap();
-        let action = policy.act(&[&history]).unwrap().remove(0).remove(0);
-        hand = [hand[0] + action[0], hand[1] + action[1]];
-        history.set_executed(action).unwrap();
-    }
-    (hand[0] - square[0]).hypot(hand[1] - square[1])
-}
-
-#[test]
-fn behaviour_cloning_learns_to_look_at_the_image() {
-    let experts = toy::experts(40, 12);
-    let shape = toy::shape();
-    let encoder = pretrain(&shape, &experts, &toy::pretrain_spec(60), None, &mut Silent).unwrap();
-    let spec = toy::train_spec(250);
-    let mut monitor = Recorder::default();
-    let bytes = train_policy(&shape, Some(&encoder), &experts, &[], &spec, None, &mut monitor).unwrap();
-    let (first, last) = (monitor.losses[0].1, monitor.losses[249].1);
-    assert!(last < 0.3 * first, "{first} {last}");
-    let policy = Policy::load(&bytes).unwrap();
-    for square in [[0.1, 0.8], [0.9, 0.2], [0.2, 0.2]] {
-        let distance = final_distance(&policy, square, 12);
-        assert!(distance < 0.15, "{square:?}: {distance}");
-    }
-}
-
 #[test]
 fn a_session_with_cached_embeddings_acts_like_the_full_window() {
-    let (bytes, _) = train(&encoder(2), &[], &toy::train_spec(2));
+    let (bytes, _) = finetune(&encoder(2), &[], &toy::train_spec(2));
     let policy = Policy::load(&bytes).unwrap();
-    let (_, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
-    let network = Network::from_named(&toy::shape(), toy::pretrain_spec(1).model, &named, Device::Cpu);
+    let (_, named) = checkpoint::read(&bytes, checkpoint::CheckpointKind::Policy).unwrap();
+    let network = Network::from_named(&toy::shape(), toy::pretrain_spec(1).model, &named, tch::Device::Cpu);
     let network = network.unwrap();
     let data = toy::episode("session", 77, 9, true);
     let segments = Segments::every(&network.shape, &[&data]);
-    let batch = Batch::collect(&network.shape, &[&data], segments.all(), 4, Device::Cpu);
+    let batch = Batch::collect(&network.shape, &[&data], segments.all(), 4, tch::Device::Cpu);
     let features = network.features(&network.batch_steps(&batch), &batch.windows, View::CAUSAL, 1);
     let full = action_autoregression::predict(&network, &features);
     let full = crate::batch::values(&network.statistics.action.invert(&full));
@@ -142,7 +75,7 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
 
 #[test]
 fn a_policy_refuses_what_does_not_fit_it() {
-    let (bytes, _) = train(&encoder(1), &[], &toy::train_spec(1));
+    let (bytes, _) = finetune(&encoder(1), &[], &toy::train_spec(1));
     let policy = Policy::load(&bytes).unwrap();
     fn is_send<T: Send>(_: &T) {}
     is_send(&policy);
@@ -184,6 +117,8 @@ fn bad_training_input_is_named() {
     other.action = 1;
     let experts = experts.map_action(1);
     assert!(train(&experts, &[], &other).starts_with("shape: "));
+    let none = train_policy(&shape, None, &toy::experts(2, 6), &[], &spec, None, &mut Silent).unwrap_err();
+    assert!(none.to_string().starts_with("encoder: "), "{none}");
 }
 
 trait MapAction {

@@ -1,0 +1,46 @@
+//! What of a chunk counts: nothing beyond the first step that was not kept, nor beyond the end.
+
+use super::*;
+use crate::batch::{Segments, values};
+use crate::policy::train::{Source, mean_loss};
+use crate::random::{Purpose, generator};
+
+/// The loss of ACT on the segments 2 … 4 of an episode of ten steps, kept with 6 … 9.
+fn act_loss(policy: &dyn Method, trajectory: &Trajectory) -> f32 {
+    let kept = [2, 3, 4, 6, 7, 8, 9].map(|step| (step, 1.0)).to_vec();
+    let kept = [WeightedSegments { trajectory: trajectory.clone(), steps: kept }];
+    let source = Source { data: vec![&kept[0].trajectory], segments: Segments::kept(&kept) };
+    let (batch, wanted) = source.collect(policy, &source.segments.all()[..3]);
+    let mut noise = generator(1, Purpose::Style, 0);
+    values(&mean_loss(policy, batch, &wanted, &mut noise).0)[0]
+}
+
+#[test]
+fn actions_after_a_step_that_was_not_kept_change_nothing() {
+    let trajectory = toy::episode("failure", 40, 10, false);
+    let policy = untrained(PolicyKind::Act, &[&trajectory]);
+    let plain = act_loss(policy.as_ref(), &trajectory);
+    let with = |step: usize| {
+        let mut changed = trajectory.clone();
+        changed.action[2 * step] += 3.0;
+        act_loss(policy.as_ref(), &changed)
+    };
+    for step in [0, 1, 5, 6, 7] {
+        assert_eq!(with(step), plain, "step {step} is not part of any chunk that counts");
+    }
+    for step in [2, 3, 4] {
+        assert!((with(step) - plain).abs() > 1e-3, "step {step} counts");
+    }
+}
+
+#[test]
+fn a_chunk_reaches_to_the_end_of_an_expert_episode_and_no_further() {
+    let data = [toy::episode("a", 1, 6, true), toy::episode("b", 2, 6, true)];
+    let data: Vec<&Trajectory> = data.iter().collect();
+    let source = Source { segments: Segments::every(&toy::shape(), &data), data };
+    let policy = untrained(PolicyKind::Act, &source.data);
+    let (batch, wanted) = source.collect(policy.as_ref(), &source.segments.all()[2..6]);
+    assert_eq!(batch.images[0].size()[0], 4, "no frame of a later action is encoded");
+    let counted: Vec<i64> = Vec::try_from(wanted.counted.sum_dim_intlist([1i64].as_slice(), false, None)).unwrap();
+    assert_eq!(counted, [4, 3, 2, 1]);
+}

@@ -1,0 +1,137 @@
+//! What holds for every policy: it learns, resumes, survives its checkpoint, serves many at once.
+
+use std::collections::BTreeMap;
+
+use super::*;
+use crate::checkpoint::{self, inspect};
+use crate::spec::Augmentation;
+use crate::train::Monitor;
+
+/// Keeps every metric of every step.
+#[derive(Default)]
+struct Metrics(Vec<BTreeMap<&'static str, f64>>);
+
+impl Monitor for Metrics {
+    fn progress(&mut self, _: u64, _: u64, metrics: &[(&'static str, f64)]) {
+        self.0.push(metrics.iter().copied().collect());
+    }
+
+    fn checkpoint(&mut self, _: u64, _: &[u8]) -> Result<(), String> {
+        Ok(())
+    }
+
+    fn cancelled(&self) -> bool {
+        false
+    }
+}
+
+fn train(spec: &TrainSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
+    let encoder = (spec.policy == PolicyKind::Finetune).then(|| encoder(2));
+    let mut monitor = Recorder::default();
+    let (experts, kept) = (toy::experts(4, 12), kept(0.9));
+    let bytes = train_policy(&toy::shape(), encoder.as_deref(), &experts, &kept, spec, resume, &mut monitor);
+    (bytes.unwrap(), monitor)
+}
+
+#[test]
+fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
+    for kind in KINDS {
+        let augmentation = Augmentation { shift_pixels: 2, brightness: 0.1, contrast: 0.1 };
+        let spec = TrainSpec { checkpoint_every: 2, augmentation, ..spec(kind, 6) };
+        let (result, straight) = train(&spec, None);
+        let (again, resumed) = train(&spec, Some(&straight.checkpoints[0].1));
+        assert_eq!(straight.losses[2..], resumed.losses, "{kind:?}");
+        assert_eq!(straight.checkpoints[1], resumed.checkpoints[0], "{kind:?}");
+        assert_eq!(result, again, "{kind:?}");
+        assert_eq!(result, train(&spec, Some(&result)).0, "{kind:?}");
+        let plain = train(&TrainSpec { augmentation: Augmentation::default(), ..spec }, None);
+        assert_ne!(plain.1.losses, straight.losses, "{kind:?}: augmentation makes a difference");
+    }
+}
+
+#[test]
+fn a_checkpoint_describes_its_policy_and_its_round_trip_is_exact() {
+    for kind in KINDS {
+        let (bytes, _) = train(&spec(kind, 2), None);
+        let info = inspect(&bytes).unwrap();
+        assert_eq!((info.policy, info.finished), (Some(kind), true));
+        assert_eq!(info.act.is_some(), kind == PolicyKind::Act);
+        let policy = Policy::load(&bytes).unwrap();
+        let (window, chunk) = match kind {
+            PolicyKind::Finetune | PolicyKind::TfBc => (3, 1),
+            PolicyKind::Bc => (0, 1),
+            PolicyKind::Act => (0, 4),
+        };
+        assert_eq!((policy.kind(), policy.segment_length(), policy.chunk_length()), (kind, window, chunk));
+        let (_, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
+        let loaded: Box<dyn Method> = crate::train::Learner::from_named(&info, &named, Device::Cpu).unwrap();
+        assert_eq!(checkpoint::write(&info, &crate::train::Learner::named(&loaded)).unwrap(), bytes, "{kind:?}");
+    }
+}
+
+#[test]
+fn a_checkpoint_of_another_policy_or_size_is_refused() {
+    let (bytes, _) = train(&spec(PolicyKind::Bc, 1), None);
+    let (info, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
+    let named: Vec<_> = named.into_iter().collect();
+    for policy in [PolicyKind::Finetune, PolicyKind::TfBc, PolicyKind::Act] {
+        let lying = CheckpointInfo { policy: Some(policy), act: Some(ActSpec::default()), ..info.clone() };
+        let error = Policy::load(&checkpoint::write(&lying, &named).unwrap()).unwrap_err();
+        assert!(matches!(error, LearnError::Checkpoint(_)), "{error}");
+    }
+    let (bytes, straight) = train(&TrainSpec { checkpoint_every: 1, ..spec(PolicyKind::Act, 2) }, None);
+    let longer = ActSpec { chunk_length: 5, ..spec(PolicyKind::Act, 2).act };
+    let longer = TrainSpec { act: longer, checkpoint_every: 1, ..spec(PolicyKind::Act, 2) };
+    let unfinished = &straight.checkpoints[0].1;
+    let error = train_policy(&toy::shape(), None, &toy::experts(4, 12), &[], &longer, Some(unfinished), &mut Silent);
+    assert!(error.unwrap_err().to_string().starts_with("spec: "));
+    assert!(Policy::load(&bytes).is_ok());
+}
+
+#[test]
+fn sessions_in_one_pass_get_what_each_gets_alone() {
+    for kind in KINDS {
+        let policy = Policy::load(&train(&spec(kind, 2), None).0).unwrap();
+        let data = toy::episode("session", 77, 6, true);
+        let mut history = History::new(policy.segment_length());
+        let (mut alone, mut snapshots) = (Vec::new(), Vec::new());
+        for t in 0..6 {
+            let embedding = policy.embed(&[data.frame(policy.shape(), t)]).unwrap().remove(0);
+            history.push(embedding, data.proprioception_at(policy.shape(), t).to_vec()).unwrap();
+            alone.extend(policy.act(&[&history]).unwrap());
+            snapshots.push(history.clone());
+            history.set_executed(data.action_at(policy.shape(), t).to_vec()).unwrap();
+        }
+        let all = policy.act(&snapshots.iter().collect::<Vec<_>>()).unwrap();
+        assert_eq!(all.len(), alone.len());
+        let pairs = all.concat().concat().into_iter().zip(alone.concat().concat());
+        assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-5), "{kind:?}");
+    }
+}
+
+#[test]
+fn every_policy_learns_to_look_at_the_image() {
+    let (shape, experts) = (toy::shape(), toy::experts(80, 6));
+    let encoder = pretrain(&shape, &experts, &toy::pretrain_spec(60), None, &mut Silent).unwrap();
+    for kind in KINDS {
+        let run = |steps| {
+            let mut metrics = Metrics::default();
+            let spec = spec(kind, steps);
+            let bytes = train_policy(&shape, Some(&encoder), &experts, &[], &spec, None, &mut metrics).unwrap();
+            let policy = Policy::load(&bytes).unwrap();
+            let squares = [[0.1, 0.8], [0.9, 0.2], [0.2, 0.2]];
+            (squares.map(|square| final_distance(&policy, square, 12)), metrics.0)
+        };
+        let (untrained, _) = run(1);
+        let (trained, metrics) = run(300);
+        let (first, last) = (&metrics[0], &metrics[299]);
+        assert!(last["loss"] < 0.5 * first["loss"], "{kind:?}: {first:?} {last:?}");
+        assert!(trained.iter().all(|distance| *distance < 0.15), "{kind:?}: {untrained:?} {trained:?}");
+        // An encoder has learnt to act from AA before it is finetuned.
+        let from_scratch = kind != PolicyKind::Finetune;
+        assert!(!from_scratch || untrained.iter().any(|distance| *distance > 0.25), "{kind:?}: {untrained:?}");
+        if kind == PolicyKind::Act {
+            assert!(last["loss_kl"] < 0.2 * first["loss_kl"] && last["loss_l1"] < 0.5 * first["loss_l1"]);
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! What gradients say: the action to be predicted is never seen, and autograd agrees with finite
+//! differences in double precision.
+
+use tch::{Kind, Tensor, no_grad_guard};
+
+use super::*;
+use crate::batch::{Batch, Segment, Segments, values};
+use crate::model::{Modality, Network, View};
+use crate::normalize::Statistics;
+use crate::objective::action_autoregression;
+use crate::policy::method::Seen;
+use crate::policy::train::{Source, mean_loss};
+use crate::pretrain::pretrain_loss;
+use crate::random::{Purpose, generator};
+use crate::spec::{Augmentation, PretrainSpec};
+
+const STEP: f64 = 1e-5;
+
+fn network(data: &Trajectory) -> Network {
+    let statistics = Statistics::measure(&toy::shape(), &[data], 8, Device::Cpu);
+    Network::new(&toy::shape(), toy::pretrain_spec(1).model, statistics, 3, Device::Cpu)
+}
+
+/// The window that ends at step 5.
+fn window(data: &Trajectory) -> Batch {
+    let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
+    Batch::collect(&toy::shape(), &[data], &[end], 4, Device::Cpu)
+}
+
+/// Largest gradient of each step's action, `[4]`.
+fn of_each_step(action: &Tensor) -> Vec<f32> {
+    values(&action.grad().abs().amax([1i64].as_slice(), false))
+}
+
+#[test]
+fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
+    let data = toy::episode("e", 1, 6, true);
+    let network = network(&data);
+    for place in 0..4usize {
+        let batch = window(&data);
+        let action = batch.action.set_requires_grad(true);
+        let steps = network.steps(&network.embed_images(&batch.images), &batch.proprioception, &action);
+        let features = network.features(&steps, &batch.windows, View::CAUSAL, 4);
+        let prediction = action_autoregression::predict(&network, &features);
+        prediction.select(1, i64::try_from(place).unwrap()).square().sum(None).backward();
+        let moved = of_each_step(&action);
+        assert!(moved[place..].iter().all(|gradient| *gradient == 0.0), "{place}: {moved:?}");
+        assert!(moved[..place].iter().all(|gradient| *gradient > 1e-7), "{place}: {moved:?}");
+    }
+    // In the other pass an action is seen by its neighbours.
+    let batch = window(&data);
+    let action = batch.action.set_requires_grad(true);
+    let steps = network.steps(&network.embed_images(&batch.images), &batch.proprioception, &action);
+    let features = network.features(&steps, &batch.windows, View::WHOLE, 4);
+    Modality::Proprioception.of(&features).select(1, 0).square().sum(None).backward();
+    assert!(of_each_step(&action).iter().all(|gradient| *gradient > 1e-7));
+}
+
+#[test]
+fn no_policy_looks_at_the_action_it_is_asked_for() {
+    let data = toy::episode("e", 1, 6, true);
+    for kind in KINDS {
+        let policy = untrained(kind, &[&data]);
+        let length = policy.about().window;
+        let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
+        let batch = Batch::collect(&toy::shape(), &[&data], &[end], length, Device::Cpu);
+        let action = batch.action.set_requires_grad(true);
+        let seen = Seen {
+            embedded: policy.embed_images(&batch.images),
+            proprioception: batch.proprioception,
+            action: action.shallow_clone(),
+            windows: batch.windows,
+        };
+        policy.act(&seen).square().sum(None).backward();
+        if length == 1 {
+            assert!(!action.grad().defined(), "{kind:?} looks at no action at all");
+        } else {
+            let moved = of_each_step(&action);
+            assert!(moved[3] == 0.0 && moved[..3].iter().all(|gradient| *gradient > 1e-7), "{kind:?}: {moved:?}");
+        }
+    }
+}
+
+fn to_double(parameters: &[(String, Tensor)]) {
+    for (_, parameter) in parameters {
+        let mut parameter = parameter.shallow_clone();
+        parameter.set_data(&parameter.to_kind(Kind::Double));
+    }
+}
+
+fn double(mut batch: Batch) -> Batch {
+    batch.images = batch.images.iter().map(|images| images.to_kind(Kind::Double)).collect();
+    batch.proprioception = batch.proprioception.to_kind(Kind::Double);
+    batch.action = batch.action.to_kind(Kind::Double);
+    batch
+}
+
+/// Compares autograd with central differences at the largest gradient of every parameter.
+fn agree(parameters: &[(String, Tensor)], loss: &dyn Fn() -> Tensor) {
+    loss().backward();
+    let mut compared = 0;
+    for (name, parameter) in parameters {
+        let gradient = parameter.grad();
+        if !gradient.defined() {
+            continue;
+        }
+        let place = gradient.abs().argmax(None, false).int64_value(&[]);
+        let exact = gradient.view(-1).double_value(&[place]);
+        let at = |offset: f64| {
+            let _no_grad = no_grad_guard();
+            let _ = parameter.view(-1).narrow(0, place, 1).g_add_scalar_(offset);
+            let value = loss().double_value(&[]);
+            let _ = parameter.view(-1).narrow(0, place, 1).g_add_scalar_(-offset);
+            value
+        };
+        let numeric = (at(STEP) - at(-STEP)) / (2.0 * STEP);
+        let error = (numeric - exact).abs() / exact.abs().max(1e-3);
+        assert!(error < 1e-5, "{name}: autograd {exact}, differences {numeric}");
+        compared += usize::from(exact.abs() > 1e-6);
+    }
+    assert!(compared > 12, "only {compared} gradients are not zero");
+}
+
+#[test]
+fn pretrainings_gradients_agree_with_finite_differences() {
+    let data = toy::episode("e", 1, 6, true);
+    let network = network(&data);
+    to_double(&network.parameters());
+    let spec = PretrainSpec { augmentation: Augmentation::default(), ..toy::pretrain_spec(1) };
+    let loss = || {
+        let total = pretrain_loss(&network, &double(window(&data)), &spec, 0).total;
+        assert_eq!(total.kind(), Kind::Double);
+        total
+    };
+    agree(&network.parameters(), &loss);
+}
+
+#[test]
+fn every_policys_gradients_agree_with_finite_differences() {
+    let data = toy::episode("e", 1, 6, true);
+    let source = Source { segments: Segments::every(&toy::shape(), &[&data]), data: vec![&data] };
+    for kind in KINDS {
+        let policy = untrained(kind, &[&data]);
+        to_double(&policy.parameters());
+        let loss = || {
+            let (batch, mut wanted) = source.collect(policy.as_ref(), &source.segments.all()[1..4]);
+            wanted.action = wanted.action.to_kind(Kind::Double);
+            let mut noise = generator(1, Purpose::Style, 0);
+            mean_loss(policy.as_ref(), double(batch), &wanted, &mut noise).0
+        };
+        assert_eq!(loss().kind(), Kind::Double);
+        agree(&policy.parameters(), &loss);
+    }
+}
