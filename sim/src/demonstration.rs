@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io::{BufWriter, Seek, Write};
 use std::path::Path;
 
+use glam::Vec2;
 use gleaner_recording::{EpisodeWriter, StepRef};
 
 use crate::agent::{AgentKind, AgentSpec, Expert, Fault, Rehearsal};
@@ -130,6 +131,7 @@ fn departure(action: &[f32; ACTION_SIZE], expected: &[f32; ACTION_SIZE]) -> f32 
 
 /// How the expert's own attempt goes.
 fn rehearse(mut sim: Sim, mut expert: Expert) -> Rehearsal {
+    let place = (sim.task().rules().place)(sim.world(), Vec2::ZERO).truncate();
     let (mut carry, mut carry_end) = (None, None);
     while !sim.done() {
         let action = expert.act(sim.world());
@@ -140,7 +142,7 @@ fn rehearse(mut sim: Sim, mut expert: Expert) -> Rehearsal {
         sim.step(&action);
     }
     let steps = sim.steps();
-    Rehearsal { steps, carry: carry.unwrap_or(steps), carry_end: carry_end.unwrap_or(steps) }
+    Rehearsal { steps, carry: carry.unwrap_or(steps), carry_end: carry_end.unwrap_or(steps), place }
 }
 
 impl Demonstration {

@@ -14,7 +14,9 @@ use crate::world::{STEP_REACH, World};
 /// How far off a grasp point is at grade 1, in metres.
 const GRASP_OFF: std::ops::Range<f32> = 0.032..0.048;
 /// How far off a carry target is at grade 1, in metres.
-const GOAL_OFF: std::ops::Range<f32> = 0.05..0.10;
+const GOAL_OFF: std::ops::Range<f32> = 0.10..0.16;
+/// How far from the table's middle a wrong target may lie along either axis, in metres: within the hand's reach.
+const GOAL_REACH: f32 = 0.18;
 /// Steps that a wanderer heads for one point.
 const LEG: u32 = 7;
 /// Half-width of the noise at grade 1, in action units.
@@ -29,6 +31,8 @@ pub(crate) struct Rehearsal {
     pub(crate) carry: u32,
     /// The step before which it ends.
     pub(crate) carry_end: u32,
+    /// Where the cube should come.
+    pub(crate) place: Vec2,
 }
 
 /// An agent that goes wrong.
@@ -66,9 +70,8 @@ impl Fault {
                 aim.recovers = false;
             }
             AgentKind::WrongGoal => {
-                let off = random.random_range(GOAL_OFF);
-                // The lower the grade, the nearer the least of them, so that some are near enough.
-                aim.goal_off = heading * grade * (off - (1.0 - grade) * (GOAL_OFF.end - off));
+                let off = random.random_range(GOAL_OFF) * grade * grade;
+                aim.goal_off = within_reach(rehearsal.place, heading * off);
             }
             AgentKind::EarlyRelease => {
                 let (carry, end) = (rehearsal.carry as f32, rehearsal.carry_end as f32);
@@ -124,6 +127,12 @@ impl Fault {
             action[5] = 0.0;
         }
     }
+}
+
+/// The offset turned by quarters until the hand can reach what it leads to.
+fn within_reach(place: Vec2, off: Vec2) -> Vec2 {
+    let turned = std::iter::successors(Some(off), |off| Some(off.perp())).take(4);
+    turned.into_iter().find(|off| (place + *off).abs().max_element() < GOAL_REACH).unwrap_or(off)
 }
 
 /// Up to which share of the carry the fingers may open: its first third at grade 1; at a low grade mostly beyond its
