@@ -1,8 +1,9 @@
-//! Datasets: a score run seen through a threshold; exports: files made from one.
+//! Datasets: a score run seen through a selection; exports: files made from one.
 
 use super::{
     id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
     score::ScoreRun,
+    selection::Selection,
     time::Millis,
 };
 
@@ -15,8 +16,8 @@ pub struct Dataset {
     pub task_id: TaskId,
     /// The run it filters; may not be finished yet.
     pub score_run_id: ScoreRunId,
-    /// q > β is kept.
-    pub beta: f64,
+    /// Which imperfect segments are kept.
+    pub selection: Selection,
     /// When it was made.
     pub created_at: Millis,
 }
@@ -76,8 +77,15 @@ pub struct KeptSegment {
     pub end_step: u32,
     /// Its q.
     pub weight: f32,
-    /// The expert whose segment is nearest.
-    pub match_episode: EpisodeId,
-    /// The step that segment ends at.
-    pub match_step: u32,
+    /// The expert segment that is nearest; `None` when the scorer matches nothing.
+    pub nearest: Option<Nearest>,
+}
+
+/// An expert's segment.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Nearest {
+    /// The expert.
+    pub episode_id: EpisodeId,
+    /// The step the segment ends at.
+    pub end_step: u32,
 }

@@ -95,6 +95,8 @@ ids! {
     ExportId, "exp", "an export";
     /// Names a policy.
     PolicyId, "pol", "a policy";
+    /// Names an evaluation.
+    EvaluationId, "eval", "an evaluation";
     /// Names a schedule.
     ScheduleId, "sch", "a schedule";
     /// Names a session.

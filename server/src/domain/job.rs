@@ -3,7 +3,8 @@
 use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
-    id::{BlobId, DatasetId, EncoderId, JobId, SnapshotId, TaskId},
+    evaluation::EvaluateSpec,
+    id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     time::Millis,
 };
 
@@ -18,6 +19,8 @@ pub enum JobKind {
     Train,
     /// Makes an export.
     Export,
+    /// Makes an evaluation.
+    Evaluate,
 }
 
 impl JobKind {
@@ -28,6 +31,7 @@ impl JobKind {
             Self::Score => "score",
             Self::Train => "train",
             Self::Export => "export",
+            Self::Evaluate => "evaluate",
         }
     }
 }
@@ -104,13 +108,16 @@ pub enum JobSpec {
         encoder_id: EncoderId,
         /// Experts and imperfect episodes.
         snapshot_id: SnapshotId,
+        /// The finished run it goes on from, if any.
+        #[serde(default)]
+        extends: Option<ScoreRunId>,
         /// Everything else.
         spec: ScoreSpec,
     },
     /// Weighted behaviour cloning.
     Train {
-        /// Where training begins.
-        encoder_id: EncoderId,
+        /// Where training begins; `None` from scratch.
+        encoder_id: Option<EncoderId>,
         /// The experts' snapshot.
         snapshot_id: SnapshotId,
         /// Kept segments; `None` for experts alone.
@@ -123,6 +130,13 @@ pub enum JobSpec {
         /// What to export.
         dataset_id: DatasetId,
     },
+    /// Closed-loop trials in the embedded simulator.
+    Evaluate {
+        /// What to evaluate.
+        policy_id: PolicyId,
+        /// Everything else.
+        spec: EvaluateSpec,
+    },
 }
 
 impl JobSpec {
@@ -133,6 +147,7 @@ impl JobSpec {
             Self::Score { .. } => JobKind::Score,
             Self::Train { .. } => JobKind::Train,
             Self::Export { .. } => JobKind::Export,
+            Self::Evaluate { .. } => JobKind::Evaluate,
         }
     }
 }
@@ -150,7 +165,7 @@ pub struct Job {
     pub state: JobState,
     /// Higher runs first.
     pub priority: i32,
-    /// The id its result has or will have (encoder, score run, policy or export).
+    /// The id its result has or will have (encoder, score run, policy, export or evaluation).
     pub result_id: String,
     /// Progress, out of `total`.
     pub done: u64,
@@ -174,6 +189,8 @@ pub struct Job {
     pub peak_memory_bytes: u64,
     /// The jobs it waits for.
     pub needs: Vec<JobId>,
+    /// The caller's own name for it, or empty.
+    pub key: String,
     /// When it was submitted.
     pub created_at: Millis,
     /// When its newest attempt began.

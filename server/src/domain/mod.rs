@@ -5,13 +5,16 @@
 pub mod attempt;
 pub mod dataset;
 pub mod episode;
+pub mod evaluation;
 pub mod id;
 pub mod job;
+pub mod limit;
 pub mod observation;
 pub mod order;
 pub mod policy;
 pub mod schedule;
 pub mod score;
+pub mod selection;
 pub mod snapshot;
 pub mod task;
 pub mod time;

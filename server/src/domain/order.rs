@@ -4,14 +4,16 @@ use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
     dataset::Dataset,
-    id::{DatasetId, EncoderId, JobId, SnapshotId, TaskId},
+    evaluation::EvaluateSpec,
+    id::{DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     job::{JobSpec, JobState},
     schedule::ScheduleStart,
     snapshot::RoleRule,
 };
 
-/// What a caller asks a job to do. What is left out the server chooses.
-#[derive(Debug, Clone, PartialEq)]
+/// What a caller asks a job to do. What is left out the server chooses. Kept beside a job that has a key.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
 pub enum JobOrder {
     /// Self-supervised pretraining.
     Pretrain {
@@ -24,10 +26,12 @@ pub enum JobOrder {
     },
     /// Quality scores.
     Score {
-        /// Whose features are compared.
-        encoder_id: EncoderId,
+        /// Whose features are compared; `None` only with `extends`, for that run's.
+        encoder_id: Option<EncoderId>,
         /// What to score; `None` takes the encoder's own.
         snapshot_id: Option<SnapshotId>,
+        /// A finished run to go on from.
+        extends: Option<ScoreRunId>,
         /// Everything else.
         spec: ScoreSpec,
     },
@@ -43,15 +47,35 @@ pub enum JobOrder {
         /// What to export.
         dataset_id: DatasetId,
     },
+    /// Closed-loop trials in the embedded simulator.
+    Evaluate {
+        /// What to evaluate.
+        subject: Subject,
+        /// Everything else; an empty simulation is the task's own name.
+        spec: EvaluateSpec,
+    },
+}
+
+/// Which policy is evaluated.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Subject {
+    /// This one.
+    Policy(PolicyId),
+    /// The one that this name points at when the job is submitted.
+    Deployment(String),
 }
 
 /// What a policy is trained on.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TrainData {
     /// Experts and the kept segments of a dataset.
     Dataset(DatasetId),
     /// The experts of an encoder's snapshot alone.
     ExpertsOf(EncoderId),
+    /// The experts of a snapshot alone, for policies that begin from scratch.
+    ExpertsIn(SnapshotId),
 }
 
 /// How an ordered job is queued.
@@ -63,6 +87,8 @@ pub struct Queueing {
     pub needs: Vec<JobId>,
     /// How many attempts it gets; `None` takes the default.
     pub max_attempts: Option<u32>,
+    /// The caller's own name for the work, or empty. One key is one job, unless that failed or was cancelled.
+    pub key: String,
 }
 
 /// A job that is about to be queued.
@@ -82,6 +108,17 @@ pub struct NewJob {
     pub max_attempts: u32,
     /// The jobs it waits for.
     pub needs: Vec<JobId>,
+    /// The caller's own name for it and what was asked for under that name, if it has one.
+    pub keyed: Option<Keyed>,
+}
+
+/// A caller's own name for a job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Keyed {
+    /// The name.
+    pub key: String,
+    /// What was asked for: the same key must mean the same order.
+    pub order: JobOrder,
 }
 
 /// Jobs that are queued together, or not at all.

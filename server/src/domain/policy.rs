@@ -16,8 +16,8 @@ pub struct Policy {
     pub job_id: JobId,
     /// For example `finetune`.
     pub kind: String,
-    /// The encoder it began from.
-    pub encoder_id: EncoderId,
+    /// The encoder it began from; `None` when it began from scratch.
+    pub encoder_id: Option<EncoderId>,
     /// What it was trained on besides experts; `None` for experts alone.
     pub dataset_id: Option<DatasetId>,
     /// Blob of its checkpoint.

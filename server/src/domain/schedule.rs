@@ -1,16 +1,17 @@
 //! Schedules: pipelines that start by themselves.
 
 use croner::parser::{CronParser, Seconds, Year};
-use gleaner_learn::{PretrainSpec, TrainSpec};
+use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
+    evaluation::EvaluateSpec,
     id::{ScheduleId, SnapshotId, TaskId},
     snapshot::RoleRule,
     time::Millis,
 };
 use crate::error::{Error, Result};
 
-/// A chain of jobs: pretrain, then score, then a dataset at β, then train. Later stages are optional.
+/// A chain of jobs: pretrain, then score, then a dataset at β, then train, then evaluate. Later stages are optional.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PipelineSpec {
     /// The snapshot to learn from; `None` takes a new one at each start.
@@ -21,10 +22,16 @@ pub struct PipelineSpec {
     pub pretrain: PretrainSpec,
     /// Whether to score.
     pub score: bool,
+    /// How to score; `None` takes the defaults on the device of pretraining.
+    #[serde(default)]
+    pub scoring: Option<ScoreSpec>,
     /// Makes a dataset; needs `score`.
     pub beta: Option<f64>,
     /// Trains a policy on it; needs `beta`.
     pub train: Option<TrainSpec>,
+    /// Evaluates that policy; needs `train`.
+    #[serde(default)]
+    pub evaluate: Option<EvaluateSpec>,
 }
 
 /// What starts a schedule.

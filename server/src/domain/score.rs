@@ -2,6 +2,7 @@
 
 use super::{
     id::{EncoderId, EpisodeId, JobId, ScoreRunId, SnapshotId, TaskId},
+    selection::Filter,
     snapshot::Role,
     time::Millis,
 };
@@ -36,28 +37,37 @@ pub struct ScoreRun {
     pub encoder_id: EncoderId,
     /// The experts and imperfect episodes.
     pub snapshot_id: SnapshotId,
+    /// For example `ssdf`.
+    pub scorer: String,
     /// For example `last_l2`.
     pub similarity: String,
+    /// Factors of the distances of o, m and a; `None` is 1, 1, 1.
+    pub modality_scale: Option<[f64; 3]>,
     /// For example `minmax`.
     pub normaliser: String,
     /// w that maps to q = 0, frozen.
     pub lo: f64,
     /// w that maps to q = 1, frozen.
     pub hi: f64,
+    /// w at evenly spaced quantiles, low to high, frozen; for the quantile normaliser only.
+    pub quantiles: Vec<f64>,
+    /// The run it went on from, if any.
+    pub extends: Option<ScoreRunId>,
     /// What `match_episode` counts in.
     pub expert_ids: Vec<EpisodeId>,
     /// When it was finished.
     pub created_at: Millis,
 }
 
-/// One episode's scores; every list has one entry a step (the segment that ends there).
+/// One episode's scores; every list has one entry a step (the segment that ends there). A scorer that matches
+/// nothing leaves the last three empty.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeScores {
     /// The episode.
     pub episode_id: EpisodeId,
     /// Its role in the run's snapshot.
     pub role: Role,
-    /// The highest similarity to an expert segment; at most 0.
+    /// The highest similarity to an expert segment, at most 0; the classifier's log p.
     pub w: Vec<f64>,
     /// w normalised to [0, 1].
     pub q: Vec<f32>,
@@ -80,6 +90,15 @@ pub struct KeptCount {
     pub episodes: u64,
 }
 
+impl EpisodeScores {
+    /// Whether the lists fit together: one entry a step, or no match at all.
+    pub fn fit(&self) -> bool {
+        let steps = self.w.len();
+        let matches = [self.match_episode.len(), self.match_step.len(), self.distances.len()];
+        self.q.len() == steps && (matches == [steps; 3] || matches == [0; 3])
+    }
+}
+
 /// How much a score run covers.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RunCounts {
@@ -89,15 +108,6 @@ pub struct RunCounts {
     pub imperfect_segments: u64,
     /// Segments of the experts they were compared with.
     pub expert_segments: u64,
-}
-
-/// Whether β keeps a segment of quality q: q > β, the paper's filter, strictly.
-///
-/// Both are compared in the precision in which q is kept, so that a q equal to β is never kept because of how
-/// β is rounded.
-#[expect(clippy::cast_possible_truncation, reason = "rounded on purpose, see above; β is in [0, 1]")]
-pub fn keeps(q: f32, beta: f64) -> bool {
-    q > beta as f32
 }
 
 /// The distribution of q over a run's imperfect segments, and what thresholds keep: filled episode by episode
@@ -169,7 +179,7 @@ impl Histogram {
 
     /// How many of the ordered thresholds keep this q: those below it, which come first.
     fn keeping(&self, q: f32) -> usize {
-        self.ordered.partition_point(|&(beta, _)| keeps(q, beta))
+        self.ordered.partition_point(|&(beta, _)| Filter::Above(beta).keeps(0.0, q))
     }
 
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; then clamped")]
@@ -209,8 +219,9 @@ mod tests {
             histogram.add(episode.iter().copied());
         }
         for (kept, beta) in histogram.kept().iter().zip(betas) {
-            let segments = q.iter().filter(|&&q| keeps(q, beta)).count();
-            let episodes = q.chunks(10).filter(|episode| episode.iter().any(|&q| keeps(q, beta))).count();
+            let segments = q.iter().filter(|&&q| Filter::Above(beta).keeps(0.0, q)).count();
+            let episodes =
+                q.chunks(10).filter(|episode| episode.iter().any(|&q| Filter::Above(beta).keeps(0.0, q))).count();
             assert_eq!((kept.segments, kept.episodes), (segments as u64, episodes as u64));
         }
         assert_eq!(histogram.counts().iter().sum::<u64>(), 1000);

@@ -32,19 +32,27 @@ impl Role {
 }
 
 /// Which episodes are experts and which imperfect. Both lists empty: success is expert, failure imperfect,
-/// unknown left out. Otherwise by cohort, whatever the outcome; other cohorts are left out.
-#[derive(Debug, Clone, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+/// unknown left out. Otherwise by cohort, whatever the outcome; other cohorts are left out. The limits then leave in
+/// so many of each role; see `limit`.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(default)]
 pub struct RoleRule {
     /// Cohorts whose episodes are experts.
     pub expert_cohorts: Vec<String>,
     /// Cohorts whose episodes are imperfect.
     pub imperfect_cohorts: Vec<String>,
+    /// At most so many imperfect episodes for each expert; 0 takes all.
+    pub imperfect_per_expert: f64,
+    /// At most so many experts; 0 takes all.
+    pub max_experts: u32,
+    /// Which episodes a limit leaves in.
+    pub seed: u64,
 }
 
 impl RoleRule {
     /// The role of an episode with this label; `None` leaves it out.
     pub fn role(&self, outcome: Outcome, cohort: &str) -> Option<Role> {
-        if self.expert_cohorts.is_empty() && self.imperfect_cohorts.is_empty() {
+        if !self.by_cohort() {
             return match outcome {
                 Outcome::Success => Some(Role::Expert),
                 Outcome::Failure => Some(Role::Imperfect),
@@ -59,6 +67,11 @@ impl RoleRule {
         } else {
             None
         }
+    }
+
+    /// Whether cohorts give the roles, not outcomes.
+    pub fn by_cohort(&self) -> bool {
+        !self.expert_cohorts.is_empty() || !self.imperfect_cohorts.is_empty()
     }
 
     /// A cohort that stands on both sides, if any: such a rule has no meaning.
@@ -110,10 +123,22 @@ mod tests {
         assert_eq!(by_outcome.role(Outcome::Failure, "any"), Some(Role::Imperfect));
         assert_eq!(by_outcome.role(Outcome::Unknown, "any"), None);
 
-        let by_cohort = RoleRule { expert_cohorts: vec!["alice".into()], imperfect_cohorts: vec!["bob".into()] };
+        let by_cohort = RoleRule {
+            expert_cohorts: vec!["alice".into()],
+            imperfect_cohorts: vec!["bob".into()],
+            ..RoleRule::default()
+        };
         assert_eq!(by_cohort.role(Outcome::Success, "bob"), Some(Role::Imperfect));
         assert_eq!(by_cohort.role(Outcome::Unknown, "alice"), Some(Role::Expert));
         assert_eq!(by_cohort.role(Outcome::Success, "carol"), None);
         assert_eq!(by_cohort.contradiction(), None);
+    }
+
+    #[test]
+    fn a_rule_from_before_limits_still_reads() {
+        let rule = serde_json::from_str::<RoleRule>(r#"{"expert_cohorts":["a"],"imperfect_cohorts":["b"]}"#);
+        let expected =
+            RoleRule { expert_cohorts: vec!["a".into()], imperfect_cohorts: vec!["b".into()], ..RoleRule::default() };
+        assert_eq!(rule.ok(), Some(expected));
     }
 }

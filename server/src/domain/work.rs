@@ -4,6 +4,7 @@ use gleaner_recording::TaskSpec;
 
 use super::{
     dataset::{ExportFile, KeptSegment},
+    evaluation::SeedResult,
     id::{BlobId, EpisodeId},
     score::EpisodeScores,
 };
@@ -25,6 +26,23 @@ pub struct Inputs {
     pub checkpoint: Option<BlobId>,
     /// l of the encoder; for export.
     pub segment_length: u32,
+    /// The policy's checkpoint; for evaluation.
+    pub policy: Option<BlobId>,
+    /// What the run to go on from has frozen; for scoring.
+    pub base: Option<FrozenRun>,
+}
+
+/// What a score run passes on to the one that extends it, besides its scores.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrozenRun {
+    /// w that maps to q = 0.
+    pub lo: f64,
+    /// w that maps to q = 1.
+    pub hi: f64,
+    /// Of the quantile normaliser.
+    pub quantiles: Vec<f64>,
+    /// What its scores' `match_episode` counts in.
+    pub expert_ids: Vec<EpisodeId>,
 }
 
 /// One episode of a job's input.
@@ -86,6 +104,8 @@ pub enum Made {
         lo: f64,
         /// w that maps to q = 1.
         hi: f64,
+        /// Of the quantile normaliser.
+        quantiles: Vec<f64>,
         /// What `match_episode` counts in.
         expert_ids: Vec<EpisodeId>,
         /// The scores, in the snapshot's order.
@@ -100,4 +120,6 @@ pub enum Made {
     },
     /// By an export job.
     Files(Vec<ExportFile>),
+    /// By an evaluate job, in the order of its seeds.
+    Trials(Vec<SeedResult>),
 }

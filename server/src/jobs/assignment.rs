@@ -7,10 +7,10 @@ use crate::{
     domain::{
         dataset::KeptEpisode,
         episode::Episode,
-        id::{DatasetId, EncoderId, EpisodeId, SnapshotId},
+        id::{DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId},
         job::{Job, JobSpec},
         snapshot::Role,
-        work::{InputEpisode, Inputs, KeptInput},
+        work::{FrozenRun, InputEpisode, Inputs, KeptInput},
     },
     error::{Error, Result},
 };
@@ -30,14 +30,19 @@ impl Jobs {
             encoder: None,
             checkpoint: job.checkpoint.clone(),
             segment_length: 0,
+            policy: None,
+            base: None,
         };
         match &job.spec {
             JobSpec::Pretrain { snapshot_id, .. } => {
                 (inputs.experts, inputs.imperfect) = self.by_role(snapshot_id).await?;
             }
-            JobSpec::Score { encoder_id, snapshot_id, .. } => {
+            JobSpec::Score { encoder_id, snapshot_id, extends, .. } => {
                 (inputs.experts, inputs.imperfect) = self.by_role(snapshot_id).await?;
                 self.begin_from(&mut inputs, encoder_id).await?;
+                if let Some(run) = extends {
+                    inputs.base = Some(self.frozen(run).await?);
+                }
             }
             JobSpec::Train { encoder_id, snapshot_id, dataset_id, .. } => {
                 let (experts, imperfect) = self.by_role(snapshot_id).await?;
@@ -45,7 +50,12 @@ impl Jobs {
                 if let Some(dataset) = dataset_id {
                     inputs.kept = self.kept(dataset, imperfect).await?;
                 }
-                self.begin_from(&mut inputs, encoder_id).await?;
+                if let Some(encoder) = encoder_id {
+                    self.begin_from(&mut inputs, encoder).await?;
+                }
+            }
+            JobSpec::Evaluate { policy_id, .. } => {
+                inputs.policy = Some(self.0.store.policy(policy_id).await?.checkpoint);
             }
             JobSpec::Export { dataset_id } => {
                 let contents = self.0.store.dataset_contents(dataset_id).await?;
@@ -78,6 +88,11 @@ impl Jobs {
     async fn begin_from(&self, inputs: &mut Inputs, encoder: &EncoderId) -> Result<()> {
         inputs.encoder = Some(self.0.store.encoder(encoder).await?.checkpoint);
         Ok(())
+    }
+
+    async fn frozen(&self, run: &ScoreRunId) -> Result<FrozenRun> {
+        let run = self.0.store.score_run(run).await?;
+        Ok(FrozenRun { lo: run.lo, hi: run.hi, quantiles: run.quantiles, expert_ids: run.expert_ids })
     }
 
     async fn kept(&self, dataset: &DatasetId, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {

@@ -4,9 +4,12 @@
 
 mod assignment;
 mod attempt;
+mod chain;
+mod extend;
 mod lease;
 mod process;
 mod report;
+mod resolve;
 mod result;
 mod scheduler;
 mod submit;

@@ -4,7 +4,8 @@ use std::collections::HashMap;
 
 use crate::{
     domain::{
-        id::{BlobId, EncoderId, EpisodeId, ExportId, PolicyId, ScoreRunId, SnapshotId},
+        evaluation::{Evaluation, SeedResult},
+        id::{BlobId, EncoderId, EpisodeId, EvaluationId, ExportId, PolicyId, ScoreRunId, SnapshotId},
         job::{Job, JobSpec},
         policy::Policy,
         score::{Encoder, EpisodeScores, ScoreRun},
@@ -20,7 +21,7 @@ use crate::{
 pub(super) fn blobs(made: &Made) -> Vec<&BlobId> {
     match made {
         Made::Encoder { checkpoint } | Made::Policy { checkpoint, .. } => vec![checkpoint],
-        Made::Scores { .. } => Vec::new(),
+        Made::Scores { .. } | Made::Trials(_) => Vec::new(),
         Made::Files(files) => files.iter().map(|file| &file.blob).collect(),
     }
 }
@@ -41,8 +42,8 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
             created_at,
         })),
         (
-            JobSpec::Score { encoder_id, snapshot_id, .. },
-            Made::Scores { similarity, normaliser, lo, hi, expert_ids, mut episodes },
+            JobSpec::Score { encoder_id, snapshot_id, extends, spec },
+            Made::Scores { similarity, normaliser, lo, hi, quantiles, expert_ids, mut episodes },
         ) => {
             check_scores(store, snapshot_id, &expert_ids, &mut episodes).await?;
             let run = ScoreRun {
@@ -51,10 +52,14 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
                 job_id,
                 encoder_id: encoder_id.clone(),
                 snapshot_id: snapshot_id.clone(),
+                scorer: spec.scorer.as_str().to_owned(),
                 similarity,
+                modality_scale: spec.modality_scale,
                 normaliser,
                 lo,
                 hi,
+                quantiles,
+                extends: extends.clone(),
                 expert_ids,
                 created_at,
             };
@@ -75,9 +80,28 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
         (JobSpec::Export { dataset_id }, Made::Files(files)) => {
             Ok(JobResult::Export(result_id(job, ExportId::try_from)?, dataset_id.clone(), files))
         }
-        (JobSpec::Pretrain { .. } | JobSpec::Score { .. } | JobSpec::Train { .. } | JobSpec::Export { .. }, _) => {
-            Err(Error::invalid("message", format!("does not fit a job of kind {}", job.spec.kind().as_str())))
+        (JobSpec::Evaluate { policy_id, spec }, Made::Trials(seeds)) => {
+            let told = |result: &SeedResult| (result.seed, result.episodes);
+            if !seeds.iter().map(told).eq(spec.seeds.iter().map(|&seed| (seed, spec.episodes))) {
+                return Err(Error::invalid("message.evaluation.seeds", "are not the seeds and episodes of the job"));
+            }
+            Ok(JobResult::Evaluation(Evaluation {
+                id: result_id(job, EvaluationId::try_from)?,
+                policy_id: policy_id.clone(),
+                job_id: Some(job_id),
+                simulation: spec.simulation.clone(),
+                seeds,
+                created_at,
+            }))
         }
+        (
+            JobSpec::Pretrain { .. }
+            | JobSpec::Score { .. }
+            | JobSpec::Train { .. }
+            | JobSpec::Export { .. }
+            | JobSpec::Evaluate { .. },
+            _,
+        ) => Err(Error::invalid("message", format!("does not fit a job of kind {}", job.spec.kind().as_str()))),
     }
 }
 
@@ -121,17 +145,12 @@ async fn check_scores(
 }
 
 fn fit(field: &str, scores: &EpisodeScores, steps: u64, experts: usize) -> Result<()> {
-    let EpisodeScores { episode_id: _, role: _, w, q, match_episode, match_step, distances } = scores;
-    for (list, length) in [
-        ("w", w.len()),
-        ("q", q.len()),
-        ("match_episode", match_episode.len()),
-        ("match_step", match_step.len()),
-        ("distances", distances.len()),
-    ] {
-        if u64::try_from(length) != Ok(steps) {
-            return Err(Error::invalid(field, format!("{list} has {length} values, the episode has {steps} steps")));
-        }
+    let EpisodeScores { episode_id: _, role: _, w, q, match_episode, match_step: _, distances: _ } = scores;
+    if !scores.fit() || u64::try_from(w.len()) != Ok(steps) {
+        return Err(Error::invalid(
+            field,
+            format!("must have w and q of each of the {steps} steps, and a match of each or of none"),
+        ));
     }
     if w.iter().any(|w| !w.is_finite()) || q.iter().any(|q| !(0.0..=1.0).contains(q)) {
         return Err(Error::invalid(field, "w must be finite and q between 0 and 1"));

@@ -13,6 +13,7 @@ use crate::{
         order::{JobOrder, Queueing, TrainData},
         schedule::PipelineSpec,
         score::EpisodeScores,
+        selection::Selection,
         snapshot::{Role, RoleRule},
         work::{Made, Progress},
     },
@@ -31,7 +32,13 @@ fn pipeline() -> PipelineSpec {
         score: true,
         beta: Some(0.5),
         train: Some(TrainSpec::default()),
+        scoring: None,
+        evaluate: None,
     }
+}
+
+fn score_with(encoder: EncoderId) -> JobOrder {
+    JobOrder::Score { encoder_id: Some(encoder), snapshot_id: None, extends: None, spec: ScoreSpec::default() }
 }
 
 async fn submit(bench: &Bench, order: JobOrder) -> Result<Job> {
@@ -62,13 +69,13 @@ async fn an_order_gets_a_snapshot_a_result_id_and_its_needs() {
     assert_eq!((first.state, first.max_attempts, first.needs.len()), (JobState::Queued, 3, 0));
 
     let encoder_id = encoder(&first);
-    let order = JobOrder::Score { encoder_id: encoder_id.clone(), snapshot_id: None, spec: ScoreSpec::default() };
+    let order = score_with(encoder_id.clone());
     let score = submit(&bench, order).await.unwrap();
     assert_eq!(score.needs, std::slice::from_ref(&first.id));
     assert!(matches!(&score.spec, JobSpec::Score { snapshot_id: own, .. } if own == snapshot_id));
 
     let order = JobOrder::Train { data: TrainData::ExpertsOf(encoder_id), spec: TrainSpec::default() };
-    let queueing = Queueing { priority: 7, needs: vec![score.id.clone()], max_attempts: Some(1) };
+    let queueing = Queueing { priority: 7, needs: vec![score.id.clone()], max_attempts: Some(1), key: String::new() };
     let base = bench.jobs.submit(&bench.task.id, order, queueing).await.unwrap();
     assert_eq!((base.priority, base.max_attempts, base.needs.len()), (7, 1, 2));
     assert!(matches!(&base.spec, JobSpec::Train { dataset_id: None, snapshot_id: own, .. } if own == snapshot_id));
@@ -78,14 +85,14 @@ async fn an_order_gets_a_snapshot_a_result_id_and_its_needs() {
 async fn what_is_not_there_or_not_ready_is_refused() {
     let bench = Bench::empty().await;
     assert_eq!(submit(&bench, pretrain()).await.unwrap_err().kind(), Kind::Precondition, "no episodes");
-    let order = JobOrder::Score { encoder_id: EncoderId::new(), snapshot_id: None, spec: ScoreSpec::default() };
+    let order = score_with(EncoderId::new());
     assert_eq!(submit(&bench, order).await.unwrap_err().kind(), Kind::NotFound);
     let order = JobOrder::Export { dataset_id: DatasetId::new() };
     assert_eq!(submit(&bench, order).await.unwrap_err().kind(), Kind::NotFound);
 
     let bench = Bench::new().await;
     let first = submit(&bench, pretrain()).await.unwrap();
-    let order = || JobOrder::Score { encoder_id: encoder(&first), snapshot_id: None, spec: ScoreSpec::default() };
+    let order = || score_with(encoder(&first));
     let error = bench.jobs.submit(&TaskId::new(), order(), Queueing::default()).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Invalid, "{error}");
     assert!(error.message().starts_with("spec.score.encoder_id: "), "{error}");
@@ -101,7 +108,10 @@ async fn a_pipeline_is_linked_and_whole() {
     assert_eq!((&score.needs, &train.needs), (&vec![first.id.clone()], &vec![score.id.clone()]));
     assert!(jobs.iter().all(|job| job.priority == 4));
     let dataset = bench.store.dataset(&dataset.unwrap()).await.unwrap();
-    assert_eq!((dataset.beta, String::from(dataset.score_run_id)), (0.5, score.result_id.clone()));
+    assert_eq!(
+        (dataset.selection, String::from(dataset.score_run_id)),
+        (Selection::Beta(0.5), score.result_id.clone())
+    );
     assert!(matches!(&train.spec, JobSpec::Train { dataset_id: Some(id), .. } if *id == dataset.id));
 
     let short = PipelineSpec { score: false, beta: None, train: None, ..pipeline() };
@@ -134,6 +144,7 @@ async fn results_end_jobs_and_give_the_next_their_input() {
         normaliser: "minmax".into(),
         lo: -2.0,
         hi: -0.5,
+        quantiles: Vec::new(),
         expert_ids: vec![expert.clone()],
         episodes,
     };

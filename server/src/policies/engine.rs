@@ -156,7 +156,7 @@ fn run<M: Model>(
     gleaner_learn::set_threads(1);
     let loaded = super::model::guarded("loading a policy", || {
         let model = load()?;
-        answer(&model, &[&Turn { history: None, steps: vec![blank(model.shape())] }])?;
+        answer(&model, &[&Turn { history: None, skipped: 0, steps: vec![blank(model.shape())] }])?;
         Ok(model)
     });
     let model = match loaded {

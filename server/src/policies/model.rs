@@ -2,7 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use gleaner_learn::{History, LearnError, Policy, TaskShape};
+use gleaner_learn::{Ensemble, History, LearnError, Policy, TaskShape};
 
 use crate::error::{Error, Result};
 
@@ -22,6 +22,8 @@ pub(super) struct Step {
 pub(super) struct Turn<H> {
     /// `None` begins a new one.
     pub(super) history: Option<H>,
+    /// Control steps that passed unseen before the last of `steps`.
+    pub(super) skipped: u64,
     /// Oldest first, at least one.
     pub(super) steps: Vec<Step>,
 }
@@ -50,8 +52,18 @@ pub(super) trait Model: 'static {
     fn advance(&self, turns: &[&Turn<Self::History>]) -> Result<Vec<Advanced<Self::History>>>;
 }
 
+/// What a policy remembers of a session.
+#[derive(Debug, Clone)]
+pub(super) struct Memory {
+    history: History,
+    /// What earlier chunks foresaw; nothing beyond now for policies that give one action.
+    ensemble: Ensemble,
+    /// The control step of the newest observation.
+    step: u64,
+}
+
 impl Model for Policy {
-    type History = History;
+    type History = Memory;
 
     fn shape(&self) -> &TaskShape {
         self.shape()
@@ -61,27 +73,41 @@ impl Model for Policy {
         usize::try_from(self.segment_length()).unwrap_or(usize::MAX).saturating_add(1)
     }
 
-    fn advance(&self, turns: &[&Turn<History>]) -> Result<Vec<Advanced<History>>> {
+    fn advance(&self, turns: &[&Turn<Memory>]) -> Result<Vec<Advanced<Memory>>> {
         let frames: Vec<&[u8]> = turns.iter().flat_map(|turn| &turn.steps).map(|step| step.frame.as_slice()).collect();
         let mut embeddings = self.embed(&frames).map_err(learned)?.into_iter();
-        let mut histories = Vec::with_capacity(turns.len());
+        let mut memories = Vec::with_capacity(turns.len());
         for turn in turns {
-            let mut history = turn.history.clone().unwrap_or_else(|| History::new(self.segment_length()));
+            let mut memory = turn.history.clone().unwrap_or_else(|| Memory {
+                history: History::new(self.segment_length()),
+                ensemble: Ensemble::new(),
+                step: 0,
+            });
+            memory.step += turn.skipped;
             for step in &turn.steps {
                 if let Some(action) = &step.executed {
-                    history.set_executed(action.clone()).map_err(learned)?;
+                    memory.history.set_executed(action.clone()).map_err(learned)?;
                 }
                 let embedding = embeddings
                     .next()
                     .ok_or_else(|| Error::internal("embedding frames", "fewer embeddings came than frames went"))?;
-                history.push(embedding, step.proprioception.clone()).map_err(learned)?;
+                memory.history.push(embedding, step.proprioception.clone()).map_err(learned)?;
+                memory.step += 1;
             }
-            histories.push(history);
+            memories.push(memory);
         }
-        let actions = self.act(&histories.iter().collect::<Vec<_>>()).map_err(learned)?;
-        let advanced = histories.into_iter().zip(actions);
-        Ok(advanced.map(|(history, action)| Advanced { history, actions: vec![action] }).collect())
+        let chunks = self.act(&memories.iter().map(|memory| &memory.history).collect::<Vec<_>>()).map_err(learned)?;
+        memories.into_iter().zip(chunks).map(|(memory, chunk)| ensembled(memory, chunk)).collect()
     }
+}
+
+/// The chunk, but the action for now is what all chunks of the session that reach it say together.
+fn ensembled(mut memory: Memory, mut actions: Vec<Vec<f32>>) -> Result<Advanced<Memory>> {
+    let now = memory.ensemble.push(memory.step, actions.clone()).map_err(learned)?;
+    if let Some(first) = actions.first_mut() {
+        *first = now;
+    }
+    Ok(Advanced { history: memory, actions })
 }
 
 /// What an error of `learn` means to who asked for a policy.

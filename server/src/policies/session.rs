@@ -172,7 +172,7 @@ async fn turn<M: Model>(
     let decode = begun.elapsed();
     // The first step of a history has nothing before it.
     step.executed = step.executed.or(memory.given).filter(|_| memory.history.is_some());
-    let answer = engine.ask(Turn { history: memory.history, steps: vec![step] }).await?;
+    let answer = engine.ask(Turn { history: memory.history, skipped: dropped, steps: vec![step] }).await?;
     let (history, acted) = acted(&engine, stamp_ns, answer, decode, arrived);
     let given = acted.actions.first().cloned();
     Ok((acted, dropped, Memory { history: Some(history), given }))
@@ -205,7 +205,7 @@ pub(super) async fn once<M: Model>(engine: &Engine<M>, observations: Vec<Observa
     })
     .await?;
     let decode = arrived.elapsed();
-    let answer = engine.try_ask(Turn { history: None, steps }).await?;
+    let answer = engine.try_ask(Turn { history: None, skipped: 0, steps }).await?;
     Ok(acted(engine, stamp_ns, answer, decode, arrived).1)
 }
 

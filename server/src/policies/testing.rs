@@ -104,7 +104,7 @@ pub(super) fn identity(batch: usize, queue: usize) -> Identity {
 /// A first turn with this proprioception.
 pub(super) fn turn(proprioception: f32) -> Turn<(f32, Vec<f32>)> {
     let step = Step { frame: Vec::new(), proprioception: vec![proprioception], executed: None };
-    Turn { history: None, steps: vec![step] }
+    Turn { history: None, skipped: 0, steps: vec![step] }
 }
 
 /// An observation whose stamp and proprioception are this number.

@@ -76,7 +76,7 @@ fn trained(seed: u64) -> Vec<u8> {
     let spec = PretrainSpec { model, optim: optim.clone(), seed, ..PretrainSpec::default() };
     let encoder = pretrain(&shape(), std::slice::from_ref(&episode), &spec, None, &mut Silent).unwrap();
     let spec = TrainSpec { optim, seed, ..TrainSpec::default() };
-    train_policy(&shape(), &encoder, &[episode], &[], &spec, None, &mut Silent).unwrap()
+    train_policy(&shape(), Some(&encoder), &[episode], &[], &spec, None, &mut Silent).unwrap()
 }
 
 fn observation(number: u8, executed_action: &[f32]) -> Observation {

@@ -16,8 +16,8 @@ pub(crate) struct Datasets(pub(crate) Rooms);
 
 impl Datasets {
     async fn create(&self, request: v1::CreateDatasetRequest) -> Result<v1::CreateDatasetResponse> {
-        let (run, beta) = wire::dataset::create_request(request)?;
-        let dataset = self.0.store.insert_dataset(&run, beta).await?;
+        let (run, selection) = wire::dataset::create_request(request)?;
+        let dataset = self.0.store.insert_dataset(&run, selection).await?;
         Ok(v1::CreateDatasetResponse { dataset: self.counted(vec![dataset]).await?.pop() })
     }
 

@@ -7,6 +7,7 @@ use tonic::{Request, Response, Streaming};
 
 use super::Rooms;
 use crate::{
+    domain::{evaluation::Evaluation, id::EvaluationId, time::Millis},
     error::Result,
     wire::{
         self,
@@ -36,6 +37,32 @@ impl PoliciesFace {
         Ok(v1::ListDeploymentsResponse { deployments: deployments.into_iter().map(wire::policy::deployment).collect() })
     }
 
+    async fn report(&self, request: v1::ReportEvaluationRequest) -> Result<v1::ReportEvaluationResponse> {
+        let (policy, simulation, seeds) = wire::evaluation::report_request(request)?;
+        let evaluation = Evaluation {
+            id: EvaluationId::new(),
+            policy_id: self.0.store.policy(&policy).await?.id,
+            job_id: None,
+            simulation,
+            seeds,
+            created_at: Millis::now(),
+        };
+        self.0.store.insert_evaluation(&evaluation).await?;
+        Ok(v1::ReportEvaluationResponse { evaluation: Some(wire::evaluation::evaluation(evaluation)) })
+    }
+
+    async fn evaluations(&self, policy: &str) -> Result<v1::ListEvaluationsResponse> {
+        let policy = self.0.store.policy(&wire::evaluation::policy_id(policy)?).await?;
+        let evaluations = self.0.store.evaluations(&policy.id).await?;
+        let evaluations = evaluations.into_iter().map(wire::evaluation::evaluation).collect();
+        Ok(v1::ListEvaluationsResponse { evaluations })
+    }
+
+    async fn evaluation(&self, id: &str) -> Result<v1::GetEvaluationResponse> {
+        let evaluation = self.0.store.evaluation(&wire::evaluation::evaluation_id(id)?).await?;
+        Ok(v1::GetEvaluationResponse { evaluation: Some(wire::evaluation::evaluation(evaluation)) })
+    }
+
     async fn answer(&self, request: v1::ActRequest) -> Result<v1::ActResponse> {
         let (deployment, observations) = wire::policy::act_request(request)?;
         Ok(wire::policy::act_response(self.0.policies.act(&deployment, observations).await?))
@@ -56,6 +83,29 @@ impl PolicyService for PoliciesFace {
 
     async fn deploy(&self, request: Request<v1::DeployRequest>) -> tonic::Result<Response<v1::DeployResponse>> {
         self.point(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn report_evaluation(
+        &self,
+        request: Request<v1::ReportEvaluationRequest>,
+    ) -> tonic::Result<Response<v1::ReportEvaluationResponse>> {
+        self.report(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn list_evaluations(
+        &self,
+        request: Request<v1::ListEvaluationsRequest>,
+    ) -> tonic::Result<Response<v1::ListEvaluationsResponse>> {
+        let v1::ListEvaluationsRequest { policy_id } = request.into_inner();
+        self.evaluations(&policy_id).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn get_evaluation(
+        &self,
+        request: Request<v1::GetEvaluationRequest>,
+    ) -> tonic::Result<Response<v1::GetEvaluationResponse>> {
+        let v1::GetEvaluationRequest { evaluation_id } = request.into_inner();
+        self.evaluation(&evaluation_id).await.map(Response::new).map_err(from_error)
     }
 
     async fn list_deployments(

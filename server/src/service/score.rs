@@ -40,6 +40,13 @@ impl Scores {
         let (run, empty) = wire::score::histogram_request(request)?;
         Ok(wire::score::histogram_response(&self.0.store.fill(&run, empty).await?))
     }
+
+    async fn count(&self, request: v1::CountKeptRequest) -> Result<v1::CountKeptResponse> {
+        let (run, selections, per_episode) = wire::score::count_request(request)?;
+        let counts = self.0.store.count_kept(&run, selections).await?;
+        let counts = counts.into_iter().map(|counted| wire::score::what_if(counted, per_episode)).collect();
+        Ok(v1::CountKeptResponse { counts })
+    }
 }
 
 #[tonic::async_trait]
@@ -72,5 +79,12 @@ impl ScoreService for Scores {
         request: Request<v1::GetHistogramRequest>,
     ) -> tonic::Result<Response<v1::GetHistogramResponse>> {
         self.histogram(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn count_kept(
+        &self,
+        request: Request<v1::CountKeptRequest>,
+    ) -> tonic::Result<Response<v1::CountKeptResponse>> {
+        self.count(request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 }

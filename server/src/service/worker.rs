@@ -1,12 +1,16 @@
 //! WorkerService: what running workers ask and say. Every call proves to come from a running attempt.
 
+use futures::{StreamExt as _, TryStreamExt as _, stream, stream::BoxStream};
 use gleaner_proto::v1::{self, worker_service_server::WorkerService};
 use tonic::{Request, Response, Streaming, metadata::MetadataMap};
 
 use super::Rooms;
 use crate::{
-    domain::{attempt::Attempt, job::Job},
-    error::Result,
+    domain::{
+        attempt::Attempt,
+        job::{Job, JobSpec},
+    },
+    error::{Error, Result},
     wire::{
         self,
         status::{from_error, from_peer, not_this_job},
@@ -28,6 +32,19 @@ impl Workers {
     async fn assignment(&self, job: Job) -> Result<v1::GetAssignmentResponse> {
         let inputs = self.0.jobs.inputs(&job).await?;
         Ok(wire::worker::assignment(job, inputs))
+    }
+
+    /// One episode's scores at a time, read as the worker takes them.
+    async fn base_scores(&self, job: Job) -> Result<BoxStream<'static, tonic::Result<v1::StreamBaseScoresResponse>>> {
+        let JobSpec::Score { extends: Some(run), .. } = job.spec else {
+            return Err(Error::precondition(format!("{} goes on from no earlier run", job.id)));
+        };
+        let store = self.0.store.clone();
+        let scores = stream::iter(store.scored_episodes(&run).await?).then(move |episode| {
+            let (store, run) = (store.clone(), run.clone());
+            async move { store.episode_scores(&run, &episode).await }
+        });
+        Ok(scores.map_ok(wire::worker::base_scores).map_err(from_error).boxed())
     }
 
     async fn progress(
@@ -72,12 +89,22 @@ impl Workers {
 
 #[tonic::async_trait]
 impl WorkerService for Workers {
+    type StreamBaseScoresStream = BoxStream<'static, tonic::Result<v1::StreamBaseScoresResponse>>;
+
     async fn get_assignment(
         &self,
         request: Request<v1::GetAssignmentRequest>,
     ) -> tonic::Result<Response<v1::GetAssignmentResponse>> {
         let (_, job) = self.caller(request.metadata()).await?;
         self.assignment(job).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn stream_base_scores(
+        &self,
+        request: Request<v1::StreamBaseScoresRequest>,
+    ) -> tonic::Result<Response<Self::StreamBaseScoresStream>> {
+        let (_, job) = self.caller(request.metadata()).await?;
+        self.base_scores(job).await.map(Response::new).map_err(from_error)
     }
 
     async fn report_progress(

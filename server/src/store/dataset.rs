@@ -1,4 +1,4 @@
-//! Datasets and exports.
+//! Datasets: selections of score runs, and what they hold.
 
 use futures::TryStreamExt as _;
 use sqlx::{Sqlite, Transaction};
@@ -6,10 +6,11 @@ use sqlx::{Sqlite, Transaction};
 use super::{Store, commit, fault, packed::unpack, row};
 use crate::{
     domain::{
-        dataset::{Dataset, DatasetContents, DatasetCounts, ExportFile, KeptEpisode, KeptSegment},
-        id::{DatasetId, EpisodeId, ExportId, JobId, ScoreRunId, TaskId},
+        dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest},
+        id::{DatasetId, EpisodeId, ScoreRunId, TaskId},
         job::JobKind,
-        score::{Histogram, ScoreRun, keeps},
+        score::ScoreRun,
+        selection::{Filter, Selection, ranked},
         time::Millis,
     },
     error::{Error, Result},
@@ -20,17 +21,20 @@ struct DatasetRow {
     id: String,
     task_id: String,
     score_run_id: String,
-    beta: f64,
+    beta: Option<f64>,
+    top_fraction: Option<f64>,
     created_at: i64,
 }
 
 impl DatasetRow {
     fn dataset(self) -> Result<Dataset> {
+        let beta = self.beta.map(Selection::Beta);
+        let selection = beta.or(self.top_fraction.map(Selection::TopFraction));
         Ok(Dataset {
             id: row::id("datasets.id", self.id)?,
             task_id: row::id("datasets.task_id", self.task_id)?,
             score_run_id: row::id("datasets.score_run_id", self.score_run_id)?,
-            beta: self.beta,
+            selection: row::parsed("datasets.beta", selection)?,
             created_at: Millis(self.created_at),
         })
     }
@@ -39,23 +43,32 @@ impl DatasetRow {
 #[derive(sqlx::FromRow)]
 struct KeptRow {
     episode_id: String,
+    w: Vec<u8>,
     q: Vec<u8>,
     match_episode: Vec<u8>,
     match_step: Vec<u8>,
 }
 
 impl KeptRow {
-    /// The segments that β keeps; `None` when it keeps none.
-    fn kept(self, beta: f64, experts: &[EpisodeId]) -> Result<Option<KeptEpisode>> {
+    /// The segments that the filter keeps; `None` when it keeps none.
+    fn kept(self, filter: Filter, experts: &[EpisodeId]) -> Result<Option<KeptEpisode>> {
+        let w = unpack::<f64>("episode_scores.w", &self.w)?;
         let q = unpack::<f32>("episode_scores.q", &self.q)?;
-        let episodes = unpack::<u32>("episode_scores.match_episode", &self.match_episode)?;
-        let steps = unpack::<u32>("episode_scores.match_step", &self.match_step)?;
-        let mut segments = Vec::new();
-        for (end_step, ((weight, episode), match_step)) in (0..).zip(q.zip(episodes).zip(steps)) {
-            if keeps(weight, beta) {
+        let episodes: Vec<u32> = unpack("episode_scores.match_episode", &self.match_episode)?.collect();
+        let steps: Vec<u32> = unpack("episode_scores.match_step", &self.match_step)?.collect();
+        // A scorer that matches nothing leaves both lists empty.
+        let nearest = |step: usize| match (episodes.get(step), steps.get(step)) {
+            (Some(&episode), Some(&end_step)) => {
                 let expert = usize::try_from(episode).ok().and_then(|index| experts.get(index)).cloned();
-                let match_episode = row::parsed("episode_scores.match_episode", expert)?;
-                segments.push(KeptSegment { end_step, weight, match_episode, match_step });
+                let episode_id = row::parsed("episode_scores.match_episode", expert)?;
+                Ok(Some(Nearest { episode_id, end_step }))
+            }
+            (None, _) | (_, None) => Ok(None),
+        };
+        let mut segments = Vec::new();
+        for ((end_step, step), (w, weight)) in (0..).zip(0..).zip(w.zip(q)) {
+            if filter.keeps(w, weight) {
+                segments.push(KeptSegment { end_step, weight, nearest: nearest(step)? });
             }
         }
         if segments.is_empty() {
@@ -65,81 +78,59 @@ impl KeptRow {
     }
 }
 
-#[derive(sqlx::FromRow)]
-struct FileRow {
-    name: String,
-    blob: String,
-    size_bytes: i64,
-}
-
-impl FileRow {
-    fn file(self) -> Result<ExportFile> {
-        Ok(ExportFile {
-            name: self.name,
-            blob: row::id("export_files.blob", self.blob)?,
-            size_bytes: row::count("export_files.size_bytes", self.size_bytes)?,
-        })
+/// The two columns of a selection: β, top fraction.
+fn columns(selection: Selection) -> (Option<f64>, Option<f64>) {
+    match selection {
+        Selection::Beta(beta) => (Some(beta), None),
+        Selection::TopFraction(fraction) => (None, Some(fraction)),
     }
 }
 
 /// Adds a dataset; the job that makes its run is there already.
 pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) -> Result<()> {
-    sqlx::query("insert into datasets (id, task_id, score_run_id, beta, created_at) values (?, ?, ?, ?, ?)")
-        .bind(dataset.id.as_str())
-        .bind(dataset.task_id.as_str())
-        .bind(dataset.score_run_id.as_str())
-        .bind(dataset.beta)
-        .bind(dataset.created_at.0)
-        .execute(&mut **tx)
-        .await
-        .map_err(fault("adding a dataset"))?;
-    Ok(())
-}
-
-/// Adds a finished export.
-pub(super) async fn insert_export(
-    tx: &mut Transaction<'_, Sqlite>,
-    export: &ExportId,
-    dataset: &DatasetId,
-    job: &JobId,
-    files: &[ExportFile],
-) -> Result<()> {
-    sqlx::query("insert into exports (id, dataset_id, job_id, created_at) values (?, ?, ?, ?)")
-        .bind(export.as_str())
-        .bind(dataset.as_str())
-        .bind(job.as_str())
-        .bind(Millis::now().0)
-        .execute(&mut **tx)
-        .await
-        .map_err(fault("adding an export"))?;
-    for (position, file) in (0i64..).zip(files) {
-        sqlx::query("insert into export_files (export_id, position, name, blob, size_bytes) values (?, ?, ?, ?, ?)")
-            .bind(export.as_str())
-            .bind(position)
-            .bind(&file.name)
-            .bind(file.blob.as_str())
-            .bind(row::stored(file.size_bytes))
-            .execute(&mut **tx)
-            .await
-            .map_err(fault("adding a file of an export"))?;
-    }
+    let (beta, top_fraction) = columns(dataset.selection);
+    sqlx::query(
+        "insert into datasets (id, task_id, score_run_id, beta, top_fraction, created_at) values (?, ?, ?, ?, ?, ?)",
+    )
+    .bind(dataset.id.as_str())
+    .bind(dataset.task_id.as_str())
+    .bind(dataset.score_run_id.as_str())
+    .bind(beta)
+    .bind(top_fraction)
+    .bind(dataset.created_at.0)
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("adding a dataset"))?;
     Ok(())
 }
 
 impl Store {
-    /// Makes a dataset of a score run that is there or still may come; β is in [0, 1].
+    /// The dataset of this selection of a score run that is there or still may come; made if there is none yet.
     ///
     /// # Errors
     /// NotFound; Precondition when the run's job gave up.
-    pub(crate) async fn insert_dataset(&self, run: &ScoreRunId, beta: f64) -> Result<Dataset> {
+    pub(crate) async fn insert_dataset(&self, run: &ScoreRunId, selection: Selection) -> Result<Dataset> {
         let dataset = Dataset {
             id: DatasetId::new(),
             task_id: self.maker(JobKind::Score, "score run", run.as_str()).await?.task_id,
             score_run_id: run.clone(),
-            beta,
+            selection,
             created_at: Millis::now(),
         };
         let mut tx = self.write().await?;
+        let (beta, top_fraction) = columns(selection);
+        let same: Option<DatasetRow> = sqlx::query_as(
+            "select * from datasets where score_run_id = ? and beta is ? and top_fraction is ? order by id limit 1",
+        )
+        .bind(run.as_str())
+        .bind(beta)
+        .bind(top_fraction)
+        .fetch_optional(&mut *tx)
+        .await
+        .map_err(fault("looking for a dataset"))?;
+        if let Some(same) = same {
+            return same.dataset();
+        }
         insert(&mut tx, &dataset).await?;
         commit(tx).await?;
         Ok(dataset)
@@ -186,12 +177,12 @@ impl Store {
                 Err(error) if error.kind() == crate::error::Kind::Precondition => continue,
                 Err(error) => return Err(error),
             };
-            let betas: Vec<f64> = places.iter().map(|&place| datasets[place].beta).collect();
-            let kept = self.fill(&run.id, Histogram::new(1, &betas)).await?.kept();
+            let selections: Vec<Selection> = places.iter().map(|&place| datasets[place].selection).collect();
+            let kept = self.count_kept(&run.id, selections).await?;
             let expert_segments = self.run_counts(&run).await?.expert_segments;
             for (&place, kept) in places.iter().zip(kept) {
-                counts[place] =
-                    Some(DatasetCounts { kept_segments: kept.segments, kept_episodes: kept.episodes, expert_segments });
+                let (kept_segments, kept_episodes) = (kept.total.segments, kept.total.episodes);
+                counts[place] = Some(DatasetCounts { kept_segments, kept_episodes, expert_segments });
             }
         }
         Ok(counts)
@@ -204,7 +195,7 @@ impl Store {
     pub(crate) async fn dataset_contents(&self, id: &DatasetId) -> Result<DatasetContents> {
         let dataset = self.dataset(id).await?;
         let run = self.score_run(&dataset.score_run_id).await?;
-        let kept = self.kept(&run, dataset.beta).await?;
+        let kept = self.kept(&run, dataset.selection).await?;
         Ok(DatasetContents {
             snapshot_id: run.snapshot_id.clone(),
             encoder_id: run.encoder_id.clone(),
@@ -215,51 +206,25 @@ impl Store {
         })
     }
 
-    /// Every imperfect episode with its segments that β keeps, if any; rows come one by one.
-    async fn kept(&self, run: &ScoreRun, beta: f64) -> Result<Vec<KeptEpisode>> {
+    /// Every imperfect episode with its segments that are kept, if any; rows come one by one.
+    async fn kept(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<KeptEpisode>> {
+        let candidates = match selection {
+            Selection::Beta(_) => Vec::new(),
+            Selection::TopFraction(_) => self.candidates(&run.id).await?,
+        };
+        let ranked = ranked(candidates.into_iter().flat_map(|candidate| candidate.w));
+        let filter = Filter::new(selection, &ranked);
         let mut rows = sqlx::query_as::<_, KeptRow>(
-            "select episode_id, q, match_episode, match_step from episode_scores \
+            "select episode_id, w, q, match_episode, match_step from episode_scores \
              where score_run_id = ? and role = 'imperfect' order by position",
         )
         .bind(run.id.as_str())
         .fetch(self.read());
         let mut kept = Vec::new();
         while let Some(found) = rows.try_next().await.map_err(fault("reading a dataset's segments"))? {
-            kept.extend(found.kept(beta, &run.expert_ids)?);
+            kept.extend(found.kept(filter, &run.expert_ids)?);
         }
         Ok(kept)
-    }
-
-    /// The files of a finished export, in order.
-    ///
-    /// # Errors
-    /// NotFound, or Precondition naming its job when that has not succeeded.
-    pub(crate) async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
-        let there: i64 = sqlx::query_scalar("select count(*) from exports where id = ?")
-            .bind(id.as_str())
-            .fetch_one(self.read())
-            .await
-            .map_err(fault("reading an export"))?;
-        if there == 0 {
-            return Err(self.missing(JobKind::Export, "export", id.as_str()).await);
-        }
-        let rows: Vec<FileRow> =
-            sqlx::query_as("select name, blob, size_bytes from export_files where export_id = ? order by position")
-                .bind(id.as_str())
-                .fetch_all(self.read())
-                .await
-                .map_err(fault("reading an export's files"))?;
-        rows.into_iter().map(FileRow::file).collect()
-    }
-
-    /// One file of a finished export.
-    ///
-    /// # Errors
-    /// As for [`Store::export_files`]; NotFound when the export has no such file.
-    pub(crate) async fn export_file(&self, id: &ExportId, name: &str) -> Result<ExportFile> {
-        let files = self.export_files(id).await?;
-        let found = files.into_iter().find(|file| file.name == name);
-        found.ok_or_else(|| Error::not_found(&format!("file in {id} called"), name))
     }
 }
 

@@ -78,7 +78,7 @@ impl Store {
         let encoder = self.encoder(id).await?;
         match self.job(&encoder.job_id).await?.spec {
             JobSpec::Pretrain { spec, .. } => Ok(spec.model.segment_length),
-            JobSpec::Score { .. } | JobSpec::Train { .. } | JobSpec::Export { .. } => {
+            JobSpec::Score { .. } | JobSpec::Train { .. } | JobSpec::Export { .. } | JobSpec::Evaluate { .. } => {
                 Err(Error::internal("reading an encoder's spec", "its job is no pretraining"))
             }
         }

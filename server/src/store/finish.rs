@@ -1,10 +1,11 @@
 //! How a job succeeds: its result's rows and its move, in one transaction.
 
-use super::{Store, commit, dataset, encoder, policy, queue, score};
+use super::{Store, commit, encoder, evaluation, export, policy, queue, score};
 use crate::{
     domain::{
         attempt::Attempt,
         dataset::ExportFile,
+        evaluation::Evaluation,
         id::{DatasetId, ExportId},
         job::JobState,
         policy::Policy,
@@ -24,6 +25,8 @@ pub(crate) enum JobResult {
     Policy(Policy),
     /// Of exporting.
     Export(ExportId, DatasetId, Vec<ExportFile>),
+    /// Of evaluating.
+    Evaluation(Evaluation),
 }
 
 impl Store {
@@ -41,9 +44,10 @@ impl Store {
             JobResult::Encoder(made) => encoder::insert(&mut tx, made).await?,
             JobResult::Scores(run, episodes) => score::insert_run(&mut tx, run, episodes).await?,
             JobResult::Policy(policy) => policy::insert(&mut tx, policy).await?,
-            JobResult::Export(export, dataset, files) => {
-                dataset::insert_export(&mut tx, export, dataset, &job.id, files).await?;
+            JobResult::Export(id, dataset, files) => {
+                export::insert(&mut tx, id, dataset, &job.id, files).await?;
             }
+            JobResult::Evaluation(evaluation) => evaluation::insert(&mut tx, evaluation).await?,
         }
         let moved = queue::advance(&mut tx, &job, JobState::Succeeded, "done", "").await?;
         commit(tx).await?;

@@ -2,12 +2,12 @@
 
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 
-use super::{Store, commit, dataset, fault, row, schedule};
+use super::{Store, commit, dataset, fault, is_duplicate, row, schedule};
 use crate::{
     domain::{
-        id::{BlobId, JobId},
+        id::{BlobId, JobId, TaskId},
         job::{Job, JobState},
-        order::{JobFilter, NewJob, Plan},
+        order::{JobFilter, JobOrder, NewJob, Plan},
         time::Millis,
     },
     error::{Error, Result},
@@ -44,6 +44,7 @@ struct JobRow {
     created_at: i64,
     started_at: Option<i64>,
     ended_at: Option<i64>,
+    key: String,
     needs: Option<String>,
 }
 
@@ -72,6 +73,7 @@ impl JobRow {
             created_at: Millis(self.created_at),
             started_at: self.started_at.map(Millis),
             ended_at: self.ended_at.map(Millis),
+            key: self.key,
         })
     }
 }
@@ -110,6 +112,25 @@ impl Store {
         found.map(JobRow::read).transpose()
     }
 
+    /// The task's job of this key that has not failed and was not cancelled, and what was ordered under it.
+    pub(crate) async fn job_of_key(&self, task: &TaskId, key: &str) -> Result<Option<(Job, JobOrder)>> {
+        let held = "select id, ordered from jobs where task_id = ? and key = ? and key <> '' \
+             and state not in ('failed', 'cancelled')";
+        let found: Option<(String, String)> = sqlx::query_as(held)
+            .bind(task.as_str())
+            .bind(key)
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("looking for a key"))?;
+        match found {
+            Some((id, ordered)) => {
+                let job = self.job(&row::id("jobs.id", id)?).await?;
+                Ok(Some((job, row::json("jobs.ordered", &ordered)?)))
+            }
+            None => Ok(None),
+        }
+    }
+
     /// At most `size` jobs that fit the filter and come before the id `before`, newest first. The second value
     /// is where the next page goes on; `None` on the last one.
     pub(crate) async fn jobs(
@@ -141,7 +162,8 @@ impl Store {
     /// Queues a plan whole, or nothing of it.
     ///
     /// # Errors
-    /// NotFound when a job to wait for is unknown; Precondition when one failed or was cancelled.
+    /// NotFound when a job to wait for is unknown; Precondition when one failed or was cancelled; Exists when a job
+    /// has taken its key meanwhile.
     pub(crate) async fn insert_plan(&self, plan: &Plan) -> Result<Vec<Job>> {
         let mut tx = self.write().await?;
         for job in &plan.jobs {
@@ -164,8 +186,8 @@ impl Store {
 
 async fn insert(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
     sqlx::query(
-        "insert into jobs (id, task_id, kind, spec, state, priority, result_id, max_attempts, created_at) \
-         values (?, ?, ?, ?, 'queued', ?, ?, ?, ?)",
+        "insert into jobs (id, task_id, kind, spec, state, priority, result_id, max_attempts, created_at, key, ordered) \
+         values (?, ?, ?, ?, 'queued', ?, ?, ?, ?, ?, ?)",
     )
     .bind(job.id.as_str())
     .bind(job.task_id.as_str())
@@ -175,9 +197,14 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
     .bind(&job.result_id)
     .bind(job.max_attempts)
     .bind(Millis::now().0)
+    .bind(job.keyed.as_ref().map_or("", |keyed| keyed.key.as_str()))
+    .bind(job.keyed.as_ref().map(|keyed| row::to_json(&keyed.order)).transpose()?.unwrap_or_default())
     .execute(&mut **tx)
     .await
-    .map_err(fault("queueing a job"))?;
+    .map_err(|error| match &job.keyed {
+        Some(keyed) if is_duplicate(&error) => Error::exists(format!("the key {:?} belongs to another job", keyed.key)),
+        Some(_) | None => fault("queueing a job")(error),
+    })?;
     for needed in &job.needs {
         let found = by_id(tx, needed).await?.ok_or_else(|| Error::not_found("job", needed))?;
         may_be_waited_for(&found)?;

@@ -7,8 +7,11 @@ mod blob;
 mod dataset;
 mod encoder;
 mod episode;
+mod evaluation;
+mod export;
 pub(crate) mod finish;
 mod job;
+mod kept;
 mod made;
 mod metric;
 mod packed;
@@ -119,3 +122,6 @@ async fn check_version(pool: &SqlitePool) -> Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

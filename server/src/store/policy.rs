@@ -19,7 +19,7 @@ struct PolicyRow {
     task_id: String,
     job_id: String,
     kind: String,
-    encoder_id: String,
+    encoder_id: Option<String>,
     dataset_id: Option<String>,
     checkpoint: String,
     created_at: i64,
@@ -32,7 +32,7 @@ impl PolicyRow {
             task_id: row::id("policies.task_id", self.task_id)?,
             job_id: row::id("policies.job_id", self.job_id)?,
             kind: self.kind,
-            encoder_id: row::id("policies.encoder_id", self.encoder_id)?,
+            encoder_id: self.encoder_id.map(|id| row::id("policies.encoder_id", id)).transpose()?,
             dataset_id: self.dataset_id.map(|id| row::id("policies.dataset_id", id)).transpose()?,
             checkpoint: row::id("policies.checkpoint", self.checkpoint)?,
             created_at: Millis(self.created_at),
@@ -58,7 +58,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, policy: &Policy) ->
     .bind(policy.task_id.as_str())
     .bind(policy.job_id.as_str())
     .bind(&policy.kind)
-    .bind(policy.encoder_id.as_str())
+    .bind(policy.encoder_id.as_ref().map(|id| id.as_str()))
     .bind(policy.dataset_id.as_ref().map(|id| id.as_str()))
     .bind(policy.checkpoint.as_str())
     .bind(policy.created_at.0)

@@ -1,6 +1,5 @@
 //! Score runs and the scores themselves: one row an episode, arrays packed.
 
-use futures::TryStreamExt as _;
 use sqlx::{Sqlite, Transaction};
 
 use super::{
@@ -12,7 +11,7 @@ use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId, TaskId},
         job::JobKind,
-        score::{EpisodeScores, Histogram, RunCounts, ScoreRun},
+        score::{EpisodeScores, RunCounts, ScoreRun},
         snapshot::Role,
         time::Millis,
     },
@@ -34,6 +33,10 @@ struct RunRow {
     hi: f64,
     expert_ids: String,
     created_at: i64,
+    scorer: String,
+    modality_scale: Option<String>,
+    extends: Option<String>,
+    quantiles: Vec<u8>,
 }
 
 impl RunRow {
@@ -44,10 +47,17 @@ impl RunRow {
             job_id: row::id("score_runs.job_id", self.job_id)?,
             encoder_id: row::id("score_runs.encoder_id", self.encoder_id)?,
             snapshot_id: row::id("score_runs.snapshot_id", self.snapshot_id)?,
+            scorer: self.scorer,
             similarity: self.similarity,
+            modality_scale: self
+                .modality_scale
+                .map(|scale| row::json("score_runs.modality_scale", &scale))
+                .transpose()?,
             normaliser: self.normaliser,
             lo: self.lo,
             hi: self.hi,
+            quantiles: unpack("score_runs.quantiles", &self.quantiles)?.collect(),
+            extends: self.extends.map(|id| row::id("score_runs.extends", id)).transpose()?,
             expert_ids: row::json("score_runs.expert_ids", &self.expert_ids)?,
             created_at: Millis(self.created_at),
         })
@@ -77,18 +87,11 @@ impl ScoresRow {
             match_step: unpack("episode_scores.match_step", &self.match_step)?.collect(),
             distances: distances.as_chunks().0.to_vec(),
         };
-        if same_steps(&scores) {
+        if scores.fit() {
             return Ok(scores);
         }
         Err(Error::internal("reading episode_scores", "the arrays of one row differ in length"))
     }
-}
-
-/// Whether every array has one entry a step.
-fn same_steps(scores: &EpisodeScores) -> bool {
-    [scores.q.len(), scores.match_episode.len(), scores.match_step.len(), scores.distances.len()]
-        .iter()
-        .all(|&length| length == scores.w.len())
 }
 
 /// Adds a finished score run with its scores, in the snapshot's order.
@@ -99,7 +102,8 @@ pub(super) async fn insert_run(
 ) -> Result<()> {
     sqlx::query(
         "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, similarity, normaliser, lo, hi, \
-         expert_ids, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         expert_ids, created_at, scorer, modality_scale, extends, quantiles) \
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(run.id.as_str())
     .bind(run.task_id.as_str())
@@ -112,6 +116,10 @@ pub(super) async fn insert_run(
     .bind(run.hi)
     .bind(row::to_json(&run.expert_ids)?)
     .bind(run.created_at.0)
+    .bind(&run.scorer)
+    .bind(run.modality_scale.as_ref().map(row::to_json).transpose()?)
+    .bind(run.extends.as_ref().map(|id| id.as_str()))
+    .bind(pack(run.quantiles.iter().copied()))
     .execute(&mut **tx)
     .await
     .map_err(fault("adding a score run"))?;
@@ -127,7 +135,7 @@ async fn insert_scores(
     position: i64,
     scores: &EpisodeScores,
 ) -> Result<()> {
-    if !same_steps(scores) {
+    if !scores.fit() {
         return Err(Error::invalid(
             "scores",
             format!("the lists of {} differ in length; give one entry a step", scores.episode_id),
@@ -189,7 +197,7 @@ impl Store {
     pub(crate) async fn run_counts(&self, run: &ScoreRun) -> Result<RunCounts> {
         // The length of a blob is in its row's header: no array is read.
         let (episodes, segments): (i64, i64) = sqlx::query_as(
-            "select count(*), coalesce(sum(length(match_step)) / 4, 0) from episode_scores \
+            "select count(*), coalesce(sum(length(q)) / 4, 0) from episode_scores \
              where score_run_id = ? and role = 'imperfect'",
         )
         .bind(run.id.as_str())
@@ -231,24 +239,6 @@ impl Store {
                 Err(Error::not_found(&format!("scores in {run} of"), episode))
             }
         }
-    }
-
-    /// Fills a histogram with the q of a run's imperfect segments. Rows come one by one from the database's own
-    /// thread, so that neither memory nor the runtime is held by a large run.
-    ///
-    /// # Errors
-    /// As for [`Store::score_run`].
-    pub(crate) async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<Histogram> {
-        self.score_run(run).await?;
-        let mut rows = sqlx::query_scalar::<_, Vec<u8>>(
-            "select q from episode_scores where score_run_id = ? and role = 'imperfect' order by position",
-        )
-        .bind(run.as_str())
-        .fetch(self.read());
-        while let Some(q) = rows.try_next().await.map_err(fault("reading a run's q"))? {
-            histogram.add(unpack("episode_scores.q", &q)?);
-        }
-        Ok(histogram)
     }
 }
 

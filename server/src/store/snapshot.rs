@@ -13,6 +13,7 @@ use crate::{
     domain::{
         episode::{Episode, Outcome},
         id::{EpisodeId, SnapshotId, TaskId},
+        limit::{Member, limited},
         snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
         time::Millis,
     },
@@ -83,7 +84,7 @@ impl Store {
     pub(crate) async fn create_snapshot(&self, task: &TaskId, rule: &RoleRule) -> Result<Snapshot> {
         let mut tx = self.write().await?;
         let members = members_now(&mut tx, task, rule).await?;
-        let count = |role| members.iter().filter(|(_, of)| *of == role).count() as u64;
+        let count = |role| members.iter().filter(|(member, _)| member.role == role).count() as u64;
         let snapshot = Snapshot {
             id: SnapshotId::new(),
             task_id: task.clone(),
@@ -152,35 +153,42 @@ impl Store {
     }
 }
 
-/// The task's episodes that the rule gives a role, by id.
+/// The task's episodes that the rule takes, by id, with their outcomes.
 async fn members_now(
     tx: &mut Transaction<'_, Sqlite>,
     task: &TaskId,
     rule: &RoleRule,
-) -> Result<Vec<(LabelledRow, Role)>> {
+) -> Result<Vec<(Member, Outcome)>> {
     let rows =
         sqlx::query_as::<_, LabelledRow>("select id, outcome, cohort from episodes where task_id = ? order by id")
             .bind(task.as_str())
             .fetch_all(&mut **tx)
             .await
             .map_err(fault("reading the task's episodes"))?;
+    let mut outcomes = HashMap::with_capacity(rows.len());
     let mut members = Vec::with_capacity(rows.len());
     for labelled in rows {
         let outcome = row::parsed("episodes.outcome", Outcome::from_word(&labelled.outcome))?;
         if let Some(role) = rule.role(outcome, &labelled.cohort) {
-            members.push((labelled, role));
+            let episode_id: EpisodeId = row::id("episodes.id", labelled.id)?;
+            outcomes.insert(episode_id.clone(), outcome);
+            members.push(Member { episode_id, cohort: labelled.cohort, role });
         }
     }
-    Ok(members)
+    let members = limited(members, rule).into_iter();
+    Ok(members.filter_map(|member| outcomes.get(&member.episode_id).map(|&outcome| (member, outcome))).collect())
 }
 
 fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
-    let by_cohort = snapshot.rule != RoleRule::default();
+    let rule = &snapshot.rule;
     for (role, episodes, word) in
         [(Role::Expert, snapshot.expert_episodes, "success"), (Role::Imperfect, snapshot.imperfect_episodes, "failure")]
     {
         if episodes == 0 {
-            let mend = if by_cohort {
+            let mend = if role == Role::Imperfect && rule.imperfect_per_expert > 0.0 && rule.imperfect_per_expert < 1.0
+            {
+                "push or label some, or raise imperfect_per_expert".to_owned()
+            } else if rule.by_cohort() {
                 "name cohorts that the task's episodes have".to_owned()
             } else {
                 format!("push or label episodes as {word}")
@@ -194,7 +202,7 @@ fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
     Ok(())
 }
 
-async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: &[(LabelledRow, Role)]) -> Result<()> {
+async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: &[(Member, Outcome)]) -> Result<()> {
     sqlx::query("insert into snapshots (id, task_id, rule, created_at) values (?, ?, ?, ?)")
         .bind(snapshot.id.as_str())
         .bind(snapshot.task_id.as_str())
@@ -203,17 +211,17 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: 
         .execute(&mut **tx)
         .await
         .map_err(fault("inserting a snapshot"))?;
-    for (position, (labelled, role)) in members.iter().enumerate() {
+    for (position, (member, outcome)) in members.iter().enumerate() {
         sqlx::query(
             "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) \
              values (?, ?, ?, ?, ?, ?)",
         )
         .bind(snapshot.id.as_str())
         .bind(row::stored(position as u64))
-        .bind(&labelled.id)
-        .bind(&labelled.outcome)
-        .bind(&labelled.cohort)
-        .bind(role.as_str())
+        .bind(member.episode_id.as_str())
+        .bind(outcome.as_str())
+        .bind(&member.cohort)
+        .bind(member.role.as_str())
         .execute(&mut **tx)
         .await
         .map_err(fault("inserting a snapshot's episode"))?;
@@ -222,72 +230,4 @@ async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: 
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-    use super::super::testing;
-    use super::*;
-    use crate::{domain::episode::NewLabel, error::Kind};
-
-    #[tokio::test]
-    async fn a_snapshot_does_not_change_when_labels_do() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        let expert = testing::episode(&store, &task, Outcome::Success, "ada").await;
-        let imperfect = testing::episode(&store, &task, Outcome::Failure, "bob").await;
-        testing::episode(&store, &task, Outcome::Unknown, "bob").await;
-        let frozen = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap();
-        assert_eq!((frozen.expert_episodes, frozen.imperfect_episodes), (1, 1));
-
-        let label = NewLabel {
-            outcome: Outcome::Failure,
-            cohort: Some("carol".into()),
-            author: "ada".into(),
-            reason: String::new(),
-        };
-        store.label_episodes(std::slice::from_ref(&expert.id), &label).await.unwrap();
-        let (snapshot, members) = store.snapshot(&frozen.id).await.unwrap();
-        assert_eq!((snapshot.expert_episodes, snapshot.imperfect_episodes), (1, 1));
-        let mut seen: Vec<_> = members.iter().map(|m| (&m.episode_id, m.outcome, m.cohort.as_str(), m.role)).collect();
-        seen.sort_by_key(|member| member.3 == Role::Imperfect);
-        assert_eq!(
-            seen,
-            [
-                (&expert.id, Outcome::Success, "ada", Role::Expert),
-                (&imperfect.id, Outcome::Failure, "bob", Role::Imperfect),
-            ]
-        );
-        let recordings = store.recordings(&frozen.id).await.unwrap();
-        let order: Vec<_> = recordings.iter().map(|(episode, role)| (&episode.id, episode.outcome, *role)).collect();
-        assert_eq!(order, members.iter().map(|m| (&m.episode_id, m.outcome, m.role)).collect::<Vec<_>>());
-        assert_eq!(store.snapshot(&SnapshotId::new()).await.unwrap_err().kind(), Kind::NotFound);
-    }
-
-    #[tokio::test]
-    async fn a_snapshot_needs_both_sides() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        testing::episode(&store, &task, Outcome::Success, "ada").await;
-        let error = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap_err();
-        assert_eq!(error.kind(), Kind::Precondition);
-        assert!(error.message().contains("no imperfect"), "{error}");
-        let rule = RoleRule { expert_cohorts: vec!["bob".into()], imperfect_cohorts: vec!["ada".into()] };
-        let error = store.create_snapshot(&task.id, &rule).await.unwrap_err();
-        assert!(error.message().contains("no expert"), "{error}");
-        assert!(store.snapshots(&task.id).await.unwrap().is_empty());
-    }
-
-    #[tokio::test]
-    async fn snapshots_come_newest_first() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        testing::episode(&store, &task, Outcome::Success, "ada").await;
-        testing::episode(&store, &task, Outcome::Success, "bob").await;
-        let rule = RoleRule { expert_cohorts: vec!["ada".into()], imperfect_cohorts: vec!["bob".into()] };
-        for _ in 0..3 {
-            store.create_snapshot(&task.id, &rule).await.unwrap();
-        }
-        let listed = store.snapshots(&task.id).await.unwrap();
-        assert_eq!((listed.len(), &listed[0].rule), (3, &rule));
-        assert!(listed.windows(2).all(|pair| pair[0].created_at >= pair[1].created_at));
-    }
-}
+mod tests;

@@ -7,6 +7,7 @@ use crate::{
     domain::{
         dataset::{Dataset, DatasetCounts, ExportFile},
         id::{DatasetId, ExportId, ScoreRunId},
+        selection::Selection,
     },
     error::Result,
 };
@@ -26,9 +27,9 @@ pub(crate) fn export_id(text: &str) -> Result<ExportId> {
     ExportId::parse("export_id", text)
 }
 
-pub(crate) fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, f64)> {
-    let v1::CreateDatasetRequest { score_run_id, beta } = request;
-    Ok((score::score_run_id(&score_run_id)?, score::beta("beta", beta)?))
+pub(crate) fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, Selection)> {
+    let v1::CreateDatasetRequest { score_run_id, selection } = request;
+    Ok((score::score_run_id(&score_run_id)?, score::selection_from_proto("selection", selection)?))
 }
 
 pub(crate) fn segments_request(request: v1::StreamSegmentsRequest) -> Result<SegmentsRequest> {
@@ -42,12 +43,12 @@ pub(crate) fn download_request(request: v1::DownloadExportFileRequest) -> Result
 }
 
 pub(crate) fn dataset(dataset: Dataset, counts: Option<DatasetCounts>) -> v1::Dataset {
-    let Dataset { id, task_id, score_run_id, beta, created_at } = dataset;
+    let Dataset { id, task_id, score_run_id, selection, created_at } = dataset;
     v1::Dataset {
         id: id.into(),
         task_id: task_id.into(),
         score_run_id: score_run_id.into(),
-        beta,
+        selection: Some(score::selection_to_proto(selection)),
         kept_segments: counts.map(|counts| counts.kept_segments),
         kept_episodes: counts.map(|counts| counts.kept_episodes),
         expert_segments: counts.map(|counts| counts.expert_segments),

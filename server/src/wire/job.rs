@@ -15,6 +15,8 @@ use crate::{
 
 /// More attempts than this help nobody.
 const MAX_ATTEMPTS: u32 = 100;
+/// Longest key, in characters.
+const LONGEST_KEY: usize = 200;
 
 /// Reads a job's id.
 pub(crate) fn job_id(text: &str) -> Result<JobId> {
@@ -26,13 +28,16 @@ pub(crate) fn job_id(text: &str) -> Result<JobId> {
 /// # Errors
 /// Invalid names the field and the mend.
 pub(crate) fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
-    let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts } = request;
+    let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts, key } = request;
     let needs =
         needs.iter().enumerate().map(|(i, id)| JobId::parse(&format!("needs[{i}]"), id)).collect::<Result<_>>()?;
     if max_attempts.is_some_and(|attempts| attempts == 0 || attempts > MAX_ATTEMPTS) {
         return Err(Error::invalid("max_attempts", format!("must be between 1 and {MAX_ATTEMPTS}")));
     }
-    Ok((field::text("task", task)?, order::order(spec)?, Queueing { priority, needs, max_attempts }))
+    if key.chars().count() > LONGEST_KEY || key.chars().any(char::is_control) {
+        return Err(Error::invalid("key", format!("must be at most {LONGEST_KEY} characters, none of them control")));
+    }
+    Ok((field::text("task", task)?, order::order(spec)?, Queueing { priority, needs, max_attempts, key }))
 }
 
 /// The task's name or id, the pipeline, and the priority of its jobs.
@@ -85,6 +90,7 @@ pub(crate) fn job(job: Job) -> v1::Job {
         JobKind::Score => v1::JobKind::Score,
         JobKind::Train => v1::JobKind::Train,
         JobKind::Export => v1::JobKind::Export,
+        JobKind::Evaluate => v1::JobKind::Evaluate,
     };
     let Job {
         id,
@@ -107,6 +113,7 @@ pub(crate) fn job(job: Job) -> v1::Job {
         created_at,
         started_at,
         ended_at,
+        key,
     } = job;
     v1::Job {
         id: id.into(),
@@ -127,6 +134,7 @@ pub(crate) fn job(job: Job) -> v1::Job {
         start_time: started_at.map(field::timestamp),
         end_time: ended_at.map(field::timestamp),
         peak_memory_bytes,
+        key,
     }
 }
 
@@ -178,6 +186,11 @@ mod tests {
         assert!(
             refusal(v1::SubmitJobRequest { max_attempts: Some(0), ..request.clone() }).starts_with("max_attempts: ")
         );
+        for key in ["ü".repeat(201), "a\nb".into()] {
+            assert!(refusal(v1::SubmitJobRequest { key, ..request.clone() }).starts_with("key: "));
+        }
+        let longest = v1::SubmitJobRequest { key: "ü".repeat(200), ..request.clone() };
+        assert_eq!(submit_request(longest).unwrap().2.key.chars().count(), 200);
         assert!(refusal(v1::SubmitJobRequest { task: String::new(), ..request }).starts_with("task: "));
 
         let list = |request| list_request(request).err().unwrap().message().to_owned();

@@ -98,7 +98,7 @@ pub(crate) fn policy(policy: Policy) -> v1::Policy {
         id: id.into(),
         task_id: task_id.into(),
         kind,
-        encoder_id: encoder_id.into(),
+        encoder_id: encoder_id.map(Into::into).unwrap_or_default(),
         dataset_id: dataset_id.map(Into::into).unwrap_or_default(),
         job_id: job_id.into(),
         create_time: Some(field::timestamp(created_at)),

@@ -2,17 +2,19 @@
 
 use gleaner_proto::v1;
 
-use super::{field, snapshot};
+use super::{field, order, snapshot};
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
         score::{EpisodeScores, Histogram, KeptCount, RunCounts, ScoreRun},
+        selection::{Kept, Selection, WhatIf},
     },
     error::{Error, Result},
 };
 
 const MAX_BINS: u32 = 1000;
 const MAX_BETAS: usize = 1000;
+const MAX_SELECTIONS: usize = 100;
 
 pub(crate) fn score_run_id(text: &str) -> Result<ScoreRunId> {
     ScoreRunId::parse("score_run_id", text)
@@ -70,10 +72,14 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         job_id: _,
         encoder_id,
         snapshot_id,
+        scorer,
         similarity,
+        modality_scale,
         normaliser,
         lo,
         hi,
+        quantiles: _,
+        extends,
         expert_ids: _,
         created_at,
     } = run;
@@ -91,7 +97,70 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         imperfect_segments,
         expert_segments,
         create_time: Some(field::timestamp(created_at)),
+        scorer,
+        modality_scale: modality_scale.map(order::modality_scale_to_proto),
+        extends: extends.map(String::from).unwrap_or_default(),
     }
+}
+
+/// A selection that a caller gave in `at`.
+///
+/// # Errors
+/// Invalid when it is missing or out of range.
+pub(crate) fn selection_from_proto(at: &str, selection: Option<v1::Selection>) -> Result<Selection> {
+    match selection.and_then(|v1::Selection { rule }| rule) {
+        Some(v1::selection::Rule::Beta(value)) => beta(&format!("{at}.beta"), value).map(Selection::Beta),
+        Some(v1::selection::Rule::TopFraction(part)) if part > 0.0 && part <= 1.0 => Ok(Selection::TopFraction(part)),
+        Some(v1::selection::Rule::TopFraction(part)) => {
+            Err(Error::invalid(&format!("{at}.top_fraction"), format!("is {part}, must be above 0 and at most 1")))
+        }
+        None => Err(Error::invalid(at, "must be set: a beta, or a top_fraction")),
+    }
+}
+
+/// A selection.
+pub(crate) fn selection_to_proto(selection: Selection) -> v1::Selection {
+    let rule = match selection {
+        Selection::Beta(beta) => v1::selection::Rule::Beta(beta),
+        Selection::TopFraction(part) => v1::selection::Rule::TopFraction(part),
+    };
+    v1::Selection { rule: Some(rule) }
+}
+
+/// The run, the selections to count, and whether to tell of each episode.
+///
+/// # Errors
+/// Invalid when there is no selection, too many, or one that is out of range.
+pub(crate) fn count_request(request: v1::CountKeptRequest) -> Result<(ScoreRunId, Vec<Selection>, bool)> {
+    let v1::CountKeptRequest { score_run_id: run, selections, per_episode } = request;
+    if selections.is_empty() || selections.len() > MAX_SELECTIONS {
+        let count = selections.len();
+        return Err(Error::invalid("selections", format!("are {count}, must be between 1 and {MAX_SELECTIONS}")));
+    }
+    let read = |(place, selection)| selection_from_proto(&format!("selections[{place}]"), Some(selection));
+    let selections = selections.into_iter().enumerate().map(read).collect::<Result<_>>()?;
+    Ok((score_run_id(&run)?, selections, per_episode))
+}
+
+/// What one selection would keep.
+pub(crate) fn what_if(counted: WhatIf, per_episode: bool) -> v1::KeptBySelection {
+    let WhatIf { selection, threshold, total, cohorts, episodes } = counted;
+    let cohorts = cohorts.into_iter().map(|(cohort, of)| v1::KeptOfCohort { cohort, kept: Some(kept(of)) });
+    let episodes = episodes.into_iter().filter(|_| per_episode);
+    let episodes =
+        episodes.map(|(id, segments, of_segments)| v1::KeptOfEpisode { episode_id: id.into(), segments, of_segments });
+    v1::KeptBySelection {
+        selection: Some(selection_to_proto(selection)),
+        threshold: threshold.unwrap_or(0.0),
+        total: Some(kept(total)),
+        cohorts: cohorts.collect(),
+        episodes: episodes.collect(),
+    }
+}
+
+fn kept(kept: Kept) -> v1::Kept {
+    let Kept { segments, of_segments, episodes, of_episodes } = kept;
+    v1::Kept { segments, of_segments, episodes, of_episodes }
 }
 
 pub(crate) fn episode_scores(scores: EpisodeScores, expert_ids: Vec<EpisodeId>) -> v1::EpisodeScores {
@@ -118,6 +187,30 @@ mod tests {
 
     fn request(bins: u32, betas: Vec<f64>) -> v1::GetHistogramRequest {
         v1::GetHistogramRequest { score_run_id: ScoreRunId::new().into(), bins, betas }
+    }
+
+    #[test]
+    fn a_bad_selection_is_named() {
+        let ask = |rules: Vec<Option<v1::selection::Rule>>| {
+            let selections = rules.into_iter().map(|rule| v1::Selection { rule }).collect();
+            let request =
+                v1::CountKeptRequest { score_run_id: ScoreRunId::new().into(), selections, per_episode: false };
+            count_request(request).map(|(_, selections, _)| selections)
+        };
+        let beta = |value| Some(v1::selection::Rule::Beta(value));
+        let top = |value| Some(v1::selection::Rule::TopFraction(value));
+        assert_eq!(ask(vec![beta(0.5), top(1.0)]).unwrap(), [Selection::Beta(0.5), Selection::TopFraction(1.0)]);
+        for (rules, field) in [
+            (vec![], "selections: "),
+            (vec![beta(0.5); 101], "selections: "),
+            (vec![beta(0.5), None], "selections[1]: "),
+            (vec![beta(f64::NAN)], "selections[0].beta: "),
+            (vec![top(0.0)], "selections[0].top_fraction: "),
+            (vec![top(f64::NAN)], "selections[0].top_fraction: "),
+        ] {
+            let error = ask(rules).unwrap_err();
+            assert!(error.message().starts_with(field), "{field} expected: {error}");
+        }
     }
 
     #[test]

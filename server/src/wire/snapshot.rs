@@ -28,10 +28,17 @@ pub(crate) fn create_request(request: v1::CreateSnapshotRequest) -> Result<(Stri
 /// Reads a rule; none is the default one: success is expert, failure imperfect.
 ///
 /// # Errors
-/// Invalid when a cohort is on both sides.
+/// Invalid when a cohort is on both sides, or a limit is negative or not a number.
 pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<RoleRule> {
-    let v1::RoleRule { expert_cohorts, imperfect_cohorts } = rule.unwrap_or_default();
-    let rule = RoleRule { expert_cohorts, imperfect_cohorts };
+    let v1::RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed } =
+        rule.unwrap_or_default();
+    if !imperfect_per_expert.is_finite() || imperfect_per_expert < 0.0 {
+        return Err(Error::invalid(
+            &format!("{at}.imperfect_per_expert"),
+            format!("is {imperfect_per_expert}, must be above 0, such as 1 or 3, or 0 for all of them"),
+        ));
+    }
+    let rule = RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed };
     match rule.contradiction() {
         Some(cohort) => {
             Err(Error::invalid(at, format!("the cohort {cohort:?} is both expert and imperfect; leave it on one side")))
@@ -42,8 +49,8 @@ pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<Ro
 
 /// A rule.
 pub(crate) fn rule_to_proto(rule: RoleRule) -> v1::RoleRule {
-    let RoleRule { expert_cohorts, imperfect_cohorts } = rule;
-    v1::RoleRule { expert_cohorts, imperfect_cohorts }
+    let RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed } = rule;
+    v1::RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed }
 }
 
 /// A role.
@@ -95,11 +102,30 @@ mod tests {
 
     #[test]
     fn a_cohort_has_one_side() {
-        let both = v1::RoleRule { expert_cohorts: vec!["ada".into()], imperfect_cohorts: vec!["ada".into()] };
+        let both = v1::RoleRule {
+            expert_cohorts: vec!["ada".into()],
+            imperfect_cohorts: vec!["ada".into()],
+            ..v1::RoleRule::default()
+        };
         let error = rule_from_proto("plan.rule", Some(both)).unwrap_err();
         assert!(error.message().starts_with("plan.rule: ") && error.message().contains("\"ada\""), "{error}");
         assert_eq!(rule_from_proto("rule", None).unwrap(), RoleRule::default());
-        let fine = RoleRule { expert_cohorts: vec!["ada".into()], imperfect_cohorts: vec!["bob".into()] };
+        let fine = RoleRule {
+            expert_cohorts: vec!["ada".into()],
+            imperfect_cohorts: vec!["bob".into()],
+            imperfect_per_expert: 1.5,
+            max_experts: 7,
+            seed: 3,
+        };
         assert_eq!(rule_from_proto("rule", Some(rule_to_proto(fine.clone()))).unwrap(), fine);
+    }
+
+    #[test]
+    fn a_limit_is_a_number() {
+        for bad in [-1.0, f64::NAN, f64::INFINITY] {
+            let rule = v1::RoleRule { imperfect_per_expert: bad, ..v1::RoleRule::default() };
+            let error = rule_from_proto("rule", Some(rule)).unwrap_err();
+            assert!(error.message().starts_with("rule.imperfect_per_expert: "), "{error}");
+        }
     }
 }

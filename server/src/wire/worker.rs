@@ -5,14 +5,15 @@ mod completion;
 use gleaner_proto::v1;
 
 pub(crate) use self::completion::{Completion, completion_messages};
-use super::{field, job, order, task};
+use super::{field, job, order, score, task};
 use crate::{
     domain::{
-        dataset::KeptSegment,
+        dataset::{KeptSegment, Nearest},
         id::{BlobId, EpisodeId, JobId},
         job::Job,
         order::JobOrder,
-        work::{InputEpisode, Inputs, KeptInput, Progress},
+        score::EpisodeScores,
+        work::{FrozenRun, InputEpisode, Inputs, KeptInput, Progress},
     },
     error::{Error, Result},
 };
@@ -22,7 +23,7 @@ const LONGEST_ERROR: usize = 2000;
 
 /// What a worker is given.
 pub(crate) fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
-    let Inputs { task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length } = inputs;
+    let Inputs { task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length, policy, base } = inputs;
     v1::GetAssignmentResponse {
         job: Some(job::job(assigned)),
         task: Some(task::spec_to(spec)),
@@ -32,7 +33,28 @@ pub(crate) fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResp
         encoder: encoder.map(String::from).unwrap_or_default(),
         checkpoint: checkpoint.map(String::from).unwrap_or_default(),
         segment_length,
+        policy: policy.map(String::from).unwrap_or_default(),
+        base: base.map(|FrozenRun { lo, hi, quantiles, expert_ids }| v1::ScoreBase {
+            lo,
+            hi,
+            quantiles,
+            expert_ids: expert_ids.into_iter().map(Into::into).collect(),
+        }),
     }
+}
+
+/// One episode's scores of the run that a job goes on from.
+pub(crate) fn base_scores(scores: EpisodeScores) -> v1::StreamBaseScoresResponse {
+    let scores = EpisodeScores { q: Vec::new(), ..scores };
+    v1::StreamBaseScoresResponse { scores: Some(score::episode_scores(scores, Vec::new())) }
+}
+
+/// Reads them, without q.
+///
+/// # Errors
+/// Invalid when the server speaks another version.
+pub(crate) fn base_scores_from(response: v1::StreamBaseScoresResponse) -> Result<EpisodeScores> {
+    completion::scores_from(field::required("scores", response.scores)?)
 }
 
 fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
@@ -46,8 +68,14 @@ fn kept_to(kept: KeptInput) -> v1::KeptSegments {
         episode: Some(episode_to(episode)),
         end_steps: segments.iter().map(|segment| segment.end_step).collect(),
         weights: segments.iter().map(|segment| segment.weight).collect(),
-        match_steps: segments.iter().map(|segment| segment.match_step).collect(),
-        match_episode_ids: segments.into_iter().map(|segment| segment.match_episode.into()).collect(),
+        match_steps: segments
+            .iter()
+            .map(|segment| segment.nearest.as_ref().map_or(0, |nearest| nearest.end_step))
+            .collect(),
+        match_episode_ids: segments
+            .into_iter()
+            .map(|segment| segment.nearest.map(|nearest| nearest.episode_id.into()).unwrap_or_default())
+            .collect(),
         similarities,
         qualities,
     }
@@ -58,8 +86,18 @@ fn kept_to(kept: KeptInput) -> v1::KeptSegments {
 /// # Errors
 /// Invalid when the server speaks another version.
 pub(crate) fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder, Inputs)> {
-    let v1::GetAssignmentResponse { job, task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length } =
-        response;
+    let v1::GetAssignmentResponse {
+        job,
+        task: spec,
+        experts,
+        imperfect,
+        kept,
+        encoder,
+        checkpoint,
+        segment_length,
+        policy,
+        base,
+    } = response;
     let job = field::required("job", job)?;
     let inputs = Inputs {
         task: task::create_request(v1::CreateTaskRequest { spec })?,
@@ -69,6 +107,8 @@ pub(crate) fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, Jo
         encoder: blob_from("encoder", encoder)?,
         checkpoint: blob_from("checkpoint", checkpoint)?,
         segment_length,
+        policy: blob_from("policy", policy)?,
+        base: base.map(base_from).transpose()?,
     };
     Ok((JobId::parse("job.id", &job.id)?, order::order(job.spec)?, inputs))
 }
@@ -93,8 +133,11 @@ fn kept_from(kept: v1::KeptSegments) -> Result<KeptInput> {
     }
     let rows = end_steps.into_iter().zip(weights).zip(match_steps.into_iter().zip(match_episode_ids));
     let segments = rows.map(|((end_step, weight), (match_step, expert))| {
-        let match_episode = EpisodeId::parse("kept.match_episode_ids", &expert)?;
-        Ok(KeptSegment { end_step, weight, match_episode, match_step })
+        let nearest = match expert.as_str() {
+            "" => None,
+            id => Some(Nearest { episode_id: EpisodeId::parse("kept.match_episode_ids", id)?, end_step: match_step }),
+        };
+        Ok(KeptSegment { end_step, weight, nearest })
     });
     let segments = segments.collect::<Result<_>>()?;
     Ok(KeptInput {
@@ -103,6 +146,12 @@ fn kept_from(kept: v1::KeptSegments) -> Result<KeptInput> {
         similarities,
         qualities,
     })
+}
+
+fn base_from(base: v1::ScoreBase) -> Result<FrozenRun> {
+    let v1::ScoreBase { lo, hi, quantiles, expert_ids } = base;
+    let expert = |id: &String| EpisodeId::parse("base.expert_ids", id);
+    Ok(FrozenRun { lo, hi, quantiles, expert_ids: expert_ids.iter().map(expert).collect::<Result<_>>()? })
 }
 
 fn blob_from(at: &str, blob: String) -> Result<Option<BlobId>> {
@@ -154,105 +203,4 @@ pub(crate) fn fail_request(request: v1::FailJobRequest) -> (String, bool) {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used)]
-    use gleaner_recording::{FieldSource, Mapping};
-
-    use super::*;
-    use crate::domain::{
-        id::{DatasetId, TaskId},
-        job::{JobSpec, JobState},
-        time::Millis,
-    };
-
-    fn blob(text: &str) -> BlobId {
-        blake3::hash(text.as_bytes()).into()
-    }
-
-    fn input(text: &str) -> InputEpisode {
-        InputEpisode { id: EpisodeId::new(), recording: blob(text), steps: 20, file_name: format!("{text}.mcap") }
-    }
-
-    fn export() -> Job {
-        Job {
-            id: JobId::new(),
-            task_id: TaskId::new(),
-            spec: JobSpec::Export { dataset_id: DatasetId::new() },
-            state: JobState::Running,
-            priority: 0,
-            result_id: "exp".into(),
-            done: 0,
-            total: 0,
-            message: String::new(),
-            error: String::new(),
-            attempt: 1,
-            max_attempts: 3,
-            cancel_requested: false,
-            checkpoint: None,
-            checkpoint_step: None,
-            peak_memory_bytes: 0,
-            needs: Vec::new(),
-            created_at: Millis(0),
-            started_at: None,
-            ended_at: None,
-        }
-    }
-
-    #[test]
-    fn an_assignment_survives_the_wire() {
-        let expert = input("expert");
-        let segment = KeptSegment { end_step: 3, weight: 0.95, match_episode: expert.id.clone(), match_step: 4 };
-        let mut task = crate::store::testing::spec();
-        let source = |field: &str| FieldSource {
-            field: field.into(),
-            topic: "/state".into(),
-            paths: vec!["position".into()],
-            names: Vec::new(),
-        };
-        task.mappings = vec![Mapping {
-            name: "plain".into(),
-            cameras: Vec::new(),
-            fields: vec![source("joint_position"), source("joint_velocity")],
-            clock: None,
-        }];
-        let inputs = Inputs {
-            task,
-            experts: vec![expert],
-            imperfect: vec![input("imperfect")],
-            kept: vec![KeptInput {
-                episode: input("kept"),
-                segments: vec![segment],
-                similarities: vec![-0.5],
-                qualities: vec![0.95],
-            }],
-            encoder: Some(blob("encoder")),
-            checkpoint: None,
-            segment_length: 6,
-        };
-        let job = export();
-        let (id, order, read) = assigned(assignment(job.clone(), inputs.clone())).unwrap();
-        assert_eq!((id, read), (job.id, inputs));
-        assert!(matches!(order, JobOrder::Export { .. }));
-    }
-
-    #[test]
-    fn progress_survives_the_wire_unless_it_is_no_number() {
-        let said = Progress {
-            done: 3,
-            total: 9,
-            message: "training".into(),
-            metrics: vec![(3, "loss".into(), 0.5)],
-            peak_memory_bytes: 77,
-        };
-        assert_eq!(progress_request(progress(said.clone())).unwrap(), said);
-        let broken = Progress { metrics: vec![(3, "loss".into(), f64::NAN)], ..said };
-        let error = progress_request(progress(broken)).unwrap_err();
-        assert!(error.message().starts_with("metrics[0].value: "), "{error}");
-    }
-
-    #[test]
-    fn a_long_error_is_shortened() {
-        let (error, retry) = fail_request(v1::FailJobRequest { error: "ü".repeat(9000), retry: true });
-        assert_eq!((error.chars().count(), retry), (LONGEST_ERROR, true));
-    }
-}
+mod tests;

@@ -16,6 +16,7 @@ use crate::{
     domain::{
         id::{BlobId, JobId},
         order::JobOrder,
+        score::EpisodeScores,
         work::{Inputs, Made, Progress},
     },
     error::{Error, Result},
@@ -65,6 +66,17 @@ impl Client {
     pub(super) async fn assignment(&mut self) -> Result<(JobId, JobOrder, Inputs)> {
         let response = self.0.get_assignment(v1::GetAssignmentRequest {}).await.map_err(refused)?;
         wire::worker::assigned(response.into_inner())
+    }
+
+    /// The scores of the run that the job goes on from.
+    pub(super) async fn base_scores(&mut self) -> Result<Vec<EpisodeScores>> {
+        let request = v1::StreamBaseScoresRequest {};
+        let mut stream = self.0.stream_base_scores(request).await.map_err(refused)?.into_inner();
+        let mut scores = Vec::new();
+        while let Some(response) = stream.message().await.map_err(refused)? {
+            scores.push(wire::worker::base_scores_from(response)?);
+        }
+        Ok(scores)
     }
 
     /// Tells how far it is; the answer says whether to stop.

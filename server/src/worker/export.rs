@@ -45,8 +45,9 @@ struct Step<'a> {
     step: u32,
     q: f32,
     w: f64,
-    nearest_episode: &'a str,
-    nearest_step: u32,
+    /// Nothing when the scorer matches nothing.
+    nearest_episode: Option<&'a str>,
+    nearest_step: Option<u32>,
 }
 
 /// Makes every file of the export as a blob.
@@ -162,9 +163,15 @@ fn file_steps(segments: &[KeptSegment], qualities: &[f32]) -> Option<RangeInclus
 }
 
 fn step<'a>(segment: &'a KeptSegment, similarities: &[f64]) -> Option<Step<'a>> {
-    let KeptSegment { end_step, weight, match_episode, match_step } = segment;
+    let KeptSegment { end_step, weight, nearest } = segment;
     let w = *similarities.get(usize::try_from(*end_step).ok()?)?;
-    Some(Step { step: *end_step, q: *weight, w, nearest_episode: match_episode.as_str(), nearest_step: *match_step })
+    Some(Step {
+        step: *end_step,
+        q: *weight,
+        w,
+        nearest_episode: nearest.as_ref().map(|nearest| nearest.episode_id.as_str()),
+        nearest_step: nearest.as_ref().map(|nearest| nearest.end_step),
+    })
 }
 
 fn append(manifest: &mut Vec<u8>, line: &Line<'_>) -> Result<(), Failure> {
@@ -198,12 +205,8 @@ fn narrow(w: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::id::EpisodeId;
-
     fn kept(steps: &[u32]) -> Vec<KeptSegment> {
-        let expert = EpisodeId::new();
-        let segment =
-            |&end_step: &u32| KeptSegment { end_step, weight: 1.0, match_episode: expert.clone(), match_step: 0 };
+        let segment = |&end_step: &u32| KeptSegment { end_step, weight: 1.0, nearest: None };
         steps.iter().map(segment).collect()
     }
 

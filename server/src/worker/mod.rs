@@ -5,6 +5,7 @@
 
 mod client;
 mod episodes;
+mod evaluate;
 mod export;
 mod failure;
 mod monitor;
@@ -12,7 +13,11 @@ mod process;
 mod reporter;
 mod work;
 
-use self::{client::Client, failure::Failure, work::Work};
+use self::{
+    client::Client,
+    failure::Failure,
+    work::{Base, Work},
+};
 use crate::{
     blobs::Blobs,
     config::WorkerConfig,
@@ -42,7 +47,11 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     tracing::info!(job.id = %job_id, "working");
     let (monitor, events) = monitor::channel(blobs.clone());
     let stop = monitor.stop();
-    let work = Work { data_dir: config.data_dir, threads: config.threads, blobs, inputs, monitor };
+    let base = match &inputs.base {
+        Some(frozen) => Some(Base { frozen: frozen.clone(), scores: client.base_scores().await? }),
+        None => None,
+    };
+    let work = Work { data_dir: config.data_dir, threads: config.threads, blobs, inputs, base, monitor };
     let working = tokio::task::spawn_blocking(move || work.perform(order));
     reporter::report(&mut client, events, &stop).await?;
     let made = match working.await {

@@ -2,17 +2,18 @@
 
 use std::path::PathBuf;
 
-use gleaner_learn::{NormaliserKind, PolicyKind, PretrainSpec, ScoreSpec, Similarity, TrainSpec};
+use gleaner_learn::{Normaliser, PolicyKind, PretrainSpec, ScoreBase, ScoreSpec, TrainSpec};
 
-use super::{episodes::Episodes, export, failure::Failure, monitor::Watcher};
+use super::{episodes::Episodes, evaluate, export, failure::Failure, monitor::Watcher};
 use crate::{
     blobs::Blobs,
     domain::{
+        evaluation::EvaluateSpec,
         id::{BlobId, EpisodeId},
         order::JobOrder,
         score::EpisodeScores,
         snapshot::Role,
-        work::{Inputs, Made},
+        work::{FrozenRun, Inputs, Made},
     },
 };
 
@@ -26,8 +27,18 @@ pub(super) struct Work {
     pub(super) blobs: Blobs,
     /// What to work on.
     pub(super) inputs: Inputs,
+    /// The run that a score job goes on from.
+    pub(super) base: Option<Base>,
     /// Who watches.
     pub(super) monitor: Watcher,
+}
+
+/// A score run to go on from.
+pub(super) struct Base {
+    /// What it has frozen.
+    pub(super) frozen: FrozenRun,
+    /// Its scores, without q.
+    pub(super) scores: Vec<EpisodeScores>,
 }
 
 impl Work {
@@ -36,9 +47,10 @@ impl Work {
         self.monitor.phase("reading episodes");
         match order {
             JobOrder::Pretrain { snapshot_id: _, rule: _, spec } => self.pretrain(spec),
-            JobOrder::Score { encoder_id: _, snapshot_id: _, spec } => self.score(spec),
+            JobOrder::Score { encoder_id: _, snapshot_id: _, extends: _, spec } => self.score(spec),
             JobOrder::Train { data: _, spec } => self.train(spec),
             JobOrder::Export { dataset_id: _ } => self.export(),
+            JobOrder::Evaluate { subject: _, spec } => self.evaluate(&spec),
         }
     }
 
@@ -80,20 +92,23 @@ impl Work {
         let experts = self.episodes().trajectories(&self.inputs.experts)?;
         let imperfect = self.episodes().trajectories(&self.inputs.imperfect)?;
         self.monitor.phase("scoring");
-        let scores = gleaner_learn::score(&encoder, &experts, &imperfect, &spec, &mut self.monitor)?;
+        let scores = match self.base.take() {
+            None => gleaner_learn::score(&encoder, &experts, &imperfect, &spec, &mut self.monitor)?,
+            Some(base) => {
+                let base = base_of(base, &spec);
+                gleaner_learn::extend_scores(&encoder, &experts, &imperfect, &base, &spec, &mut self.monitor)?
+            }
+        };
         let of_role = |episodes: Vec<gleaner_learn::EpisodeScores>, role| {
             episodes.into_iter().map(move |scores| episode_scores(scores, role))
         };
         let episodes = of_role(scores.imperfect, Role::Imperfect).chain(of_role(scores.experts, Role::Expert));
         Ok(Made::Scores {
-            similarity: match spec.similarity {
-                Similarity::LastL2 => "last_l2".to_owned(),
-            },
-            normaliser: match spec.normaliser {
-                NormaliserKind::MinMax => "minmax".to_owned(),
-            },
-            lo: scores.lo,
-            hi: scores.hi,
+            similarity: spec.similarity.as_str().to_owned(),
+            normaliser: spec.normaliser.as_str().to_owned(),
+            lo: scores.normaliser.lo,
+            hi: scores.normaliser.hi,
+            quantiles: scores.normaliser.quantiles,
             expert_ids: self.inputs.experts.iter().map(|expert| expert.id.clone()).collect(),
             episodes: episodes.collect::<Result<_, _>>()?,
         })
@@ -102,16 +117,23 @@ impl Work {
     /// L = E_{D_e}[loss] + λ · E_{D_i}[q · loss].
     fn train(&mut self, spec: TrainSpec) -> Result<Made, Failure> {
         let spec = TrainSpec { threads: Some(self.threads), ..spec };
-        let (shape, resume, encoder) = (self.episodes().shape(), self.resume()?, self.encoder()?);
+        let (shape, resume) = (self.episodes().shape(), self.resume()?);
+        let encoder = if spec.policy == PolicyKind::Finetune { Some(self.encoder()?) } else { None };
         let experts = self.episodes().trajectories(&self.inputs.experts)?;
         let kept = self.episodes().weighted(&self.inputs.kept)?;
         self.monitor.phase("training");
         let (resume, monitor) = (resume.as_deref(), &mut self.monitor);
-        let bytes = gleaner_learn::train_policy(&shape, &encoder, &experts, &kept, &spec, resume, monitor)?;
-        let kind = match spec.policy {
-            PolicyKind::Finetune => "finetune".to_owned(),
-        };
-        Ok(Made::Policy { checkpoint: self.keep(&bytes)?, kind })
+        let bytes = gleaner_learn::train_policy(&shape, encoder.as_deref(), &experts, &kept, &spec, resume, monitor)?;
+        Ok(Made::Policy { checkpoint: self.keep(&bytes)?, kind: spec.policy.as_str().to_owned() })
+    }
+
+    fn evaluate(&mut self, spec: &EvaluateSpec) -> Result<Made, Failure> {
+        let blob = self.inputs.policy.as_ref();
+        let blob = blob.ok_or_else(|| Failure::Broken("the server named no policy".to_owned()))?;
+        gleaner_learn::set_threads(self.threads);
+        let policy = gleaner_learn::Policy::load(&self.blobs.get(blob)?)?;
+        self.monitor.phase("evaluating");
+        evaluate::evaluate(&self.inputs.task, &policy, spec, &mut self.monitor).map(Made::Trials)
     }
 
     fn export(&mut self) -> Result<Made, Failure> {
@@ -124,4 +146,17 @@ fn episode_scores(scores: gleaner_learn::EpisodeScores, role: Role) -> Result<Ep
     let gleaner_learn::EpisodeScores { id, w, q, match_episode, match_step, distances } = scores;
     let episode_id = EpisodeId::parse("episode_id", &id)?;
     Ok(EpisodeScores { episode_id, role, w, q, match_episode, match_step, distances })
+}
+
+fn base_of(base: Base, spec: &ScoreSpec) -> ScoreBase {
+    let Base { frozen: FrozenRun { lo, hi, quantiles, expert_ids }, scores } = base;
+    let scores = scores.into_iter().map(|scores| {
+        let EpisodeScores { episode_id, role: _, w, q, match_episode, match_step, distances } = scores;
+        gleaner_learn::EpisodeScores { id: episode_id.into(), w, q, match_episode, match_step, distances }
+    });
+    ScoreBase {
+        normaliser: Normaliser { kind: spec.normaliser, lo, hi, quantiles },
+        experts: expert_ids.into_iter().map(Into::into).collect(),
+        scores: scores.collect(),
+    }
 }

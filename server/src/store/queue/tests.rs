@@ -24,6 +24,7 @@ fn export(task: &Task, priority: i32, needs: &[&JobId]) -> NewJob {
         priority,
         max_attempts: 3,
         needs: needs.iter().map(|&id| id.clone()).collect(),
+        keyed: None,
     }
 }
 

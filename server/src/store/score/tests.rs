@@ -3,7 +3,12 @@
 #![allow(clippy::unwrap_used)]
 use super::*;
 use crate::{
-    domain::{episode::Outcome, job::JobState},
+    domain::{
+        episode::Outcome,
+        job::JobState,
+        score::Histogram,
+        selection::{Kept, Selection},
+    },
     error::Kind,
     store::testing::{self, results},
 };
@@ -23,7 +28,9 @@ async fn scores_come_back_as_they_went() {
 
     assert_eq!(store.episode_scores(&run.id, &failure.id).await.unwrap(), scores);
     assert_eq!(store.episode_scores(&run.id, &expert.id).await.unwrap(), all[1]);
-    assert_eq!(store.score_run(&run.id).await.unwrap().expert_ids, [expert.id]);
+    let read = store.score_run(&run.id).await.unwrap();
+    assert_eq!(read.expert_ids, [expert.id]);
+    assert_eq!((read.modality_scale, read.quantiles), (run.modality_scale, run.quantiles.clone()));
     let counts = store.run_counts(&run).await.unwrap();
     let expected = RunCounts { imperfect_episodes: 1, imperfect_segments: 3, expert_segments: 20 };
     assert_eq!(counts, expected);
@@ -51,6 +58,28 @@ async fn the_histogram_sees_imperfect_segments_only() {
     assert_eq!(histogram.counts(), [1, 4]);
     let kept: Vec<_> = histogram.kept().iter().map(|kept| (kept.segments, kept.episodes)).collect();
     assert_eq!(kept, [(1, 1), (3, 2)], "q equal to β is not kept");
+}
+
+#[tokio::test]
+async fn what_if_counts_by_cohort_of_the_snapshot() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    let weak = testing::episode(&store, &task, Outcome::Failure, "weak").await;
+    let middling = testing::episode(&store, &task, Outcome::Failure, "middling").await;
+    let encoder = results::encoder(&store, &task).await;
+    let scores = [
+        results::scores(&weak.id, Role::Imperfect, &[0.1, 0.9, 0.2]),
+        results::scores(&middling.id, Role::Imperfect, &[0.95, 0.9]),
+    ];
+    let run = results::run(&store, &task, &encoder, &scores).await;
+    let counts = store.count_kept(&run.id, vec![Selection::Beta(0.5), Selection::TopFraction(0.2)]).await.unwrap();
+    let kept = |segments, of_segments, episodes, of_episodes| Kept { segments, of_segments, episodes, of_episodes };
+    assert_eq!((counts[0].total, counts[0].cohorts["weak"]), (kept(3, 5, 2, 2), kept(1, 3, 1, 1)));
+    assert_eq!((counts[1].total, counts[1].cohorts["weak"]), (kept(1, 5, 1, 2), kept(0, 3, 0, 1)));
+    assert_eq!(counts[0].episodes, [(weak.id.clone(), 1, 3), (middling.id.clone(), 2, 2)]);
+    assert_eq!(store.scored_episodes(&run.id).await.unwrap(), [weak.id, middling.id]);
+    assert_eq!(store.count_kept(&ScoreRunId::new(), vec![]).await.unwrap_err().kind(), Kind::NotFound);
 }
 
 #[tokio::test]

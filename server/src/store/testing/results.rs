@@ -24,6 +24,7 @@ pub(crate) async fn job(store: &Store, task: &Task, spec: JobSpec, result_id: &s
         priority: 0,
         max_attempts: 1,
         needs: Vec::new(),
+        keyed: None,
     };
     let id = job.id.clone();
     store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.unwrap();
@@ -64,18 +65,34 @@ pub(crate) async fn encoder(store: &Store, task: &Task) -> Encoder {
 
 /// A queued scoring of the encoder's snapshot, and the id its run will have.
 pub(crate) async fn scoring(store: &Store, task: &Task, encoder: &Encoder) -> (JobId, ScoreRunId) {
+    scoring_with(store, task, encoder, ScoreSpec::default()).await
+}
+
+async fn scoring_with(store: &Store, task: &Task, encoder: &Encoder, spec: ScoreSpec) -> (JobId, ScoreRunId) {
     let id = ScoreRunId::new();
     let spec = JobSpec::Score {
         encoder_id: encoder.id.clone(),
         snapshot_id: encoder.snapshot_id.clone(),
-        spec: ScoreSpec::default(),
+        extends: None,
+        spec,
     };
     (job(store, task, spec, id.as_str()).await, id)
 }
 
 /// A finished score run with these scores.
 pub(crate) async fn run(store: &Store, task: &Task, encoder: &Encoder, scores: &[EpisodeScores]) -> ScoreRun {
-    let (job_id, id) = scoring(store, task, encoder).await;
+    run_of(store, task, encoder, ScoreSpec::default(), scores).await
+}
+
+/// A finished score run of a job with this spec.
+pub(crate) async fn run_of(
+    store: &Store,
+    task: &Task,
+    encoder: &Encoder,
+    spec: ScoreSpec,
+    scores: &[EpisodeScores],
+) -> ScoreRun {
+    let (job_id, id) = scoring_with(store, task, encoder, spec).await;
     let (_, members) = store.snapshot(&encoder.snapshot_id).await.unwrap();
     let experts = members.into_iter().filter(|member| member.role == Role::Expert);
     let run = ScoreRun {
@@ -84,10 +101,14 @@ pub(crate) async fn run(store: &Store, task: &Task, encoder: &Encoder, scores: &
         job_id,
         encoder_id: encoder.id.clone(),
         snapshot_id: encoder.snapshot_id.clone(),
+        scorer: "ssdf".into(),
         similarity: "last_l2".into(),
+        modality_scale: Some([1.0, 0.5, 1.0]),
         normaliser: "minmax".into(),
         lo: -2.0,
         hi: -0.25,
+        quantiles: vec![-2.0, -0.25],
+        extends: None,
         expert_ids: experts.map(|member| member.episode_id).collect(),
         created_at: Millis::now(),
     };
@@ -114,7 +135,7 @@ pub(crate) fn scores(episode: &EpisodeId, role: Role, q: &[f32]) -> EpisodeScore
 pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkpoint: BlobId) -> Policy {
     let id = PolicyId::new();
     let spec = JobSpec::Train {
-        encoder_id: encoder.id.clone(),
+        encoder_id: Some(encoder.id.clone()),
         snapshot_id: encoder.snapshot_id.clone(),
         dataset_id: None,
         spec: TrainSpec::default(),
@@ -124,7 +145,7 @@ pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkp
         id,
         task_id: task.id.clone(),
         kind: "finetune".into(),
-        encoder_id: encoder.id.clone(),
+        encoder_id: Some(encoder.id.clone()),
         dataset_id: None,
         checkpoint,
         created_at: Millis::now(),

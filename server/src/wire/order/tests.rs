@@ -2,7 +2,18 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+use gleaner_learn::{
+    ActSpec, Augmentation, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset, PretrainSpec,
+    ScoreSpec, Scorer, Similarity, TrainSpec,
+};
+
 use super::*;
+use crate::domain::{
+    evaluation::EvaluateSpec,
+    id::{EncoderId, PolicyId, ScoreRunId, SnapshotId},
+    order::TrainData,
+    snapshot::RoleRule,
+};
 
 fn sent(spec: v1::job_spec::Spec) -> Option<v1::JobSpec> {
     Some(v1::JobSpec { spec: Some(spec) })
@@ -26,11 +37,18 @@ fn an_empty_spec_means_the_defaults() {
     let model = ModelSpec { preset: Preset::Tiny, ..ModelSpec::default() };
     assert_eq!((snapshot_id, rule), (None, RoleRule::default()));
     assert_eq!(spec, PretrainSpec { model, ..PretrainSpec::default() });
+    assert_eq!(spec.objectives, [Objective::Mtp, Objective::Tr, Objective::Aa]);
 
     let data = Some(v1::train_spec::Data::ExpertsOf(EncoderId::new().into()));
     let train = v1::job_spec::Spec::Train(v1::TrainSpec { data, ..v1::TrainSpec::default() });
     let JobOrder::Train { spec, .. } = order(sent(train)).unwrap() else { panic!("not train") };
-    assert_eq!(spec, TrainSpec::default());
+    assert_eq!(spec, TrainSpec { model, ..TrainSpec::default() });
+
+    let subject = Some(v1::evaluate_spec::Subject::Deployment("pick_cube@prod".into()));
+    let evaluate = v1::job_spec::Spec::Evaluate(v1::EvaluateSpec { subject, ..v1::EvaluateSpec::default() });
+    let JobOrder::Evaluate { subject, spec } = order(sent(evaluate)).unwrap() else { panic!("not evaluate") };
+    assert_eq!(subject, Subject::Deployment("pick_cube@prod".into()));
+    assert_eq!(spec, EvaluateSpec { simulation: String::new(), episodes: 200, seeds: vec![0], max_steps: 60 });
 }
 
 #[test]
@@ -50,9 +68,21 @@ fn a_complete_spec_survives_the_wire() {
         seed: 5,
         checkpoint_every: 11,
         device: Device::Cuda,
+        objectives: vec![Objective::Mtp, Objective::Aa],
+        augmentation: Augmentation { shift_pixels: 4, brightness: 0.1, contrast: 0.2 },
         ..PretrainSpec::default()
     };
-    let train = TrainSpec { optim, lambda: 0.3, seed: 6, checkpoint_every: 13, ..TrainSpec::default() };
+    let train = TrainSpec {
+        policy: PolicyKind::Act,
+        model: ModelSpec { preset: Preset::Small, segment_length: 2 },
+        act: ActSpec { chunk_length: 5, kl_weight: 1.5, latent_size: 8 },
+        augmentation: Augmentation { shift_pixels: 1, ..Augmentation::default() },
+        optim,
+        lambda: 0.3,
+        seed: 6,
+        checkpoint_every: 13,
+        ..TrainSpec::default()
+    };
     let (encoder_id, snapshot_id, dataset_id) = (EncoderId::new(), SnapshotId::new(), DatasetId::new());
 
     let spec = JobSpec::Pretrain { snapshot_id: snapshot_id.clone(), spec: pretrain.clone() };
@@ -60,21 +90,48 @@ fn a_complete_spec_survives_the_wire() {
         JobOrder::Pretrain { snapshot_id: Some(snapshot_id.clone()), rule: RoleRule::default(), spec: pretrain };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
-    let score = ScoreSpec { device: Device::Cuda, ..ScoreSpec::default() };
-    let spec = JobSpec::Score { encoder_id: encoder_id.clone(), snapshot_id: snapshot_id.clone(), spec: score.clone() };
-    let expected =
-        JobOrder::Score { encoder_id: encoder_id.clone(), snapshot_id: Some(snapshot_id.clone()), spec: score };
+    let score = ScoreSpec {
+        scorer: Scorer::Raw,
+        similarity: Similarity::SegmentCosine,
+        normaliser: NormaliserKind::Quantile,
+        modality_scale: Some([0.0, 2.0, 0.5]),
+        seed: 4,
+        device: Device::Cuda,
+        ..ScoreSpec::default()
+    };
+    let extends = Some(ScoreRunId::new());
+    let spec = JobSpec::Score {
+        encoder_id: encoder_id.clone(),
+        snapshot_id: snapshot_id.clone(),
+        extends: extends.clone(),
+        spec: score.clone(),
+    };
+    let (encoder, snapshot) = (Some(encoder_id.clone()), Some(snapshot_id.clone()));
+    let expected = JobOrder::Score { encoder_id: encoder, snapshot_id: snapshot, extends, spec: score };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
-    for (dataset_id, data) in [
-        (Some(dataset_id.clone()), TrainData::Dataset(dataset_id.clone())),
-        (None, TrainData::ExpertsOf(encoder_id.clone())),
+    let finetune = TrainSpec {
+        policy: PolicyKind::Finetune,
+        act: ActSpec::default(),
+        model: ModelSpec { preset: Preset::Tiny, ..ModelSpec::default() },
+        ..train.clone()
+    };
+    for (encoder_id, dataset_id, data, train) in [
+        (None, Some(dataset_id.clone()), TrainData::Dataset(dataset_id.clone()), &train),
+        (Some(encoder_id.clone()), None, TrainData::ExpertsOf(encoder_id.clone()), &finetune),
+        (None, None, TrainData::ExpertsIn(snapshot_id.clone()), &train),
     ] {
-        let (encoder_id, snapshot_id) = (encoder_id.clone(), snapshot_id.clone());
+        let snapshot_id = snapshot_id.clone();
         let spec = JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec: train.clone() };
         let expected = JobOrder::Train { data, spec: train.clone() };
         assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
     }
+
+    let policy_id = PolicyId::new();
+    let evaluate = EvaluateSpec { simulation: "pick_cube".into(), episodes: 7, seeds: vec![3, 1], max_steps: 90 };
+    let spec = JobSpec::Evaluate { policy_id: policy_id.clone(), spec: evaluate.clone() };
+    let expected = JobOrder::Evaluate { subject: Subject::Policy(policy_id), spec: evaluate };
+    assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
     let spec = JobSpec::Export { dataset_id: dataset_id.clone() };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), JobOrder::Export { dataset_id });
@@ -83,6 +140,23 @@ fn a_complete_spec_survives_the_wire() {
 #[test]
 fn a_wrong_field_is_named_by_its_path() {
     assert_eq!(order(None).unwrap_err().message(), "spec: must be set");
+    let experts_in = || Some(v1::train_spec::Data::ExpertsIn(SnapshotId::new().into()));
+    let train = |change: fn(&mut v1::TrainSpec)| {
+        let mut spec = v1::TrainSpec { data: experts_in(), policy: v1::PolicyKind::Act.into(), ..Default::default() };
+        change(&mut spec);
+        v1::job_spec::Spec::Train(spec)
+    };
+    let score = |change: fn(&mut v1::ScoreSpec)| {
+        let mut spec = v1::ScoreSpec { encoder_id: EncoderId::new().into(), ..v1::ScoreSpec::default() };
+        change(&mut spec);
+        v1::job_spec::Spec::Score(spec)
+    };
+    let evaluate = |change: fn(&mut v1::EvaluateSpec)| {
+        let subject = Some(v1::evaluate_spec::Subject::PolicyId(PolicyId::new().into()));
+        let mut spec = v1::EvaluateSpec { subject, ..v1::EvaluateSpec::default() };
+        change(&mut spec);
+        v1::job_spec::Spec::Evaluate(spec)
+    };
     let steps = |steps| Some(v1::OptimSpec { steps: Some(steps), ..v1::OptimSpec::default() });
     let cases = [
         (pretrain_with(|spec| spec.optim = steps(0)), "spec.pretrain.optim.steps: "),
@@ -91,7 +165,50 @@ fn a_wrong_field_is_named_by_its_path() {
         (pretrain_with(|spec| spec.preset = 77), "spec.pretrain.preset: "),
         (pretrain_with(|spec| spec.device = 77), "spec.pretrain.device: "),
         (pretrain_with(|spec| spec.snapshot_id = "../x".into()), "spec.pretrain.snapshot_id: "),
+        (pretrain_with(|spec| spec.objectives = vec![1, 0]), "spec.pretrain.objectives[1]: "),
+        (pretrain_with(|spec| spec.objectives = vec![1, 9]), "spec.pretrain.objectives[1]: "),
+        (pretrain_with(|spec| spec.objectives = vec![3, 1, 3]), "spec.pretrain.objectives[2]: "),
+        (
+            pretrain_with(|spec| {
+                spec.augmentation = Some(v1::Augmentation { contrast: f64::NAN, ..Default::default() });
+            }),
+            "spec.pretrain.augmentation.contrast: ",
+        ),
+        (
+            pretrain_with(|spec| {
+                spec.rule = Some(v1::RoleRule { imperfect_per_expert: -1.0, ..Default::default() });
+            }),
+            "spec.pretrain.rule.imperfect_per_expert: ",
+        ),
         (v1::job_spec::Spec::Score(v1::ScoreSpec::default()), "spec.score.encoder_id: "),
+        (score(|spec| spec.scorer = 9), "spec.score.scorer: "),
+        (score(|spec| spec.similarity = 9), "spec.score.similarity: "),
+        (score(|spec| spec.normaliser = 9), "spec.score.normaliser: "),
+        (score(|spec| spec.extends = "enc_7".into()), "spec.score.extends: "),
+        (
+            score(|spec| spec.modality_scale = Some(v1::ModalityScale { action: -1.0, ..Default::default() })),
+            "spec.score.modality_scale.action: ",
+        ),
+        (score(|spec| spec.modality_scale = Some(v1::ModalityScale::default())), "spec.score.modality_scale: "),
+        (train(|spec| spec.policy = 9), "spec.train.policy: "),
+        (train(|spec| spec.policy = 0), "spec.train.experts_in: "),
+        (train(|spec| spec.preset = 9), "spec.train.preset: "),
+        (train(|spec| spec.segment_length = Some(64)), "spec.train.segment_length: "),
+        (
+            train(|spec| spec.act = Some(v1::ActSpec { chunk_length: Some(0), ..Default::default() })),
+            "spec.train.act.chunk_length: ",
+        ),
+        (
+            train(|spec| (spec.policy, spec.act) = (v1::PolicyKind::Bc.into(), Some(v1::ActSpec::default()))),
+            "spec.train.act: ",
+        ),
+        (train(|spec| (spec.policy, spec.preset) = (0, v1::Preset::Small.into())), "spec.train.preset: "),
+        (train(|spec| (spec.policy, spec.segment_length) = (0, Some(3))), "spec.train.segment_length: "),
+        (evaluate(|spec| spec.subject = None), "spec.evaluate.subject: "),
+        (evaluate(|spec| spec.episodes = Some(0)), "spec.evaluate.episodes: "),
+        (evaluate(|spec| spec.max_steps = Some(0)), "spec.evaluate.max_steps: "),
+        (evaluate(|spec| spec.seeds = vec![4, 4]), "spec.evaluate.seeds: "),
+        (evaluate(|spec| spec.device = v1::Device::Cuda.into()), "spec.evaluate.device: "),
         (v1::job_spec::Spec::Train(v1::TrainSpec::default()), "spec.train.data: "),
         (
             v1::job_spec::Spec::Train(v1::TrainSpec { lambda: Some(f64::NAN), ..v1::TrainSpec::default() }),
@@ -115,6 +232,8 @@ fn a_pipeline_has_no_gaps() {
         score: true,
         beta: Some(0.9),
         train: Some(v1::TrainSpec::default()),
+        scoring: Some(v1::ScoreSpec { similarity: v1::Similarity::LastCosine.into(), ..Default::default() }),
+        evaluate: Some(v1::EvaluateSpec { episodes: Some(5), ..v1::EvaluateSpec::default() }),
     };
     let read = pipeline(Some(full.clone())).unwrap();
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
@@ -125,7 +244,20 @@ fn a_pipeline_has_no_gaps() {
         pipeline(Some(spec)).unwrap_err().message().to_owned()
     };
     assert!(broken(|spec| spec.pretrain = None).starts_with("pipeline.pretrain: "));
-    assert!(broken(|spec| spec.score = false).starts_with("pipeline.beta: "));
+    assert!(broken(|spec| spec.score = false).starts_with("pipeline.scoring: "));
+    assert!(broken(|spec| (spec.score, spec.scoring) = (false, None)).starts_with("pipeline.beta: "));
+    assert!(broken(|spec| spec.train = None).starts_with("pipeline.evaluate: "));
+    assert!(
+        broken(|spec| spec.scoring = Some(v1::ScoreSpec { extends: "run_7".into(), ..Default::default() }))
+            .starts_with("pipeline.scoring.extends: ")
+    );
+    assert!(
+        broken(|spec| {
+            let subject = Some(v1::evaluate_spec::Subject::Deployment("x".into()));
+            spec.evaluate = Some(v1::EvaluateSpec { subject, ..v1::EvaluateSpec::default() });
+        })
+        .starts_with("pipeline.evaluate.subject: ")
+    );
     assert!(broken(|spec| spec.beta = None).starts_with("pipeline.train: "));
     assert!(broken(|spec| spec.beta = Some(1.5)).starts_with("pipeline.beta: "));
     assert!(

@@ -10,7 +10,7 @@ use crate::{
         work::Made,
     },
     error::{Error, Result},
-    wire::{field, score, snapshot},
+    wire::{evaluation, field, score, snapshot},
 };
 
 /// A result that is still arriving.
@@ -31,7 +31,7 @@ impl Completion {
                     episodes.push(scores_from(scores)?);
                     Ok(())
                 }
-                Some(Made::Encoder { .. } | Made::Policy { .. } | Made::Files(_)) | None => {
+                Some(Made::Encoder { .. } | Made::Policy { .. } | Made::Files(_) | Made::Trials(_)) | None => {
                     Err(Error::invalid("message.episode_scores", "must follow a score result"))
                 }
             };
@@ -65,9 +65,9 @@ fn first(message: v1::complete_job_request::Message) -> Result<Made> {
             files.into_iter().map(file_from).collect::<Result<_>>().map(Made::Files)
         }
         v1::complete_job_request::Message::Score(result) => {
-            let v1::ScoreResult { similarity, normaliser, lo, hi, expert_ids } = result;
-            if !lo.is_finite() || !hi.is_finite() {
-                return Err(Error::invalid("message.score", "lo and hi must be finite"));
+            let v1::ScoreResult { similarity, normaliser, lo, hi, expert_ids, quantiles } = result;
+            if [lo, hi].iter().chain(&quantiles).any(|w| !w.is_finite()) || !quantiles.is_sorted() {
+                return Err(Error::invalid("message.score", "lo, hi and quantiles must be finite, quantiles sorted"));
             }
             let expert = |id: &String| EpisodeId::parse("message.score.expert_ids", id);
             Ok(Made::Scores {
@@ -75,9 +75,13 @@ fn first(message: v1::complete_job_request::Message) -> Result<Made> {
                 normaliser: field::text("message.score.normaliser", normaliser)?,
                 lo,
                 hi,
+                quantiles,
                 expert_ids: expert_ids.iter().map(expert).collect::<Result<_>>()?,
                 episodes: Vec::new(),
             })
+        }
+        v1::complete_job_request::Message::Evaluation(v1::EvaluationResult { seeds }) => {
+            evaluation::seeds_from_proto("message.evaluation.seeds", seeds).map(Made::Trials)
         }
         v1::complete_job_request::Message::EpisodeScores(_) => {
             Err(Error::invalid("message.episode_scores", "must follow a score result"))
@@ -94,7 +98,8 @@ fn file_from(file: v1::ExportedFile) -> Result<ExportFile> {
     Ok(ExportFile { name, blob: BlobId::parse("message.export.files.blob", &blob)?, size_bytes })
 }
 
-fn scores_from(scores: v1::EpisodeScores) -> Result<EpisodeScores> {
+/// Reads one episode's scores.
+pub(super) fn scores_from(scores: v1::EpisodeScores) -> Result<EpisodeScores> {
     let v1::EpisodeScores {
         episode_id,
         role,
@@ -135,9 +140,13 @@ pub(crate) fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
             let file = |ExportFile { name, blob, size_bytes }| v1::ExportedFile { name, blob: blob.into(), size_bytes };
             vec![wrap(Message::Export(v1::ExportResult { files: files.into_iter().map(file).collect() }))]
         }
-        Made::Scores { similarity, normaliser, lo, hi, expert_ids, episodes } => {
+        Made::Trials(seeds) => {
+            let seeds = seeds.into_iter().map(evaluation::seed_to_proto).collect();
+            vec![wrap(Message::Evaluation(v1::EvaluationResult { seeds }))]
+        }
+        Made::Scores { similarity, normaliser, lo, hi, quantiles, expert_ids, episodes } => {
             let expert_ids = expert_ids.into_iter().map(Into::into).collect();
-            let result = v1::ScoreResult { similarity, normaliser, lo, hi, expert_ids };
+            let result = v1::ScoreResult { similarity, normaliser, lo, hi, expert_ids, quantiles };
             let episode = |scores| wrap(Message::EpisodeScores(score::episode_scores(scores, Vec::new())));
             std::iter::once(wrap(Message::Score(result))).chain(episodes.into_iter().map(episode)).collect()
         }
@@ -148,7 +157,7 @@ pub(crate) fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::domain::snapshot::Role;
+    use crate::domain::{evaluation::SeedResult, snapshot::Role};
 
     fn scores() -> Made {
         Made::Scores {
@@ -156,6 +165,7 @@ mod tests {
             normaliser: "minmax".into(),
             lo: -3.0,
             hi: -0.5,
+            quantiles: vec![-3.0, -0.5],
             expert_ids: vec![EpisodeId::new()],
             episodes: vec![EpisodeScores {
                 episode_id: EpisodeId::new(),
@@ -183,6 +193,7 @@ mod tests {
             Made::Encoder { checkpoint: blob.clone() },
             Made::Policy { checkpoint: blob.clone(), kind: "finetune".into() },
             Made::Files(vec![ExportFile { name: "manifest.jsonl".into(), blob, size_bytes: 3 }]),
+            Made::Trials(vec![SeedResult { seed: 2, episodes: 10, successes: 7, mean_steps: 31.5 }]),
         ] {
             assert_eq!(put_together(completion_messages(made.clone())).unwrap(), made);
         }

@@ -1,0 +1,197 @@
+//! Selections: which imperfect segments of a score run are kept, and counting what any of them would keep.
+
+use std::collections::BTreeMap;
+
+use super::id::EpisodeId;
+
+/// Which imperfect segments are kept.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Selection {
+    /// q > β, the paper's filter; β is in [0, 1].
+    Beta(f64),
+    /// So large a part of the run's imperfect segments, those of highest w; in (0, 1].
+    TopFraction(f64),
+}
+
+/// A selection made definite for one run: tells from one segment's scores whether it is kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Filter {
+    /// q above this.
+    Above(f64),
+    /// w no lower than this.
+    AtLeast(f64),
+    /// Nothing: the run has no imperfect segment.
+    Nothing,
+}
+
+impl Filter {
+    /// What a selection means when these are the w of all the run's imperfect segments. `ranked` goes from high to
+    /// low; only a top fraction looks at it.
+    ///
+    /// A top fraction keeps w ≥ the k-th highest, k = ⌈fraction · N⌉, so segments that tie with the k-th stay too.
+    pub fn new(selection: Selection, ranked: &[f64]) -> Self {
+        match selection {
+            Selection::Beta(beta) => Self::Above(beta),
+            Selection::TopFraction(fraction) => {
+                ranked.get(rank(fraction, ranked.len()) - 1).map_or(Self::Nothing, |&w| Self::AtLeast(w))
+            }
+        }
+    }
+
+    /// Whether a segment is kept.
+    ///
+    /// q and β are compared in the precision in which q is kept, so that a q equal to β is never kept because of how
+    /// β is rounded.
+    #[expect(clippy::cast_possible_truncation, reason = "rounded on purpose, see above; β is in [0, 1]")]
+    pub fn keeps(self, w: f64, q: f32) -> bool {
+        match self {
+            Self::Above(beta) => q > beta as f32,
+            Self::AtLeast(threshold) => w >= threshold,
+            Self::Nothing => false,
+        }
+    }
+}
+
+/// ⌈fraction · N⌉, at least 1, but for what the product's rounding adds: 7 % of 100 is 7.
+#[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 segments")]
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and N")]
+fn rank(fraction: f64, segments: usize) -> usize {
+    ((fraction * segments as f64 * (1.0 - 1e-12)).ceil() as usize).max(1)
+}
+
+/// w from high to low, as [`Filter::new`] takes it.
+pub fn ranked(w: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut ranked: Vec<f64> = w.collect();
+    ranked.sort_unstable_by(|a, b| b.total_cmp(a));
+    ranked
+}
+
+/// One imperfect episode of a run: what selecting looks at.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// The episode.
+    pub episode_id: EpisodeId,
+    /// Its cohort in the run's snapshot.
+    pub cohort: String,
+    /// w of every segment.
+    pub w: Vec<f64>,
+    /// q of every segment.
+    pub q: Vec<f32>,
+}
+
+/// What is kept of a group of imperfect episodes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Kept {
+    /// Segments kept.
+    pub segments: u64,
+    /// Out of so many.
+    pub of_segments: u64,
+    /// Episodes that contribute at least one.
+    pub episodes: u64,
+    /// Out of so many.
+    pub of_episodes: u64,
+}
+
+impl Kept {
+    fn add(&mut self, kept: u64, of: u64) {
+        self.segments += kept;
+        self.of_segments += of;
+        self.episodes += u64::from(kept > 0);
+        self.of_episodes += 1;
+    }
+}
+
+/// What one selection would keep of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct WhatIf {
+    /// The selection.
+    pub selection: Selection,
+    /// The lowest w that is kept; `None` when nothing is.
+    pub threshold: Option<f64>,
+    /// Of all imperfect episodes.
+    pub total: Kept,
+    /// By cohort.
+    pub cohorts: BTreeMap<String, Kept>,
+    /// Kept segments out of the episode's, in the snapshot's order.
+    pub episodes: Vec<(EpisodeId, u64, u64)>,
+}
+
+/// What each selection would keep of these, the run's imperfect episodes in the snapshot's order.
+pub fn count(selections: &[Selection], candidates: &[Candidate]) -> Vec<WhatIf> {
+    let ranks = selections.iter().any(|selection| matches!(selection, Selection::TopFraction(_)));
+    let all = candidates.iter().filter(|_| ranks).flat_map(|candidate| candidate.w.iter().copied());
+    let ranked = ranked(all);
+    selections.iter().map(|&selection| what_if(selection, Filter::new(selection, &ranked), candidates)).collect()
+}
+
+fn what_if(selection: Selection, filter: Filter, candidates: &[Candidate]) -> WhatIf {
+    let (mut total, mut threshold) = (Kept::default(), None::<f64>);
+    let (mut cohorts, mut episodes) = (BTreeMap::<String, Kept>::new(), Vec::with_capacity(candidates.len()));
+    for candidate in candidates {
+        let (mut kept, mut of) = (0, 0);
+        for (&w, &q) in candidate.w.iter().zip(&candidate.q) {
+            of += 1;
+            if filter.keeps(w, q) {
+                kept += 1;
+                threshold = Some(threshold.map_or(w, |lowest| lowest.min(w)));
+            }
+        }
+        total.add(kept, of);
+        match cohorts.get_mut(&candidate.cohort) {
+            Some(cohort) => cohort.add(kept, of),
+            None => cohorts.entry(candidate.cohort.clone()).or_default().add(kept, of),
+        }
+        episodes.push((candidate.episode_id.clone(), kept, of));
+    }
+    WhatIf { selection, threshold, total, cohorts, episodes }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn candidate(cohort: &str, q: &[f32]) -> Candidate {
+        Candidate {
+            episode_id: EpisodeId::new(),
+            cohort: cohort.into(),
+            w: q.iter().map(|&q| f64::from(q) - 1.0).collect(),
+            q: q.to_vec(),
+        }
+    }
+
+    #[test]
+    fn the_threshold_is_strict_and_rounds_as_q_does() {
+        // 0.6 as f32 lies above 0.6 as f64.
+        assert!(!Filter::Above(0.6).keeps(0.0, 0.6));
+        assert!(Filter::Above(0.6).keeps(0.0, 0.600_001));
+        assert!(!Filter::Above(1.0).keeps(0.0, 1.0));
+    }
+
+    #[test]
+    fn a_top_fraction_keeps_the_best_and_their_ties() {
+        let ranked = ranked([-3.0, -1.0, -2.0, -2.0, -4.0].into_iter());
+        for (fraction, lowest) in [(0.2, -1.0), (0.21, -2.0), (0.4, -2.0), (0.6, -2.0), (0.61, -3.0), (1.0, -4.0)] {
+            assert_eq!(Filter::new(Selection::TopFraction(fraction), &ranked), Filter::AtLeast(lowest), "{fraction}");
+        }
+        assert_eq!(Filter::new(Selection::TopFraction(0.5), &[]), Filter::Nothing);
+        assert_eq!((rank(0.07, 100), rank(0.1, 30), rank(1e-9, 30), rank(0.5, 3)), (7, 3, 1, 2));
+    }
+
+    #[test]
+    fn counts_are_those_of_looking_at_each_segment() {
+        let candidates = [candidate("b", &[0.1, 0.9, 0.95]), candidate("a", &[0.5, 0.2]), candidate("b", &[])];
+        let counts = count(&[Selection::Beta(0.9), Selection::TopFraction(0.6), Selection::Beta(1.0)], &candidates);
+        let kept = |segments, of_segments, episodes, of_episodes| Kept { segments, of_segments, episodes, of_episodes };
+        assert_eq!(counts[0].total, kept(1, 5, 1, 3));
+        assert_eq!(counts[0].cohorts["b"], kept(1, 3, 1, 2));
+        assert_eq!(counts[0].cohorts["a"], kept(0, 2, 0, 1));
+        assert_eq!(counts[0].threshold, Some(f64::from(0.95_f32) - 1.0));
+        assert_eq!(counts[1].total, kept(3, 5, 2, 3));
+        assert_eq!(counts[1].threshold, Some(-0.5));
+        let episodes: Vec<_> = counts[1].episodes.iter().map(|(_, kept, of)| (*kept, *of)).collect();
+        assert_eq!(episodes, [(2, 3), (1, 2), (0, 0)]);
+        assert_eq!((counts[2].threshold, counts[2].total.segments), (None, 0));
+    }
+}

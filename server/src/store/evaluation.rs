@@ -1,0 +1,134 @@
+//! Evaluations of policies.
+
+use sqlx::{Sqlite, Transaction};
+
+use super::{Store, commit, fault, row};
+use crate::{
+    domain::{
+        evaluation::Evaluation,
+        id::{EvaluationId, PolicyId},
+        job::JobKind,
+        time::Millis,
+    },
+    error::Result,
+};
+
+#[derive(sqlx::FromRow)]
+struct EvaluationRow {
+    id: String,
+    policy_id: String,
+    job_id: Option<String>,
+    simulation: String,
+    seeds: String,
+    created_at: i64,
+}
+
+impl EvaluationRow {
+    fn evaluation(self) -> Result<Evaluation> {
+        Ok(Evaluation {
+            id: row::id("evaluations.id", self.id)?,
+            policy_id: row::id("evaluations.policy_id", self.policy_id)?,
+            job_id: self.job_id.map(|id| row::id("evaluations.job_id", id)).transpose()?,
+            simulation: self.simulation,
+            seeds: row::json("evaluations.seeds", &self.seeds)?,
+            created_at: Millis(self.created_at),
+        })
+    }
+}
+
+/// Adds an evaluation.
+pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, evaluation: &Evaluation) -> Result<()> {
+    sqlx::query(
+        "insert into evaluations (id, policy_id, job_id, simulation, seeds, created_at) values (?, ?, ?, ?, ?, ?)",
+    )
+    .bind(evaluation.id.as_str())
+    .bind(evaluation.policy_id.as_str())
+    .bind(evaluation.job_id.as_ref().map(|id| id.as_str()))
+    .bind(&evaluation.simulation)
+    .bind(row::to_json(&evaluation.seeds)?)
+    .bind(evaluation.created_at.0)
+    .execute(&mut **tx)
+    .await
+    .map_err(fault("adding an evaluation"))?;
+    Ok(())
+}
+
+impl Store {
+    /// Keeps an evaluation that ran elsewhere; its policy is there.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn insert_evaluation(&self, evaluation: &Evaluation) -> Result<()> {
+        let mut tx = self.write().await?;
+        insert(&mut tx, evaluation).await?;
+        commit(tx).await
+    }
+
+    /// A finished evaluation.
+    ///
+    /// # Errors
+    /// NotFound, or Precondition naming its job when that has not succeeded.
+    pub(crate) async fn evaluation(&self, id: &EvaluationId) -> Result<Evaluation> {
+        let found: Option<EvaluationRow> = sqlx::query_as("select * from evaluations where id = ?")
+            .bind(id.as_str())
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("reading an evaluation"))?;
+        match found {
+            Some(found) => found.evaluation(),
+            None => Err(self.missing(JobKind::Evaluate, "evaluation", id.as_str()).await),
+        }
+    }
+
+    /// A policy's evaluations, newest first.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn evaluations(&self, policy: &PolicyId) -> Result<Vec<Evaluation>> {
+        let rows: Vec<EvaluationRow> =
+            sqlx::query_as("select * from evaluations where policy_id = ? order by created_at desc, id desc")
+                .bind(policy.as_str())
+                .fetch_all(self.read())
+                .await
+                .map_err(fault("reading evaluations"))?;
+        rows.into_iter().map(EvaluationRow::evaluation).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::{
+        domain::{episode::Outcome, evaluation::SeedResult},
+        error::Kind,
+        store::testing::{self, results},
+    };
+
+    #[tokio::test]
+    async fn evaluations_come_back_newest_first() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;
+        let mut made = Vec::new();
+        for successes in [3, 7] {
+            let evaluation = Evaluation {
+                id: EvaluationId::new(),
+                policy_id: policy.id.clone(),
+                job_id: None,
+                simulation: "a robot".into(),
+                seeds: vec![SeedResult { seed: u64::MAX, episodes: 10, successes, mean_steps: 0.1 }],
+                created_at: Millis::now(),
+            };
+            store.insert_evaluation(&evaluation).await.unwrap();
+            made.insert(0, evaluation);
+        }
+        assert_eq!(store.evaluations(&policy.id).await.unwrap(), made);
+        assert_eq!(store.evaluation(&made[1].id).await.unwrap(), made[1]);
+        assert_eq!(store.evaluation(&EvaluationId::new()).await.unwrap_err().kind(), Kind::NotFound);
+        assert!(store.evaluations(&PolicyId::new()).await.unwrap().is_empty());
+    }
+}

@@ -1,0 +1,134 @@
+//! Exports and their files.
+
+use sqlx::{Sqlite, Transaction};
+
+use super::{Store, fault, row};
+use crate::{
+    domain::{
+        dataset::ExportFile,
+        id::{DatasetId, ExportId, JobId},
+        job::JobKind,
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+#[derive(sqlx::FromRow)]
+struct FileRow {
+    name: String,
+    blob: String,
+    size_bytes: i64,
+}
+
+impl FileRow {
+    fn file(self) -> Result<ExportFile> {
+        Ok(ExportFile {
+            name: self.name,
+            blob: row::id("export_files.blob", self.blob)?,
+            size_bytes: row::count("export_files.size_bytes", self.size_bytes)?,
+        })
+    }
+}
+
+/// Adds a finished export.
+pub(super) async fn insert(
+    tx: &mut Transaction<'_, Sqlite>,
+    export: &ExportId,
+    dataset: &DatasetId,
+    job: &JobId,
+    files: &[ExportFile],
+) -> Result<()> {
+    sqlx::query("insert into exports (id, dataset_id, job_id, created_at) values (?, ?, ?, ?)")
+        .bind(export.as_str())
+        .bind(dataset.as_str())
+        .bind(job.as_str())
+        .bind(Millis::now().0)
+        .execute(&mut **tx)
+        .await
+        .map_err(fault("adding an export"))?;
+    for (position, file) in (0i64..).zip(files) {
+        sqlx::query("insert into export_files (export_id, position, name, blob, size_bytes) values (?, ?, ?, ?, ?)")
+            .bind(export.as_str())
+            .bind(position)
+            .bind(&file.name)
+            .bind(file.blob.as_str())
+            .bind(row::stored(file.size_bytes))
+            .execute(&mut **tx)
+            .await
+            .map_err(fault("adding a file of an export"))?;
+    }
+    Ok(())
+}
+
+impl Store {
+    /// The files of a finished export, in order.
+    ///
+    /// # Errors
+    /// NotFound, or Precondition naming its job when that has not succeeded.
+    pub(crate) async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
+        let there: i64 = sqlx::query_scalar("select count(*) from exports where id = ?")
+            .bind(id.as_str())
+            .fetch_one(self.read())
+            .await
+            .map_err(fault("reading an export"))?;
+        if there == 0 {
+            return Err(self.missing(JobKind::Export, "export", id.as_str()).await);
+        }
+        let rows: Vec<FileRow> =
+            sqlx::query_as("select name, blob, size_bytes from export_files where export_id = ? order by position")
+                .bind(id.as_str())
+                .fetch_all(self.read())
+                .await
+                .map_err(fault("reading an export's files"))?;
+        rows.into_iter().map(FileRow::file).collect()
+    }
+
+    /// One file of a finished export.
+    ///
+    /// # Errors
+    /// As for [`Store::export_files`]; NotFound when the export has no such file.
+    pub(crate) async fn export_file(&self, id: &ExportId, name: &str) -> Result<ExportFile> {
+        let files = self.export_files(id).await?;
+        let found = files.into_iter().find(|file| file.name == name);
+        found.ok_or_else(|| Error::not_found(&format!("file in {id} called"), name))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::{
+        domain::{episode::Outcome, job::JobSpec, selection::Selection},
+        error::Kind,
+        store::{
+            commit,
+            testing::{self, results},
+        },
+    };
+
+    #[tokio::test]
+    async fn files_of_an_export_keep_their_order() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::episode(&store, &task, Outcome::Failure, "").await;
+        let encoder = results::encoder(&store, &task).await;
+        let run = results::run(&store, &task, &encoder, &[]).await;
+        let dataset = store.insert_dataset(&run.id, Selection::Beta(0.9)).await.unwrap();
+        let export = ExportId::new();
+        let spec = JobSpec::Export { dataset_id: dataset.id.clone() };
+        let job = results::job(&store, &task, spec, export.as_str()).await;
+        assert_eq!(store.export_files(&export).await.unwrap_err().kind(), Kind::Precondition);
+
+        let file =
+            |name: &str| ExportFile { name: name.into(), blob: blake3::hash(name.as_bytes()).into(), size_bytes: 3 };
+        let files = [file("z.mcap"), file("manifest.jsonl")];
+        let mut tx = store.write().await.unwrap();
+        insert(&mut tx, &export, &dataset.id, &job, &files).await.unwrap();
+        commit(tx).await.unwrap();
+        assert_eq!(store.export_files(&export).await.unwrap(), files);
+        assert_eq!(store.export_file(&export, "manifest.jsonl").await.unwrap(), files[1]);
+        assert_eq!(store.export_file(&export, "../x").await.unwrap_err().kind(), Kind::NotFound);
+    }
+}

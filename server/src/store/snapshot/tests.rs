@@ -1,0 +1,94 @@
+//! Snapshots in a fresh database.
+
+#![allow(clippy::unwrap_used)]
+use super::super::testing;
+use super::*;
+use crate::{domain::episode::NewLabel, error::Kind};
+
+#[tokio::test]
+async fn a_snapshot_does_not_change_when_labels_do() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let expert = testing::episode(&store, &task, Outcome::Success, "ada").await;
+    let imperfect = testing::episode(&store, &task, Outcome::Failure, "bob").await;
+    testing::episode(&store, &task, Outcome::Unknown, "bob").await;
+    let frozen = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap();
+    assert_eq!((frozen.expert_episodes, frozen.imperfect_episodes), (1, 1));
+
+    let label = NewLabel {
+        outcome: Outcome::Failure,
+        cohort: Some("carol".into()),
+        author: "ada".into(),
+        reason: String::new(),
+    };
+    store.label_episodes(std::slice::from_ref(&expert.id), &label).await.unwrap();
+    let (snapshot, members) = store.snapshot(&frozen.id).await.unwrap();
+    assert_eq!((snapshot.expert_episodes, snapshot.imperfect_episodes), (1, 1));
+    let mut seen: Vec<_> = members.iter().map(|m| (&m.episode_id, m.outcome, m.cohort.as_str(), m.role)).collect();
+    seen.sort_by_key(|member| member.3 == Role::Imperfect);
+    assert_eq!(
+        seen,
+        [
+            (&expert.id, Outcome::Success, "ada", Role::Expert),
+            (&imperfect.id, Outcome::Failure, "bob", Role::Imperfect),
+        ]
+    );
+    let recordings = store.recordings(&frozen.id).await.unwrap();
+    let order: Vec<_> = recordings.iter().map(|(episode, role)| (&episode.id, episode.outcome, *role)).collect();
+    assert_eq!(order, members.iter().map(|m| (&m.episode_id, m.outcome, m.role)).collect::<Vec<_>>());
+    assert_eq!(store.snapshot(&SnapshotId::new()).await.unwrap_err().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn a_snapshot_needs_both_sides() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "ada").await;
+    let error = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert!(error.message().contains("no imperfect"), "{error}");
+    let rule =
+        RoleRule { expert_cohorts: vec!["bob".into()], imperfect_cohorts: vec!["ada".into()], ..RoleRule::default() };
+    let error = store.create_snapshot(&task.id, &rule).await.unwrap_err();
+    assert!(error.message().contains("no expert"), "{error}");
+    assert!(store.snapshots(&task.id).await.unwrap().is_empty());
+}
+
+#[tokio::test]
+async fn snapshots_come_newest_first() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "ada").await;
+    testing::episode(&store, &task, Outcome::Success, "bob").await;
+    let rule =
+        RoleRule { expert_cohorts: vec!["ada".into()], imperfect_cohorts: vec!["bob".into()], ..RoleRule::default() };
+    for _ in 0..3 {
+        store.create_snapshot(&task.id, &rule).await.unwrap();
+    }
+    let listed = store.snapshots(&task.id).await.unwrap();
+    assert_eq!((listed.len(), &listed[0].rule), (3, &rule));
+    assert!(listed.windows(2).all(|pair| pair[0].created_at >= pair[1].created_at));
+}
+
+#[tokio::test]
+async fn a_snapshot_keeps_to_its_limits() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    for _ in 0..3 {
+        testing::episode(&store, &task, Outcome::Success, "ada").await;
+    }
+    for cohort in ["bob", "bob", "bob", "bob", "carol", "carol"] {
+        testing::episode(&store, &task, Outcome::Failure, cohort).await;
+    }
+    let rule = RoleRule { imperfect_per_expert: 2.0, max_experts: 2, seed: 1, ..RoleRule::default() };
+    let frozen = store.create_snapshot(&task.id, &rule).await.unwrap();
+    assert_eq!((frozen.expert_episodes, frozen.imperfect_episodes), (2, 4));
+    let (read, members) = store.snapshot(&frozen.id).await.unwrap();
+    assert_eq!(read.rule, rule);
+    assert_eq!(members.iter().filter(|member| member.cohort == "carol").count(), 2, "cohorts come evenly");
+    assert!(members.is_sorted_by_key(|member| member.episode_id.clone()));
+
+    let none = RoleRule { imperfect_per_expert: 0.1, ..RoleRule::default() };
+    let error = store.create_snapshot(&task.id, &none).await.unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("imperfect_per_expert"), "{error}");
+}

@@ -1,0 +1,113 @@
+//! What goes to a worker and comes from it survives the wire.
+
+#![allow(clippy::unwrap_used)]
+use gleaner_recording::{FieldSource, Mapping};
+
+use super::*;
+use crate::domain::{
+    id::{DatasetId, TaskId},
+    job::{JobSpec, JobState},
+    snapshot::Role,
+    time::Millis,
+};
+
+fn blob(text: &str) -> BlobId {
+    blake3::hash(text.as_bytes()).into()
+}
+
+fn input(text: &str) -> InputEpisode {
+    InputEpisode { id: EpisodeId::new(), recording: blob(text), steps: 20, file_name: format!("{text}.mcap") }
+}
+
+fn export() -> Job {
+    Job {
+        id: JobId::new(),
+        task_id: TaskId::new(),
+        spec: JobSpec::Export { dataset_id: DatasetId::new() },
+        state: JobState::Running,
+        priority: 0,
+        result_id: "exp".into(),
+        done: 0,
+        total: 0,
+        message: String::new(),
+        error: String::new(),
+        attempt: 1,
+        max_attempts: 3,
+        cancel_requested: false,
+        checkpoint: None,
+        checkpoint_step: None,
+        peak_memory_bytes: 0,
+        needs: Vec::new(),
+        key: String::new(),
+        created_at: Millis(0),
+        started_at: None,
+        ended_at: None,
+    }
+}
+
+#[test]
+fn an_assignment_survives_the_wire() {
+    let expert = input("expert");
+    let nearest = Nearest { episode_id: expert.id.clone(), end_step: 4 };
+    let segments = vec![
+        KeptSegment { end_step: 3, weight: 0.95, nearest: Some(nearest) },
+        KeptSegment { end_step: 4, weight: 0.9, nearest: None },
+    ];
+    let base = FrozenRun { lo: -2.0, hi: -0.5, quantiles: vec![-2.0, -0.5], expert_ids: vec![expert.id.clone()] };
+    let mut task = crate::store::testing::spec();
+    let source = |field: &str| FieldSource {
+        field: field.into(),
+        topic: "/state".into(),
+        paths: vec!["position".into()],
+        names: Vec::new(),
+    };
+    task.mappings = vec![Mapping {
+        name: "plain".into(),
+        cameras: Vec::new(),
+        fields: vec![source("joint_position"), source("joint_velocity")],
+        clock: None,
+    }];
+    let inputs = Inputs {
+        task,
+        experts: vec![expert],
+        imperfect: vec![input("imperfect")],
+        kept: vec![KeptInput { episode: input("kept"), segments, similarities: vec![-0.5], qualities: vec![0.95] }],
+        encoder: Some(blob("encoder")),
+        checkpoint: None,
+        segment_length: 6,
+        policy: Some(blob("policy")),
+        base: Some(base),
+    };
+    let job = export();
+    let (id, order, read) = assigned(assignment(job.clone(), inputs.clone())).unwrap();
+    assert_eq!((id, read), (job.id, inputs));
+    assert!(matches!(order, JobOrder::Export { .. }));
+}
+
+#[test]
+fn progress_survives_the_wire_unless_it_is_no_number() {
+    let said = Progress {
+        done: 3,
+        total: 9,
+        message: "training".into(),
+        metrics: vec![(3, "loss".into(), 0.5)],
+        peak_memory_bytes: 77,
+    };
+    assert_eq!(progress_request(progress(said.clone())).unwrap(), said);
+    let broken = Progress { metrics: vec![(3, "loss".into(), f64::NAN)], ..said };
+    let error = progress_request(progress(broken)).unwrap_err();
+    assert!(error.message().starts_with("metrics[0].value: "), "{error}");
+}
+
+#[test]
+fn a_long_error_is_shortened() {
+    let (error, retry) = fail_request(v1::FailJobRequest { error: "ü".repeat(9000), retry: true });
+    assert_eq!((error.chars().count(), retry), (LONGEST_ERROR, true));
+}
+
+#[test]
+fn base_scores_survive_the_wire_without_q() {
+    let scores = crate::store::testing::results::scores(&EpisodeId::new(), Role::Expert, &[0.5, 0.25]);
+    let read = base_scores_from(base_scores(scores.clone())).unwrap();
+    assert_eq!(read, EpisodeScores { q: Vec::new(), ..scores });
+}
