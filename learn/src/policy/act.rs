@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
-use super::method::{About, Entry, Losses, Method, Seen, Start};
+use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
 use super::scratch::{self, Scratch};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
@@ -29,17 +29,13 @@ use layers::{ChunkDecoder, StyleEncoder};
 
 pub(super) const ENTRY: Entry = Entry { model: scratch::model, begin, load };
 
-fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Result<Box<dyn Method>, LearnError> {
+fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
     let policy = Act::new(Scratch::begin(start, info), start.spec.act);
     policy.scratch.draw(start.spec.seed);
     Ok(Box::new(policy))
 }
 
-fn load(
-    info: &CheckpointInfo,
-    named: &BTreeMap<String, Tensor>,
-    device: Device,
-) -> Result<Box<dyn Method>, LearnError> {
+fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Made {
     let act = info.act.ok_or_else(|| LearnError::Checkpoint("header: an ACT policy without its settings".into()))?;
     let policy = Act::new(Scratch::load(info, named, device)?, act);
     policy.scratch.take(named)?;

@@ -9,11 +9,10 @@ use rand_chacha::ChaCha8Rng;
 use tch::nn::{self, Module};
 use tch::{Device, Tensor};
 
-use super::method::{About, Entry, Losses, Method, Seen, Start};
+use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
 use super::scratch::{self, Scratch};
 use crate::batch::{Chunks, int};
 use crate::checkpoint::CheckpointInfo;
-use crate::error::LearnError;
 use crate::objective::squared_error;
 
 pub(super) const ENTRY: Entry = Entry { model: scratch::model, begin, load };
@@ -21,17 +20,13 @@ pub(super) const ENTRY: Entry = Entry { model: scratch::model, begin, load };
 /// Width of the hidden layers in widths of the image embedding.
 const HIDDEN: i64 = 4;
 
-fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Result<Box<dyn Method>, LearnError> {
+fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
     let policy = Bc::new(Scratch::begin(start, info));
     policy.scratch.draw(start.spec.seed);
     Ok(Box::new(policy))
 }
 
-fn load(
-    info: &CheckpointInfo,
-    named: &BTreeMap<String, Tensor>,
-    device: Device,
-) -> Result<Box<dyn Method>, LearnError> {
+fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Made {
     let policy = Bc::new(Scratch::load(info, named, device)?);
     policy.scratch.take(named)?;
     Ok(Box::new(policy))

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
-use super::method::{About, Entry, Losses, Method, Seen, Start};
+use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
 use crate::batch::Chunks;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::error::LearnError;
@@ -22,7 +22,7 @@ fn model(start: &Start<'_>) -> Result<ModelSpec, LearnError> {
     Ok(checkpoint::inspect(encoder(start)?)?.model)
 }
 
-fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Result<Box<dyn Method>, LearnError> {
+fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
     let (stored, named) = checkpoint::read(encoder(start)?, CheckpointKind::Encoder)?;
     if stored.shape != info.shape {
         return Err(LearnError::invalid(
@@ -39,11 +39,7 @@ fn encoder<'a>(start: &Start<'a>) -> Result<&'a [u8], LearnError> {
     })
 }
 
-pub(super) fn load(
-    info: &CheckpointInfo,
-    named: &BTreeMap<String, Tensor>,
-    device: Device,
-) -> Result<Box<dyn Method>, LearnError> {
+pub(super) fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Made {
     Ok(Box::new(CausalTransformer(Network::from_named(&info.shape, info.model, named, device)?)))
 }
 

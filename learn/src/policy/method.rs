@@ -25,14 +25,17 @@ pub(super) fn entry(kind: PolicyKind) -> Entry {
     }
 }
 
+/// A policy, or why there is none.
+pub(super) type Made = Result<Box<dyn Method>, LearnError>;
+
 /// How a policy comes to be.
 pub(super) struct Entry {
     /// The model it will have, from cheap looks alone.
     pub(super) model: fn(&Start<'_>) -> Result<ModelSpec, LearnError>,
     /// The policy before its first step, with the model in the header.
-    pub(super) begin: fn(&Start<'_>, &CheckpointInfo) -> Result<Box<dyn Method>, LearnError>,
+    pub(super) begin: fn(&Start<'_>, &CheckpointInfo) -> Made,
     /// The policy with the weights of a checkpoint.
-    pub(super) load: fn(&CheckpointInfo, &BTreeMap<String, Tensor>, Device) -> Result<Box<dyn Method>, LearnError>,
+    pub(super) load: fn(&CheckpointInfo, &BTreeMap<String, Tensor>, Device) -> Made,
 }
 
 /// What a policy may begin from.

@@ -1,0 +1,33 @@
+//! Episodes of noise for the benches: what tensors cost does not depend on what they show.
+
+use std::sync::Arc;
+
+use gleaner_learn::{CameraShape, FrameBytes, ModelSpec, Preset, TaskShape, Trajectory};
+
+/// Steps of an episode.
+const STEPS: usize = 100;
+
+/// A model and a task with two cameras of `side` pixels a side.
+pub(crate) fn sizes(preset: Preset, side: u32, depth: bool) -> (ModelSpec, TaskShape) {
+    let camera = |name: &str| CameraShape { name: name.into(), height: side, width: side, depth };
+    let shape = TaskShape { cameras: vec![camera("top"), camera("hand")], proprioception: 38, action: 7 };
+    (ModelSpec { preset, ..ModelSpec::default() }, shape)
+}
+
+/// Episodes whose bytes do not repeat.
+pub(crate) fn noise(shape: &TaskShape, count: u64) -> Vec<Trajectory> {
+    (0..count).map(|seed| episode(shape, seed)).collect()
+}
+
+fn episode(shape: &TaskShape, seed: u64) -> Trajectory {
+    let mut state = seed * 2 + 1;
+    let mut byte = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+        state.to_be_bytes()[0]
+    };
+    let frames: Vec<u8> = std::iter::repeat_with(&mut byte).take(STEPS * shape.frame_bytes()).collect();
+    let frames: FrameBytes = Arc::new(frames);
+    let mut floats = |width: usize| (0..STEPS * width).map(|_| f32::from(byte()) / 128.0 - 1.0).collect();
+    let (m, a) = (floats(shape.proprioception), floats(shape.action));
+    Trajectory::new(shape, format!("episode {seed}"), frames, m, a).unwrap()
+}
