@@ -49,9 +49,7 @@ impl Api {
         let request = SubmitJobRequest {
             task: task.to_owned(),
             spec: Some(JobSpec { spec: Some(spec) }),
-            priority: 0,
-            needs: vec![],
-            max_attempts: None,
+            ..SubmitJobRequest::default()
         };
         Ok(self.jobs.submit_job(request).await?.into_inner().job.unwrap())
     }

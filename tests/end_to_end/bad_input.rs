@@ -9,7 +9,7 @@ use crate::{
     server::TestServer,
 };
 
-fn refused(status: &Status, code: Code, words: &[&str]) {
+pub fn refused(status: &Status, code: Code, words: &[&str]) {
     assert_eq!(status.code(), code, "{status}");
     for word in words {
         assert!(status.message().contains(word), "{word:?} is not in {:?}", status.message());
@@ -20,7 +20,7 @@ fn with_bytes(bytes: Vec<u8>) -> Recording {
     Recording { bytes: bytes.into(), ..RECORDINGS[0].clone() }
 }
 
-async fn quiet_lab() -> (TestServer, Api) {
+pub async fn quiet_lab() -> (TestServer, Api) {
     let server = TestServer::start_with(&["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
@@ -192,30 +192,6 @@ impl Api {
         let request = WatchJobRequest { job_id: "job_01ARZ3NDEKTSV4RRFFQ69G5FAV".into() };
         self.jobs.watch_job(request).await.unwrap_err()
     }
-}
-
-#[tokio::test]
-async fn thresholds_outside_the_unit_interval() {
-    let (_server, mut api) = quiet_lab().await;
-    for recording in [&RECORDINGS[0], &RECORDINGS[6]] {
-        lab::push(&mut api, lab::TASK, recording).await.unwrap();
-    }
-    let pretrain = api.submit(lab::TASK, lab::pretrain(2)).await.unwrap();
-    let run = api.submit(lab::TASK, lab::score(&pretrain.result_id)).await.unwrap().result_id;
-    for beta in [-0.1, 1.1, f64::NAN, f64::INFINITY] {
-        let request = CreateDatasetRequest { score_run_id: run.clone(), beta };
-        refused(&api.datasets.create_dataset(request).await.unwrap_err(), Code::InvalidArgument, &["beta"]);
-    }
-    let request = GetHistogramRequest { score_run_id: run.clone(), bins: 0, betas: vec![2.0] };
-    refused(&api.scores.get_histogram(request).await.unwrap_err(), Code::InvalidArgument, &["betas"]);
-    let request = GetHistogramRequest { score_run_id: run.clone(), bins: 0, betas: vec![] };
-    refused(&api.scores.get_histogram(request).await.unwrap_err(), Code::FailedPrecondition, &["job"]);
-    // The view may exist before the run; what it shows may not.
-    let request = CreateDatasetRequest { score_run_id: run, beta: 0.9 };
-    let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
-    assert_eq!(dataset.kept_segments, None);
-    let request = StreamSegmentsRequest { dataset_id: dataset.id, ..StreamSegmentsRequest::default() };
-    refused(&api.datasets.stream_segments(request).await.unwrap_err(), Code::FailedPrecondition, &[]);
 }
 
 #[tokio::test]

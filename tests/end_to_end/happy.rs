@@ -19,7 +19,7 @@ async fn recordings_become_scores_datasets_and_a_policy() {
     scores_are_whole(&mut api, &run, &episodes).await;
 
     let dataset = dataset_agrees_with_histogram(&mut api, &run, 0.5).await;
-    streams_what_it_counts(&mut api, &dataset).await;
+    streams_what_it_counts(&mut api, &dataset, 0.5).await;
     exports(&mut api, &dataset).await;
 
     let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::DatasetId(dataset.id.clone()), 6)).await.result_id;
@@ -70,14 +70,14 @@ async fn dataset_agrees_with_histogram(api: &mut Api, run: &str, beta: f64) -> D
     assert!(histogram.kept[0].segments < histogram.segments, "q = 0 is not kept at β = 0");
     assert_eq!(histogram.kept[2].segments, 0, "nothing exceeds 1");
 
-    let request = CreateDatasetRequest { score_run_id: run.into(), beta };
+    let request = CreateDatasetRequest { score_run_id: run.into(), selection: Some(lab::above(beta)) };
     let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
     assert_eq!(dataset.kept_segments, Some(histogram.kept[1].segments));
     assert_eq!(dataset.kept_episodes, Some(histogram.kept[1].episodes));
     dataset
 }
 
-async fn streams_what_it_counts(api: &mut Api, dataset: &Dataset) {
+async fn streams_what_it_counts(api: &mut Api, dataset: &Dataset, beta: f64) {
     let request = StreamSegmentsRequest { dataset_id: dataset.id.clone(), include_frames: true, kept_only: false };
     let mut segments = api.datasets.stream_segments(request).await.unwrap().into_inner();
     let (mut experts, mut kept) = (0, 0);
@@ -95,7 +95,7 @@ async fn streams_what_it_counts(api: &mut Api, dataset: &Dataset) {
             }
             _ => {
                 kept += 1;
-                assert!(f64::from(segment.weight) > dataset.beta);
+                assert!(f64::from(segment.weight) > beta);
             }
         }
     }
@@ -150,14 +150,16 @@ async fn a_chain_is_submitted_at_once_and_runs_in_order() {
         score: true,
         beta: Some(0.5),
         train: Some(TrainSpec { data: None, ..train }),
+        scoring: Some(ScoreSpec { similarity: Similarity::LastCosine.into(), ..ScoreSpec::default() }),
+        evaluate: Some(EvaluateSpec { episodes: Some(2), max_steps: Some(3), ..EvaluateSpec::default() }),
     };
     let request = SubmitPipelineRequest { task: lab::TASK.into(), pipeline: Some(pipeline), priority: 0 };
     let chain = api.jobs.submit_pipeline(request).await.unwrap().into_inner();
     let kinds: Vec<JobKind> = chain.jobs.iter().map(Job::kind).collect();
-    assert_eq!(kinds, [JobKind::Pretrain, JobKind::Score, JobKind::Train]);
+    assert_eq!(kinds, [JobKind::Pretrain, JobKind::Score, JobKind::Train, JobKind::Evaluate]);
     assert_eq!(chain.jobs[1].needs, [chain.jobs[0].id.clone()]);
 
-    let last = api.watch(&chain.jobs[2].id).await;
+    let last = api.watch(&chain.jobs[3].id).await;
     assert_eq!(last.state(), JobState::Succeeded, "{}", last.error);
     let dataset = GetDatasetRequest { dataset_id: chain.dataset_id };
     assert!(api.datasets.get_dataset(dataset).await.unwrap().into_inner().dataset.unwrap().kept_segments.is_some());

@@ -134,6 +134,16 @@ pub fn train(data: train_spec::Data, steps: u32) -> job_spec::Spec {
     })
 }
 
+/// q above β.
+pub fn above(beta: f64) -> Selection {
+    Selection { rule: Some(selection::Rule::Beta(beta)) }
+}
+
+/// The best part by w.
+pub fn top(fraction: f64) -> Selection {
+    Selection { rule: Some(selection::Rule::TopFraction(fraction)) }
+}
+
 fn optim(steps: u32) -> OptimSpec {
     OptimSpec { steps: Some(steps), batch: Some(8), warmup_steps: Some(2), ..OptimSpec::default() }
 }

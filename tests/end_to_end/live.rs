@@ -1,47 +1,30 @@
 //! Policies at work: one trained once, acted with in every way, and everything a client can get wrong.
 
-use std::sync::{Arc, Weak};
-
 use gleaner_proto::v1::{session_request::Message as Say, session_response::Message as Hear, *};
 use gleaner_sim::{Sim, Task as SimTask};
-use tokio::sync::{Mutex, mpsc};
+use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Status, Streaming};
 
-use crate::{api::Api, lab, server::TestServer};
+use crate::{
+    api::Api,
+    lab,
+    server::TestServer,
+    shared::{NAME, shared},
+};
 
-const NAME: &str = "pick_cube@test";
-
-/// A server with a deployed policy, shared by the tests that run at the same time. The last one to end takes it
-/// down: what a static holds is never dropped, and a server would stay behind.
-async fn served() -> Arc<TestServer> {
-    static SERVED: Mutex<Weak<TestServer>> = Mutex::const_new(Weak::new());
-    let mut served = SERVED.lock().await;
-    if let Some(server) = served.upgrade() {
-        return server;
-    }
-    let server = Arc::new(TestServer::start().await);
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
-    let encoder = api.succeed(lab::TASK, lab::pretrain(3)).await.result_id;
-    let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder), 3)).await.result_id;
-    api.policies.deploy(DeployRequest { name: NAME.into(), policy_id: policy }).await.unwrap();
-    *served = Arc::downgrade(&server);
-    server
-}
-
-fn observe(sim: &Sim) -> Observation {
+pub fn observe(sim: &Sim) -> Observation {
     let seen = sim.observe();
     let spec = gleaner_sim::task_spec(SimTask::PickCube, &lab::sim_config());
     gleaner_client::observation(&spec, seen.stamp_ns, seen.frames, seen.proprioception).unwrap()
 }
 
-fn start_sim() -> Sim {
+pub fn start_sim() -> Sim {
     Sim::new(SimTask::PickCube, lab::sim_config(), 99)
 }
 
 /// One robot's end of a session.
-struct Robot {
+pub struct Robot {
     say: mpsc::Sender<SessionRequest>,
     hear: Streaming<SessionResponse>,
 }
@@ -53,7 +36,7 @@ impl Robot {
         Self { say, hear }
     }
 
-    async fn open(api: &mut Api, name: &str) -> Result<Self, Status> {
+    pub async fn open(api: &mut Api, name: &str) -> Result<Self, Status> {
         let mut robot = Self::dial(api).await;
         robot.say(Say::Open(SessionOpen { deployment: name.into(), control_rate_hz: 0.0 })).await;
         match robot.hear().await? {
@@ -70,7 +53,7 @@ impl Robot {
         Ok(self.hear.message().await?.expect("the session goes on").message.unwrap())
     }
 
-    async fn act(&mut self, observation: Observation) -> Result<SessionAction, Status> {
+    pub async fn act(&mut self, observation: Observation) -> Result<SessionAction, Status> {
         self.say(Say::Observation(observation)).await;
         match self.hear().await? {
             Hear::Action(action) => Ok(action),
@@ -82,8 +65,8 @@ impl Robot {
 /// A session and Act see the same history, so they give the same actions.
 #[tokio::test]
 async fn a_session_and_act_agree() {
-    let server = served().await;
-    let mut api = Api::connect(&server).await;
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
     let mut robot = Robot::open(&mut api, NAME).await.unwrap();
     let mut sim = start_sim();
     let mut window: Vec<Observation> = Vec::new();
@@ -112,8 +95,8 @@ async fn a_session_and_act_agree() {
 /// Two sessions in step give what each gives alone: neither sees the other's history.
 #[tokio::test]
 async fn sessions_are_isolated() {
-    let server = served().await;
-    let mut api = Api::connect(&server).await;
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
     let observation = observe(&start_sim());
     let mut alone = Robot::open(&mut api, NAME).await.unwrap();
     let first = alone.act(observation.clone()).await.unwrap().actions;
@@ -129,8 +112,8 @@ async fn sessions_are_isolated() {
 
 #[tokio::test]
 async fn observations_that_are_wrong() {
-    let server = served().await;
-    let mut api = Api::connect(&server).await;
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
     let good = observe(&start_sim());
     let mut missing = good.clone();
     missing.cameras.pop();
@@ -173,8 +156,8 @@ async fn observations_that_are_wrong() {
 
 #[tokio::test]
 async fn sessions_that_begin_wrong() {
-    let server = served().await;
-    let mut api = Api::connect(&server).await;
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
     let unknown = Robot::open(&mut api, "nobody@prod").await.err().unwrap();
     assert_eq!(unknown.code(), Code::NotFound, "{unknown}");
     let mut early = Robot::dial(&mut api).await;
@@ -189,8 +172,8 @@ async fn sessions_that_begin_wrong() {
 
 #[tokio::test]
 async fn deployments_that_cannot_be() {
-    let server = served().await;
-    let mut api = Api::connect(&server).await;
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
     let policies =
         api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
     let policy = policies[0].id.clone();

@@ -14,13 +14,18 @@
 
 mod api;
 mod bad_input;
+mod bad_settings;
 mod command;
+mod evaluations;
 mod face;
 mod happy;
 mod lab;
 mod live;
+mod method;
 mod real_recordings;
 mod restart;
 mod schedules;
+mod selection;
 mod server;
+mod shared;
 mod tidy;

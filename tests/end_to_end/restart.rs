@@ -33,6 +33,32 @@ async fn what_was_acknowledged_survives_a_kill() {
     assert!(bytes == RECORDINGS[0].bytes, "the recording is the one that was pushed");
 }
 
+/// A caller that was interrupted submits again under its key and gets its own job back.
+#[tokio::test]
+async fn a_key_is_one_job_across_a_restart() {
+    let mut server = TestServer::start_with(&["--workers", "0"]).await;
+    let mut api = Api::connect(&server).await;
+    lab::set_up(&mut api).await;
+    let request = |steps| SubmitJobRequest {
+        task: lab::TASK.into(),
+        spec: Some(JobSpec { spec: Some(lab::pretrain(steps)) }),
+        key: "pretrain 4f1c".into(),
+        ..SubmitJobRequest::default()
+    };
+    let job = api.jobs.submit_job(request(4)).await.unwrap().into_inner().job.unwrap();
+    assert_eq!(job.key, "pretrain 4f1c");
+    server.kill().await;
+    server.start_again().await;
+
+    let mut api = Api::connect(&server).await;
+    assert_eq!(api.jobs.submit_job(request(4)).await.unwrap().into_inner().job.unwrap(), job);
+    let other = api.jobs.submit_job(request(5)).await.unwrap_err();
+    assert!(other.code() == Code::AlreadyExists && other.message().contains(&job.id), "{other}");
+    api.jobs.cancel_job(CancelJobRequest { job_id: job.id.clone() }).await.unwrap();
+    let again = api.jobs.submit_job(request(5)).await.unwrap().into_inner().job.unwrap();
+    assert_ne!(again.id, job.id, "a cancelled job holds no key");
+}
+
 #[tokio::test]
 async fn an_upload_goes_on_where_it_stopped() {
     let mut server = TestServer::start_with(&["--workers", "0"]).await;

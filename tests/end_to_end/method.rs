@@ -1,0 +1,116 @@
+//! The method's choices as jobs: objectives, policies, and where they run.
+
+use gleaner_proto::v1::*;
+
+use crate::{
+    api::Api,
+    lab,
+    live::{Robot, observe, start_sim},
+    shared::shared,
+};
+
+fn pretrain_with(objectives: &[Objective]) -> job_spec::Spec {
+    let job_spec::Spec::Pretrain(spec) = lab::pretrain(2) else { unreachable!() };
+    let objectives = objectives.iter().map(|&objective| objective.into()).collect();
+    let augmentation = Some(Augmentation { shift_pixels: 1, brightness: 0.1, contrast: 0.1 });
+    job_spec::Spec::Pretrain(PretrainSpec { objectives, augmentation, ..spec })
+}
+
+fn train_with(policy: PolicyKind, data: train_spec::Data) -> job_spec::Spec {
+    let job_spec::Spec::Train(spec) = lab::train(data, 2) else { unreachable!() };
+    job_spec::Spec::Train(TrainSpec {
+        policy: policy.into(),
+        preset: Preset::Tiny.into(),
+        segment_length: Some(2),
+        act: (policy == PolicyKind::Act).then(|| ActSpec { chunk_length: Some(4), ..ActSpec::default() }),
+        ..spec
+    })
+}
+
+/// Each job reports the losses of its own objectives and no other.
+#[tokio::test]
+async fn objectives_are_chosen_by_the_spec() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    for chosen in [vec![Objective::Tr], vec![Objective::Aa, Objective::Mtp]] {
+        let job = api.succeed(lab::TASK, pretrain_with(&chosen)).await;
+        for (name, objective) in [("loss_mtp", Objective::Mtp), ("loss_tr", Objective::Tr), ("loss_aa", Objective::Aa)]
+        {
+            let values = api.metric(&job.id, name).await;
+            assert_eq!(values.len(), if chosen.contains(&objective) { 2 } else { 0 }, "{name} of {chosen:?}");
+        }
+        let Some(job_spec::Spec::Pretrain(spec)) = job.spec.unwrap().spec else { panic!("not pretrain") };
+        let mut expected: Vec<i32> = chosen.iter().map(|&objective| objective.into()).collect();
+        expected.sort_unstable();
+        assert_eq!(spec.objectives, expected);
+        assert_eq!(spec.augmentation.unwrap().shift_pixels, 1);
+    }
+}
+
+/// Policies from scratch train on a dataset or on experts alone, and act in sessions; one action at a time, but ACT.
+#[tokio::test]
+async fn every_policy_trains_and_is_served() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let request = CreateDatasetRequest { score_run_id: shared.run.clone(), selection: Some(lab::above(0.5)) };
+    let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap().id;
+    for (kind, word, data, chunk) in [
+        (PolicyKind::TfBc, "tf_bc", train_spec::Data::DatasetId(dataset.clone()), 1),
+        (PolicyKind::Bc, "bc", train_spec::Data::ExpertsIn(shared.snapshot.clone()), 1),
+        (PolicyKind::Act, "act", train_spec::Data::ExpertsOf(shared.encoder.clone()), 4),
+    ] {
+        let id = api.succeed(lab::TASK, train_with(kind, data)).await.result_id;
+        let listed = api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap();
+        let policy = listed.into_inner().policies.into_iter().find(|policy| policy.id == id).unwrap();
+        assert_eq!((policy.kind.as_str(), policy.encoder_id.as_str()), (word, ""));
+
+        let name = format!("{word}@test");
+        api.policies.deploy(DeployRequest { name: name.clone(), policy_id: id }).await.unwrap();
+        acts(&mut api, &name, chunk).await;
+    }
+}
+
+/// A session's first action is the ensemble of the chunks that the policy gave so far, as `Act` gives them one by one.
+async fn acts(api: &mut Api, name: &str, chunk: usize) {
+    let mut robot = Robot::open(api, name).await.unwrap();
+    let mut sim = start_sim();
+    let mut window: Vec<Observation> = Vec::new();
+    let mut chunks: Vec<Vec<ActionStep>> = Vec::new();
+    for step in 0..3 {
+        let mut observation = observe(&sim);
+        if let Some(given) = chunks.last() {
+            observation.executed_action.clone_from(&given[0].values);
+        }
+        window.push(observation.clone());
+        let request = ActRequest { deployment: name.into(), observations: window.clone() };
+        chunks.push(api.policies.act(request).await.unwrap().into_inner().actions);
+        let actions = robot.act(observation).await.unwrap().actions;
+        assert_eq!(actions.len(), chunk);
+        for (axis, &value) in actions[0].values.iter().enumerate() {
+            let foreseen = chunks.iter().enumerate().filter_map(|(from, chunk)| chunk.get(step - from));
+            let (mut sum, mut weights, mut weight) = (0.0, 0.0, 1.0);
+            for opinion in foreseen {
+                sum += weight * f64::from(opinion.values[axis]);
+                weights += weight;
+                weight *= (-0.01_f64).exp();
+            }
+            assert!((f64::from(value) - sum / weights).abs() < 1e-4, "{name} step {step} axis {axis}");
+        }
+        sim.step(chunks[step][0].values.as_slice().try_into().unwrap());
+    }
+}
+
+/// The processor build of the tensor library has no CUDA: the job says so at once and is not tried again.
+#[tokio::test]
+async fn a_device_that_is_not_there() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let job_spec::Spec::Score(spec) = lab::score(&shared.encoder) else { unreachable!() };
+    let spec = job_spec::Spec::Score(ScoreSpec { device: Device::Cuda.into(), ..spec });
+    let job = api.submit(lab::TASK, spec).await.unwrap();
+    let job = api.watch(&job.id).await;
+    if job.state() != JobState::Succeeded {
+        assert_eq!((job.state(), job.attempt), (JobState::Failed, 1));
+        assert!(job.error.contains("device") && job.error.contains("use cpu"), "{}", job.error);
+    }
+}

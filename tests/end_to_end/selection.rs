@@ -1,0 +1,156 @@
+//! What selections keep, counted ahead of time and as datasets; limits of snapshots; runs that go on from others.
+
+use std::collections::BTreeMap;
+
+use gleaner_proto::v1::*;
+
+use crate::{
+    api::Api,
+    lab,
+    shared::{Shared, shared},
+};
+
+/// One imperfect segment: episode, end step, w, q.
+type Scored = (String, u32, f64, f32);
+
+async fn imperfect(api: &mut Api, shared: &Shared) -> Vec<Scored> {
+    let mut all = Vec::new();
+    for episode in &shared.episodes {
+        let scores = api.episode_scores(&shared.run, &episode.id).await;
+        if scores.role() == Role::Imperfect {
+            all.extend((0..).zip(scores.w).zip(scores.q).map(|((end, w), q)| (episode.id.clone(), end, w, q)));
+        }
+    }
+    all
+}
+
+/// Counting ahead equals counting by hand and what the dataset then streams.
+#[tokio::test]
+async fn counts_are_what_datasets_hold() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let all = imperfect(&mut api, &shared).await;
+    let mut ranked: Vec<f64> = all.iter().map(|(_, _, w, _)| *w).collect();
+    ranked.sort_by(|a, b| b.total_cmp(a));
+    let third = ranked[ranked.len().div_ceil(3) - 1];
+
+    let selections = vec![lab::above(0.5), lab::top(1.0 / 3.0), lab::above(1.0), lab::top(1.0)];
+    let request =
+        CountKeptRequest { score_run_id: shared.run.clone(), selections: selections.clone(), per_episode: true };
+    let counts = api.scores.count_kept(request).await.unwrap().into_inner().counts;
+    let keeps: [&dyn Fn(&Scored) -> bool; 4] = [&|one| one.3 > 0.5, &|one| one.2 >= third, &|_| false, &|_| true];
+    for ((count, selection), keeps) in counts.iter().zip(&selections).zip(keeps) {
+        assert_eq!(count.selection.as_ref(), Some(selection));
+        let kept: Vec<&Scored> = all.iter().filter(|one| keeps(one)).collect();
+        let mut by_episode: BTreeMap<&str, u64> = BTreeMap::new();
+        kept.iter().for_each(|one| *by_episode.entry(&one.0).or_default() += 1);
+        let total = count.total.unwrap();
+        assert_eq!((total.segments, total.of_segments), (kept.len() as u64, all.len() as u64));
+        assert_eq!((total.episodes, total.of_episodes), (by_episode.len() as u64, 6));
+        assert_eq!(count.episodes.len(), 6);
+        for of in &count.episodes {
+            assert_eq!(of.segments, by_episode.get(of.episode_id.as_str()).copied().unwrap_or(0));
+        }
+        let cohorts: Vec<_> = count.cohorts.iter().map(|of| (of.cohort.as_str(), of.kept)).collect();
+        assert_eq!(cohorts, [("failed", Some(total))]);
+        let lowest = kept.iter().map(|one| one.2).min_by(f64::total_cmp);
+        assert_eq!(count.threshold, lowest.unwrap_or(0.0));
+
+        let request = CreateDatasetRequest { score_run_id: shared.run.clone(), selection: Some(*selection) };
+        let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
+        let request = CreateDatasetRequest { score_run_id: shared.run.clone(), selection: Some(*selection) };
+        let again = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
+        assert_eq!(again, dataset, "asked for twice, one dataset");
+        assert_eq!((dataset.kept_segments, dataset.kept_episodes), (Some(total.segments), Some(total.episodes)));
+        assert_eq!(streamed(&mut api, &dataset.id).await, expected(&kept));
+    }
+}
+
+fn expected(kept: &[&Scored]) -> Vec<(String, u32, f32)> {
+    let mut segments: Vec<_> = kept.iter().map(|one| (one.0.clone(), one.1, one.3)).collect();
+    segments.sort_by(|a, b| (&a.0, a.1).cmp(&(&b.0, b.1)));
+    segments
+}
+
+async fn streamed(api: &mut Api, dataset: &str) -> Vec<(String, u32, f32)> {
+    let request = StreamSegmentsRequest { dataset_id: dataset.into(), kept_only: true, include_frames: false };
+    let mut stream = api.datasets.stream_segments(request).await.unwrap().into_inner();
+    let mut segments = Vec::new();
+    while let Some(message) = stream.message().await.unwrap() {
+        let segment = message.segment.unwrap();
+        segments.push((segment.episode_id, segment.end_step, segment.weight));
+    }
+    segments.sort_by(|a, b| (&a.0, a.1).cmp(&(&b.0, b.1)));
+    segments
+}
+
+impl Api {
+    async fn snapshot(&mut self, rule: RoleRule) -> (String, Vec<SnapshotEpisode>) {
+        let request = CreateSnapshotRequest { task: lab::TASK.into(), rule: Some(rule) };
+        let snapshot = self.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap();
+        let request = GetSnapshotRequest { snapshot_id: snapshot.id.clone() };
+        (snapshot.id, self.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes)
+    }
+
+    async fn run(&mut self, id: &str) -> ScoreRun {
+        let request = GetScoreRunRequest { score_run_id: id.into() };
+        self.scores.get_score_run(request).await.unwrap().into_inner().score_run.unwrap()
+    }
+}
+
+fn limits(max_experts: u32, imperfect_per_expert: f64) -> RoleRule {
+    RoleRule { max_experts, imperfect_per_expert, seed: 9, ..RoleRule::default() }
+}
+
+#[tokio::test]
+async fn limits_of_snapshots_nest() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let mut before: Vec<String> = Vec::new();
+    for (max_experts, ratio, counts) in [(1, 1.0, (1, 1)), (2, 1.0, (2, 2)), (2, 3.0, (2, 6)), (0, 0.0, (6, 6))] {
+        let (_, episodes) = api.snapshot(limits(max_experts, ratio)).await;
+        let count = |role| episodes.iter().filter(|episode| episode.role() == role).count();
+        assert_eq!((count(Role::Expert), count(Role::Imperfect)), counts);
+        let now: Vec<String> = episodes.into_iter().map(|episode| episode.episode_id).collect();
+        assert!(before.iter().all(|id| now.contains(id)), "a smaller limit gives a subset");
+        before = now;
+    }
+}
+
+/// A run that goes on from a smaller one has the scores of a full run bit for bit, under the smaller one's normaliser.
+#[tokio::test]
+async fn a_run_that_goes_on_equals_a_full_one() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let (small, _) = api.snapshot(limits(3, 1.0)).await;
+    let score = |snapshot: &str, extends: &str| {
+        job_spec::Spec::Score(ScoreSpec {
+            encoder_id: if extends.is_empty() { shared.encoder.clone() } else { String::new() },
+            snapshot_id: snapshot.into(),
+            extends: extends.into(),
+            similarity: if extends.is_empty() { Similarity::SegmentL2.into() } else { 0 },
+            ..ScoreSpec::default()
+        })
+    };
+    let base = api.succeed(lab::TASK, score(&small, "")).await.result_id;
+    let grown = api.succeed(lab::TASK, score(&shared.snapshot, &base)).await.result_id;
+    let full = api.succeed(lab::TASK, score(&shared.snapshot, "")).await.result_id;
+
+    let (base, grown) = (api.run(&base).await, api.run(&grown).await);
+    assert_eq!((grown.lo, grown.hi), (base.lo, base.hi), "the normaliser is frozen");
+    assert_eq!((grown.extends.as_str(), grown.similarity.as_str()), (base.id.as_str(), "segment_l2"));
+    assert_eq!((grown.imperfect_episodes, base.imperfect_episodes), (6, 3));
+    for episode in &shared.episodes {
+        let incremental = api.episode_scores(&grown.id, &episode.id).await;
+        let straight = api.episode_scores(&full, &episode.id).await;
+        for (w, q) in incremental.w.iter().zip(&incremental.q) {
+            let expected = ((w - base.lo) / (base.hi - base.lo)).clamp(0.0, 1.0);
+            assert!((f64::from(*q) - expected).abs() < 1e-6);
+        }
+        assert_eq!(EpisodeScores { q: straight.q.clone(), ..incremental }, straight);
+    }
+
+    let refused = api.submit(lab::TASK, score(&small, &full)).await.unwrap_err();
+    assert_eq!(refused.code(), tonic::Code::FailedPrecondition, "{refused}");
+    assert!(refused.message().contains("expert"), "{refused}");
+}
