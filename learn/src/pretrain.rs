@@ -34,6 +34,7 @@ pub fn pretrain(
 ) -> Result<Vec<u8>, LearnError> {
     shape.validate()?;
     spec.validate()?;
+    spec.augmentation.fits(shape)?;
     if data.is_empty() {
         return Err(LearnError::invalid("data", "has no episode to learn from"));
     }

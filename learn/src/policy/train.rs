@@ -40,6 +40,7 @@ pub fn train_policy(
 ) -> Result<Vec<u8>, LearnError> {
     shape.validate()?;
     spec.validate()?;
+    spec.augmentation.fits(shape)?;
     if experts.is_empty() {
         return Err(LearnError::invalid("experts", "has no episode to learn from"));
     }

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::within;
+use super::{TaskShape, within};
 use crate::error::LearnError;
 
 /// Random changes to the images of a training batch; none by default. All frames of one episode in
@@ -24,9 +24,31 @@ impl Augmentation {
         *self == Self::default()
     }
 
+    /// Fails if a shift could push a whole image out of sight.
+    pub(crate) fn fits(&self, shape: &TaskShape) -> Result<(), LearnError> {
+        let sides = shape.cameras.iter().flat_map(|camera| [camera.height, camera.width]);
+        let most = sides.min().unwrap_or(1).saturating_sub(1);
+        within("augmentation.shift_pixels", f64::from(self.shift_pixels), 0.0, f64::from(most))
+    }
+
     pub(crate) fn validate(&self) -> Result<(), LearnError> {
         within("augmentation.shift_pixels", f64::from(self.shift_pixels), 0.0, 1024.0)?;
         within("augmentation.brightness", self.brightness, 0.0, 1.0)?;
         within("augmentation.contrast", self.contrast, 0.0, 1.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::toy;
+
+    #[test]
+    fn a_shift_as_wide_as_the_image_is_refused() {
+        let shift = |shift_pixels| Augmentation { shift_pixels, ..Augmentation::default() };
+        assert!(shift(toy::SIDE - 1).fits(&toy::shape()).is_ok());
+        let error = shift(toy::SIDE).fits(&toy::shape()).unwrap_err().to_string();
+        assert!(error.starts_with("augmentation.shift_pixels: is 16") && error.contains("15"), "{error}");
     }
 }
