@@ -4,10 +4,10 @@ use clap::{Args, Parser, Subcommand};
 use gleaner_client::Token;
 
 use crate::cmd::{
-    dataset, drive, episodes, export, jobs, label, pipeline, policies, push, record, schedule, scores, snapshot,
-    submit, task,
+    dataset, drive, episodes, evaluate, evaluations, export, jobs, label, pipeline, policies, push, record, schedule,
+    scores, snapshot, submit, task, what_if,
 };
-use crate::demo;
+use crate::{demo, experiment};
 
 /// Gleans the good steps out of failed demonstrations.
 #[derive(Debug, Parser)]
@@ -27,9 +27,9 @@ pub(crate) struct Cli {
 /// Where the server is and who asks.
 #[derive(Args, Debug)]
 pub(crate) struct ConnectionArgs {
-    /// The server's address.
-    #[arg(long, global = true, env = "GLEANER_SERVER", default_value = "http://127.0.0.1:7400", value_name = "URL")]
-    pub(crate) server: String,
+    /// The server's address; by default http://127.0.0.1:7400.
+    #[arg(long, global = true, env = "GLEANER_SERVER", value_name = "URL")]
+    pub(crate) server: Option<String>,
 
     /// The access token, if the server asks for one.
     #[arg(long, global = true, env = "GLEANER_TOKEN", hide_env_values = true)]
@@ -66,7 +66,15 @@ pub(crate) enum Command {
     Score(submit::ScoreCommand),
     /// Train a policy on a dataset, or on experts alone.
     Train(submit::TrainCommand),
-    /// Pretrain, score, filter and train, one after the other.
+    /// Try a policy in the simulator, as a job of the server.
+    Evaluate(evaluate::EvaluateCommand),
+    /// List a policy's evaluations.
+    Evaluations(evaluations::EvaluationsArgs),
+    /// Show one evaluation, seed by seed.
+    Evaluation(evaluations::EvaluationArgs),
+    /// Keep the result of trials that ran elsewhere with a policy.
+    ReportEvaluation(evaluations::ReportArgs),
+    /// Pretrain, score, filter, train and evaluate, one after the other.
     Pipeline(pipeline::PipelineCommand),
     /// List jobs.
     Jobs(jobs::JobsArgs),
@@ -82,6 +90,8 @@ pub(crate) enum Command {
     Scores(scores::ScoresArgs),
     /// Show how quality is spread and what each threshold would keep.
     Histogram(scores::HistogramArgs),
+    /// Count what datasets would hold, per cohort and episode, without making any.
+    WhatIf(what_if::WhatIfArgs),
     /// Create, list, show and stream datasets.
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
@@ -93,7 +103,7 @@ pub(crate) enum Command {
     Deploy(policies::DeployArgs),
     /// List deployments and their history.
     Deployments(policies::DeploymentsArgs),
-    /// Evaluate a deployed policy in the simulator.
+    /// Evaluate a deployed policy in the simulator, over its own endpoint.
     Drive(drive::DriveArgs),
     /// Run pipelines by the clock or as labels come in.
     #[command(subcommand)]
@@ -102,6 +112,8 @@ pub(crate) enum Command {
     Record(record::RecordArgs),
     /// The whole way once, on a server of its own: record, push, pretrain, score, train, evaluate.
     Demo(demo::DemoArgs),
+    /// Run a grid of settings from a file, and write one report. Run again, it goes on from where it was.
+    Experiment(experiment::ExperimentArgs),
 }
 
 #[cfg(test)]
@@ -122,6 +134,21 @@ mod tests {
     }
 
     #[test]
+    fn options_go_together_with_the_one_that_is_needed() {
+        for line in [
+            "gleaner train --dataset ds_1 --task t --policy act --chunk-length 4 --preset small --key mine",
+            "gleaner score --extends run_1 --device cuda",
+            "gleaner evaluate --policy pol_1 --task t --episodes 5 --trial-seeds 0,1",
+            "gleaner what-if run_1 --top 0.1,0.2 --episodes",
+            "gleaner report-evaluation pol_1 --simulation x --result 0:10:4 --result 1:10:5:30.5",
+            "gleaner pretrain --objective mtp,aa --max-experts 5 --contrast 0.2",
+            "gleaner experiment a.toml --out x --device cuda --plan",
+        ] {
+            assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
+        }
+    }
+
+    #[test]
     fn wrong_use_is_refused() {
         for line in [
             "gleaner",
@@ -134,6 +161,16 @@ mod tests {
             "gleaner label --outcome success",
             "gleaner push a.mcap --outcome great",
             "gleaner pipeline --until never",
+            "gleaner train --dataset ds_1 --experts-in snap_1",
+            "gleaner train --dataset ds_1 --policy gpt",
+            "gleaner score",
+            "gleaner score --extends run_1 --similarity last_l2",
+            "gleaner evaluate --task t",
+            "gleaner evaluate --policy pol_1 --deployment a@b",
+            "gleaner dataset create --run run_1 --beta 0.5 --top 0.1",
+            "gleaner what-if run_1",
+            "gleaner report-evaluation pol_1 --simulation x",
+            "gleaner experiment",
         ] {
             let refused = Cli::try_parse_from(line.split(' ')).unwrap_err();
             assert_eq!(refused.exit_code(), 2, "{line}");

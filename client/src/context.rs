@@ -8,6 +8,8 @@ use crate::failure::{Failure, Result};
 use crate::output::Output;
 use crate::progress::Progress;
 
+const DEFAULT_SERVER: &str = "http://127.0.0.1:7400";
+
 #[derive(Debug)]
 pub(crate) struct Context {
     connection: ConnectionArgs,
@@ -21,7 +23,13 @@ impl Context {
     }
 
     pub(crate) async fn client(&self) -> Result<Client> {
-        Ok(Client::connect(&self.connection.server, self.connection.token.clone()).await?)
+        let server = self.connection.server.as_deref().unwrap_or(DEFAULT_SERVER);
+        Ok(Client::connect(server, self.connection.token.clone()).await?)
+    }
+
+    /// Whether the user named a server.
+    pub(crate) fn names_server(&self) -> bool {
+        self.connection.server.is_some()
     }
 
     /// Who labels, as recorded with each label.

@@ -37,9 +37,10 @@ described! {
     CreateSnapshotResponse, GetSnapshotResponse, ListSnapshotsResponse,
     Job, GetJobResponse, ListJobsResponse, CancelJobResponse, SubmitPipelineResponse, WatchJobResponse,
     CreateScheduleResponse, ListSchedulesResponse, PauseScheduleResponse,
-    ListScoreRunsResponse, GetEpisodeScoresResponse, GetHistogramResponse,
+    ListScoreRunsResponse, GetEpisodeScoresResponse, GetHistogramResponse, CountKeptResponse,
     CreateDatasetResponse, GetDatasetResponse, ListDatasetsResponse, Segment, ListExportFilesResponse,
     ListPoliciesResponse, DeployResponse, ListDeploymentsResponse,
+    ListEvaluationsResponse, GetEvaluationResponse, ReportEvaluationResponse,
 }
 
 static POOL: LazyLock<std::result::Result<DescriptorPool, prost_reflect::DescriptorError>> =
@@ -151,10 +152,13 @@ mod tests {
             value(&job).unwrap(),
             json!({
                 "id": "job_1", "task_id": "", "kind": "score", "state": "running", "priority": 0,
-                "spec": {"score": {"encoder_id": "enc_1", "snapshot_id": "", "device": null}},
+                "spec": {"score": {
+                    "encoder_id": "enc_1", "snapshot_id": "", "device": null, "scorer": null, "similarity": null,
+                    "normaliser": null, "modality_scale": null, "extends": "", "seed": 0,
+                }},
                 "done": 1_u64 << 60, "total": 0, "message": "", "error": "", "result_id": "", "needs": [],
                 "attempt": 0, "max_attempts": 0, "create_time": "1970-01-01T00:00:00.5Z",
-                "start_time": null, "end_time": null, "peak_memory_bytes": 0,
+                "start_time": null, "end_time": null, "peak_memory_bytes": 0, "key": "",
             })
         );
     }

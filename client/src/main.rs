@@ -1,14 +1,19 @@
 //! The `gleaner` command: parse, run, exit code.
 
 mod chart;
+mod choice;
 mod cli;
 mod cmd;
 mod context;
 mod demo;
+mod experiment;
 mod failure;
+mod figure;
 mod json;
 mod output;
+mod own_server;
 mod progress;
+mod quality;
 mod table;
 mod words;
 

@@ -74,16 +74,19 @@ pub(crate) fn percent(part: u64, whole: u64) -> String {
 }
 
 /// `153 of 200, 76.5 % (95 % interval 70.2 to 81.9)`.
-pub(crate) fn success_rate(driven: &Driven) -> String {
-    let (low, high) = driven.interval();
+pub(crate) fn successes(successes: u32, episodes: u32, (low, high): (f64, f64)) -> String {
     format!(
-        "{} of {}, {:.1} % (95 % interval {:.1} to {:.1})",
-        driven.successes(),
-        driven.episodes.len(),
-        driven.success_rate() * 100.0,
+        "{successes} of {episodes}, {} (95 % interval {:.1} to {:.1})",
+        percent(successes.into(), episodes.into()),
         low * 100.0,
         high * 100.0
     )
+}
+
+/// As [`successes`].
+pub(crate) fn success_rate(driven: &Driven) -> String {
+    let episodes = u32::try_from(driven.episodes.len()).unwrap_or(u32::MAX);
+    successes(driven.successes(), episodes, driven.interval())
 }
 
 #[cfg(test)]

@@ -2,9 +2,10 @@
 
 use clap::{Args, Subcommand};
 use gleaner_proto::v1::{
-    CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, StreamSegmentsRequest,
+    CreateDatasetRequest, Dataset, GetDatasetRequest, ListDatasetsRequest, Segment, Selection, StreamSegmentsRequest,
 };
 
+use super::what_if::{beta, selected, top};
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::table::Column::{Left, Right};
@@ -13,7 +14,7 @@ use crate::{json, words};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum DatasetCommand {
-    /// Make a dataset of a score run's experts and its segments above a threshold.
+    /// Make a dataset of a score run's experts and its best segments.
     Create {
         /// The score run, or one that a queued job will make.
         #[arg(long)]
@@ -21,6 +22,9 @@ pub(crate) enum DatasetCommand {
         /// Keep segments with quality above this.
         #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
         beta: f64,
+        /// Instead: keep so large a part of the segments, the best ones.
+        #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
+        top: Option<f64>,
     },
     /// List a task's datasets, newest first.
     List {
@@ -52,7 +56,9 @@ pub(crate) struct StreamArgs {
 impl DatasetCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         match self {
-            Self::Create { run, beta } => create(context, run, beta).await,
+            Self::Create { run, beta: above, top: part } => {
+                create(context, run, part.map_or_else(|| beta(above), top)).await
+            }
             Self::List { task } => list(context, task).await,
             Self::Show { id } => show(context, id).await,
             Self::Stream(args) => stream(context, args).await,
@@ -60,8 +66,8 @@ impl DatasetCommand {
     }
 }
 
-async fn create(context: &Context, run: String, beta: f64) -> Result<()> {
-    let request = CreateDatasetRequest { score_run_id: run, beta };
+async fn create(context: &Context, run: String, selection: Selection) -> Result<()> {
+    let request = CreateDatasetRequest { score_run_id: run, selection: Some(selection) };
     let reply = context.client().await?.datasets().create_dataset(request).await?.into_inner();
     let dataset = present(reply.dataset.as_ref(), "a dataset")?;
     context.output.result(|| json::value(&reply), || describe(dataset))?;
@@ -87,7 +93,7 @@ fn describe(dataset: &Dataset) -> String {
     facts([
         ("id", dataset.id.clone()),
         ("score run", dataset.score_run_id.clone()),
-        ("β", dataset.beta.to_string()),
+        ("keeps", selected(dataset.selection.as_ref())),
         ("kept segments", count(dataset.kept_segments)),
         ("from episodes", count(dataset.kept_episodes)),
         ("expert segments", count(dataset.expert_segments)),
@@ -99,12 +105,12 @@ async fn list(context: &Context, task: Option<String>) -> Result<()> {
     let client = context.client().await?;
     let request = ListDatasetsRequest { task: context.task(&client, task.as_deref()).await? };
     let reply = client.datasets().list_datasets(request).await?.into_inner();
-    let columns = [Left("ID"), Left("SCORE RUN"), Right("β"), Right("KEPT"), Right("EXPERT"), Left("CREATED")];
+    let columns = [Left("ID"), Left("SCORE RUN"), Left("KEEPS"), Right("KEPT"), Right("EXPERT"), Left("CREATED")];
     let row = |dataset: &Dataset| {
         [
             dataset.id.clone(),
             dataset.score_run_id.clone(),
-            dataset.beta.to_string(),
+            selected(dataset.selection.as_ref()),
             count(dataset.kept_segments),
             count(dataset.expert_segments),
             words::moment(dataset.create_time.as_ref()),

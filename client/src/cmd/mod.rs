@@ -3,6 +3,8 @@
 pub(crate) mod dataset;
 pub(crate) mod drive;
 pub(crate) mod episodes;
+pub(crate) mod evaluate;
+pub(crate) mod evaluations;
 pub(crate) mod export;
 pub(crate) mod follow;
 pub(crate) mod jobs;
@@ -17,6 +19,7 @@ pub(crate) mod scores;
 pub(crate) mod snapshot;
 pub(crate) mod submit;
 pub(crate) mod task;
+pub(crate) mod what_if;
 
 use crate::cli::Command;
 use crate::context::Context;
@@ -35,6 +38,10 @@ pub(crate) async fn run(command: Command, context: &Context) -> Result<()> {
         Command::Pretrain(command) => command.run(context).await,
         Command::Score(command) => command.run(context).await,
         Command::Train(command) => command.run(context).await,
+        Command::Evaluate(command) => command.run(context).await,
+        Command::Evaluations(args) => args.run(context).await,
+        Command::Evaluation(args) => args.run(context).await,
+        Command::ReportEvaluation(args) => args.run(context).await,
         Command::Pipeline(command) => command.run(context).await,
         Command::Jobs(args) => args.run(context).await,
         Command::Job(args) => args.run(context).await,
@@ -43,6 +50,7 @@ pub(crate) async fn run(command: Command, context: &Context) -> Result<()> {
         Command::Runs(args) => args.run(context).await,
         Command::Scores(args) => args.run(context).await,
         Command::Histogram(args) => args.run(context).await,
+        Command::WhatIf(args) => args.run(context).await,
         Command::Dataset(command) => command.run(context).await,
         Command::Export(args) => args.run(context).await,
         Command::Policies(args) => args.run(context).await,
@@ -52,5 +60,6 @@ pub(crate) async fn run(command: Command, context: &Context) -> Result<()> {
         Command::Schedule(command) => command.run(context).await,
         Command::Record(args) => args.run(context).await,
         Command::Demo(args) => args.run(context).await,
+        Command::Experiment(args) => args.run(context).await,
     }
 }

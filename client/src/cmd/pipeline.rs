@@ -1,9 +1,10 @@
-//! `pipeline`: pretrain, score, filter, train as one chain of jobs. Its options are the schedules' too.
+//! `pipeline`: pretrain, score, filter, train, evaluate as one chain of jobs. Its options are the schedules' too.
 
 use clap::{Args, ValueEnum};
-use gleaner_proto::v1::{Job, PipelineSpec, SubmitPipelineRequest};
+use gleaner_proto::v1::{Job, PipelineSpec, SubmitPipelineRequest, TrainSpec};
 
-use super::plan::{self, PretrainArgs};
+use super::evaluate::TrialArgs;
+use super::plan::{self, PolicyArgs, PretrainArgs, ScoringArgs};
 use super::submit::{SubmitArgs, after, outcome};
 use super::{follow, jobs};
 use crate::context::Context;
@@ -17,6 +18,7 @@ enum Until {
     Score,
     Dataset,
     Train,
+    Evaluate,
 }
 
 /// What a pipeline does.
@@ -30,9 +32,10 @@ pub(crate) struct PipelineArgs {
     /// Keep segments with quality above this.
     #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
     beta: f64,
-    /// Weight of the kept segments' loss.
-    #[arg(long)]
-    lambda: Option<f64>,
+    #[command(flatten)]
+    scoring: ScoringArgs,
+    #[command(flatten)]
+    policy: PolicyArgs,
     /// Optimiser steps of the training.
     #[arg(long, value_name = "STEPS")]
     train_steps: Option<u32>,
@@ -42,20 +45,32 @@ pub(crate) struct PipelineArgs {
     /// Learning rate of the training.
     #[arg(long, value_name = "LR")]
     train_lr: Option<f64>,
+    #[command(flatten)]
+    trials: TrialArgs,
 }
 
 impl PipelineArgs {
-    pub(crate) fn spec(&self) -> PipelineSpec {
+    pub(crate) fn spec(&self) -> Result<PipelineSpec> {
+        let pretrain = self.pretrain.spec();
+        let (seed, device) = (self.pretrain.seed(), self.pretrain.device());
         let train = || {
             let optim = plan::optim(self.train_steps, self.train_batch, self.train_lr);
-            plan::train(optim, self.lambda, self.pretrain.seed(), self.pretrain.device())
+            TrainSpec {
+                augmentation: self.pretrain.augmentation(),
+                preset: pretrain.preset,
+                segment_length: pretrain.segment_length,
+                ..self.policy.spec(optim, seed, device)
+            }
         };
-        PipelineSpec {
-            pretrain: Some(self.pretrain.spec()),
-            score: self.until >= Until::Score,
+        let scored = self.until >= Until::Score;
+        Ok(PipelineSpec {
+            score: scored,
+            scoring: if scored { Some(self.scoring.spec(seed, device)?) } else { None },
             beta: (self.until >= Until::Dataset).then_some(self.beta),
             train: (self.until >= Until::Train).then(train),
-        }
+            evaluate: (self.until >= Until::Evaluate).then(|| self.trials.spec(device)),
+            pretrain: Some(pretrain),
+        })
     }
 }
 
@@ -75,7 +90,7 @@ impl PipelineCommand {
         let client = context.client().await?;
         let request = SubmitPipelineRequest {
             task: context.task(&client, self.task.as_deref()).await?,
-            pipeline: Some(self.pipeline.spec()),
+            pipeline: Some(self.pipeline.spec()?),
             priority: self.submit.priority,
         };
         let mut reply = client.jobs().submit_pipeline(request).await?.into_inner();
@@ -111,7 +126,7 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use clap::Parser;
-    use gleaner_proto::v1::Preset;
+    use gleaner_proto::v1::{Objective, PolicyKind, Preset, Similarity};
 
     #[derive(Parser)]
     struct Line {
@@ -120,19 +135,20 @@ mod tests {
     }
 
     fn spec(options: &str) -> PipelineSpec {
-        Line::try_parse_from(std::iter::once("x").chain(options.split_whitespace())).unwrap().pipeline.spec()
+        Line::try_parse_from(std::iter::once("x").chain(options.split_whitespace())).unwrap().pipeline.spec().unwrap()
     }
 
     #[test]
     fn the_chain_ends_where_it_is_told() {
         let stages = |until: &str| {
             let spec = spec(&format!("--until {until}"));
-            (spec.score, spec.beta.is_some(), spec.train.is_some())
+            (spec.score, spec.beta.is_some(), spec.train.is_some(), spec.evaluate.is_some())
         };
-        assert_eq!(stages("pretrain"), (false, false, false));
-        assert_eq!(stages("score"), (true, false, false));
-        assert_eq!(stages("dataset"), (true, true, false));
-        assert_eq!(stages("train"), (true, true, true));
+        assert_eq!(stages("pretrain"), (false, false, false, false));
+        assert_eq!(stages("score"), (true, false, false, false));
+        assert_eq!(stages("dataset"), (true, true, false, false));
+        assert_eq!(stages("train"), (true, true, true, false));
+        assert_eq!(stages("evaluate"), (true, true, true, true));
     }
 
     #[test]
@@ -142,16 +158,31 @@ mod tests {
     }
 
     #[test]
+    fn a_scale_has_three_factors() {
+        let parsed = Line::try_parse_from(["x", "--scale", "1,2"]).unwrap().pipeline.spec();
+        assert!(parsed.unwrap_err().to_string().contains("three factors"));
+        assert!(Line::try_parse_from(["x", "--scale", "1,two,3"]).is_err());
+    }
+
+    #[test]
     fn options_reach_their_stage() {
         let spec = spec(
             "--preset small --steps 7 --lr 0.5 --train-steps 9 --lambda 0.2 --beta 0.8 --seed 3 \
-             --expert-cohort a --expert-cohort b --imperfect-cohort c",
+             --expert-cohort a --expert-cohort b --imperfect-cohort c --objective mtp,aa --similarity segment_l2 \
+             --scale 1,0.5,2 --policy act --chunk-length 4 --shift-pixels 2 --imperfect-per-expert 3",
         );
+        let scoring = spec.scoring.unwrap();
+        assert_eq!(scoring.similarity(), Similarity::SegmentL2);
+        assert_eq!(scoring.modality_scale.map(|scale| (scale.proprioception, scale.action)), Some((0.5, 2.0)));
         let (pretrain, train) = (spec.pretrain.unwrap(), spec.train.unwrap());
         assert_eq!((pretrain.preset(), pretrain.seed, train.seed), (Preset::Small, 3, 3));
         assert_eq!((pretrain.optim.unwrap().steps, train.optim.unwrap().steps), (Some(7), Some(9)));
         assert_eq!((pretrain.optim.unwrap().learning_rate, train.lambda, spec.beta), (Some(0.5), Some(0.2), Some(0.8)));
+        assert_eq!(pretrain.objectives, [i32::from(Objective::Mtp), i32::from(Objective::Aa)]);
+        assert_eq!(pretrain.augmentation.map(|images| images.shift_pixels), Some(2));
+        assert_eq!((train.policy(), train.act.unwrap().chunk_length), (PolicyKind::Act, Some(4)));
         let rule = pretrain.rule.unwrap();
+        assert_eq!(rule.imperfect_per_expert, 3.0);
         assert_eq!((rule.expert_cohorts, rule.imperfect_cohorts), (vec!["a".into(), "b".into()], vec!["c".into()]));
     }
 }

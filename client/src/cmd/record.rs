@@ -4,30 +4,32 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
-use gleaner_sim::{AgentSpec, RecordedEpisode, SimConfig, Task};
+use gleaner_sim::{AgentSpec, Cohort, RecordedEpisode, SimConfig, Task};
 use serde_json::{Value, json};
 
 use super::task::sim_config;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 
-/// An agent and how many episodes it records: `KIND[:GRADE]:COUNT`.
+/// An agent and how many episodes it records: `[NAME=]KIND[:GRADE]:COUNT`.
 #[derive(Clone, Debug)]
-pub(crate) struct AgentCount {
-    pub(crate) agent: AgentSpec,
-    pub(crate) count: usize,
-}
+pub(crate) struct CohortArg(Cohort);
 
-impl FromStr for AgentCount {
+impl FromStr for CohortArg {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let (agent, count) = text
-            .rsplit_once(':')
-            .ok_or_else(|| format!("{text:?}: write KIND[:GRADE]:COUNT, for example expert:40"))?;
+        let (name, rest) = text.split_once('=').map_or((None, text), |(name, rest)| (Some(name), rest));
+        let (agent, count) = rest.rsplit_once(':').ok_or_else(|| {
+            format!("{text:?}: write [NAME=]KIND[:GRADE]:COUNT, for example expert:40 or weak=noise:0.5:20")
+        })?;
         let agent = agent.parse::<AgentSpec>().map_err(|error| error.to_string())?;
         let count = count.parse().map_err(|_| format!("{text:?}: the count must be a whole number"))?;
-        Ok(Self { agent, count })
+        let mut cohort = Cohort::from((agent, count));
+        if let Some(name) = name {
+            cohort.name = name.to_owned();
+        }
+        Ok(Self(cohort))
     }
 }
 
@@ -39,9 +41,10 @@ pub(crate) struct RecordArgs {
     /// The folder to write recordings, labels.csv and marks.csv into.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Who records and how often, for example expert:40 or early_release:1.0:20; may be repeated.
-    #[arg(long = "agent", required = true, value_name = "KIND[:GRADE]:COUNT")]
-    agents: Vec<AgentCount>,
+    /// Who records and how often, for example expert:40 or weak=early_release:0.5:20; may be repeated. The name is the
+    /// episodes' cohort, by default the agent's kind.
+    #[arg(long = "agent", required = true, value_name = "[NAME=]KIND[:GRADE]:COUNT")]
+    agents: Vec<CohortArg>,
     /// Seed of everything random.
     #[arg(long, default_value_t = 0)]
     seed: u64,
@@ -53,7 +56,8 @@ pub(crate) struct RecordArgs {
 impl RecordArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let config = sim_config(self.image)?;
-        let set = RecordSet { task: self.task, config, agents: self.agents, seed: self.seed };
+        let cohorts = self.agents.into_iter().map(|agent| agent.0).collect();
+        let set = RecordSet { task: self.task, config, cohorts, seed: self.seed };
         let recorded = record(context, &self.out, set).await?;
         let labels = self.out.join("labels.csv");
         context.output.result(
@@ -74,18 +78,17 @@ impl RecordArgs {
 pub(crate) struct RecordSet {
     pub(crate) task: Task,
     pub(crate) config: SimConfig,
-    pub(crate) agents: Vec<AgentCount>,
+    pub(crate) cohorts: Vec<Cohort>,
     pub(crate) seed: u64,
 }
 
 /// Records with a progress bar.
 pub(crate) async fn record(context: &Context, folder: &Path, set: RecordSet) -> Result<Vec<RecordedEpisode>> {
-    let total = set.agents.iter().map(|agent| agent.count as u64).sum();
+    let total = set.cohorts.iter().map(|cohort| cohort.count as u64).sum();
     let bar = context.progress.count("record", total);
     let (drawn, folder) = (bar.clone(), folder.to_owned());
-    let agents: Vec<(AgentSpec, usize)> = set.agents.iter().map(|agent| (agent.agent, agent.count)).collect();
     let work = move || {
-        gleaner_sim::record_set(&folder, set.task, set.config, &agents, set.seed, |done| {
+        gleaner_sim::record_set(&folder, set.task, set.config, &set.cohorts, set.seed, |done| {
             drawn.set_position(done as u64)
         })
     };
@@ -99,6 +102,7 @@ fn document(folder: &Path, recorded: &[RecordedEpisode]) -> Value {
         json!({
             "file": episode.path.display().to_string(),
             "agent": episode.agent.to_string(),
+            "cohort": episode.cohort,
             "seed": episode.seed,
             "steps": episode.steps,
             "success": episode.success,
@@ -109,4 +113,19 @@ fn document(folder: &Path, recorded: &[RecordedEpisode]) -> Value {
         "labels": folder.join("labels.csv").display().to_string(),
         "episodes": recorded.iter().map(episode).collect::<Vec<_>>(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn an_agents_cohort_is_its_kind_or_as_named() {
+        let cohort = |text: &str| text.parse::<CohortArg>().unwrap().0;
+        let weak = cohort("weak=noise:0.5:20");
+        assert_eq!((weak.name.as_str(), weak.agent.grade(), weak.count), ("weak", 0.5, 20));
+        assert_eq!(cohort("expert:40").name, "expert");
+        assert!("expert".parse::<CohortArg>().unwrap_err().contains("[NAME=]KIND[:GRADE]:COUNT"));
+    }
 }

@@ -86,12 +86,21 @@ fn listing(snapshots: &[Snapshot]) -> String {
 }
 
 fn rule(rule: Option<&RoleRule>) -> String {
-    match rule {
-        Some(rule) if !rule.expert_cohorts.is_empty() || !rule.imperfect_cohorts.is_empty() => {
-            format!("experts: {}; imperfect: {}", rule.expert_cohorts.join(" "), rule.imperfect_cohorts.join(" "))
-        }
-        Some(_) | None => "by outcome".into(),
+    let rule = rule.cloned().unwrap_or_default();
+    let mut parts = Vec::new();
+    if rule.expert_cohorts.is_empty() && rule.imperfect_cohorts.is_empty() {
+        parts.push("by outcome".into());
+    } else {
+        parts.push(format!("experts: {}", rule.expert_cohorts.join(" ")));
+        parts.push(format!("imperfect: {}", rule.imperfect_cohorts.join(" ")));
     }
+    if rule.max_experts > 0 {
+        parts.push(format!("at most {} experts", rule.max_experts));
+    }
+    if rule.imperfect_per_expert > 0.0 {
+        parts.push(format!("at most {} imperfect each", rule.imperfect_per_expert));
+    }
+    parts.join("; ")
 }
 
 async fn show(context: &Context, id: String) -> Result<()> {
@@ -111,4 +120,22 @@ async fn show(context: &Context, id: String) -> Result<()> {
     context.output.result(|| json::value(&reply), || table(columns, reply.episodes.iter().map(row)))?;
     context.output.next(format_args!("gleaner pretrain --snapshot {} --wait", snapshot.id));
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rule_reads_with_its_limits() {
+        assert_eq!(rule(None), "by outcome");
+        let limited = RoleRule {
+            expert_cohorts: vec!["a".into()],
+            imperfect_cohorts: vec!["b".into(), "c".into()],
+            max_experts: 20,
+            imperfect_per_expert: 3.0,
+            seed: 0,
+        };
+        assert_eq!(rule(Some(&limited)), "experts: a; imperfect: b c; at most 20 experts; at most 3 imperfect each");
+    }
 }

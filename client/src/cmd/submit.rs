@@ -4,10 +4,11 @@ use clap::Args;
 use gleaner_client::Client;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
-use gleaner_proto::v1::{Device, GetDatasetRequest, Job, JobKind, JobSpec, ScoreSpec, SubmitJobRequest};
+use gleaner_proto::v1::{GetDatasetRequest, GetSnapshotRequest, Job, JobKind, JobSpec, SubmitJobRequest, TrainSpec};
 
 use super::follow;
-use super::plan::{self, DeviceArg, PretrainArgs, RunArgs};
+use super::plan::{FromScratchArgs, PolicyArgs, PretrainArgs, RunArgs, ScoringArgs};
+use crate::choice::DeviceWord;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::{json, words};
@@ -23,6 +24,14 @@ pub(crate) struct SubmitArgs {
     pub(crate) priority: i32,
 }
 
+/// A name of one's own for a single job.
+#[derive(Args, Debug)]
+pub(crate) struct KeyArgs {
+    /// Your own name for this work: asked for again, the same job is the answer.
+    #[arg(long, default_value = "", hide_default_value = true)]
+    pub(crate) key: String,
+}
+
 #[derive(Args, Debug)]
 pub(crate) struct PretrainCommand {
     /// The task's name or id; by default the only task there is.
@@ -32,49 +41,64 @@ pub(crate) struct PretrainCommand {
     pretrain: PretrainArgs,
     #[command(flatten)]
     submit: SubmitArgs,
+    #[command(flatten)]
+    key: KeyArgs,
 }
 
 impl PretrainCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
         let task = context.task(&client, self.task.as_deref()).await?;
-        submit(context, &client, task, Spec::Pretrain(self.pretrain.spec()), &self.submit).await
+        let submission = Submission { task, spec: Spec::Pretrain(self.pretrain.spec()), key: self.key.key };
+        submission.submit(context, &client, &self.submit).await
     }
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoreCommand {
-    /// The encoder, or one that a queued job will make.
-    #[arg(long)]
-    encoder: String,
+    /// The encoder, or one that a queued job will make; with --extends by default that run's.
+    #[arg(long, required_unless_present = "extends")]
+    encoder: Option<String>,
     /// Another snapshot than the encoder's own.
     #[arg(long)]
     snapshot: Option<String>,
     /// The task's name or id; by default the encoder's.
     #[arg(long)]
     task: Option<String>,
+    /// Go on from a finished score run: only what is new is computed, and its normaliser stays.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale"])]
+    extends: Option<String>,
+    #[command(flatten)]
+    scoring: ScoringArgs,
+    /// Seed of the classifier.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
     /// Where to compute.
     #[arg(long, value_enum, default_value = "cpu")]
-    device: DeviceArg,
+    device: DeviceWord,
     #[command(flatten)]
     submit: SubmitArgs,
+    #[command(flatten)]
+    key: KeyArgs,
 }
 
 impl ScoreCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let task = context.task_of_result(&client, self.task.as_deref(), &self.encoder).await?;
-        let spec = ScoreSpec {
-            encoder_id: self.encoder,
-            snapshot_id: self.snapshot.unwrap_or_default(),
-            device: Device::from(self.device).into(),
-        };
-        submit(context, &client, task, Spec::Score(spec), &self.submit).await
+        let encoder_id = self.encoder.unwrap_or_default();
+        let extends = self.extends.unwrap_or_default();
+        let known = if encoder_id.is_empty() { &extends } else { &encoder_id };
+        let task = context.task_of_result(&client, self.task.as_deref(), known).await?;
+        let mut spec = self.scoring.spec(self.seed, self.device)?;
+        (spec.encoder_id, spec.extends) = (encoder_id, extends);
+        spec.snapshot_id = self.snapshot.unwrap_or_default();
+        let submission = Submission { task, spec: Spec::Score(spec), key: self.key.key };
+        submission.submit(context, &client, &self.submit).await
     }
 }
 
 #[derive(Args, Debug)]
-#[group(id = "data", required = true, multiple = false, args = ["dataset", "experts_of"])]
+#[group(id = "data", required = true, multiple = false, args = ["dataset", "experts_of", "experts_in"])]
 pub(crate) struct TrainCommand {
     /// Train on this dataset's experts and kept segments.
     #[arg(long)]
@@ -82,37 +106,56 @@ pub(crate) struct TrainCommand {
     /// Train on the experts of this encoder's snapshot alone (SSDF-base).
     #[arg(long, value_name = "ENCODER")]
     experts_of: Option<String>,
-    /// The task's name or id; by default that of the dataset or encoder.
+    /// Train on the experts of this snapshot alone; for policies that start from scratch.
+    #[arg(long, value_name = "SNAPSHOT")]
+    experts_in: Option<String>,
+    /// The task's name or id; by default that of the dataset, encoder or snapshot.
     #[arg(long)]
     task: Option<String>,
-    /// Weight of the kept segments' loss.
-    #[arg(long)]
-    lambda: Option<f64>,
+    #[command(flatten)]
+    policy: PolicyArgs,
+    #[command(flatten)]
+    from_scratch: FromScratchArgs,
     #[command(flatten)]
     run: RunArgs,
     #[command(flatten)]
     submit: SubmitArgs,
+    #[command(flatten)]
+    key: KeyArgs,
 }
 
 impl TrainCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let mut spec = plan::train(self.run.optim(), self.lambda, self.run.seed, self.run.device);
-        let task = match (self.dataset, self.experts_of) {
-            (Some(dataset), _) => {
-                let task = task_of_dataset(&client, self.task, &dataset).await?;
-                spec.data = Some(Data::DatasetId(dataset));
-                task
-            }
-            (None, encoder) => {
-                let encoder = encoder.unwrap_or_default();
-                let task = context.task_of_result(&client, self.task.as_deref(), &encoder).await?;
-                spec.data = Some(Data::ExpertsOf(encoder));
-                task
-            }
-        };
-        submit(context, &client, task, Spec::Train(spec), &self.submit).await
+        let (task, data) = self.data(context, &client).await?;
+        let spec = self.policy.spec(self.run.optim(), self.run.seed, self.run.device);
+        let spec = TrainSpec { data: Some(data), ..self.from_scratch.apply(spec) };
+        let submission = Submission { task, spec: Spec::Train(spec), key: self.key.key };
+        submission.submit(context, &client, &self.submit).await
     }
+
+    // Clap sees to it that exactly one is given.
+    async fn data(&self, context: &Context, client: &Client) -> Result<(String, Data)> {
+        if let Some(dataset) = &self.dataset {
+            return Ok((task_of_dataset(client, self.task.clone(), dataset).await?, Data::DatasetId(dataset.clone())));
+        }
+        if let Some(snapshot) = &self.experts_in {
+            let task = task_of_snapshot(client, self.task.clone(), snapshot).await?;
+            return Ok((task, Data::ExpertsIn(snapshot.clone())));
+        }
+        let encoder = self.experts_of.clone().unwrap_or_default();
+        let task = context.task_of_result(client, self.task.as_deref(), &encoder).await?;
+        Ok((task, Data::ExpertsOf(encoder)))
+    }
+}
+
+async fn task_of_snapshot(client: &Client, named: Option<String>, snapshot_id: &str) -> Result<String> {
+    if let Some(task) = named {
+        return Ok(task);
+    }
+    let request = GetSnapshotRequest { snapshot_id: snapshot_id.to_owned() };
+    let reply = client.snapshots().get_snapshot(request).await?.into_inner();
+    Ok(present(reply.snapshot, "a snapshot")?.task_id)
 }
 
 /// The task that was named, or the dataset's.
@@ -125,21 +168,31 @@ pub(crate) async fn task_of_dataset(client: &Client, named: Option<String>, data
     Ok(present(reply.dataset, "a dataset")?.task_id)
 }
 
-async fn submit(context: &Context, client: &Client, task: String, spec: Spec, args: &SubmitArgs) -> Result<()> {
-    let request = SubmitJobRequest {
-        task,
-        spec: Some(JobSpec { spec: Some(spec) }),
-        priority: args.priority,
-        needs: Vec::new(),
-        max_attempts: None,
-    };
-    let mut job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
-    if args.wait {
-        job = follow::to_success(context, client, &job.id).await?;
+/// One job to queue.
+pub(crate) struct Submission {
+    pub(crate) task: String,
+    pub(crate) spec: Spec,
+    pub(crate) key: String,
+}
+
+impl Submission {
+    /// Queues it, waits if that is asked for, and says how it stands.
+    pub(crate) async fn submit(self, context: &Context, client: &Client, args: &SubmitArgs) -> Result<()> {
+        let request = SubmitJobRequest {
+            task: self.task,
+            spec: Some(JobSpec { spec: Some(self.spec) }),
+            priority: args.priority,
+            key: self.key,
+            ..SubmitJobRequest::default()
+        };
+        let mut job = present(client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
+        if args.wait {
+            job = follow::to_success(context, client, &job.id).await?;
+        }
+        context.output.result(|| json::value(&job), || outcome(&job))?;
+        context.output.next(if args.wait { after(&job) } else { format!("gleaner watch {}", job.id) });
+        Ok(())
     }
-    context.output.result(|| json::value(&job), || outcome(&job))?;
-    context.output.next(if args.wait { after(&job) } else { format!("gleaner watch {}", job.id) });
-    Ok(())
 }
 
 /// One line on a job: what it is doing or did, and what it makes.
@@ -153,6 +206,7 @@ pub(crate) fn outcome(job: &Job) -> String {
         JobKind::Score => "score run",
         JobKind::Train => "policy",
         JobKind::Export => "export",
+        JobKind::Evaluate => "evaluation",
         JobKind::Unspecified => "result",
     };
     format!("{kind} job {} {state}{took}{error}; {makes} {}", job.id, job.result_id)
@@ -164,7 +218,8 @@ pub(crate) fn after(job: &Job) -> String {
     match job.kind() {
         JobKind::Pretrain => format!("gleaner score --encoder {result} --wait"),
         JobKind::Score => format!("gleaner histogram {result}"),
-        JobKind::Train => format!("gleaner deploy NAME --policy {result}"),
+        JobKind::Train => format!("gleaner evaluate --policy {result} --wait; gleaner deploy NAME --policy {result}"),
+        JobKind::Evaluate => format!("gleaner evaluation {result}"),
         JobKind::Export | JobKind::Unspecified => format!("gleaner job {}", job.id),
     }
 }

@@ -4,9 +4,7 @@
 
 mod figure;
 mod plan;
-mod quality;
 mod report;
-mod server;
 mod stages;
 
 use std::path::{Path, PathBuf};
@@ -16,9 +14,11 @@ use gleaner_client::{Client, ClientError};
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::figure::spread;
+use crate::own_server::ServerProcess;
+use crate::quality::histogram;
 use plan::DemoPlan;
 use report::Report;
-use server::ServerProcess;
 use stages::{Found, Stages};
 
 // Says that what lies beside it was made by a demo, so that the next one may clear it away.
@@ -105,7 +105,7 @@ fn write(folder: &Path, found: &Found) -> Result<()> {
     for (name, text) in [
         ("report.md", found.report.markdown() + pictures),
         ("report.json", format!("{:#}\n", document(&found.report)?)),
-        ("histogram.svg", figure::histogram(&found.episodes)),
+        ("histogram.svg", spread(&histogram(&found.episodes))?),
         ("curves.svg", figure::curves(&found.episodes)),
     ] {
         let path = folder.join(name);

@@ -1,11 +1,11 @@
 //! Every size of the demo in one place.
 
 use gleaner_client::ClientError;
-use gleaner_sim::{AgentKind, AgentSpec, SimConfig, Task};
+use gleaner_sim::{AgentKind, AgentSpec, Cohort, SimConfig, Task};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-use crate::cmd::record::{AgentCount, RecordSet};
+use crate::cmd::record::RecordSet;
 use crate::failure::{Failure, Result};
 
 /// Sizes, seeds and thresholds. Chosen by measurement, so that the demo ends well within 10 minutes on 2 cores.
@@ -100,12 +100,12 @@ impl DemoPlan {
     }
 
     pub(crate) fn record_set(&self) -> Result<RecordSet> {
-        let mut agents = vec![AgentCount { agent: AgentSpec::EXPERT, count: self.experts }];
+        let mut cohorts: Vec<Cohort> = vec![(AgentSpec::EXPERT, self.experts).into()];
         for kind in Self::imperfect_kinds() {
             let agent = AgentSpec::new(kind, self.grade)?;
-            agents.push(AgentCount { agent, count: self.imperfect_of_each_kind });
+            cohorts.push((agent, self.imperfect_of_each_kind).into());
         }
-        Ok(RecordSet { task: self.task(), config: self.config(), agents, seed: self.record_seed })
+        Ok(RecordSet { task: self.task(), config: self.config(), cohorts, seed: self.record_seed })
     }
 }
 
@@ -117,8 +117,8 @@ mod tests {
     #[test]
     fn every_kind_of_agent_is_recorded() {
         let set = DemoPlan::default().record_set().unwrap();
-        assert_eq!(set.agents.len(), AgentKind::ALL.len());
-        assert_eq!(set.agents[0].agent, AgentSpec::EXPERT);
+        assert_eq!(set.cohorts.len(), AgentKind::ALL.len());
+        assert_eq!(set.cohorts[0].agent, AgentSpec::EXPERT);
     }
 
     #[test]

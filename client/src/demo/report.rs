@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::plan::DemoPlan;
-use super::quality::{Separation, Threshold};
+use crate::quality::{Selected, Separation};
 
 /// Everything the demo found.
 #[derive(Clone, Debug, Serialize)]
@@ -19,6 +19,14 @@ pub(crate) struct Report {
     pub(crate) histogram: Vec<u64>,
     pub(crate) policies: Vec<Evaluation>,
     pub(crate) stages: Vec<Stage>,
+}
+
+/// What a threshold keeps.
+#[derive(Clone, Debug, Serialize)]
+pub(crate) struct Threshold {
+    pub(crate) beta: f64,
+    #[serde(flatten)]
+    pub(crate) selected: Selected,
 }
 
 /// How many episodes an agent recorded, and how they ended.
@@ -81,7 +89,7 @@ impl Report {
                 text,
                 format_args!(
                     "| {} | {} | {} | {} | {good} | {wrong} | {auroc} |",
-                    row.agent, row.episodes, row.good_steps, row.wrong_steps
+                    row.cohort, row.episodes, row.good_steps, row.wrong_steps
                 ),
             );
         }
@@ -94,8 +102,9 @@ impl Report {
             "| β | kept | share | precision | recall |\n|---:|---:|---:|---:|---:|",
         );
         for row in &self.thresholds {
-            let [share, precision, recall] = [Some(row.share), row.precision, row.recall].map(percent);
-            line(text, format_args!("| {} | {} | {share} | {precision} | {recall} |", row.beta, row.kept));
+            let kept = &row.selected;
+            let [share, precision, recall] = [Some(kept.share), kept.precision, kept.recall].map(percent);
+            line(text, format_args!("| {} | {} | {share} | {precision} | {recall} |", row.beta, kept.kept));
         }
     }
 
@@ -165,15 +174,19 @@ mod tests {
             plan: DemoPlan::quick(),
             recorded: vec![RecordedCount { agent: "expert".into(), episodes: 4, steps: 120, successes: 4 }],
             separation: vec![Separation {
-                agent: "all".into(),
+                cohort: "all".into(),
                 episodes: 6,
                 good_steps: 100,
                 wrong_steps: 0,
                 mean_q_good: Some(0.75),
                 mean_q_wrong: None,
                 auroc: None,
+                interval: None,
             }],
-            thresholds: vec![Threshold { beta: 0.9, kept: 25, share: 0.25, precision: Some(0.5), recall: Some(0.125) }],
+            thresholds: vec![Threshold {
+                beta: 0.9,
+                selected: Selected { kept: 25, of: 100, share: 0.25, precision: Some(0.5), recall: Some(0.125) },
+            }],
             histogram: vec![1, 2],
             policies: vec![Evaluation {
                 trained_on: "experts".into(),

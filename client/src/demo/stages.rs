@@ -14,12 +14,12 @@ use gleaner_proto::v1::{
 use gleaner_sim::{AgentKind, LABELS, RecordedEpisode};
 
 use super::plan::DemoPlan;
-use super::quality::{MarkedEpisode, separations, thresholds};
-use super::report::{Evaluation, RecordedCount, Report, Stage};
-use crate::cmd::{drive, follow, push, record, scores};
+use super::report::{Evaluation, RecordedCount, Report, Stage, Threshold};
+use crate::cmd::{drive, follow, push, record, scores, what_if};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::output::terminal_width;
+use crate::quality::{Mark, MarkedEpisode, select, separations};
 use crate::words;
 
 /// What the demo found.
@@ -64,7 +64,7 @@ impl<'a> Stages<'a> {
         let report = Report {
             recorded: recorded_counts(&recorded),
             separation: separations(&episodes),
-            thresholds: thresholds(&episodes, &self.plan.betas),
+            thresholds: self.plan.betas.iter().map(|&beta| threshold(&episodes, beta)).collect(),
             histogram,
             policies,
             stages: self.times,
@@ -130,6 +130,7 @@ impl<'a> Stages<'a> {
                 rule: Some(RoleRule {
                     expert_cohorts: vec![AgentKind::Expert.name().into()],
                     imperfect_cohorts: DemoPlan::imperfect_kinds().map(|kind| kind.name().into()).collect(),
+                    ..RoleRule::default()
                 }),
                 preset: Preset::Tiny.into(),
                 optim: Some(optim(self.plan.pretrain_steps, self.plan.pretrain_batch)),
@@ -169,11 +170,13 @@ impl<'a> Stages<'a> {
             let id = present(file_name.and_then(|name| episode_ids.get(&name)), "an episode that was pushed")?;
             let request = GetEpisodeScoresRequest { score_run_id: run.to_owned(), episode_id: id.clone() };
             let scores = self.client.scores().get_episode_scores(request).await?.into_inner().scores;
+            let scores = present(scores, "scores")?;
             marked.push(MarkedEpisode {
                 id: id.clone(),
-                kind: episode.agent.kind(),
-                went_wrong: episode.went_wrong,
-                q: present(scores, "scores")?.q,
+                cohort: episode.cohort.clone(),
+                mark: Mark::from(episode),
+                q: scores.q,
+                w: scores.w,
             });
         }
         self.done("compare with mark", began, format!("{} imperfect episodes", marked.len()));
@@ -182,7 +185,8 @@ impl<'a> Stages<'a> {
 
     async fn dataset(&mut self, run: &str) -> Result<String> {
         let began = Instant::now();
-        let request = CreateDatasetRequest { score_run_id: run.to_owned(), beta: self.plan.beta };
+        let request =
+            CreateDatasetRequest { score_run_id: run.to_owned(), selection: Some(what_if::beta(self.plan.beta)) };
         let reply = self.client.datasets().create_dataset(request).await?.into_inner();
         let dataset = present(reply.dataset, "a dataset")?;
         let (kept, experts) = (dataset.kept_segments.unwrap_or(0), dataset.expert_segments.unwrap_or(0));
@@ -227,6 +231,10 @@ impl<'a> Stages<'a> {
 
 fn optim(steps: u32, batch: u32) -> OptimSpec {
     OptimSpec { steps: Some(steps), batch: Some(batch), ..OptimSpec::default() }
+}
+
+fn threshold(episodes: &[MarkedEpisode], beta: f64) -> Threshold {
+    Threshold { beta, selected: select(episodes, |q, _| q > beta) }
 }
 
 fn recorded_counts(recorded: &[RecordedEpisode]) -> Vec<RecordedCount> {

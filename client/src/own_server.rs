@@ -1,4 +1,4 @@
-//! The demo's own server: started on a free port, stopped however the demo ends.
+//! A server of one's own, for the demo and for experiments: started on a free port, stopped however they end.
 
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};

@@ -1,0 +1,133 @@
+//! The report as Markdown, for people.
+
+use std::fmt::Write as _;
+use std::time::Duration;
+
+use super::plots;
+use super::report::{Report, SeedReport, StudyReport};
+use super::tables;
+use crate::words;
+
+/// The whole report. Plots are beside it, by the names that `plots` gives them.
+pub(crate) fn markdown(report: &Report) -> String {
+    let mut text = format!(
+        "# {}: {}\n\nMade by `{}` on {} ({} cores).\n",
+        report.name, report.task, report.command, report.device, report.cores
+    );
+    let (incomplete, cells) = report.incomplete();
+    if incomplete > 0 {
+        line(&mut text, format_args!("\n**{incomplete} of {cells} cells are not complete: see Problems.**"));
+    }
+    recorded(report, &mut text);
+    for (number, study) in (1..).zip(&report.studies) {
+        section(report, number, study, &mut text);
+    }
+    time(report, &mut text);
+    problems(report, &mut text);
+    text
+}
+
+fn recorded(report: &Report, text: &mut String) {
+    line(
+        text,
+        "\n## Recorded in the simulator\n\n| cohort | agent | episodes | steps | succeeded |\n|---|---|---:|---:|---:|",
+    );
+    for row in &report.recorded {
+        let share = words::percent(row.successes, row.episodes);
+        line(text, format_args!("| {} | {} | {} | {} | {share} |", row.cohort, row.agent, row.episodes, row.steps));
+    }
+}
+
+fn section(report: &Report, number: usize, study: &StudyReport, text: &mut String) {
+    line(text, format_args!("\n## {}\n", study.name));
+    let mut seeds: Vec<u64> = study.cells.iter().flat_map(|cell| cell.seeds.iter().map(|seed| seed.seed)).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    let seeds: Vec<String> = seeds.iter().map(ToString::to_string).collect();
+    let episodes = study.cells.iter().filter(|cell| cell.settings.evaluate).map(|cell| cell.settings.episodes).max();
+    let episodes = episodes.map_or_else(
+        || "no policies are trained".to_owned(),
+        |episodes| format!("{episodes} evaluation episodes for each seed"),
+    );
+    line(
+        text,
+        format_args!(
+            "`{}`; seeds {}; {episodes}; {} of machine time in {} stages (those shared with other studies count in \
+             each).\n",
+            report.command,
+            seeds.join(", "),
+            words::duration(Duration::from_secs_f64(study.machine_seconds.max(0.0))),
+            study.stages
+        ),
+    );
+    text.push_str(&tables::summary(report, study));
+    for plot in plots::names(number, study) {
+        line(text, format_args!("\n![{}]({plot})", study.name));
+    }
+    if let Some(table) = tables::auroc(study) {
+        line(
+            text,
+            "\nAUROC of q against the simulator's mark: the mean over seeds, and the widest bounds of the seeds' 95 % \
+             intervals (episodes resampled).\n",
+        );
+        text.push_str(&table);
+    }
+    line(text, "\nSeed by seed:\n");
+    text.push_str(&tables::seeds(study));
+}
+
+fn time(report: &Report, text: &mut String) {
+    line(text, "\n## Time\n\n| stage | jobs | machine time | each |\n|---|---:|---:|---:|");
+    let mut kinds: Vec<&str> = Vec::new();
+    for stage in &report.stages {
+        if stage.seconds.is_some() && !kinds.contains(&stage.kind.as_str()) {
+            kinds.push(&stage.kind);
+        }
+    }
+    let mut whole = 0.0;
+    for kind in kinds {
+        let took: Vec<f64> =
+            report.stages.iter().filter(|stage| stage.kind == kind).filter_map(|stage| stage.seconds).collect();
+        let sum: f64 = took.iter().sum();
+        let each = crate::quality::mean(&took).unwrap_or_default();
+        let [sum_said, each] = [sum, each].map(|seconds| words::duration(Duration::from_secs_f64(seconds.max(0.0))));
+        line(text, format_args!("| {kind} | {} | {sum_said} | {each} |", took.len()));
+        whole += sum;
+    }
+    line(text, format_args!("| all | | {} | |", words::duration(Duration::from_secs_f64(whole.max(0.0)))));
+}
+
+fn problems(report: &Report, text: &mut String) {
+    let mut lines = Vec::new();
+    for study in &report.studies {
+        for cell in &study.cells {
+            let problem = |seed: &SeedReport| {
+                let problem = seed.problem.as_ref()?;
+                Some(format!("- {}, {}, seed {}: {problem}", study.name, cell.label, seed.seed))
+            };
+            lines.extend(cell.seeds.iter().filter_map(problem));
+        }
+    }
+    if !lines.is_empty() {
+        line(text, format_args!("\n## Problems\n\n{}", lines.join("\n")));
+    }
+}
+
+fn line(text: &mut String, line: impl std::fmt::Display) {
+    // Writing into a String can't fail.
+    let _ = writeln!(text, "{line}");
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::experiment::report::tests::report;
+
+    #[test]
+    fn a_fixed_report_reads_as_committed() {
+        let expected = include_str!("testdata/report.md");
+        let read: Report = serde_json::from_str(&serde_json::to_string(&report()).unwrap()).unwrap();
+        assert_eq!(markdown(&read), expected, "if this is meant, copy what is left of == into testdata/report.md");
+    }
+}

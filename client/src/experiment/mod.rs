@@ -1,0 +1,229 @@
+//! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
+//!
+//! `file`, `study`, `grid` and `cell` are what is asked for; `stage` makes of it a graph in which nothing is done twice;
+//! `recordings`, `submit` and `follow` have it done; `gather` fetches what was found, `pool` sums it up, and
+//! `report`, `markdown`, `tables` and `plots` say it.
+
+mod cell;
+mod file;
+mod follow;
+mod gather;
+mod grid;
+mod markdown;
+mod order;
+mod plots;
+mod pool;
+mod recordings;
+mod report;
+mod stage;
+mod state;
+mod study;
+mod submit;
+mod tables;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use clap::ValueEnum as _;
+use gleaner_client::{Client, ClientError};
+use serde_json::{Value, json};
+
+use crate::choice::DeviceWord;
+use crate::context::Context;
+use crate::failure::{Failure, Result};
+use crate::own_server::ServerProcess;
+use file::Experiment;
+use gather::Gatherer;
+use recordings::Recordings;
+use report::Report;
+use stage::Graph;
+use state::State;
+use submit::Submitter;
+
+const DATA: &str = "data";
+const RECORDINGS: &str = "recordings";
+
+#[derive(Args, Debug)]
+pub(crate) struct ExperimentArgs {
+    /// The experiment, as TOML.
+    file: PathBuf,
+    /// Where the recordings, the report and, without --server, the server's data go; by default the experiment's
+    /// name. What an earlier run left there is gone on from.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Where jobs compute.
+    #[arg(long, value_enum, default_value = "cpu")]
+    device: DeviceWord,
+    /// The gleaner-server binary, for a server of the experiment's own; by default the one beside this program.
+    #[arg(long, value_name = "PATH")]
+    server_bin: Option<PathBuf>,
+    /// Only check the file and say what would be run.
+    #[arg(long)]
+    plan: bool,
+}
+
+impl ExperimentArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let experiment = Experiment::read(&self.file)?;
+        let graph = Graph::new(&experiment, self.device);
+        if self.plan {
+            return context.output.result(|| Ok(plan(&experiment, &graph)), || planned(&experiment, &graph));
+        }
+        let out = self.out.clone().unwrap_or_else(|| PathBuf::from(&experiment.name));
+        std::fs::create_dir_all(&out).map_err(ClientError::io(&out))?;
+        let command = self.command(&out);
+        let work = Work { context, experiment: &experiment, graph: &graph, out: &out, device: self.device };
+        let report = if context.names_server() {
+            work.on(&context.client().await?, command).await?
+        } else {
+            work.on_own_server(&self.server_bin()?, command).await?
+        };
+        write(&out, &report)?;
+        context.output.result(|| document(&report), || markdown::markdown(&report))?;
+        context.output.next(format_args!("open {}", out.join("report.md").display()));
+        match report.incomplete() {
+            (0, _) => Ok(()),
+            (incomplete, cells) => Err(Failure::told(format!(
+                "{incomplete} of {cells} cells are not complete; {} says why, and the same command tries them again",
+                out.join("report.md").display()
+            ))),
+        }
+    }
+
+    fn command(&self, out: &Path) -> String {
+        let device = self.device.to_possible_value().map(|word| word.get_name().to_owned()).unwrap_or_default();
+        let device = if self.device == DeviceWord::default() { String::new() } else { format!(" --device {device}") };
+        format!("gleaner experiment {} --out {}{device}", self.file.display(), out.display())
+    }
+
+    fn server_bin(&self) -> Result<PathBuf> {
+        if let Some(path) = &self.server_bin {
+            return Ok(path.clone());
+        }
+        let beside = std::env::current_exe()?.with_file_name("gleaner-server");
+        if beside.is_file() {
+            return Ok(beside);
+        }
+        Err(Failure::told(format!(
+            "{} is not there; name the server's binary with --server-bin, or a running server with --server",
+            beside.display()
+        )))
+    }
+}
+
+/// An experiment about to be run.
+struct Work<'a> {
+    context: &'a Context,
+    experiment: &'a Experiment,
+    graph: &'a Graph,
+    out: &'a Path,
+    device: DeviceWord,
+}
+
+impl Work<'_> {
+    // On a server that is started for it and stopped however it ends; its data stay.
+    async fn on_own_server(&self, binary: &Path, command: String) -> Result<Report> {
+        let log = self.out.join("server.log");
+        let server = ServerProcess::start(binary, &self.out.join(DATA), &log).await?;
+        self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
+        let work = async { self.on(&Client::connect(server.url(), None).await?, command).await };
+        let report = tokio::select! {
+            report = work => report,
+            () = interrupted() => Err(Failure::told("interrupted; the same command goes on from here")),
+        };
+        let stopped = server.stop().await;
+        let report = report?;
+        stopped.map(|()| report)
+    }
+
+    async fn on(&self, client: &Client, command: String) -> Result<Report> {
+        let Self { context, experiment, graph, device, .. } = *self;
+        let recordings = Recordings::ready(context, client, &self.out.join(RECORDINGS), experiment).await?;
+        let mut state = State::open(self.out)?;
+        let mut submitted = Submitter::new(client, &mut state, experiment, device).submit(graph).await?;
+        context.output.note(planned(experiment, graph));
+        follow::to_the_end(context, client, graph, &mut submitted).await?;
+        let gatherer = Gatherer::new(client, &recordings, graph, &submitted);
+        Ok(Report {
+            name: experiment.name.clone(),
+            task: experiment.recordings.task.to_string(),
+            command,
+            device: device.to_possible_value().map(|word| word.get_name().to_owned()).unwrap_or_default(),
+            cores: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+            recorded: recordings.counts(experiment),
+            stages: gatherer.stages(),
+            studies: gatherer.studies(experiment).await?,
+        })
+    }
+}
+
+// Asked to stop, from the keyboard or by the system.
+async fn interrupted() {
+    use tokio::signal::unix::{SignalKind, signal};
+    let Ok(mut terminate) = signal(SignalKind::terminate()) else {
+        let _ = tokio::signal::ctrl_c().await;
+        return;
+    };
+    tokio::select! {
+        _ = tokio::signal::ctrl_c() => {}
+        _ = terminate.recv() => {}
+    }
+}
+
+fn counts(graph: &Graph) -> Vec<(&'static str, usize)> {
+    let mut counts: Vec<(&'static str, usize)> = Vec::new();
+    for stage in &graph.stages {
+        let kind = stage.work.kind();
+        match counts.iter_mut().find(|count| count.0 == kind) {
+            Some(count) => count.1 += 1,
+            None => counts.push((kind, 1)),
+        }
+    }
+    counts
+}
+
+fn planned(experiment: &Experiment, graph: &Graph) -> String {
+    let cells: usize = experiment.studies.iter().map(|study| study.cells.len()).sum();
+    let stages: Vec<String> = counts(graph).iter().map(|(kind, count)| format!("{count} {kind}")).collect();
+    format!(
+        "{}: {} studies, {cells} cells; {} stages: {}",
+        experiment.name,
+        experiment.studies.len(),
+        graph.stages.len(),
+        stages.join(", ")
+    )
+}
+
+fn plan(experiment: &Experiment, graph: &Graph) -> Value {
+    let study = |study: &file::Study| {
+        json!({
+            "name": study.name,
+            "cells": study.cells.iter().map(|cell| cell.label.as_str()).collect::<Vec<_>>(),
+        })
+    };
+    json!({
+        "name": experiment.name,
+        "task": experiment.task(),
+        "studies": experiment.studies.iter().map(study).collect::<Vec<_>>(),
+        "stages": counts(graph).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
+    })
+}
+
+fn document(report: &Report) -> Result<Value> {
+    serde_json::to_value(report).map_err(|error| Failure::told(error.to_string()))
+}
+
+fn write(out: &Path, report: &Report) -> Result<()> {
+    let mut files = vec![
+        ("report.md".to_owned(), markdown::markdown(report)),
+        ("report.json".to_owned(), format!("{:#}\n", document(report)?)),
+    ];
+    for (number, study) in (1..).zip(&report.studies) {
+        files.extend(plots::draw(report, number, study)?);
+    }
+    for (name, text) in files {
+        let path = out.join(name);
+        std::fs::write(&path, text).map_err(ClientError::io(path))?;
+    }
+    Ok(())
+}

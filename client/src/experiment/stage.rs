@@ -1,0 +1,293 @@
+//! The stages that cells are made of, each of them once: two cells whose stage is the same share it.
+//!
+//! A stage's key is a digest of all that it depends on, so that any later run finds what an earlier one made.
+//! Knows no server.
+
+use std::collections::HashMap;
+
+use serde::Serialize;
+
+use super::cell::{ActSettings, AugmentationSettings, CellSettings, OptimSettings, RuleSettings};
+use super::file::Experiment;
+use crate::choice::{DeviceWord, NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord};
+
+// Changes when a stage's meaning does.
+const FORMAT: &str = "gleaner-experiment/1";
+
+/// What a stage does, with every setting that matters to it and no other.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "stage", rename_all = "snake_case")]
+pub(crate) enum Work {
+    Snapshot {
+        task: String,
+        rule: RuleSettings,
+    },
+    Pretrain {
+        preset: PresetWord,
+        segment_length: u32,
+        objectives: Vec<ObjectiveWord>,
+        optim: OptimSettings,
+        augmentation: AugmentationSettings,
+        seed: u64,
+    },
+    Score {
+        scorer: ScorerWord,
+        similarity: SimilarityWord,
+        normaliser: NormaliserWord,
+        scale: Option<[f64; 3]>,
+        seed: u64,
+    },
+    Dataset {
+        selection: Selection,
+    },
+    Train {
+        policy: PolicyWord,
+        // Of a policy from scratch; one that is finetuned has its encoder's.
+        from_scratch: Option<(PresetWord, u32)>,
+        act: Option<ActSettings>,
+        lambda: Option<f64>,
+        optim: OptimSettings,
+        augmentation: AugmentationSettings,
+        seed: u64,
+    },
+    Evaluate {
+        episodes: u32,
+        max_steps: u32,
+        seed: u64,
+    },
+}
+
+impl Work {
+    /// The stage's word.
+    pub(crate) fn kind(&self) -> &'static str {
+        match self {
+            Self::Snapshot { .. } => "snapshot",
+            Self::Pretrain { .. } => "pretrain",
+            Self::Score { .. } => "score",
+            Self::Dataset { .. } => "dataset",
+            Self::Train { .. } => "train",
+            Self::Evaluate { .. } => "evaluate",
+        }
+    }
+}
+
+/// Which segments are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Selection {
+    Beta(f64),
+    Top(f64),
+}
+
+/// One stage: its work, and the stage whose result it works on.
+#[derive(Clone, Debug)]
+pub(crate) struct Stage {
+    pub(crate) key: String,
+    pub(crate) work: Work,
+    pub(crate) input: Option<usize>,
+    /// The first cell that needs it.
+    pub(crate) label: String,
+}
+
+/// The stages of one cell under one seed, as indices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Chain {
+    pub(crate) seed: u64,
+    /// All of them, each after what it works on.
+    pub(crate) stages: Vec<usize>,
+    pub(crate) score: Option<usize>,
+    pub(crate) evaluation: Option<usize>,
+}
+
+/// Every stage of an experiment, each after what it works on.
+#[derive(Debug, Default)]
+pub(crate) struct Graph {
+    pub(crate) stages: Vec<Stage>,
+    /// For each study, for each cell, for each seed.
+    pub(crate) chains: Vec<Vec<Vec<Chain>>>,
+    by_key: HashMap<String, usize>,
+    device: DeviceWord,
+}
+
+impl Graph {
+    pub(crate) fn new(experiment: &Experiment, device: DeviceWord) -> Self {
+        let mut graph = Self { device, ..Self::default() };
+        let task = experiment.task();
+        let max_steps = experiment.recordings.config.max_steps;
+        // Seed by seed, so that the first seed of everything is there before the second of anything.
+        let mut chains: Vec<Vec<Vec<Chain>>> =
+            experiment.studies.iter().map(|study| vec![Vec::new(); study.cells.len()]).collect();
+        let most = experiment.studies.iter().flat_map(|study| &study.cells).map(|cell| cell.settings.seeds.len()).max();
+        for nth in 0..most.unwrap_or(0) {
+            for (study, of_study) in experiment.studies.iter().zip(&mut chains) {
+                for (cell, of_cell) in study.cells.iter().zip(of_study) {
+                    let Some(&seed) = cell.settings.seeds.get(nth) else { continue };
+                    let place = Place { label: format!("{}, {}, seed {seed}", study.name, cell.label), seed };
+                    of_cell.push(graph.chain(&task, max_steps, &cell.settings, &place));
+                }
+            }
+        }
+        graph.chains = chains;
+        graph
+    }
+
+    fn chain(&mut self, task: &str, max_steps: u32, cell: &CellSettings, place: &Place) -> Chain {
+        let mut chain = Chain { seed: place.seed, stages: Vec::new(), score: None, evaluation: None };
+        let mut last = None;
+        for work in works(task, max_steps, cell, place.seed) {
+            let is_score = matches!(work, Work::Score { .. });
+            let is_evaluation = matches!(work, Work::Evaluate { .. });
+            let index = self.stage(work, last, &place.label);
+            chain.stages.push(index);
+            if is_score {
+                chain.score = Some(index);
+            }
+            if is_evaluation {
+                chain.evaluation = Some(index);
+            }
+            last = Some(index);
+        }
+        chain
+    }
+
+    fn stage(&mut self, work: Work, input: Option<usize>, label: &str) -> usize {
+        let input_key = input.map(|input| self.stages[input].key.as_str()).unwrap_or_default();
+        // A Work holds numbers, words and lists of them: it always has a JSON form.
+        let canonical = serde_json::to_string(&(FORMAT, self.device, &work, input_key)).unwrap_or_default();
+        let key = blake3::hash(canonical.as_bytes()).to_hex().to_string();
+        if let Some(&there) = self.by_key.get(&key) {
+            return there;
+        }
+        let index = self.stages.len();
+        self.by_key.insert(key.clone(), index);
+        self.stages.push(Stage { key, work, input, label: label.to_owned() });
+        index
+    }
+}
+
+// Where a stage is first needed.
+struct Place {
+    label: String,
+    seed: u64,
+}
+
+// A cell's works, each on the result of the one before.
+fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work> {
+    let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.clone() }];
+    let policy = cell.method.policy();
+    let finetunes = policy == PolicyWord::Finetune;
+    if finetunes || cell.method.gleans() {
+        works.push(Work::Pretrain {
+            preset: cell.preset,
+            segment_length: cell.segment_length,
+            objectives: cell.objectives.clone(),
+            optim: cell.pretrain.clone(),
+            augmentation: cell.augmentation.clone(),
+            seed,
+        });
+    }
+    if cell.method.gleans() {
+        works.push(Work::Score {
+            scorer: cell.scorer,
+            similarity: cell.similarity,
+            normaliser: cell.normaliser,
+            scale: cell.scale,
+            // Nothing else in a scoring is random.
+            seed: if cell.scorer == ScorerWord::Classifier { seed } else { 0 },
+        });
+    }
+    if !cell.evaluate {
+        return works;
+    }
+    if cell.method.gleans() {
+        let selection = cell.top.map_or(Selection::Beta(cell.beta), Selection::Top);
+        works.push(Work::Dataset { selection });
+    }
+    works.push(Work::Train {
+        policy,
+        from_scratch: (!finetunes).then_some((cell.preset, cell.segment_length)),
+        act: (policy == PolicyWord::Act).then(|| cell.act.clone()),
+        lambda: cell.method.gleans().then_some(cell.lambda),
+        optim: cell.train.clone(),
+        augmentation: cell.augmentation.clone(),
+        seed,
+    });
+    works.push(Work::Evaluate { episodes: cell.episodes, max_steps, seed });
+    works
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    const DATA: &str = "name = \"x\"\ntask = \"pick_cube\"\n[data]\nexperts = 3\n\
+                        cohorts = [{ agent = \"noise:1\", count = 2 }]\n";
+
+    fn graph(studies: &str) -> Graph {
+        Graph::new(&Experiment::parse(&format!("{DATA}{studies}")).unwrap(), DeviceWord::Cpu)
+    }
+
+    fn counts(graph: &Graph) -> Vec<(&'static str, usize)> {
+        let kinds = ["snapshot", "pretrain", "score", "dataset", "train", "evaluate"];
+        kinds.map(|kind| (kind, graph.stages.iter().filter(|stage| stage.work.kind() == kind).count())).into()
+    }
+
+    #[test]
+    fn cells_share_the_stages_that_are_the_same() {
+        let beta = graph("[[study]]\ntable = \"beta\"\n");
+        let expected =
+            [("snapshot", 1), ("pretrain", 3), ("score", 3), ("dataset", 21), ("train", 21), ("evaluate", 21)];
+        assert_eq!(counts(&beta), expected);
+        // All six methods: what starts from scratch on experts needs no encoder, the rest has one in common.
+        let methods = graph("[base]\nseeds = [0]\n[[study]]\ntable = \"methods\"\n");
+        let expected = [("snapshot", 1), ("pretrain", 1), ("score", 1), ("dataset", 1), ("train", 6), ("evaluate", 6)];
+        assert_eq!(counts(&methods), expected);
+        // A second study whose one cell is in the first adds nothing.
+        let both = graph(
+            "[base]\nseeds = [0]\n[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"cells\"\ncells = [{ label = \"ssdf\" }]\n",
+        );
+        assert_eq!(counts(&both), expected);
+        assert_eq!(both.chains[0][3], both.chains[1][0]);
+    }
+
+    #[test]
+    fn a_stage_is_after_what_it_works_on() {
+        let graph = graph("[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"scoring\"\n");
+        for (index, stage) in graph.stages.iter().enumerate() {
+            assert!(stage.input.is_none_or(|input| input < index));
+        }
+        let scoring = &graph.chains[1][1][0];
+        assert!(scoring.score.is_some() && scoring.evaluation.is_none());
+    }
+
+    #[test]
+    fn keys_stay_from_run_to_run_and_change_with_what_matters() {
+        let keys = |studies: &str, device| {
+            let graph = Graph::new(&Experiment::parse(&format!("{DATA}{studies}")).unwrap(), device);
+            graph.stages.into_iter().map(|stage| stage.key).collect::<Vec<_>>()
+        };
+        let study = "[[study]]\ntable = \"cells\"\ncells = [{ label = \"a\" }]\n";
+        let plain = keys(&format!("[base]\nseeds = [0]\n{study}"), DeviceWord::Cpu);
+        assert_eq!(plain, keys(&format!("[base]\nseeds = [0]\n{study}"), DeviceWord::Cpu));
+        // λ matters to the training and what follows it alone.
+        let other = keys(&format!("[base]\nseeds = [0]\nlambda = 0.3\n{study}"), DeviceWord::Cpu);
+        let same: Vec<bool> = plain.iter().zip(&other).map(|(one, two)| one == two).collect();
+        assert_eq!(same, [true, true, true, true, false, false]);
+        assert!(
+            plain.iter().all(|key| !keys(&format!("[base]\nseeds = [0]\n{study}"), DeviceWord::Cuda).contains(key))
+        );
+    }
+
+    #[test]
+    fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
+        let trains = |base: &str| {
+            let graph = graph(&format!(
+                "[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"cells\"\naxes = {{ method = [\"tf_bc\"] }}\n"
+            ));
+            graph.stages.last().unwrap().key.clone()
+        };
+        assert_eq!(trains("lambda = 0.1"), trains("lambda = 0.9\nbeta = 0.2\nsimilarity = \"last_cosine\""));
+        assert_ne!(trains("segment_length = 6"), trains("segment_length = 5"));
+    }
+}

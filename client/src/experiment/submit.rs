@@ -1,0 +1,117 @@
+//! Every stage asked for at once, each naming the results of those it works on. What an earlier run asked for is
+//! found again and not asked twice.
+
+use gleaner_client::Client;
+use gleaner_proto::v1::{
+    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, Job, JobSpec, RoleRule, SubmitJobRequest,
+};
+use tonic::Code;
+
+use super::file::Experiment;
+use super::order::{self, Input};
+use super::stage::{Graph, Stage, Work};
+use super::state::State;
+use crate::choice::DeviceWord;
+use crate::failure::{Failure, Result, present};
+
+/// What a stage is on the server.
+#[derive(Clone, Debug)]
+pub(crate) struct Made {
+    /// Of the snapshot, encoder, score run, dataset, policy or evaluation; it may not be there yet.
+    pub(crate) id: String,
+    /// The job that makes it; snapshots and datasets need none.
+    pub(crate) job: Option<Job>,
+}
+
+/// For each stage what it is, or why it can't be.
+pub(crate) type Submitted = Vec<std::result::Result<Made, String>>;
+
+/// Asks for the stages of an experiment.
+pub(crate) struct Submitter<'a> {
+    client: &'a Client,
+    state: &'a mut State,
+    experiment: &'a Experiment,
+    device: DeviceWord,
+}
+
+impl<'a> Submitter<'a> {
+    pub(crate) fn new(
+        client: &'a Client,
+        state: &'a mut State,
+        experiment: &'a Experiment,
+        device: DeviceWord,
+    ) -> Self {
+        Self { client, state, experiment, device }
+    }
+
+    /// All stages, in their order. A stage whose input failed is not asked for; the others are.
+    pub(crate) async fn submit(mut self, graph: &Graph) -> Result<Submitted> {
+        let mut submitted = Submitted::with_capacity(graph.stages.len());
+        for stage in &graph.stages {
+            let input = stage.input.map(|index| (graph.stages[index].work.kind(), &submitted[index]));
+            let made = match input {
+                Some((kind, Err(problem))) => Err(format!("its {kind} failed: {problem}")),
+                Some((kind, Ok(made))) => self.stage(stage, Input { kind, id: &made.id }).await?,
+                None => self.stage(stage, Input { kind: "", id: "" }).await?,
+            };
+            submitted.push(made);
+        }
+        Ok(submitted)
+    }
+
+    async fn stage(&mut self, stage: &Stage, input: Input<'_>) -> Result<std::result::Result<Made, String>> {
+        let made = match &stage.work {
+            Work::Snapshot { rule, .. } => {
+                let imperfect: Vec<&str> = self.experiment.imperfect_cohorts().collect();
+                self.snapshot(&stage.key, order::rule(rule, &imperfect)).await
+            }
+            Work::Dataset { selection } => self.dataset(input.id, order::selection(*selection)).await,
+            Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
+                self.job(stage, input).await
+            }
+        };
+        match made {
+            Ok(made) => Ok(Ok(made)),
+            // Its input failed in an earlier run, or just now.
+            Err(Failure::Client(error)) if error.code() == Some(Code::FailedPrecondition) => Ok(Err(error.to_string())),
+            Err(failure) => Err(Failure::told(format!("{} ({}): {failure}", stage.work.kind(), stage.label))),
+        }
+    }
+
+    async fn snapshot(&mut self, key: &str, rule: RoleRule) -> Result<Made> {
+        if let Some(id) = self.state.snapshot(key) {
+            let request = GetSnapshotRequest { snapshot_id: id.to_owned() };
+            match self.client.snapshots().get_snapshot(request).await {
+                Ok(_) => return Ok(Made { id: id.to_owned(), job: None }),
+                // Another server, or its data are gone.
+                Err(status) if status.code() == Code::NotFound => {}
+                Err(status) => return Err(status.into()),
+            }
+        }
+        let request = CreateSnapshotRequest { task: self.experiment.task(), rule: Some(rule) };
+        let reply = self.client.snapshots().create_snapshot(request).await?.into_inner();
+        let id = present(reply.snapshot, "a snapshot")?.id;
+        self.state.remember(key, &id)?;
+        Ok(Made { id, job: None })
+    }
+
+    async fn dataset(&self, run: &str, selection: gleaner_proto::v1::Selection) -> Result<Made> {
+        let request = CreateDatasetRequest { score_run_id: run.to_owned(), selection: Some(selection) };
+        let reply = self.client.datasets().create_dataset(request).await?.into_inner();
+        Ok(Made { id: present(reply.dataset, "a dataset")?.id, job: None })
+    }
+
+    async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<Made> {
+        let simulation = self.experiment.recordings.task.to_string();
+        let spec = present(order::job(&stage.work, input, &simulation, self.device), "a job for this stage")?;
+        // The input's id beside the stage: when a failed input is made anew, what works on it is new as well.
+        let request = SubmitJobRequest {
+            task: self.experiment.task(),
+            spec: Some(JobSpec { spec: Some(spec) }),
+            key: format!("experiment/{}/{}", stage.key, input.id),
+            ..SubmitJobRequest::default()
+        };
+        let job = present(self.client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
+        Ok(Made { id: job.result_id.clone(), job: Some(job) })
+    }
+}

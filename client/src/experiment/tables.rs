@@ -1,0 +1,164 @@
+//! A study's tables in Markdown, in the paper's form: a column for each cell, a row for each measure.
+
+use super::report::{CellReport, PooledAuroc, Report, SeedReport, StudyReport};
+use super::study::TableKind;
+use crate::choice::ObjectiveWord;
+
+const GAP: &str = "-";
+
+/// The study's own table.
+pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
+    let mut rows: Vec<(&str, Vec<String>)> = Vec::new();
+    let mut row = |name, of: &dyn Fn(&CellReport) -> Option<String>| {
+        let values: Vec<Option<String>> = study.cells.iter().map(of).collect();
+        if values.iter().any(Option::is_some) {
+            rows.push((name, values.into_iter().map(|value| value.unwrap_or_else(|| GAP.into())).collect()));
+        }
+    };
+    if study.table == TableKind::Objectives {
+        for (name, objective) in [("MTP", ObjectiveWord::Mtp), ("TR", ObjectiveWord::Tr), ("AA", ObjectiveWord::Aa)] {
+            row(name, &|cell| {
+                Some(if cell.settings.objectives.contains(&objective) { "✓".into() } else { String::new() })
+            });
+        }
+    }
+    if study.table == TableKind::Quantity {
+        row("behaviour success, %", &|cell| behaviour(report, cell).map(percent));
+    }
+    row("success, %", &|cell| cell.pooled.mean_of_seeds.map(percent));
+    row("95 % interval", &|cell| cell.pooled.success.map(|rate| span(rate.low * 100.0, rate.high * 100.0, 1)));
+    row("successes", &|cell| cell.pooled.success.map(|rate| format!("{} of {}", rate.successes, rate.episodes)));
+    row("deviation of seeds, %", &|cell| cell.pooled.deviation_of_seeds.map(percent));
+    row("reserved segments", &|cell| cell.pooled.kept.map(|kept| format!("{kept:.0}")));
+    row("of which good (precision), %", &|cell| cell.pooled.precision.map(percent));
+    row("of the good kept (recall), %", &|cell| cell.pooled.recall.map(percent));
+    row("AUROC of q", &|cell| cell.auroc().map(|auroc| three(auroc.mean)));
+    transposed(study, &rows)
+}
+
+/// AUROC by cohort, when any cell has scores.
+pub(crate) fn auroc(study: &StudyReport) -> Option<String> {
+    let mut cohorts: Vec<&str> = Vec::new();
+    for pooled in study.cells.iter().flat_map(|cell| &cell.pooled.auroc) {
+        if !cohorts.contains(&pooled.cohort.as_str()) {
+            cohorts.push(&pooled.cohort);
+        }
+    }
+    let value = |cell: &CellReport, cohort: &str| {
+        let found = cell.pooled.auroc.iter().find(|auroc| auroc.cohort == cohort);
+        found.map_or_else(|| GAP.to_owned(), with_interval)
+    };
+    let rows: Vec<(&str, Vec<String>)> =
+        cohorts.iter().map(|cohort| (*cohort, study.cells.iter().map(|cell| value(cell, cohort)).collect())).collect();
+    (!rows.is_empty()).then(|| transposed(study, &rows))
+}
+
+/// One line for each cell and seed.
+pub(crate) fn seeds(study: &StudyReport) -> String {
+    let mut text = String::from(
+        "| cell | seed | successes | 95 % interval | reserved | precision | recall | AUROC of q |\n\
+         |---|---:|---|---|---:|---:|---:|---|\n",
+    );
+    for cell in &study.cells {
+        for seed in &cell.seeds {
+            text.push_str(&format!("| {} | {} | {} |\n", cell.label, seed.seed, measures(seed).join(" | ")));
+        }
+    }
+    text
+}
+
+fn measures(seed: &SeedReport) -> [String; 6] {
+    let gap = || GAP.to_owned();
+    let selected = seed.selected.as_ref();
+    let share = |value: Option<f64>| value.map_or_else(gap, |value| format!("{} %", percent(value)));
+    let successes = match (&seed.success, &seed.problem) {
+        (Some(rate), _) => format!("{} of {}", rate.successes, rate.episodes),
+        (None, Some(_)) => "failed".into(),
+        (None, None) => gap(),
+    };
+    [
+        successes,
+        seed.success.map_or_else(gap, |rate| span(rate.low * 100.0, rate.high * 100.0, 1)),
+        selected.map_or_else(gap, |kept| format!("{} of {}", kept.kept, kept.of)),
+        share(selected.and_then(|kept| kept.precision)),
+        share(selected.and_then(|kept| kept.recall)),
+        seed.separation.first().and_then(|all| Some((all.auroc?, all.interval))).map_or_else(
+            gap,
+            |(auroc, interval)| {
+                interval
+                    .map_or_else(|| three(auroc), |(low, high)| format!("{} ({})", three(auroc), span(low, high, 3)))
+            },
+        ),
+    ]
+}
+
+/// How often the agents succeed whose episodes a cell takes as imperfect.
+pub(crate) fn behaviour(report: &Report, cell: &CellReport) -> Option<f64> {
+    let named = &cell.settings.rule.cohorts;
+    let imperfect = || report.recorded.iter().skip(1).filter(|count| named.is_empty() || named.contains(&count.cohort));
+    let episodes: u64 = imperfect().map(|count| count.episodes).sum();
+    let successes: u64 = imperfect().map(|count| count.successes).sum();
+    #[expect(clippy::cast_precision_loss, reason = "counts of episodes are far below 2^52")]
+    let share = successes as f64 / episodes.max(1) as f64;
+    (episodes > 0).then_some(share)
+}
+
+fn transposed(study: &StudyReport, rows: &[(&str, Vec<String>)]) -> String {
+    let labels: Vec<&str> = study.cells.iter().map(|cell| cell.label.as_str()).collect();
+    let mut text = format!("| | {} |\n|---|{}\n", labels.join(" | "), "---:|".repeat(labels.len()));
+    for (name, values) in rows {
+        text.push_str(&format!("| {name} | {} |\n", values.join(" | ")));
+    }
+    text
+}
+
+fn with_interval(auroc: &PooledAuroc) -> String {
+    let mean = three(auroc.mean);
+    auroc.interval.map_or_else(|| mean.clone(), |(low, high)| format!("{mean} ({})", span(low, high, 3)))
+}
+
+fn span(low: f64, high: f64, digits: usize) -> String {
+    format!("{low:.digits$}–{high:.digits$}")
+}
+
+fn three(value: f64) -> String {
+    format!("{value:.3}")
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1}", share * 100.0)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::experiment::cell::{CellSettings, RuleSettings};
+    use crate::experiment::report::tests::{cell, report, seed};
+
+    fn study(table: TableKind, cells: Vec<CellReport>) -> StudyReport {
+        StudyReport { name: "x".into(), table, cells, machine_seconds: 0.0, stages: 0 }
+    }
+
+    #[test]
+    fn objectives_are_ticked_as_in_the_paper() {
+        let with =
+            |objectives: &[ObjectiveWord]| CellSettings { objectives: objectives.to_vec(), ..CellSettings::default() };
+        let cells = vec![
+            cell("1", with(&[ObjectiveWord::Mtp]), vec![seed(0, Some(5), None)]),
+            cell("2", with(&[ObjectiveWord::Mtp, ObjectiveWord::Aa]), vec![seed(0, Some(6), None)]),
+        ];
+        let text = summary(&report(), &study(TableKind::Objectives, cells));
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[2..6], ["| MTP | ✓ | ✓ |", "| TR |  |  |", "| AA |  | ✓ |", "| success, % | 50.0 | 60.0 |"]);
+    }
+
+    #[test]
+    fn quantity_says_how_good_the_agents_were() {
+        let rule = RuleSettings { cohorts: vec!["freeze".into()], ..RuleSettings::default() };
+        let settings = CellSettings { rule, ..CellSettings::default() };
+        let cells = vec![cell("1:1 freeze", settings, vec![seed(0, Some(5), Some(3))])];
+        let text = summary(&report(), &study(TableKind::Quantity, cells));
+        assert!(text.contains("| behaviour success, % | 20.0 |"), "{text}");
+    }
+}
