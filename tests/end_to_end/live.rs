@@ -62,6 +62,13 @@ impl Robot {
     }
 }
 
+/// Whether the actions are the same but for what the size of a batch does to the last digits.
+fn close(a: &[ActionStep], b: &[ActionStep]) -> bool {
+    let values = |steps: &[ActionStep]| steps.iter().flat_map(|step| step.values.clone()).collect::<Vec<_>>();
+    let (a, b) = (values(a), values(b));
+    a.len() == b.len() && a.iter().zip(&b).all(|(a, b)| (a - b).abs() < 1e-4)
+}
+
 /// A session and Act see the same history, so they give the same actions.
 #[tokio::test]
 async fn a_session_and_act_agree() {
@@ -80,9 +87,7 @@ async fn a_session_and_act_agree() {
 
         let request = ActRequest { deployment: NAME.into(), observations: window.clone() };
         let act = api.policies.act(request).await.unwrap().into_inner();
-        for (a, b) in act.actions[0].values.iter().zip(&action.actions[0].values) {
-            assert!((a - b).abs() < 1e-4, "{:?} and {:?}", act.actions, action.actions);
-        }
+        assert!(close(&act.actions, &action.actions), "{:?} and {:?}", act.actions, action.actions);
         last.clone_from(&action.actions[0].values);
         sim.step(last.as_slice().try_into().unwrap());
     }
@@ -107,7 +112,8 @@ async fn sessions_are_isolated() {
     right.act(shifted).await.unwrap();
     let broken = Observation { cameras: vec![], ..observation.clone() };
     assert_eq!(right.act(broken).await.unwrap_err().code(), Code::InvalidArgument);
-    assert_eq!(left.act(observation).await.unwrap().actions, first);
+    let actions = left.act(observation).await.unwrap().actions;
+    assert!(close(&actions, &first), "{actions:?} and {first:?}");
 }
 
 #[tokio::test]

@@ -17,6 +17,7 @@ mod bad_input;
 mod bad_settings;
 mod command;
 mod evaluations;
+mod experiment;
 mod face;
 mod happy;
 mod lab;

@@ -100,6 +100,33 @@ async fn acts(api: &mut Api, name: &str, chunk: usize) {
     }
 }
 
+/// The baselines give scores too. The classifier matches no expert, and its segments say so wherever they are used.
+#[tokio::test]
+async fn baselines_score_like_the_method() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    for (scorer, word, matches) in [(Scorer::Raw, "raw", true), (Scorer::Classifier, "classifier", false)] {
+        let job_spec::Spec::Score(spec) = lab::score(&shared.encoder) else { unreachable!() };
+        let spec = ScoreSpec { scorer: scorer.into(), normaliser: Normaliser::Quantile.into(), ..spec };
+        let run = api.succeed(lab::TASK, job_spec::Spec::Score(spec)).await.result_id;
+        let request = GetScoreRunRequest { score_run_id: run.clone() };
+        let described = api.scores.get_score_run(request).await.unwrap().into_inner().score_run.unwrap();
+        assert_eq!((described.scorer.as_str(), described.normaliser.as_str()), (word, "quantile"));
+        for episode in &shared.episodes {
+            let scores = api.episode_scores(&run, &episode.id).await;
+            assert_eq!(scores.q.len() as u64, episode.steps);
+            let matched = if matches { scores.q.len() } else { 0 };
+            assert_eq!((scores.match_step.len(), scores.distance_o.len()), (matched, matched));
+        }
+        let request = CreateDatasetRequest { score_run_id: run.clone(), selection: Some(lab::top(0.1)) };
+        let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
+        let kept = dataset.kept_segments.unwrap();
+        assert!(kept >= described.imperfect_segments.div_ceil(10), "{kept} of {}", described.imperfect_segments);
+        let export = ExportSpec { dataset_id: dataset.id, format: ExportFormat::Mcap.into() };
+        api.succeed(lab::TASK, job_spec::Spec::Export(export)).await;
+    }
+}
+
 /// The processor build of the tensor library has no CUDA: the job says so at once and is not tried again.
 #[tokio::test]
 async fn a_device_that_is_not_there() {

@@ -1,5 +1,6 @@
 //! Evaluations: closed-loop trials of a policy, and how sure their success rate is.
 
+use gleaner_learn::Device;
 use gleaner_recording::TaskSpec;
 use gleaner_sim::{SimConfig, SimError, Task, compatible, compatible_with};
 
@@ -15,7 +16,7 @@ pub const MAX_STEPS: u32 = 60;
 /// Seeds are below this, so that none shares an attempt with another.
 const SEED_LIMIT: u64 = u32::MAX as u64;
 
-/// Settings of trials in the embedded simulator. They run on the processor, as policies are served.
+/// Settings of trials in the embedded simulator.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct EvaluateSpec {
     /// The simulator's task.
@@ -26,6 +27,8 @@ pub struct EvaluateSpec {
     pub seeds: Vec<u64>,
     /// Steps after which an attempt has failed.
     pub max_steps: u32,
+    /// Where the policy runs.
+    pub device: Device,
 }
 
 impl EvaluateSpec {
@@ -136,7 +139,13 @@ mod tests {
     use super::*;
 
     fn spec() -> EvaluateSpec {
-        EvaluateSpec { simulation: String::new(), episodes: EPISODES, seeds: vec![0, 7], max_steps: MAX_STEPS }
+        EvaluateSpec {
+            simulation: String::new(),
+            episodes: EPISODES,
+            seeds: vec![0, 7],
+            max_steps: MAX_STEPS,
+            device: Device::Cpu,
+        }
     }
 
     #[test]

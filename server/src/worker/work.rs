@@ -131,7 +131,7 @@ impl Work {
         let blob = self.inputs.policy.as_ref();
         let blob = blob.ok_or_else(|| Failure::Broken("the server named no policy".to_owned()))?;
         gleaner_learn::set_threads(self.threads);
-        let policy = gleaner_learn::Policy::load(&self.blobs.get(blob)?)?;
+        let policy = gleaner_learn::Policy::load_on(&self.blobs.get(blob)?, spec.device)?;
         self.monitor.phase("evaluating");
         evaluate::evaluate(&self.inputs.task, &policy, spec, &mut self.monitor).map(Made::Trials)
     }

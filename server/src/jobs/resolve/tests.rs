@@ -27,7 +27,13 @@ fn scratch(data: TrainData) -> JobOrder {
 }
 
 fn evaluate(subject: Subject, simulation: &str) -> JobOrder {
-    let spec = EvaluateSpec { simulation: simulation.into(), episodes: 2, seeds: vec![0, 1], max_steps: 5 };
+    let spec = EvaluateSpec {
+        simulation: simulation.into(),
+        episodes: 2,
+        seeds: vec![0, 1],
+        max_steps: 5,
+        device: gleaner_learn::Device::Cpu,
+    };
     JobOrder::Evaluate { subject, spec }
 }
 

@@ -1,9 +1,8 @@
 //! Evaluating on the wire.
 
-use gleaner_learn::Device;
 use gleaner_proto::v1;
 
-use super::settings::device_from;
+use super::settings::{device_from, device_to};
 use crate::{
     domain::{
         evaluation::{EPISODES, EvaluateSpec, MAX_STEPS},
@@ -33,24 +32,19 @@ pub(super) fn from_proto(
     spec: v1::EvaluateSpec,
 ) -> Result<(Option<v1::evaluate_spec::Subject>, EvaluateSpec)> {
     let v1::EvaluateSpec { subject, simulation, episodes, seeds, max_steps, device } = spec;
-    if device_from(at, device)? != Device::Cpu {
-        return Err(Error::invalid(
-            &format!("{at}.device"),
-            "must be CPU or left out: a policy is evaluated where it is served, on the processor",
-        ));
-    }
     let spec = EvaluateSpec {
         simulation: field::tag(&format!("{at}.simulation"), simulation)?,
         episodes: episodes.unwrap_or(EPISODES),
         seeds: if seeds.is_empty() { vec![0] } else { seeds },
         max_steps: max_steps.unwrap_or(MAX_STEPS),
+        device: device_from(at, device)?,
     };
     spec.validate().map_err(|(name, mend)| Error::invalid(&format!("{at}.{name}"), mend))?;
     Ok((subject, spec))
 }
 
 pub(super) fn to_proto(spec: EvaluateSpec, subject: Option<Subject>) -> v1::EvaluateSpec {
-    let EvaluateSpec { simulation, episodes, seeds, max_steps } = spec;
+    let EvaluateSpec { simulation, episodes, seeds, max_steps, device } = spec;
     v1::EvaluateSpec {
         subject: subject.map(|subject| match subject {
             Subject::Policy(id) => v1::evaluate_spec::Subject::PolicyId(id.into()),
@@ -60,6 +54,6 @@ pub(super) fn to_proto(spec: EvaluateSpec, subject: Option<Subject>) -> v1::Eval
         episodes: Some(episodes),
         seeds,
         max_steps: Some(max_steps),
-        device: v1::Device::Cpu.into(),
+        device: device_to(device),
     }
 }

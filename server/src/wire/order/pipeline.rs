@@ -18,6 +18,7 @@ pub(crate) fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpe
         field::required("pipeline", pipeline)?;
     let (snapshot_id, rule, first) =
         pretrain::from_proto("pipeline.pretrain", field::required("pipeline.pretrain", first)?)?;
+    let policy = policy.map(|spec| train::without_repeats(spec, &first));
     let beta = threshold.map(|threshold| beta("pipeline.beta", threshold)).transpose()?;
     for (stage, there, before, needed) in [
         ("scoring", scoring.is_some(), scores, "scores; set pipeline.score"),

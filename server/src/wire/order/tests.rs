@@ -48,7 +48,10 @@ fn an_empty_spec_means_the_defaults() {
     let evaluate = v1::job_spec::Spec::Evaluate(v1::EvaluateSpec { subject, ..v1::EvaluateSpec::default() });
     let JobOrder::Evaluate { subject, spec } = order(sent(evaluate)).unwrap() else { panic!("not evaluate") };
     assert_eq!(subject, Subject::Deployment("pick_cube@prod".into()));
-    assert_eq!(spec, EvaluateSpec { simulation: String::new(), episodes: 200, seeds: vec![0], max_steps: 60 });
+    assert_eq!(
+        spec,
+        EvaluateSpec { simulation: String::new(), episodes: 200, seeds: vec![0], max_steps: 60, device: Device::Cpu }
+    );
 }
 
 #[test]
@@ -128,7 +131,13 @@ fn a_complete_spec_survives_the_wire() {
     }
 
     let policy_id = PolicyId::new();
-    let evaluate = EvaluateSpec { simulation: "pick_cube".into(), episodes: 7, seeds: vec![3, 1], max_steps: 90 };
+    let evaluate = EvaluateSpec {
+        simulation: "pick_cube".into(),
+        episodes: 7,
+        seeds: vec![3, 1],
+        max_steps: 90,
+        device: Device::Cuda,
+    };
     let spec = JobSpec::Evaluate { policy_id: policy_id.clone(), spec: evaluate.clone() };
     let expected = JobOrder::Evaluate { subject: Subject::Policy(policy_id), spec: evaluate };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
@@ -208,7 +217,7 @@ fn a_wrong_field_is_named_by_its_path() {
         (evaluate(|spec| spec.episodes = Some(0)), "spec.evaluate.episodes: "),
         (evaluate(|spec| spec.max_steps = Some(0)), "spec.evaluate.max_steps: "),
         (evaluate(|spec| spec.seeds = vec![4, 4]), "spec.evaluate.seeds: "),
-        (evaluate(|spec| spec.device = v1::Device::Cuda.into()), "spec.evaluate.device: "),
+        (evaluate(|spec| spec.device = 9), "spec.evaluate.device: "),
         (v1::job_spec::Spec::Train(v1::TrainSpec::default()), "spec.train.data: "),
         (
             v1::job_spec::Spec::Train(v1::TrainSpec { lambda: Some(f64::NAN), ..v1::TrainSpec::default() }),
@@ -237,6 +246,13 @@ fn a_pipeline_has_no_gaps() {
     };
     let read = pipeline(Some(full.clone())).unwrap();
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
+
+    let repeated = v1::PipelineSpec {
+        pretrain: Some(v1::PretrainSpec { preset: v1::Preset::Small.into(), ..Default::default() }),
+        train: Some(v1::TrainSpec { preset: v1::Preset::Small.into(), segment_length: Some(6), ..Default::default() }),
+        ..full.clone()
+    };
+    assert_eq!(pipeline(Some(repeated)).unwrap().train, read.train, "finetune may repeat the encoder's size");
 
     let broken = |change: fn(&mut v1::PipelineSpec)| {
         let mut spec = full.clone();

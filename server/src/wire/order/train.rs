@@ -1,6 +1,6 @@
 //! Training on the wire.
 
-use gleaner_learn::{ActSpec, ModelSpec, PolicyKind, TrainSpec};
+use gleaner_learn::{ActSpec, ModelSpec, PolicyKind, PretrainSpec, TrainSpec};
 use gleaner_proto::v1;
 
 use super::settings::{
@@ -79,6 +79,17 @@ pub(super) fn from_proto(at: &str, spec: v1::TrainSpec) -> Result<(Option<v1::tr
     };
     spec.validate().map_err(|error| refused(at, error))?;
     Ok((data, spec))
+}
+
+/// A pipeline's training, whose encoder comes from this pretraining: finetune may repeat the encoder's size.
+pub(super) fn without_repeats(spec: v1::TrainSpec, pretrain: &PretrainSpec) -> v1::TrainSpec {
+    let finetune = [v1::PolicyKind::Unspecified, v1::PolicyKind::Finetune].map(i32::from).contains(&spec.policy);
+    let ModelSpec { preset, segment_length } = pretrain.model;
+    v1::TrainSpec {
+        preset: if finetune && spec.preset == preset_to(preset) { 0 } else { spec.preset },
+        segment_length: spec.segment_length.filter(|&length| !finetune || length != segment_length),
+        ..spec
+    }
 }
 
 fn model_from(at: &str, policy: PolicyKind, preset: i32, segment_length: Option<u32>) -> Result<ModelSpec> {
