@@ -26,6 +26,11 @@ fn specs() -> Vec<ScoreSpec> {
     [Scorer::Ssdf, Scorer::Raw].into_iter().flat_map(of).collect()
 }
 
+/// Some of them, each scorer and each kind of similarity among them.
+fn some_specs() -> Vec<ScoreSpec> {
+    specs().into_iter().step_by(3).collect()
+}
+
 fn run(experts: &[Trajectory], imperfect: &[Trajectory], spec: &ScoreSpec) -> Scores {
     score(&encoder(), experts, imperfect, spec, &mut Silent).unwrap()
 }
@@ -88,7 +93,7 @@ fn the_order_of_the_episodes_does_not_matter() {
     let mut same = experts[0].clone();
     same.id = "f9".into();
     imperfect.push(same);
-    for spec in specs() {
+    for spec in some_specs() {
         let mut straight = run(&experts, &imperfect, &spec);
         assert_eq!(straight.imperfect[3].match_episode, vec![0; 9], "{spec:?}");
         let reversed = |all: &[Trajectory]| all.iter().rev().cloned().collect::<Vec<_>>();

@@ -7,6 +7,7 @@
 //! where the best match is, its error exceeds the distance.
 
 mod bound;
+mod directions;
 mod sweep;
 
 use std::sync::Mutex;
@@ -17,7 +18,8 @@ use super::features::Features;
 use super::similarity::Metric;
 use crate::batch::rows;
 use crate::device;
-use bound::Frame;
+use bound::{Frame, Framed, factor};
+use directions::Directions;
 use sweep::Sweep;
 
 /// Fewer pairs than this are not worth another thread.
@@ -33,7 +35,7 @@ pub(crate) struct Tiles {
 impl Default for Tiles {
     /// The products of a tile, their copy and the bounds stay within a core's cache.
     fn default() -> Self {
-        Self { queries: 128, experts: 512 }
+        Self { queries: 256, experts: 512 }
     }
 }
 
@@ -61,8 +63,8 @@ impl Match {
 /// Some expert episodes' segments, ready to be compared with.
 pub struct Reference {
     experts: Experts,
-    /// −2 × the experts' rows in the filter's frame, `[N, d]` per modality.
-    doubled: [Tensor; 3],
+    /// Per level −2 × the experts' rows, `[N, d]` per modality.
+    doubled: Vec<[Tensor; 3]>,
 }
 
 /// What threads share of it.
@@ -75,10 +77,33 @@ struct Experts {
     metric: Metric,
     tiles: Tiles,
     frame: Frame,
-    /// Per modality and segment, as the filter wants them.
+    /// The cheaper first; the last rules out all that can be.
+    levels: Vec<Level>,
+}
+
+/// How the filter sees the experts on one level.
+struct Level {
+    /// Along which directions; `None` for whole rows.
+    directions: Option<[Directions; 3]>,
+    /// Per modality and segment ‖x‖², as the filter wants it.
     squares: [Vec<f32>; 3],
-    /// Per modality the most that bringing a segment into the frame moved it.
+    /// Per modality the most that bringing a segment here may have moved it.
     moved: [f64; 3],
+    /// Per modality what its bounds are multiplied by.
+    factors: [f32; 3],
+}
+
+impl Level {
+    fn new(framed: &[Framed; 3], directions: Option<[Directions; 3]>, metric: &Metric) -> (Self, [Tensor; 3]) {
+        let stretch = |i: usize| directions.as_ref().map_or(1.0, |directions| directions[i].stretch);
+        let level = Self {
+            squares: framed.each_ref().map(Framed::shrunk),
+            moved: framed.each_ref().map(|framed| framed.moved.iter().fold(0.0, |a: f64, b| a.max(*b))),
+            factors: [0, 1, 2].map(|i| factor(metric, i, stretch(i))),
+            directions,
+        };
+        (level, framed.each_ref().map(|framed| rows(&framed.rows, framed.width, Device::Cpu) * -2.0))
+    }
 }
 
 impl Reference {
@@ -96,13 +121,18 @@ impl Reference {
             features.append(episode);
             bounds.push(features.count());
         }
-        let frame = Frame::new(&features, metric);
+        let frame = Frame::new(&features, metric.kind);
         let framed = [0, 1, 2].map(|modality| frame.apply(&features, modality, (0, features.count())));
-        let doubled = std::array::from_fn(|i| rows(&framed[i].rows, widths[i], Device::Cpu) * -2.0);
-        let moved = framed.each_ref().map(|framed| framed.moved.iter().fold(0.0, |a: f64, b| a.max(*b)));
-        let squares = framed.map(|framed| framed.squares);
+        let mut levels = Vec::new();
+        if let [Some(o), Some(m), Some(a)] = framed.each_ref().map(Directions::principal) {
+            let directions = [o, m, a];
+            let projected = std::array::from_fn(|i| directions[i].apply(&framed[i]));
+            levels.push(Level::new(&projected, Some(directions), &metric));
+        }
+        levels.push(Level::new(&framed, None, &metric));
+        let (levels, doubled) = levels.into_iter().unzip();
         let numbers = episodes.iter().map(|(number, _)| *number).collect();
-        Self { experts: Experts { features, numbers, bounds, metric, tiles, frame, squares, moved }, doubled }
+        Self { experts: Experts { features, numbers, bounds, metric, tiles, frame, levels }, doubled }
     }
 
     /// Improves `matches`, one per query, by the nearest of these segments, leaving out the episode

@@ -71,7 +71,7 @@ fn brute_force(
                 for (t, at) in (0u32..).zip(0..episode.count()) {
                     let distance = metric.distance(metric.parts((queries, query), (episode, at)));
                     let plain = plain_distance(&metric, (queries, query), (episode, at));
-                    assert!((distance - plain).abs() <= 1e-13 * (1.0 + plain), "{distance} {plain}");
+                    assert!((distance - plain).abs() <= 1e-12 * (1.0 + plain), "{distance} {plain}");
                     if distance < best.2 {
                         best = (e, t, distance);
                     }
@@ -218,25 +218,76 @@ fn tiny_zero_and_huge_values_are_compared_exactly() {
 fn the_bound_is_tight_where_rows_are_far_apart() {
     let (experts, queries) = (features(1, 200, 100.0), features(2, 50, 100.0));
     for metric in METRICS {
-        let frame = bound::Frame::new(&experts, metric);
-        let mut bounds = vec![0f32; 50 * 200];
-        let mut moved = [0.0f64; 3];
-        for modality in (0..3).filter(|i| metric.scale[*i] > 0.0) {
-            let [many, few] = [(&experts, 200), (&queries, 50)].map(|(f, count)| frame.apply(f, modality, (0, count)));
-            moved[modality] = many.moved.iter().chain(&few.moved).fold(0.0, |a: f64, b| a.max(*b)) * 2.0;
-            for (query, bounds) in bounds.chunks_mut(200).enumerate() {
-                let width = WIDTHS[modality];
-                let row = &few.rows[query * width..(query + 1) * width];
-                let dot = |other: &[f32]| other.iter().zip(row).map(|(x, y)| x * y).sum::<f32>() * -2.0;
-                let products: Vec<f32> = many.rows.chunks(width).map(dot).collect();
-                frame.add(modality, (&products, &many.squares, few.squares[query]), bounds);
-            }
-        }
+        let frame = Frame::new(&experts, metric.kind);
+        let framed =
+            |features| [0, 1, 2].map(|modality| frame.apply(features, modality, (0, Features::count(features))));
+        let (many, few) = (framed(&experts), framed(&queries));
+        let bounds = bounds(&metric, (&few, &many), [1.0; 3]);
         for (query, bounds) in bounds.chunks(200).enumerate() {
+            let moved = [0, 1, 2].map(|i| few[i].moved[query] + many[i].moved.iter().fold(0.0, |a: f64, b| a.max(*b)));
             for (expert, bound) in bounds.iter().enumerate() {
                 let distance = metric.distance(metric.parts((&queries, query), (&experts, expert)));
-                assert!(*bound <= bound::limit(distance, frame.reach(moved)));
+                assert!(*bound <= bound::limit(distance, bound::reach(&metric, moved)));
                 assert!(f64::from(*bound) > distance * 0.999, "{bound} {distance}");
+            }
+        }
+    }
+}
+
+/// The lower bounds of `few` to `many`, row-major.
+fn bounds(metric: &Metric, (few, many): (&[Framed; 3], &[Framed; 3]), stretch: [f64; 3]) -> Vec<f32> {
+    let count = many[0].squares.len();
+    let mut all = vec![0f32; few[0].squares.len() * count];
+    for modality in (0..3).filter(|i| metric.scale[*i] > 0.0) {
+        let (few, many) = (&few[modality], &many[modality]);
+        let rows = few.rows.chunks(few.width).zip(few.shrunk());
+        for (bounds, (row, square)) in all.chunks_mut(count).zip(rows) {
+            let dot = |other: &[f32]| other.iter().zip(row).map(|(x, y)| x * y).sum::<f32>() * -2.0;
+            let products: Vec<f32> = many.rows.chunks(many.width).map(dot).collect();
+            let factor = factor(metric, modality, stretch[modality]);
+            bound::add((metric.kind, factor), (&products, &many.shrunk(), square), bounds);
+        }
+    }
+    all
+}
+
+/// Rows of `width` values around a far-off point that differ along a few directions, and a little
+/// (`noise`) in all.
+fn along_few_directions(seed: u64, count: usize, (width, noise): (usize, f32)) -> Features {
+    let mut rng = generator(seed, Purpose::Mask, 10);
+    let mut fixed = generator(1, Purpose::Mask, 11);
+    let values = [0, 1, 2].map(|_| {
+        let directions: Vec<f32> = (0..6 * width).map(|_| fixed.random_range(-1.0f32..1.0)).collect();
+        let row = |_| {
+            let place: Vec<f32> = (0..6).map(|_| rng.random_range(-1.0f32..1.0)).collect();
+            let along = |value: usize| (0..6).map(|d| place[d] * directions[d * width + value]).sum::<f32>();
+            (0..width).map(|value| 50.0 + along(value) + noise * rng.random_range(-1.0f32..1.0)).collect::<Vec<_>>()
+        };
+        (0..count).flat_map(row).collect()
+    });
+    Features::new(values, [width; 3]).unwrap()
+}
+
+#[test]
+fn the_cheaper_level_rules_out_nothing_that_is_near() {
+    // Noise beside nothing, a little noise, and nothing but noise: the last must fall back.
+    for noise in [0.0, 0.05, 30.0] {
+        let episodes = [along_few_directions(1, 300, (128, noise)), along_few_directions(2, 300, (128, noise))];
+        let queries = along_few_directions(3, 40, (128, noise));
+        let near = |modality: usize, row: &mut [f32]| row.copy_from_slice(episodes[1].row(modality, 17));
+        let values = [0, 1, 2].map(|modality| {
+            let mut values = queries.values(modality).to_vec();
+            near(modality, &mut values[..128]);
+            values
+        });
+        let queries = Features::new(values, [128; 3]).unwrap();
+        for metric in [METRICS[0], METRICS[3]] {
+            let reference = Reference::new(&numbered(&episodes), metric);
+            assert_eq!(reference.experts.levels.len(), 2);
+            let expected = brute_force(&episodes, &queries, metric, None);
+            assert_eq!((expected[0].0, expected[0].1), (1, 17));
+            for tiles in [TILES[0], TILES[2]] {
+                assert_eq!(found(&episodes, &queries, metric, (tiles, None)), expected);
             }
         }
     }
