@@ -13,9 +13,9 @@ use gleaner_learn::{ScoreSpec, Similarity};
 use tch::{Device, Kind, Tensor};
 
 /// Every time is the best of so many, taken in turn, so that what else runs disturbs all alike.
-const ROUNDS: usize = 5;
+const ROUNDS: usize = 3;
 /// Rows of a tile for the library's distances; the fastest counts.
-const TILES: [usize; 4] = [128, 512, 2_048, 8_192];
+const TILES: [usize; 3] = [512, 2_048, 8_192];
 /// Every so many queries there is one that is nearly an expert.
 const DUPLICATE: usize = 10;
 

@@ -31,8 +31,8 @@ pub use policy::{Embedding, Ensemble, History, Policy, train_policy};
 pub use pretrain::pretrain;
 pub use score::{EpisodeScores, Normaliser, ScoreBase, Scores, extend_scores, score};
 pub use spec::{
-    ActSpec, Augmentation, CameraShape, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
-    PretrainSpec, ScoreSpec, Scorer, Similarity, TaskShape, TrainSpec,
+    ActSpec, Augmentation, CameraShape, Device, FeatureScale, ModelSpec, NormaliserKind, Objective, OptimSpec,
+    PolicyKind, Preset, PretrainSpec, ScoreSpec, Scorer, Similarity, TaskShape, TrainSpec, Yardstick,
 };
 pub use train::{Monitor, Silent};
 pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};

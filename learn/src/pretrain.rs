@@ -2,19 +2,24 @@
 //!
 //! L_pretrain = L_MTP + L_TR + L_AA.
 
-use tch::Tensor;
+use rand::seq::SliceRandom;
+use tch::{Tensor, no_grad_guard};
 
 use crate::batch::{Batch, Segments, Windows};
-use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
+use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::{Attention, Network, Size, View};
-use crate::normalize::Statistics;
+use crate::normalize::{FeatureScale, Statistics};
 use crate::objective::{Targets, action_autoregression, masked_transition, masking, reconstruction};
 use crate::random::{Purpose, generator};
+use crate::score::last_steps;
 use crate::spec::{Objective, PretrainSpec, TaskShape};
 use crate::train::{Loss, Monitor, Resumed, Training};
 use crate::trajectory::Trajectory;
+
+/// Segments on which the scale of features is measured, in whole episodes: many more than features have dimensions.
+const SCALE_SEGMENTS: usize = 4096;
 
 /// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and gives its checkpoint.
 ///
@@ -52,8 +57,33 @@ pub fn pretrain(
             let batch = draw(network, &data, &segments, spec, step);
             pretrain_loss(network, &batch, spec, step)
         };
-        training.run(&spec.optim, spec.checkpoint_every, &loss, monitor)
+        let finished = training.run(&spec.optim, spec.checkpoint_every, &loss, monitor)?;
+        with_feature_scale(&finished, &data, spec)
     })
+}
+
+/// Adds the scale of the features over D_u, on some of its episodes, to a finished encoder.
+fn with_feature_scale(finished: &[u8], data: &[&Trajectory], spec: &PretrainSpec) -> Result<Vec<u8>, LearnError> {
+    let device = device::open(spec.device, spec.threads)?;
+    let (info, named) = checkpoint::read(finished, CheckpointKind::Encoder)?;
+    let network = Network::from_named(&info.shape, info.model, &named, device)?;
+    let _no_grad = no_grad_guard();
+    let mut order: Vec<usize> = (0..data.len()).collect();
+    order.shuffle(&mut generator(spec.seed, Purpose::FeatureScale, 0));
+    let (mut parts, mut segments) = ([const { Vec::new() }; 3], 0);
+    for episode in order {
+        if segments >= SCALE_SEGMENTS {
+            break;
+        }
+        segments += data[episode].steps(&info.shape);
+        for (all, part) in parts.iter_mut().zip(last_steps(&network, data[episode])) {
+            all.push(part);
+        }
+    }
+    let [o, m, a] = parts.map(|all| Tensor::cat(&all, 0));
+    let mut named = network.named();
+    named.extend(FeatureScale::measure([&o, &m, &a]).named());
+    checkpoint::write(&info, &named)
 }
 
 fn begin(

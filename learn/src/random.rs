@@ -25,6 +25,8 @@ pub(crate) enum Purpose {
     Style = 7,
     /// The noise in a kept batch's styles; the counter is the step.
     KeptStyle = 8,
+    /// Which episodes the scale of features is measured on; the counter is 0.
+    FeatureScale = 9,
 }
 
 /// The generator of `purpose` at `counter`.

@@ -2,8 +2,10 @@
 //! over D_u and kept in every checkpoint. Knows nothing of the model.
 
 mod cameras;
+mod features;
 
 pub(crate) use cameras::target_size;
+pub(crate) use features::FeatureScale;
 
 use std::collections::BTreeMap;
 

@@ -1,17 +1,20 @@
 //! Step two of SSDF: how good each imperfect segment is, by its similarity to the nearest expert
 //! segment.
 //!
-//! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1].
+//! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1]. The
+//! paper leaves norm open; [`local`] says what a similarity is measured against before it is scaled.
 
 mod base;
 mod classifier;
 mod features;
+mod local;
 mod nearest;
 mod normaliser;
 mod run;
 mod similarity;
 
 pub use features::Features;
+pub(crate) use features::last_steps;
 pub use nearest::{Match, Reference};
 pub use normaliser::Normaliser;
 pub use similarity::Metric;
@@ -24,11 +27,12 @@ use crate::checkpoint::{self, CheckpointKind};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::Network;
-use crate::spec::{ScoreSpec, Scorer};
+use crate::normalize::FeatureScale as Scale;
+use crate::spec::{FeatureScale, ScoreSpec, Scorer, Yardstick};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use base::Known;
-use run::{Progress, Run, count};
+use run::{Found, Progress, Run, count};
 
 /// The scores of one episode's segments; place t is the segment that ends at step t.
 #[derive(Debug, Clone, PartialEq)]
@@ -95,7 +99,8 @@ pub fn score(
 /// Goes on from an earlier run of the same encoder and settings with more experts, more imperfect
 /// episodes, or both. Episodes the earlier run scored are compared only with the experts it did not
 /// have, and not even encoded if there are none. The result is bit for bit what [`score`] gives
-/// for the same episodes under the earlier run's normaliser.
+/// for the same episodes under the earlier run's normaliser. The yardstick is measured on the experts
+/// there are, so with new experts q may change where w does not.
 ///
 /// # Errors
 /// As [`score`]; also [`LearnError::Invalid`] if an expert of the earlier run is missing, if its
@@ -111,6 +116,10 @@ pub fn extend_scores(
     if spec.scorer == Scorer::Classifier {
         let message = "is classifier, whose every score depends on all episodes; score anew instead of extending";
         return Err(LearnError::invalid("scorer", message));
+    }
+    if spec.yardstick == Yardstick::Local && base.experts.len() == 1 {
+        let message = "is one alone, so its run had no yardstick that the normaliser could go with; score anew";
+        return Err(LearnError::invalid("base.experts", message));
     }
     Call { encoder, experts, imperfect, spec }.run(Some(base), monitor)
 }
@@ -133,18 +142,27 @@ impl Call<'_> {
                 trajectory.validate(&info.shape)?;
             }
             let network = Network::from_named(&info.shape, info.model, &named, device)?;
-            let (mut imperfect, mut experts) = match self.spec.scorer {
-                Scorer::Ssdf | Scorer::Raw => self.by_nearest(&network, base, monitor)?,
+            let Found { mut imperfect, mut experts, local } = match self.spec.scorer {
+                Scorer::Ssdf => {
+                    let scale = match self.spec.feature_scale {
+                        FeatureScale::Whitened => Some(Scale::from_named(&named, network.width(), device)?),
+                        FeatureScale::Plain => None,
+                    };
+                    self.by_nearest((&network, scale.as_ref()), base, monitor)?
+                }
+                Scorer::Raw => self.by_nearest((&network, None), base, monitor)?,
                 Scorer::Classifier => {
-                    classifier::scores(&network, (self.experts, self.imperfect), self.spec.seed, monitor)?
+                    let episodes = (self.experts, self.imperfect);
+                    let (imperfect, experts) = classifier::scores(&network, episodes, self.spec.seed, monitor)?;
+                    Found { imperfect, experts, local: None }
                 }
             };
             let normaliser = base.map(|base| base.normaliser.clone()).unwrap_or_else(|| {
-                let similarities = imperfect.iter().flat_map(|episode| episode.w.iter().copied());
+                let similarities = imperfect.iter().flat_map(|episode| local::relative(local.as_ref(), episode));
                 Normaliser::fit(self.spec.normaliser, similarities.collect())
             });
             for episode in imperfect.iter_mut().chain(&mut experts) {
-                episode.q = episode.w.iter().map(|w| normaliser.q(*w)).collect();
+                episode.q = local::relative(local.as_ref(), episode).map(|w| normaliser.q(w)).collect();
             }
             Ok(Scores { imperfect, experts, normaliser })
         })
@@ -168,10 +186,10 @@ impl Call<'_> {
     /// in the order of their ids.
     fn by_nearest(
         &self,
-        network: &Network,
+        (network, scale): (&Network, Option<&Scale>),
         base: Option<&ScoreBase>,
         monitor: &mut dyn Monitor,
-    ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
+    ) -> Result<Found, LearnError> {
         let _no_grad = no_grad_guard();
         let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(self.experts).collect();
         sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
@@ -182,12 +200,17 @@ impl Call<'_> {
         };
         let total = 2 * count(network, self.experts) + count(network, self.imperfect);
         let progress = Progress::new(monitor, total);
-        let run = Run { network, spec: self.spec, experts: &experts, places: &places, known: &known, progress };
-        let (imperfect, experts) = run.scores(self.imperfect)?;
-        let mut placed: Vec<(u32, EpisodeScores)> = places.into_iter().zip(experts).collect();
-        placed.sort_by_key(|(place, _)| *place);
-        Ok((imperfect, placed.into_iter().map(|(_, scores)| scores).collect()))
+        let run = Run { network, scale, spec: self.spec, experts: &experts, places: &places, known: &known, progress };
+        let Found { imperfect, experts, local } = run.scores(self.imperfect)?;
+        Ok(Found { imperfect, experts: placed(&places, experts), local: local.map(|all| placed(&places, all)) })
     }
+}
+
+/// What is said of experts in the order of their numbers, in the order given.
+fn placed<T>(places: &[u32], of_numbers: Vec<T>) -> Vec<T> {
+    let mut placed: Vec<(u32, T)> = places.iter().copied().zip(of_numbers).collect();
+    placed.sort_by_key(|(place, _)| *place);
+    placed.into_iter().map(|(_, said)| said).collect()
 }
 
 #[cfg(test)]

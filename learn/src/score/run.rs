@@ -5,11 +5,13 @@ use std::time::Instant;
 use super::EpisodeScores;
 use super::base::Known;
 use super::features::{Features, episode_features};
+use super::local::Neighbourhoods;
 use super::nearest::{Match, Reference};
 use super::similarity::Metric;
 use crate::error::LearnError;
 use crate::model::Network;
-use crate::spec::ScoreSpec;
+use crate::normalize::FeatureScale;
+use crate::spec::{ScoreSpec, Yardstick};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
@@ -46,6 +48,8 @@ pub(super) fn count<'a>(network: &Network, episodes: impl IntoIterator<Item = &'
 /// A run under way.
 pub(super) struct Run<'a> {
     pub(super) network: &'a Network,
+    /// What learned features are measured in.
+    pub(super) scale: Option<&'a FeatureScale>,
     pub(super) spec: &'a ScoreSpec,
     /// In the order of their numbers.
     pub(super) experts: &'a [&'a Trajectory],
@@ -53,6 +57,17 @@ pub(super) struct Run<'a> {
     pub(super) places: &'a [u32],
     pub(super) known: &'a Known<'a>,
     pub(super) progress: Progress<'a>,
+}
+
+/// What a run finds, without q.
+pub(super) struct Found {
+    /// In the order given.
+    pub(super) imperfect: Vec<EpisodeScores>,
+    /// Each against the others.
+    pub(super) experts: Vec<EpisodeScores>,
+    /// Per expert, of each segment, how near experts are around it; `None` if similarities are measured against
+    /// nothing.
+    pub(super) local: Option<Vec<Vec<f64>>>,
 }
 
 /// What queries are compared with.
@@ -65,14 +80,16 @@ struct References {
 impl Run<'_> {
     /// The scores of the imperfect episodes and of the experts, each in the order of `imperfect`
     /// and of the numbers, without q.
-    pub(super) fn scores(
-        mut self,
-        imperfect: &[Trajectory],
-    ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError> {
+    pub(super) fn scores(mut self, imperfect: &[Trajectory]) -> Result<Found, LearnError> {
         let had = self.known.had();
         let news = self.places.len() > had.len();
         let known = |episode: &Trajectory| self.known.matches(&episode.id).is_some();
-        if !news && imperfect.iter().all(known) && (self.experts.len() < 2 || self.experts.iter().all(|e| known(e))) {
+        let plain = self.spec.yardstick == Yardstick::None;
+        if plain
+            && !news
+            && imperfect.iter().all(known)
+            && (self.experts.len() < 2 || self.experts.iter().all(|e| known(e)))
+        {
             self.progress.advance(usize::try_from(self.progress.total).unwrap_or(usize::MAX))?;
             return Ok(self.unchanged(imperfect));
         }
@@ -97,16 +114,36 @@ impl Run<'_> {
             experts.extend(self.nearest(&expert.id, features, &references, known));
             self.progress.advance(features.count())?;
         }
-        Ok((scored, experts))
+        let local = if plain { None } else { self.local(&features, metric, &experts)? };
+        Ok(Found { imperfect: scored, experts, local })
+    }
+
+    /// How near experts are to one another around each of their segments; `None` if there is only one.
+    fn local(
+        &mut self,
+        features: &[Features],
+        metric: Metric,
+        experts: &[EpisodeScores],
+    ) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
+        if experts.is_empty() {
+            return Ok(None);
+        }
+        let alone: Vec<&[f64]> = experts.iter().map(|expert| expert.w.as_slice()).collect();
+        let progress = &mut self.progress;
+        Neighbourhoods::new(features, metric).means(&alone, || progress.advance(0)).map(Some)
     }
 
     /// There is nothing to compare: everything is as it was.
-    fn unchanged(&self, imperfect: &[Trajectory]) -> (Vec<EpisodeScores>, Vec<EpisodeScores>) {
+    fn unchanged(&self, imperfect: &[Trajectory]) -> Found {
         let same = |episode: &Trajectory| {
             let matches: Vec<Match> = self.known.matches(&episode.id)?.into_iter().flatten().collect();
             Some(self.describe(&episode.id, &matches))
         };
-        (imperfect.iter().filter_map(same).collect(), self.experts.iter().filter_map(|e| same(e)).collect())
+        Found {
+            imperfect: imperfect.iter().filter_map(same).collect(),
+            experts: self.experts.iter().filter_map(|expert| same(expert)).collect(),
+            local: None,
+        }
     }
 
     fn imperfect(&mut self, episode: &Trajectory, references: &References) -> Result<EpisodeScores, LearnError> {
@@ -149,7 +186,7 @@ impl Run<'_> {
     }
 
     fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = episode_features(self.network, trajectory, self.spec);
+        let features = episode_features(self.network, self.scale, trajectory, self.spec);
         if !features.sound() {
             return Err(LearnError::Checkpoint(format!(
                 "gives features of episode {} that are not finite; train the encoder again",

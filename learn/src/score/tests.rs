@@ -6,7 +6,7 @@ use std::sync::OnceLock;
 
 use super::*;
 use crate::pretrain::pretrain;
-use crate::spec::{NormaliserKind, Similarity};
+use crate::spec::{NormaliserKind, Similarity, Yardstick};
 use crate::toy;
 use crate::train::Silent;
 

@@ -14,7 +14,7 @@ pub use augmentation::Augmentation;
 pub use model::{Device, ModelSpec, Preset};
 pub use optim::OptimSpec;
 pub use pretrain::{Objective, PretrainSpec};
-pub use score::{NormaliserKind, ScoreSpec, Scorer, Similarity};
+pub use score::{FeatureScale, NormaliserKind, ScoreSpec, Scorer, Similarity, Yardstick};
 pub use shape::{CameraShape, TaskShape};
 pub use train::{ActSpec, PolicyKind, TrainSpec};
 

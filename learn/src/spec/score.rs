@@ -66,6 +66,48 @@ impl Similarity {
     }
 }
 
+/// What features are measured in before they are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FeatureScale {
+    /// Every direction by how much it varies over the pretraining data.
+    #[default]
+    Whitened,
+    /// As the transformer gives them: the paper to the letter.
+    Plain,
+}
+
+impl FeatureScale {
+    /// The word for it in specs and reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Whitened => "whitened",
+            Self::Plain => "plain",
+        }
+    }
+}
+
+/// What a similarity is measured against before it is normalised.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Yardstick {
+    /// How near experts are to one another around the match.
+    #[default]
+    Local,
+    /// Nothing: q = norm(w), the paper to the letter.
+    None,
+}
+
+impl Yardstick {
+    /// The word for it in specs and reports.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Local => "local",
+            Self::None => "none",
+        }
+    }
+}
+
 /// How similarities become quality scores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -97,6 +139,10 @@ pub struct ScoreSpec {
     pub scorer: Scorer,
     /// How segments are compared; the classifier compares none.
     pub similarity: Similarity,
+    /// What features are measured in.
+    pub feature_scale: FeatureScale,
+    /// What similarities are measured against.
+    pub yardstick: Yardstick,
     /// How similarities become scores.
     pub normaliser: NormaliserKind,
     /// Factors of the o, m and a distances; unset means 1, 1, 1 as in the paper.

@@ -6,11 +6,17 @@ use tch::Tensor;
 use super::{CHUNK, Features};
 use crate::batch::{Batch, Segment, Segments, Windows, int};
 use crate::model::{Modality, Network, View};
+use crate::normalize::FeatureScale;
 use crate::trajectory::Trajectory;
 
-/// Per segment and modality d values, or, of the `whole` segment, (l + 1) d, where places before
+/// Measured in `scale`, if there is one. Per segment and modality d values, or, of the `whole` segment, (l + 1) d, where places before
 /// the episode are zero.
-pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Features {
+pub(super) fn features(
+    network: &Network,
+    trajectory: &Trajectory,
+    whole: bool,
+    scale: Option<&FeatureScale>,
+) -> Features {
     let every = Segments::every(&network.shape, &[trajectory]);
     let steps: Vec<Tensor> = every.all().chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk)).collect();
     let steps = Tensor::cat(&steps, 0);
@@ -25,8 +31,12 @@ pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) 
         let z = network.features(&steps, &windows, View::WHOLE, keep);
         // The last step always lies in the episode; of the others some may be padding.
         let padding = windows.valid.logical_not().narrow(1, int(window - keep), int(keep));
-        let z = z.masked_fill(&padding.unsqueeze(-1).unsqueeze(-1), 0.0);
-        let part = |modality: Modality| modality.of(&z).flatten(1, -1);
+        let padding = padding.unsqueeze(-1);
+        let part = |modality: Modality| {
+            let z = modality.of(&z);
+            let z = scale.map_or(z.shallow_clone(), |scale| scale.apply(modality as usize, &z));
+            z.masked_fill(&padding, 0.0).flatten(1, -1)
+        };
         features.extend(&[Modality::Image, Modality::Proprioception, Modality::Action].map(part));
     }
     features

@@ -4,9 +4,10 @@
 mod learned;
 pub(super) mod raw;
 
-use crate::batch::values;
+use crate::batch::{rows, values};
 use crate::error::LearnError;
 use crate::model::Network;
+use crate::normalize::FeatureScale;
 use crate::spec::{ScoreSpec, Scorer};
 use crate::trajectory::Trajectory;
 use tch::Tensor;
@@ -89,11 +90,22 @@ impl Features {
     }
 }
 
-/// The features of every segment of `trajectory` that `spec` compares.
-pub(crate) fn episode_features(network: &Network, trajectory: &Trajectory, spec: &ScoreSpec) -> Features {
+/// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the transformer gives them, each `[T, d]`.
+pub(crate) fn last_steps(network: &Network, trajectory: &Trajectory) -> [Tensor; 3] {
+    let features = learned::features(network, trajectory, false, None);
+    [0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device()))
+}
+
+/// The features of every segment of `trajectory` that `spec` compares; `scale` is for learned ones.
+pub(crate) fn episode_features(
+    network: &Network,
+    scale: Option<&FeatureScale>,
+    trajectory: &Trajectory,
+    spec: &ScoreSpec,
+) -> Features {
     let whole = spec.similarity.whole_segment();
     match spec.scorer {
-        Scorer::Ssdf => learned::features(network, trajectory, whole),
+        Scorer::Ssdf => learned::features(network, trajectory, whole, scale),
         Scorer::Raw | Scorer::Classifier => raw::features(network, trajectory, whole),
     }
 }

@@ -19,13 +19,14 @@ fn extend(experts: &[Trajectory], imperfect: &[Trajectory], base: &ScoreBase, sp
     extend_scores(&encoder(), experts, imperfect, base, spec, &mut Silent).unwrap()
 }
 
-/// A full run under `normaliser`.
+/// A full run under `normaliser`: it goes on from a run that knew nothing else.
 fn full(experts: &[Trajectory], imperfect: &[Trajectory], normaliser: &Normaliser, spec: &ScoreSpec) -> Scores {
-    let mut scores = run(experts, imperfect, spec);
-    for episode in scores.imperfect.iter_mut().chain(&mut scores.experts) {
-        episode.q = episode.w.iter().map(|w| normaliser.q(*w)).collect();
-    }
-    Scores { normaliser: normaliser.clone(), ..scores }
+    let nothing = ScoreBase { normaliser: normaliser.clone(), experts: Vec::new(), scores: Vec::new() };
+    let full = extend(experts, imperfect, &nothing, spec);
+    let anew = run(experts, imperfect, spec);
+    let w = |scores: &Scores| scores.imperfect.iter().map(|episode| episode.w.clone()).collect::<Vec<_>>();
+    assert_eq!(w(&full), w(&anew));
+    full
 }
 
 /// Every number's bits, with the matches.
@@ -69,7 +70,8 @@ fn more_experts_more_imperfect_or_both_give_the_bits_of_a_full_run() {
 #[test]
 fn a_lone_expert_and_an_episode_that_changed_its_role_are_scored_as_in_a_full_run() {
     let (experts, imperfect) = (toy::experts(2, 8), failures(3));
-    let spec = ScoreSpec { normaliser: NormaliserKind::Quantile, ..ScoreSpec::default() };
+    let normaliser = NormaliserKind::Quantile;
+    let spec = ScoreSpec { normaliser, yardstick: Yardstick::None, ..ScoreSpec::default() };
     let first = run(&experts[..1], &imperfect, &spec);
     let base = base(first.clone(), &experts[..1]);
     // The last failure turns out to have been a success.
@@ -82,6 +84,15 @@ fn a_lone_expert_and_an_episode_that_changed_its_role_are_scored_as_in_a_full_ru
     }
     let extended = extend(&experts[..1], &imperfect, &base, &spec);
     assert_eq!(extended, first);
+}
+
+#[test]
+fn a_lone_expert_gives_no_yardstick_to_go_on_with() {
+    let (experts, imperfect) = (toy::experts(2, 8), failures(2));
+    let spec = ScoreSpec::default();
+    let base = base(run(&experts[..1], &imperfect, &spec), &experts[..1]);
+    let message = extend_scores(&encoder(), &experts, &imperfect, &base, &spec, &mut Silent).unwrap_err().to_string();
+    assert!(message.starts_with("base.experts: ") && message.contains("score anew"), "{message}");
 }
 
 #[test]
