@@ -15,7 +15,7 @@ use crate::spec::OptimSpec;
 pub(super) const STEPS: u64 = 300;
 /// Steps per batch, half of each class.
 pub(super) const BATCH: u32 = 256;
-const HIDDEN: i64 = 128;
+const HIDDEN: i64 = 64;
 
 /// One hidden layer; gives log-odds.
 pub(super) struct Mlp {
