@@ -30,15 +30,16 @@ async fn counts_are_what_datasets_hold() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let all = imperfect(&mut api, &shared).await;
-    let mut ranked: Vec<f64> = all.iter().map(|(_, _, w, _)| *w).collect();
-    ranked.sort_by(|a, b| b.total_cmp(a));
+    let mut ranked: Vec<(f32, f64)> = all.iter().map(|(_, _, w, q)| (*q, *w)).collect();
+    ranked.sort_by(|a, b| b.partial_cmp(a).unwrap());
     let third = ranked[ranked.len().div_ceil(3) - 1];
 
     let selections = vec![lab::above(0.5), lab::top(1.0 / 3.0), lab::above(1.0), lab::top(1.0)];
     let request =
         CountKeptRequest { score_run_id: shared.run.clone(), selections: selections.clone(), per_episode: true };
     let counts = api.scores.count_kept(request).await.unwrap().into_inner().counts;
-    let keeps: [&dyn Fn(&Scored) -> bool; 4] = [&|one| one.3 > 0.5, &|one| one.2 >= third, &|_| false, &|_| true];
+    let keeps: [&dyn Fn(&Scored) -> bool; 4] =
+        [&|one| one.3 > 0.5, &|one| (one.3, one.2) >= third, &|_| false, &|_| true];
     for ((count, selection), keeps) in counts.iter().zip(&selections).zip(keeps) {
         assert_eq!(count.selection.as_ref(), Some(selection));
         let kept: Vec<&Scored> = all.iter().filter(|one| keeps(one)).collect();
@@ -129,6 +130,7 @@ async fn a_run_that_goes_on_equals_a_full_one() {
             snapshot_id: snapshot.into(),
             extends: extends.into(),
             similarity: if extends.is_empty() { Similarity::SegmentL2.into() } else { 0 },
+            yardstick: if extends.is_empty() { Yardstick::None.into() } else { 0 },
             ..ScoreSpec::default()
         })
     };
@@ -139,6 +141,7 @@ async fn a_run_that_goes_on_equals_a_full_one() {
     let (base, grown) = (api.run(&base).await, api.run(&grown).await);
     assert_eq!((grown.lo, grown.hi), (base.lo, base.hi), "the normaliser is frozen");
     assert_eq!((grown.extends.as_str(), grown.similarity.as_str()), (base.id.as_str(), "segment_l2"));
+    assert_eq!((grown.feature_scale.as_str(), grown.yardstick.as_str()), ("whitened", "none"));
     assert_eq!((grown.imperfect_episodes, base.imperfect_episodes), (6, 3));
     for episode in &shared.episodes {
         let incremental = api.episode_scores(&grown.id, &episode.id).await;

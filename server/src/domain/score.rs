@@ -41,15 +41,19 @@ pub struct ScoreRun {
     pub scorer: String,
     /// For example `last_l2`.
     pub similarity: String,
+    /// For example `whitened`.
+    pub feature_scale: String,
+    /// For example `local`.
+    pub yardstick: String,
     /// Factors of the distances of o, m and a; `None` is 1, 1, 1.
     pub modality_scale: Option<[f64; 3]>,
     /// For example `minmax`.
     pub normaliser: String,
-    /// w that maps to q = 0, frozen.
+    /// w, measured against the yardstick, that maps to q = 0, frozen.
     pub lo: f64,
-    /// w that maps to q = 1, frozen.
+    /// Likewise to q = 1.
     pub hi: f64,
-    /// w at evenly spaced quantiles, low to high, frozen; for the quantile normaliser only.
+    /// Likewise at evenly spaced quantiles, low to high, frozen; for the quantile normaliser only.
     pub quantiles: Vec<f64>,
     /// The run it went on from, if any.
     pub extends: Option<ScoreRunId>,

@@ -10,7 +10,8 @@ use super::id::EpisodeId;
 pub enum Selection {
     /// q > β, the paper's filter; β is in [0, 1].
     Beta(f64),
-    /// So large a part of the run's imperfect segments, those of highest w; in (0, 1].
+    /// So large a part of the run's imperfect segments, those of highest q, of equal ones those of highest w; in
+    /// (0, 1].
     TopFraction(f64),
 }
 
@@ -19,22 +20,23 @@ pub enum Selection {
 pub enum Filter {
     /// q above this.
     Above(f64),
-    /// w no lower than this.
-    AtLeast(f64),
+    /// No worse than this (q, w): a higher q, or the same q and no lower w.
+    AtLeast(f32, f64),
     /// Nothing: the run has no imperfect segment.
     Nothing,
 }
 
 impl Filter {
-    /// What a selection means when these are the w of all the run's imperfect segments. `ranked` goes from high to
-    /// low; only a top fraction looks at it.
+    /// What a selection means when these are the (q, w) of all the run's imperfect segments. `ranked` goes from best
+    /// to worst; only a top fraction looks at it.
     ///
-    /// A top fraction keeps w ≥ the k-th highest, k = ⌈fraction · N⌉, so segments that tie with the k-th stay too.
-    pub fn new(selection: Selection, ranked: &[f64]) -> Self {
+    /// A top fraction keeps what is no worse than the k-th best, k = ⌈fraction · N⌉, so segments that tie with the
+    /// k-th stay too.
+    pub fn new(selection: Selection, ranked: &[(f32, f64)]) -> Self {
         match selection {
             Selection::Beta(beta) => Self::Above(beta),
             Selection::TopFraction(fraction) => {
-                ranked.get(rank(fraction, ranked.len()) - 1).map_or(Self::Nothing, |&w| Self::AtLeast(w))
+                ranked.get(rank(fraction, ranked.len()) - 1).map_or(Self::Nothing, |&(q, w)| Self::AtLeast(q, w))
             }
         }
     }
@@ -47,7 +49,7 @@ impl Filter {
     pub fn keeps(self, w: f64, q: f32) -> bool {
         match self {
             Self::Above(beta) => q > beta as f32,
-            Self::AtLeast(threshold) => w >= threshold,
+            Self::AtLeast(lowest_q, lowest_w) => q > lowest_q || q == lowest_q && w >= lowest_w,
             Self::Nothing => false,
         }
     }
@@ -60,10 +62,11 @@ fn rank(fraction: f64, segments: usize) -> usize {
     ((fraction * segments as f64 * (1.0 - 1e-12)).ceil() as usize).max(1)
 }
 
-/// w from high to low, as [`Filter::new`] takes it.
-pub fn ranked(w: impl Iterator<Item = f64>) -> Vec<f64> {
-    let mut ranked: Vec<f64> = w.collect();
-    ranked.sort_unstable_by(|a, b| b.total_cmp(a));
+/// (q, w) of every segment from best to worst, as [`Filter::new`] takes it.
+pub fn ranked(candidates: &[Candidate]) -> Vec<(f32, f64)> {
+    let pairs = candidates.iter().flat_map(|one| one.q.iter().copied().zip(one.w.iter().copied()));
+    let mut ranked: Vec<(f32, f64)> = pairs.collect();
+    ranked.sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1)));
     ranked
 }
 
@@ -120,8 +123,7 @@ pub struct WhatIf {
 /// What each selection would keep of these, the run's imperfect episodes in the snapshot's order.
 pub fn count(selections: &[Selection], candidates: &[Candidate]) -> Vec<WhatIf> {
     let ranks = selections.iter().any(|selection| matches!(selection, Selection::TopFraction(_)));
-    let all = candidates.iter().filter(|_| ranks).flat_map(|candidate| candidate.w.iter().copied());
-    let ranked = ranked(all);
+    let ranked = if ranks { ranked(candidates) } else { Vec::new() };
     selections.iter().map(|&selection| what_if(selection, Filter::new(selection, &ranked), candidates)).collect()
 }
 
@@ -171,9 +173,20 @@ mod tests {
 
     #[test]
     fn a_top_fraction_keeps_the_best_and_their_ties() {
-        let ranked = ranked([-3.0, -1.0, -2.0, -2.0, -4.0].into_iter());
-        for (fraction, lowest) in [(0.2, -1.0), (0.21, -2.0), (0.4, -2.0), (0.6, -2.0), (0.61, -3.0), (1.0, -4.0)] {
-            assert_eq!(Filter::new(Selection::TopFraction(fraction), &ranked), Filter::AtLeast(lowest), "{fraction}");
+        // q decides, w only between equal ones: the last has the highest w and the lowest q.
+        let (q, w) = (vec![0.25, 1.0, 0.5, 0.5, 0.5, 0.0], vec![-3.0, -1.0, -2.0, -2.0, -2.5, -0.5]);
+        let ranked = ranked(&[Candidate { w, q, ..candidate("", &[]) }]);
+        for (fraction, q, w) in [
+            (0.1, 1.0, -1.0),
+            (0.2, 0.5, -2.0),
+            (0.5, 0.5, -2.0),
+            (0.6, 0.5, -2.5),
+            (0.7, 0.25, -3.0),
+            (1.0, 0.0, -0.5),
+        ] {
+            let filter = Filter::new(Selection::TopFraction(fraction), &ranked);
+            assert_eq!(filter, Filter::AtLeast(q, w), "{fraction}");
+            assert!(filter.keeps(w, q) && filter.keeps(w - 1.0, q + 0.1) && !filter.keeps(w - 0.1, q));
         }
         assert_eq!(Filter::new(Selection::TopFraction(0.5), &[]), Filter::Nothing);
         assert_eq!((rank(0.07, 100), rank(0.1, 30), rank(1e-9, 30), rank(0.5, 3)), (7, 3, 1, 2));

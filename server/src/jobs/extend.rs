@@ -73,6 +73,8 @@ fn settings(asked: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
     for (name, differs) in [
         ("scorer", asked.scorer != default.scorer && asked.scorer != frozen.scorer),
         ("similarity", asked.similarity != default.similarity && asked.similarity != frozen.similarity),
+        ("feature_scale", asked.feature_scale != default.feature_scale && asked.feature_scale != frozen.feature_scale),
+        ("yardstick", asked.yardstick != default.yardstick && asked.yardstick != frozen.yardstick),
         ("normaliser", asked.normaliser != default.normaliser && asked.normaliser != frozen.normaliser),
         ("modality_scale", asked.modality_scale.is_some() && asked.modality_scale != frozen.modality_scale),
     ] {

@@ -54,6 +54,8 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
                 snapshot_id: snapshot_id.clone(),
                 scorer: spec.scorer.as_str().to_owned(),
                 similarity,
+                feature_scale: spec.feature_scale.as_str().to_owned(),
+                yardstick: spec.yardstick.as_str().to_owned(),
                 modality_scale: spec.modality_scale,
                 normaliser,
                 lo,

@@ -212,7 +212,7 @@ impl Store {
             Selection::Beta(_) => Vec::new(),
             Selection::TopFraction(_) => self.candidates(&run.id).await?,
         };
-        let ranked = ranked(candidates.into_iter().flat_map(|candidate| candidate.w));
+        let ranked = ranked(&candidates);
         let filter = Filter::new(selection, &ranked);
         let mut rows = sqlx::query_as::<_, KeptRow>(
             "select episode_id, w, q, match_episode, match_step from episode_scores \

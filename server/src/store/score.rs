@@ -37,6 +37,8 @@ struct RunRow {
     modality_scale: Option<String>,
     extends: Option<String>,
     quantiles: Vec<u8>,
+    feature_scale: String,
+    yardstick: String,
 }
 
 impl RunRow {
@@ -49,6 +51,8 @@ impl RunRow {
             snapshot_id: row::id("score_runs.snapshot_id", self.snapshot_id)?,
             scorer: self.scorer,
             similarity: self.similarity,
+            feature_scale: self.feature_scale,
+            yardstick: self.yardstick,
             modality_scale: self
                 .modality_scale
                 .map(|scale| row::json("score_runs.modality_scale", &scale))
@@ -102,8 +106,8 @@ pub(super) async fn insert_run(
 ) -> Result<()> {
     sqlx::query(
         "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, similarity, normaliser, lo, hi, \
-         expert_ids, created_at, scorer, modality_scale, extends, quantiles) \
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+         expert_ids, created_at, scorer, modality_scale, extends, quantiles, feature_scale, yardstick) \
+         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(run.id.as_str())
     .bind(run.task_id.as_str())
@@ -120,6 +124,8 @@ pub(super) async fn insert_run(
     .bind(run.modality_scale.as_ref().map(row::to_json).transpose()?)
     .bind(run.extends.as_ref().map(|id| id.as_str()))
     .bind(pack(run.quantiles.iter().copied()))
+    .bind(&run.feature_scale)
+    .bind(&run.yardstick)
     .execute(&mut **tx)
     .await
     .map_err(fault("adding a score run"))?;

@@ -1,6 +1,8 @@
 //! A database of an earlier version is brought up to date with every row it had.
 
-#![allow(clippy::unwrap_used)]
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+use gleaner_learn::{FeatureScale, Yardstick};
 
 use super::*;
 use crate::domain::{
@@ -66,12 +68,16 @@ async fn rows_of_an_earlier_version_are_kept() {
     let broken: Vec<(String,)> =
         sqlx::query_as("select \"table\" from pragma_foreign_key_check").fetch_all(store.read()).await.unwrap();
     assert!(broken.is_empty(), "{broken:?}");
-    assert!(matches!(store.job(&job).await.unwrap().spec, JobSpec::Score { extends: None, .. }));
+    let JobSpec::Score { extends: None, spec: score, .. } = store.job(&job).await.unwrap().spec else {
+        panic!("not score")
+    };
+    assert_eq!((score.feature_scale, score.yardstick), (FeatureScale::Plain, Yardstick::None), "as it was made");
     let train = store.job(&second).await.unwrap();
     assert_eq!((train.needs, train.key.as_str()), (vec![job], ""));
     assert!(matches!(train.spec, JobSpec::Train { encoder_id: Some(_), ref spec, .. } if spec.lambda == 0.3));
     let read = store.score_run(&run).await.unwrap();
     assert_eq!((read.scorer.as_str(), read.extends, read.quantiles.len()), ("ssdf", None, 0));
+    assert_eq!((read.feature_scale.as_str(), read.yardstick.as_str()), ("plain", "none"));
     assert_eq!(store.dataset(&dataset).await.unwrap().selection, Selection::Beta(0.5));
     assert!(store.policy(&policy).await.unwrap().encoder_id.is_some());
     assert_eq!(store.deployment("arm@prod").await.unwrap().policy_id(), Some(&policy));

@@ -74,6 +74,8 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         snapshot_id,
         scorer,
         similarity,
+        feature_scale,
+        yardstick,
         modality_scale,
         normaliser,
         lo,
@@ -100,6 +102,8 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         scorer,
         modality_scale: modality_scale.map(order::modality_scale_to_proto),
         extends: extends.map(String::from).unwrap_or_default(),
+        feature_scale,
+        yardstick,
     }
 }
 

@@ -103,6 +103,8 @@ pub(crate) async fn run_of(
         snapshot_id: encoder.snapshot_id.clone(),
         scorer: "ssdf".into(),
         similarity: "last_l2".into(),
+        feature_scale: "whitened".into(),
+        yardstick: "local".into(),
         modality_scale: Some([1.0, 0.5, 1.0]),
         normaliser: "minmax".into(),
         lo: -2.0,

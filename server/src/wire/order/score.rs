@@ -1,6 +1,6 @@
 //! Scoring on the wire.
 
-use gleaner_learn::{NormaliserKind, ScoreSpec, Scorer, Similarity};
+use gleaner_learn::{FeatureScale, NormaliserKind, ScoreSpec, Scorer, Similarity, Yardstick};
 use gleaner_proto::v1;
 
 use super::settings::{device_from, device_to, optional_snapshot, refused, unknown};
@@ -50,6 +50,8 @@ fn settings_from(at: &str, spec: &v1::ScoreSpec) -> Result<ScoreSpec> {
         normaliser,
         modality_scale,
         seed,
+        feature_scale,
+        yardstick,
     } = spec;
     let spec = ScoreSpec {
         scorer: match v1::Scorer::try_from(*scorer) {
@@ -64,6 +66,16 @@ fn settings_from(at: &str, spec: &v1::ScoreSpec) -> Result<ScoreSpec> {
             Ok(v1::Similarity::SegmentL2) => Similarity::SegmentL2,
             Ok(v1::Similarity::SegmentCosine) => Similarity::SegmentCosine,
             Err(_) => return Err(unknown(at, "similarity")),
+        },
+        feature_scale: match v1::FeatureScale::try_from(*feature_scale) {
+            Ok(v1::FeatureScale::Unspecified | v1::FeatureScale::Whitened) => FeatureScale::Whitened,
+            Ok(v1::FeatureScale::Plain) => FeatureScale::Plain,
+            Err(_) => return Err(unknown(at, "feature_scale")),
+        },
+        yardstick: match v1::Yardstick::try_from(*yardstick) {
+            Ok(v1::Yardstick::Unspecified | v1::Yardstick::Local) => Yardstick::Local,
+            Ok(v1::Yardstick::None) => Yardstick::None,
+            Err(_) => return Err(unknown(at, "yardstick")),
         },
         normaliser: match v1::Normaliser::try_from(*normaliser) {
             Ok(v1::Normaliser::Unspecified | v1::Normaliser::Minmax) => NormaliserKind::MinMax,
@@ -93,7 +105,17 @@ fn named(error: Error, at: &str) -> Error {
 
 /// The settings, without what is scored.
 pub(super) fn to_proto(spec: ScoreSpec) -> v1::ScoreSpec {
-    let ScoreSpec { scorer, similarity, normaliser, modality_scale, seed, device, threads: _ } = spec;
+    let ScoreSpec {
+        scorer,
+        similarity,
+        feature_scale,
+        yardstick,
+        normaliser,
+        modality_scale,
+        seed,
+        device,
+        threads: _,
+    } = spec;
     v1::ScoreSpec {
         device: device_to(device),
         scorer: match scorer {
@@ -113,6 +135,14 @@ pub(super) fn to_proto(spec: ScoreSpec) -> v1::ScoreSpec {
         },
         modality_scale: modality_scale.map(modality_scale_to_proto),
         seed,
+        feature_scale: match feature_scale {
+            FeatureScale::Whitened => v1::FeatureScale::Whitened.into(),
+            FeatureScale::Plain => v1::FeatureScale::Plain.into(),
+        },
+        yardstick: match yardstick {
+            Yardstick::Local => v1::Yardstick::Local.into(),
+            Yardstick::None => v1::Yardstick::None.into(),
+        },
         encoder_id: String::new(),
         snapshot_id: String::new(),
         extends: String::new(),

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::panic)]
 
 use gleaner_learn::{
-    ActSpec, Augmentation, Device, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset, PretrainSpec,
-    ScoreSpec, Scorer, Similarity, TrainSpec,
+    ActSpec, Augmentation, Device, FeatureScale, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
+    PretrainSpec, ScoreSpec, Scorer, Similarity, TrainSpec, Yardstick,
 };
 
 use super::*;
@@ -96,6 +96,8 @@ fn a_complete_spec_survives_the_wire() {
     let score = ScoreSpec {
         scorer: Scorer::Raw,
         similarity: Similarity::SegmentCosine,
+        feature_scale: FeatureScale::Plain,
+        yardstick: Yardstick::None,
         normaliser: NormaliserKind::Quantile,
         modality_scale: Some([0.0, 2.0, 0.5]),
         seed: 4,
@@ -193,6 +195,8 @@ fn a_wrong_field_is_named_by_its_path() {
         (score(|spec| spec.scorer = 9), "spec.score.scorer: "),
         (score(|spec| spec.similarity = 9), "spec.score.similarity: "),
         (score(|spec| spec.normaliser = 9), "spec.score.normaliser: "),
+        (score(|spec| spec.feature_scale = 9), "spec.score.feature_scale: "),
+        (score(|spec| spec.yardstick = 9), "spec.score.yardstick: "),
         (score(|spec| spec.extends = "enc_7".into()), "spec.score.extends: "),
         (
             score(|spec| spec.modality_scale = Some(v1::ModalityScale { action: -1.0, ..Default::default() })),
