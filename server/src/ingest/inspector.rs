@@ -94,6 +94,8 @@ impl Inspector {
             .args(first)
             .env_clear()
             .envs(worker_environment())
+            // Naming a panic's frames takes more memory than the child has, and it may then hang instead of ending.
+            .env("RUST_BACKTRACE", "0")
             .arg("--recording")
             .arg(recording)
             .arg("--spec")
