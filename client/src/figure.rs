@@ -5,6 +5,7 @@
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{IntoSegmentedCoord as _, SegmentValue};
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::failure::{Failure, Result};
 
@@ -51,7 +52,15 @@ pub(crate) fn spread(bins: &[[u32; 2]]) -> Result<String> {
             .y_label_area_size(60)
             .build_cartesian_2d(0.0..1.0, 0.0..f64::from(most) * 1.05)
             .map_err(failed)?;
-        chart.configure_mesh().disable_x_mesh().x_desc("q").y_desc("segments").draw().map_err(failed)?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .light_line_style(TRANSPARENT)
+            .x_desc("q")
+            .y_desc("segments")
+            .y_label_formatter(&|count| tick(*count, f64::from(most)))
+            .draw()
+            .map_err(failed)?;
         let width = 1.0 / f64::from(u32::try_from(bins.len()).unwrap_or(u32::MAX).max(1));
         let parts = (0_u32..).zip(bins).flat_map(|(bin, &[good, bad])| {
             let (left, right) = (f64::from(bin) * width, f64::from(bin + 1) * width - 0.004);
@@ -100,9 +109,11 @@ fn panel(canvas: &Canvas<'_>, title: &str, axis: Axis<'_>, values: &[Bar]) -> Re
     chart
         .configure_mesh()
         .disable_x_mesh()
+        .light_line_style(TRANSPARENT)
         .x_labels(values.len())
         .x_label_formatter(&name)
         .y_desc(axis.name)
+        .y_label_formatter(&|value| tick(*value, axis.high))
         .draw()
         .map_err(failed)?;
     let columns = values.iter().enumerate().map(|(index, bar)| (index, bar.value));
@@ -114,7 +125,18 @@ fn panel(canvas: &Canvas<'_>, title: &str, axis: Axis<'_>, values: &[Bar]) -> Re
         Some(ErrorBar::new_vertical(SegmentValue::CenterOf(index), low, bar.value, high, BLACK.filled(), 8))
     });
     chart.draw_series(whiskers).map_err(failed)?;
+    // What has no interval is a count, and small ones could not be told from nothing.
+    let counts = values.iter().enumerate().filter(|(_, bar)| bar.interval.is_none()).map(|(index, bar)| {
+        let style = ("sans-serif", 12).into_font().color(&BLACK).pos(Pos::new(HPos::Center, VPos::Bottom));
+        Text::new(format!("{:.0}", bar.value), (SegmentValue::CenterOf(index), bar.value), style)
+    });
+    chart.draw_series(counts).map_err(failed)?;
     Ok(())
+}
+
+// Whole numbers where that is exact enough.
+fn tick(value: f64, high: f64) -> String {
+    if high >= 10.0 { format!("{value:.0}") } else { format!("{value:.1}") }
 }
 
 /// Lines with whiskers and a legend.
@@ -127,7 +149,15 @@ pub(crate) fn lines(title: &str, x: Axis<'_>, y: Axis<'_>, series: &[Line]) -> R
             .y_label_area_size(70)
             .build_cartesian_2d(x.low..x.high, y.low..y.high)
             .map_err(failed)?;
-        chart.configure_mesh().x_desc(x.name).y_desc(y.name).draw().map_err(failed)?;
+        chart
+            .configure_mesh()
+            .light_line_style(TRANSPARENT)
+            .x_desc(x.name)
+            .y_desc(y.name)
+            .x_label_formatter(&|value| tick(*value, x.high))
+            .y_label_formatter(&|value| tick(*value, y.high))
+            .draw()
+            .map_err(failed)?;
         for (line, color) in series.iter().zip(LINES.into_iter().cycle()) {
             let path = line.points.iter().map(|(x, y, _)| (*x, *y));
             chart

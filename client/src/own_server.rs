@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
-use gleaner_client::ClientError;
-use rustix::process::{Pid, Signal, kill_process};
+use gleaner_client::{Client, ClientError};
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, BufReader, Lines};
 use tokio::process::{Child, ChildStdout, Command};
 
@@ -21,10 +22,42 @@ pub(crate) struct ServerProcess {
     url: String,
 }
 
+/// Where a server of one's own listens, as noted in a file beside its data: should we be killed, the next run finds
+/// the server that is left behind instead of starting a second one on the same data.
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct Address {
+    pub(crate) url: String,
+    pid: i32,
+}
+
+impl Address {
+    /// The server that a note names, if it is still there.
+    pub(crate) async fn left_behind(note: &Path) -> Option<(Self, Client)> {
+        let noted: Self = serde_json::from_slice(&std::fs::read(note).ok()?).ok()?;
+        test_kill_process(Pid::from_raw(noted.pid)?).ok()?;
+        let client = Client::connect(&noted.url, None).await.ok()?;
+        Some((noted, client))
+    }
+
+    pub(crate) fn note(&self, note: &Path) -> Result<()> {
+        let text = serde_json::to_vec(self).map_err(|error| Failure::told(error.to_string()))?;
+        Ok(std::fs::write(note, text).map_err(ClientError::io(note))?)
+    }
+
+    /// Asks the server to end; it does so by itself.
+    pub(crate) fn ask_to_stop(&self) {
+        if let Some(pid) = Pid::from_raw(self.pid) {
+            // It may have ended by itself meanwhile.
+            let _ = kill_process(pid, Signal::TERM);
+        }
+    }
+}
+
 impl ServerProcess {
     /// Starts `binary serve` on a data folder and waits until it listens. Its log goes to a file.
     pub(crate) async fn start(binary: &Path, data: &Path, log: &Path) -> Result<Self> {
-        let log_file = std::fs::File::create(log).map_err(ClientError::io(log))?;
+        // What an earlier server wrote stays; it may still be at it.
+        let log_file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
         let mut child = Command::new(binary)
             .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
             .arg(data)
@@ -52,13 +85,15 @@ impl ServerProcess {
         &self.url
     }
 
+    /// What a later run needs to find it again.
+    pub(crate) fn address(&self) -> Address {
+        let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).unwrap_or_default();
+        Address { url: self.url.clone(), pid }
+    }
+
     /// Asks the server to end, and ends it when it does not.
     pub(crate) async fn stop(mut self) -> Result<()> {
-        let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).and_then(Pid::from_raw);
-        if let Some(pid) = pid {
-            // It may have ended by itself meanwhile.
-            let _ = kill_process(pid, Signal::TERM);
-        }
+        self.address().ask_to_stop();
         match tokio::time::timeout(STOP_PATIENCE, self.child.wait()).await {
             Ok(ended) => well(ended?),
             Err(_) => {
@@ -113,6 +148,10 @@ mod tests {
             "trap 'echo bye >&2; exit 0' TERM\necho listening on http://127.0.0.1:9\nwhile :; do sleep 0.02; done";
         let server = ServerProcess::start(&script(folder.path(), body), folder.path(), &log).await.unwrap();
         assert_eq!(server.url(), "http://127.0.0.1:9");
+        // There, but nobody answers: not a server to go on with.
+        let note = folder.path().join("note");
+        server.address().note(&note).unwrap();
+        assert!(Address::left_behind(&note).await.is_none());
         server.stop().await.unwrap();
         assert_eq!(std::fs::read_to_string(&log).unwrap(), "bye\n");
 

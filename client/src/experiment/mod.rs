@@ -31,7 +31,7 @@ use serde_json::{Value, json};
 use crate::choice::DeviceWord;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-use crate::own_server::ServerProcess;
+use crate::own_server::{Address, ServerProcess};
 use file::Experiment;
 use gather::Gatherer;
 use recordings::Recordings;
@@ -42,6 +42,7 @@ use submit::Submitter;
 
 const DATA: &str = "data";
 const RECORDINGS: &str = "recordings";
+const ADDRESS: &str = "server.json";
 
 #[derive(Args, Debug)]
 pub(crate) struct ExperimentArgs {
@@ -123,17 +124,30 @@ struct Work<'a> {
 impl Work<'_> {
     // On a server that is started for it and stopped however it ends; its data stay.
     async fn on_own_server(&self, binary: &Path, command: String) -> Result<Report> {
-        let log = self.out.join("server.log");
+        let (log, note) = (self.out.join("server.log"), self.out.join(ADDRESS));
+        if let Some((left, client)) = Address::left_behind(&note).await {
+            self.context.output.note(format_args!("the server of an earlier run is still there, at {}", left.url));
+            let report = self.unless_interrupted(&client, command).await;
+            left.ask_to_stop();
+            return report;
+        }
         let server = ServerProcess::start(binary, &self.out.join(DATA), &log).await?;
+        server.address().note(&note)?;
         self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
-        let work = async { self.on(&Client::connect(server.url(), None).await?, command).await };
-        let report = tokio::select! {
-            report = work => report,
-            () = interrupted() => Err(Failure::told("interrupted; the same command goes on from here")),
+        let report = match Client::connect(server.url(), None).await {
+            Ok(client) => self.unless_interrupted(&client, command).await,
+            Err(error) => Err(error.into()),
         };
         let stopped = server.stop().await;
         let report = report?;
         stopped.map(|()| report)
+    }
+
+    async fn unless_interrupted(&self, client: &Client, command: String) -> Result<Report> {
+        tokio::select! {
+            report = self.on(client, command) => report,
+            () = interrupted() => Err(Failure::told("interrupted; the same command goes on from here")),
+        }
     }
 
     async fn on(&self, client: &Client, command: String) -> Result<Report> {

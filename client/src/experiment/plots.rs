@@ -51,7 +51,7 @@ fn main_plot(report: &Report, study: &StudyReport) -> Result<String> {
             };
             let kept: Vec<Bar> = succeeded.iter().map(kept).collect();
             let most = kept.iter().map(|bar| bar.value).fold(1.0, f64::max);
-            let axis = Axis { name: "reserved segments", low: 0.0, high: most * 1.05 };
+            let axis = Axis { name: "reserved segments", low: 0.0, high: most * 1.2 };
             two_panels(&study.name, (SUCCESS, &success), (axis, &kept))
         }
         TableKind::Quantity => {

@@ -16,7 +16,8 @@ use crate::quality::Mark;
 
 // Written last: beside it, recordings are complete.
 const COMPLETE: &str = "complete";
-const PARALLEL_UPLOADS: usize = 4;
+// One after the other, so that episodes have the same order on every server: what is learned depends on it.
+const PARALLEL_UPLOADS: usize = 1;
 
 /// One recording's row of the marks.
 #[derive(Clone, Debug, Deserialize)]

@@ -33,24 +33,35 @@ pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
     row("of which good (precision), %", &|cell| cell.pooled.precision.map(percent));
     row("of the good kept (recall), %", &|cell| cell.pooled.recall.map(percent));
     row("AUROC of q", &|cell| cell.auroc().map(|auroc| three(auroc.mean)));
-    transposed(study, &rows)
+    let labels: Vec<&str> = study.cells.iter().map(|cell| cell.label.as_str()).collect();
+    transposed(&labels, &rows)
 }
 
-/// AUROC by cohort, when any cell has scores.
+/// AUROC by cohort, when any cell has scores. Cells with the same scores (at other β, say) are one column.
 pub(crate) fn auroc(study: &StudyReport) -> Option<String> {
+    let mut columns: Vec<(String, &[PooledAuroc])> = Vec::new();
+    for cell in study.cells.iter().filter(|cell| !cell.pooled.auroc.is_empty()) {
+        match columns.iter_mut().find(|column| column.1 == cell.pooled.auroc) {
+            Some(column) => column.0 = format!("{}, {}", column.0, cell.label),
+            None => columns.push((cell.label.clone(), &cell.pooled.auroc)),
+        }
+    }
     let mut cohorts: Vec<&str> = Vec::new();
-    for pooled in study.cells.iter().flat_map(|cell| &cell.pooled.auroc) {
+    for pooled in columns.iter().flat_map(|column| column.1) {
         if !cohorts.contains(&pooled.cohort.as_str()) {
             cohorts.push(&pooled.cohort);
         }
     }
-    let value = |cell: &CellReport, cohort: &str| {
-        let found = cell.pooled.auroc.iter().find(|auroc| auroc.cohort == cohort);
+    let value = |column: &[PooledAuroc], cohort: &str| {
+        let found = column.iter().find(|auroc| auroc.cohort == cohort);
         found.map_or_else(|| GAP.to_owned(), with_interval)
     };
-    let rows: Vec<(&str, Vec<String>)> =
-        cohorts.iter().map(|cohort| (*cohort, study.cells.iter().map(|cell| value(cell, cohort)).collect())).collect();
-    (!rows.is_empty()).then(|| transposed(study, &rows))
+    let rows: Vec<(&str, Vec<String>)> = cohorts
+        .iter()
+        .map(|cohort| (*cohort, columns.iter().map(|column| value(column.1, cohort)).collect()))
+        .collect();
+    let labels: Vec<&str> = columns.iter().map(|column| column.0.as_str()).collect();
+    (!rows.is_empty()).then(|| transposed(&labels, &rows))
 }
 
 /// One line for each cell and seed.
@@ -103,8 +114,7 @@ pub(crate) fn behaviour(report: &Report, cell: &CellReport) -> Option<f64> {
     (episodes > 0).then_some(share)
 }
 
-fn transposed(study: &StudyReport, rows: &[(&str, Vec<String>)]) -> String {
-    let labels: Vec<&str> = study.cells.iter().map(|cell| cell.label.as_str()).collect();
+fn transposed(labels: &[&str], rows: &[(&str, Vec<String>)]) -> String {
     let mut text = format!("| | {} |\n|---|{}\n", labels.join(" | "), "---:|".repeat(labels.len()));
     for (name, values) in rows {
         text.push_str(&format!("| {name} | {} |\n", values.join(" | ")));
@@ -151,6 +161,16 @@ mod tests {
         let text = summary(&report(), &study(TableKind::Objectives, cells));
         let lines: Vec<&str> = text.lines().collect();
         assert_eq!(lines[2..6], ["| MTP | ✓ | ✓ |", "| TR |  |  |", "| AA |  | ✓ |", "| success, % | 50.0 | 60.0 |"]);
+    }
+
+    #[test]
+    fn cells_with_the_same_scores_are_one_column() {
+        let scored =
+            |label: &str, auroc_of: u64| cell(label, CellSettings::default(), vec![seed(auroc_of, Some(5), Some(3))]);
+        let cells = vec![scored("0.5", 0), scored("0.9", 0), scored("other", 1)];
+        let text = auroc(&study(TableKind::Beta, cells)).unwrap();
+        assert!(text.starts_with("| | 0.5, 0.9 | other |\n"), "{text}");
+        assert_eq!(auroc(&study(TableKind::Beta, Vec::new())), None);
     }
 
     #[test]
