@@ -65,7 +65,7 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
                 expert_ids,
                 created_at,
             };
-            Ok(JobResult::Scores(run, episodes))
+            Ok(JobResult::Scores(Box::new(run), episodes))
         }
         (JobSpec::Train { encoder_id, dataset_id, .. }, Made::Policy { checkpoint, kind }) => {
             Ok(JobResult::Policy(Policy {

@@ -20,7 +20,7 @@ pub(crate) enum JobResult {
     /// Of pretraining.
     Encoder(Encoder),
     /// Of scoring, with the episodes' scores in the snapshot's order.
-    Scores(ScoreRun, Vec<EpisodeScores>),
+    Scores(Box<ScoreRun>, Vec<EpisodeScores>),
     /// Of training.
     Policy(Policy),
     /// Of exporting.
