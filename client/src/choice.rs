@@ -68,6 +68,26 @@ choice! {
     SimilarityWord => Similarity { #[default] LastL2, LastCosine, SegmentL2, SegmentCosine }
 }
 choice! {
+    /// What features are measured in before they are compared.
+    FeatureScaleWord => FeatureScale {
+        /// Every direction by how much it varies over the pretraining data.
+        #[default]
+        Whitened,
+        /// As the transformer gives them.
+        Plain,
+    }
+}
+choice! {
+    /// What a similarity is measured against before it is normalised.
+    YardstickWord => Yardstick {
+        /// How near experts are to one another around the match.
+        #[default]
+        Local,
+        /// Nothing.
+        None,
+    }
+}
+choice! {
     /// How similarities become qualities in [0, 1].
     NormaliserWord => Normaliser {
         /// The smallest and largest similarity become 0 and 1.

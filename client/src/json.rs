@@ -155,6 +155,7 @@ mod tests {
                 "spec": {"score": {
                     "encoder_id": "enc_1", "snapshot_id": "", "device": null, "scorer": null, "similarity": null,
                     "normaliser": null, "modality_scale": null, "extends": "", "seed": 0,
+                    "feature_scale": null, "yardstick": null,
                 }},
                 "done": 1_u64 << 60, "total": 0, "message": "", "error": "", "result_id": "", "needs": [],
                 "attempt": 0, "max_attempts": 0, "create_time": "1970-01-01T00:00:00.5Z",

@@ -122,12 +122,30 @@ pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
+/// Keeps q > β. As on the server both are compared in the precision of q, so that a q equal to β is never kept for
+/// how β is rounded.
+#[expect(clippy::cast_possible_truncation, reason = "rounded on purpose; β is in [0, 1]")]
+pub(crate) fn above(beta: f64) -> impl Fn(f32, f64) -> bool {
+    move |q, _| q > beta as f32
+}
+
+/// Keeps so many steps, those of highest q, of equal ones those of highest w; and what ties with the last of them.
+pub(crate) fn best(episodes: &[MarkedEpisode], count: usize) -> impl Fn(f32, f64) -> bool {
+    let scores = |episode: &MarkedEpisode| -> Vec<(f32, f64)> {
+        episode.q.iter().copied().zip(episode.w.iter().copied()).collect()
+    };
+    let mut ranked: Vec<(f32, f64)> = episodes.iter().flat_map(scores).collect();
+    ranked.sort_by(|one, two| two.0.total_cmp(&one.0).then(two.1.total_cmp(&one.1)));
+    let last = count.checked_sub(1).and_then(|index| ranked.get(index).copied());
+    move |q, w| last.is_some_and(|(lowest_q, lowest_w)| q > lowest_q || (q == lowest_q && w >= lowest_w))
+}
+
 /// What a rule on (q, w) of a step keeps, and how good that is.
 #[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
-pub(crate) fn select(episodes: &[MarkedEpisode], keeps: impl Fn(f64, f64) -> bool) -> Selected {
+pub(crate) fn select(episodes: &[MarkedEpisode], keeps: impl Fn(f32, f64) -> bool) -> Selected {
     let good: Vec<bool> = episodes.iter().flat_map(MarkedEpisode::steps).map(|step| step.1).collect();
     let scores = episodes.iter().flat_map(|episode| episode.q.iter().zip(&episode.w));
-    let kept: Vec<bool> = scores.map(|(q, w)| keeps(f64::from(*q), *w)).collect();
+    let kept: Vec<bool> = scores.map(|(q, w)| keeps(*q, *w)).collect();
     let (precision, recall) = precision_recall(&kept, &good);
     let count = kept.iter().filter(|kept| **kept).count();
     Selected { kept: count, of: good.len(), share: count as f64 / good.len().max(1) as f64, precision, recall }
@@ -191,13 +209,15 @@ mod tests {
 
     #[test]
     fn a_selection_keeps_what_its_rule_says() {
-        let above = |beta: f64| select(&episodes(), |q, _| q > beta);
-        let half = above(0.5);
+        let half = select(&episodes(), above(0.5));
         assert_eq!((half.kept, half.of, half.precision, half.recall), (3, 7, Some(2.0 / 3.0), Some(0.5)));
         assert!((half.share - 3.0 / 7.0).abs() < 1e-12);
-        let nothing = above(1.0);
+        let nothing = select(&episodes(), above(1.0));
         assert_eq!((nothing.kept, nothing.precision, nothing.recall), (0, None, Some(0.0)));
-        assert_eq!(select(&episodes(), |_, w| w >= -0.25).kept, 3);
+        // 1, 0.75 and, with it, the other 0.75.
+        assert_eq!(select(&episodes(), best(&episodes(), 2)).kept, 3);
+        assert_eq!(select(&episodes(), best(&episodes(), 0)).kept, 0);
+        assert!(!above(0.6)(0.6, 0.0), "rounded as q is");
     }
 
     #[test]

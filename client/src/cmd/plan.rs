@@ -5,7 +5,10 @@ use gleaner_proto::v1::{
     ActSpec, Augmentation, ModalityScale, OptimSpec, PretrainSpec, RoleRule, ScoreSpec, TrainSpec,
 };
 
-use crate::choice::{DeviceWord, NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord};
+use crate::choice::{
+    DeviceWord, FeatureScaleWord, NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord,
+    YardstickWord,
+};
 
 /// Which episodes are experts and which are imperfect. By default success and failure decide.
 #[derive(Args, Clone, Debug)]
@@ -161,6 +164,12 @@ pub(crate) struct ScoringArgs {
     /// How similarities become qualities in [0, 1].
     #[arg(long, value_enum)]
     normaliser: Option<NormaliserWord>,
+    /// What features are measured in before they are compared.
+    #[arg(long, value_enum)]
+    feature_scale: Option<FeatureScaleWord>,
+    /// What similarities are measured against before they are normalised.
+    #[arg(long, value_enum)]
+    yardstick: Option<YardstickWord>,
     /// Factors of the distances of image, proprioception and action.
     #[arg(long, value_delimiter = ',', num_args = 1, value_name = "O,M,A", value_parser = scale_factor)]
     scale: Vec<f64>,
@@ -183,6 +192,8 @@ impl ScoringArgs {
             similarity: self.similarity.map(i32::from).unwrap_or_default(),
             normaliser: self.normaliser.map(i32::from).unwrap_or_default(),
             modality_scale,
+            feature_scale: self.feature_scale.map(i32::from).unwrap_or_default(),
+            yardstick: self.yardstick.map(i32::from).unwrap_or_default(),
             device: device.into(),
             seed,
             ..ScoreSpec::default()

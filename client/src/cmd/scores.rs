@@ -30,7 +30,7 @@ impl RunsArgs {
         let columns = [
             Left("ID"),
             Left("ENCODER"),
-            Left("SIMILARITY"),
+            Left("SCORED BY"),
             Right("IMPERFECT"),
             Right("SEGMENTS"),
             Right("EXPERT SEGMENTS"),
@@ -42,7 +42,7 @@ impl RunsArgs {
             [
                 run.id.clone(),
                 run.encoder_id.clone(),
-                run.similarity.clone(),
+                [&run.scorer, &run.similarity, &run.feature_scale, &run.yardstick].map(String::as_str).join(" "),
                 run.imperfect_episodes.to_string(),
                 run.imperfect_segments.to_string(),
                 run.expert_segments.to_string(),

@@ -66,7 +66,7 @@ pub(crate) struct ScoreCommand {
     #[arg(long)]
     task: Option<String>,
     /// Go on from a finished score run: only what is new is computed, and its normaliser stays.
-    #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale"])]
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale", "feature_scale", "yardstick"])]
     extends: Option<String>,
     #[command(flatten)]
     scoring: ScoringArgs,

@@ -19,7 +19,7 @@ use crate::cmd::{drive, follow, push, record, scores, what_if};
 use crate::context::Context;
 use crate::failure::{Failure, Result, present};
 use crate::output::terminal_width;
-use crate::quality::{Mark, MarkedEpisode, select, separations};
+use crate::quality::{Mark, MarkedEpisode, above, select, separations};
 use crate::words;
 
 /// What the demo found.
@@ -234,7 +234,7 @@ fn optim(steps: u32, batch: u32) -> OptimSpec {
 }
 
 fn threshold(episodes: &[MarkedEpisode], beta: f64) -> Threshold {
-    Threshold { beta, selected: select(episodes, |q, _| q > beta) }
+    Threshold { beta, selected: select(episodes, above(beta)) }
 }
 
 fn recorded_counts(recorded: &[RecordedEpisode]) -> Vec<RecordedCount> {

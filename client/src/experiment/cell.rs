@@ -5,7 +5,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::choice::{NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord};
+use crate::choice::{
+    FeatureScaleWord, NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord, YardstickWord,
+};
 
 /// A method by the paper's name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -75,6 +77,8 @@ pub(crate) struct CellSettings {
     pub(crate) pretrain: OptimSettings,
     pub(crate) scorer: ScorerWord,
     pub(crate) similarity: SimilarityWord,
+    pub(crate) feature_scale: FeatureScaleWord,
+    pub(crate) yardstick: YardstickWord,
     pub(crate) normaliser: NormaliserWord,
     /// Factors of the distances of image, proprioception and action.
     pub(crate) scale: Option<[f64; 3]>,
@@ -108,6 +112,8 @@ impl Default for CellSettings {
             pretrain: OptimSettings::default(),
             scorer: ScorerWord::default(),
             similarity: SimilarityWord::default(),
+            feature_scale: FeatureScaleWord::default(),
+            yardstick: YardstickWord::default(),
             normaliser: NormaliserWord::default(),
             scale: None,
             beta: 0.9,

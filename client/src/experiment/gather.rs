@@ -19,7 +19,7 @@ use super::stage::{Chain, Graph, Selection};
 use super::study::Cell;
 use super::submit::{Made, Submitted};
 use crate::failure::{Result, present};
-use crate::quality::{MarkedEpisode, Selected, Separation, histogram, select, separations};
+use crate::quality::{MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
 use crate::words;
 
 // Requests under way at the same time.
@@ -148,7 +148,7 @@ impl<'a> Gatherer<'a> {
 
     async fn selected(&self, run: &Run, run_id: &str, cell: &Cell) -> Result<Selected> {
         let Some(top) = cell.settings.top else {
-            return Ok(select(&run.episodes, |q, _| q > cell.settings.beta));
+            return Ok(select(&run.episodes, above(cell.settings.beta)));
         };
         let request = CountKeptRequest {
             score_run_id: run_id.to_owned(),
@@ -156,8 +156,8 @@ impl<'a> Gatherer<'a> {
             per_episode: false,
         };
         let counts = self.client.scores().count_kept(request).await?.into_inner().counts;
-        let threshold = present(counts.first(), "a count")?.threshold;
-        Ok(select(&run.episodes, |_, w| w >= threshold))
+        let kept = present(counts.first().and_then(|count| count.total.as_ref()), "a count")?.segments;
+        Ok(select(&run.episodes, best(&run.episodes, usize::try_from(kept).unwrap_or(usize::MAX))))
     }
 
     // What a stage made, or why it did not.

@@ -37,20 +37,24 @@ pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: Devic
                 ..PretrainSpec::default()
             }))
         }
-        Work::Score { scorer, similarity, normaliser, scale, seed } => Some(Spec::Score(ScoreSpec {
-            encoder_id: input.id.to_owned(),
-            device: device.into(),
-            scorer: (*scorer).into(),
-            similarity: (*similarity).into(),
-            normaliser: (*normaliser).into(),
-            modality_scale: scale.map(|[image, proprioception, action]| ModalityScale {
-                image,
-                proprioception,
-                action,
-            }),
-            seed: *seed,
-            ..ScoreSpec::default()
-        })),
+        Work::Score { scorer, similarity, feature_scale, yardstick, normaliser, scale, seed } => {
+            Some(Spec::Score(ScoreSpec {
+                encoder_id: input.id.to_owned(),
+                device: device.into(),
+                scorer: (*scorer).into(),
+                similarity: (*similarity).into(),
+                feature_scale: (*feature_scale).into(),
+                yardstick: (*yardstick).into(),
+                normaliser: (*normaliser).into(),
+                modality_scale: scale.map(|[image, proprioception, action]| ModalityScale {
+                    image,
+                    proprioception,
+                    action,
+                }),
+                seed: *seed,
+                ..ScoreSpec::default()
+            }))
+        }
         Work::Train { .. } => Some(Spec::Train(training(work, input, device))),
         Work::Evaluate { episodes, max_steps, seed } => Some(Spec::Evaluate(EvaluateSpec {
             subject: Some(Subject::PolicyId(input.id.to_owned())),

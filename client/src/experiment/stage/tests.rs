@@ -1,0 +1,71 @@
+//! What cells share, and that keys stay.
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+
+const DATA: &str = "name = \"x\"\ntask = \"pick_cube\"\n[data]\nexperts = 3\n\
+                    cohorts = [{ agent = \"noise:1\", count = 2 }]\n";
+
+fn graph(studies: &str) -> Graph {
+    Graph::new(&Experiment::parse(&format!("{DATA}{studies}")).unwrap(), DeviceWord::Cpu)
+}
+
+fn counts(graph: &Graph) -> Vec<(&'static str, usize)> {
+    let kinds = ["snapshot", "pretrain", "score", "dataset", "train", "evaluate"];
+    kinds.map(|kind| (kind, graph.stages.iter().filter(|stage| stage.work.kind() == kind).count())).into()
+}
+
+#[test]
+fn cells_share_the_stages_that_are_the_same() {
+    let beta = graph("[[study]]\ntable = \"beta\"\n");
+    let expected = [("snapshot", 1), ("pretrain", 3), ("score", 3), ("dataset", 21), ("train", 21), ("evaluate", 21)];
+    assert_eq!(counts(&beta), expected);
+    // All six methods: what starts from scratch on experts needs no encoder, the rest has one in common.
+    let methods = graph("[base]\nseeds = [0]\n[[study]]\ntable = \"methods\"\n");
+    let expected = [("snapshot", 1), ("pretrain", 1), ("score", 1), ("dataset", 1), ("train", 6), ("evaluate", 6)];
+    assert_eq!(counts(&methods), expected);
+    // A second study whose one cell is in the first adds nothing.
+    let both = graph(
+        "[base]\nseeds = [0]\n[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"cells\"\ncells = [{ label = \"ssdf\" }]\n",
+    );
+    assert_eq!(counts(&both), expected);
+    assert_eq!(both.chains[0][3], both.chains[1][0]);
+}
+
+#[test]
+fn a_stage_is_after_what_it_works_on() {
+    let graph = graph("[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"scoring\"\n");
+    for (index, stage) in graph.stages.iter().enumerate() {
+        assert!(stage.input.is_none_or(|input| input < index));
+    }
+    let scoring = &graph.chains[1][1][0];
+    assert!(scoring.score.is_some() && scoring.evaluation.is_none());
+}
+
+#[test]
+fn keys_stay_from_run_to_run_and_change_with_what_matters() {
+    let keys = |studies: &str, device| {
+        let graph = Graph::new(&Experiment::parse(&format!("{DATA}{studies}")).unwrap(), device);
+        graph.stages.into_iter().map(|stage| stage.key).collect::<Vec<_>>()
+    };
+    let study = "[[study]]\ntable = \"cells\"\ncells = [{ label = \"a\" }]\n";
+    let plain = keys(&format!("[base]\nseeds = [0]\n{study}"), DeviceWord::Cpu);
+    assert_eq!(plain, keys(&format!("[base]\nseeds = [0]\n{study}"), DeviceWord::Cpu));
+    // λ matters to the training and what follows it alone.
+    let other = keys(&format!("[base]\nseeds = [0]\nlambda = 0.3\n{study}"), DeviceWord::Cpu);
+    let same: Vec<bool> = plain.iter().zip(&other).map(|(one, two)| one == two).collect();
+    assert_eq!(same, [true, true, true, true, false, false]);
+    assert!(plain.iter().all(|key| !keys(&format!("[base]\nseeds = [0]\n{study}"), DeviceWord::Cuda).contains(key)));
+}
+
+#[test]
+fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
+    let trains = |base: &str| {
+        let graph = graph(&format!(
+            "[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"cells\"\naxes = {{ method = [\"tf_bc\"] }}\n"
+        ));
+        graph.stages.last().unwrap().key.clone()
+    };
+    assert_eq!(trains("lambda = 0.1"), trains("lambda = 0.9\nbeta = 0.2\nsimilarity = \"last_cosine\""));
+    assert_ne!(trains("segment_length = 6"), trains("segment_length = 5"));
+}
