@@ -12,6 +12,8 @@ use super::{
 pub struct Member {
     /// The episode.
     pub episode_id: EpisodeId,
+    /// BLAKE3 of its recording, in hex: the same on every server.
+    pub recording: String,
     /// Its cohort.
     pub cohort: String,
     /// Its role.
@@ -21,8 +23,8 @@ pub struct Member {
 /// The members that the rule's limits leave in, in their own order.
 ///
 /// Each role's episodes stand in one fixed sequence: round and round over the cohorts by name, within a cohort in
-/// the order of a hash of (seed, episode). A limit takes the first of that sequence, so cohorts come evenly and a
-/// smaller limit gives a subset of what a larger one gives.
+/// the order of a hash of (seed, recording). A limit takes the first of that sequence, so cohorts come evenly, a
+/// smaller limit gives a subset of what a larger one gives, and the same recordings give the same on every server.
 pub fn limited(members: Vec<Member>, rule: &RoleRule) -> Vec<Member> {
     let experts = sequence(&members, Role::Expert, rule.seed);
     let experts = first(&experts, usize::try_from(rule.max_experts).unwrap_or(usize::MAX));
@@ -53,15 +55,15 @@ fn first<'a, 'b>(sequence: &'b [&'a EpisodeId], count: usize) -> &'b [&'a Episod
 }
 
 fn sequence(members: &[Member], role: Role, seed: u64) -> Vec<&EpisodeId> {
-    let mut cohorts: BTreeMap<&str, Vec<&EpisodeId>> = BTreeMap::new();
+    let mut cohorts: BTreeMap<&str, Vec<&Member>> = BTreeMap::new();
     for member in members.iter().filter(|member| member.role == role) {
-        cohorts.entry(&member.cohort).or_default().push(&member.episode_id);
+        cohorts.entry(&member.cohort).or_default().push(member);
     }
     let mut waiting: VecDeque<VecDeque<&EpisodeId>> = cohorts
         .into_values()
-        .map(|mut episodes| {
-            episodes.sort_by_cached_key(|id| *lot(seed, id).as_bytes());
-            episodes.into()
+        .map(|mut members| {
+            members.sort_by_cached_key(|member| *lot(seed, &member.recording).as_bytes());
+            members.into_iter().map(|member| &member.episode_id).collect()
         })
         .collect();
     let mut sequence = Vec::new();
@@ -74,9 +76,9 @@ fn sequence(members: &[Member], role: Role, seed: u64) -> Vec<&EpisodeId> {
     sequence
 }
 
-fn lot(seed: u64, episode: &EpisodeId) -> blake3::Hash {
+fn lot(seed: u64, recording: &str) -> blake3::Hash {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&seed.to_le_bytes()).update(episode.as_str().as_bytes());
+    hasher.update(&seed.to_le_bytes()).update(recording.as_bytes());
     hasher.finalize()
 }
 
@@ -86,7 +88,14 @@ mod tests {
 
     fn members() -> Vec<Member> {
         let of = |cohort: &str, role, count| {
-            (0..count).map(|_| Member { episode_id: EpisodeId::new(), cohort: cohort.into(), role }).collect::<Vec<_>>()
+            (0..count)
+                .map(|i| Member {
+                    episode_id: EpisodeId::new(),
+                    recording: format!("{cohort} {i}"),
+                    cohort: cohort.into(),
+                    role,
+                })
+                .collect::<Vec<_>>()
         };
         [
             of("expert", Role::Expert, 5),
@@ -99,6 +108,19 @@ mod tests {
 
     fn taken(members: &[Member], rule: &RoleRule, role: Role) -> Vec<Member> {
         limited(members.to_vec(), rule).into_iter().filter(|member| member.role == role).collect()
+    }
+
+    #[test]
+    fn another_server_takes_the_same_recordings() {
+        let rule = RoleRule { max_experts: 3, imperfect_per_expert: 2.0, ..RoleRule::default() };
+        let recordings = || {
+            let mut taken: Vec<_> = limited(members(), &rule).into_iter().map(|member| member.recording).collect();
+            taken.sort();
+            taken
+        };
+        // Every call has other episode ids.
+        assert_eq!(recordings(), recordings());
+        assert_eq!(recordings().len(), 9);
     }
 
     #[test]

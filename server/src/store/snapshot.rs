@@ -51,6 +51,7 @@ impl SnapshotRow {
 #[derive(sqlx::FromRow)]
 struct LabelledRow {
     id: String,
+    recording: String,
     outcome: String,
     cohort: String,
 }
@@ -159,12 +160,13 @@ async fn members_now(
     task: &TaskId,
     rule: &RoleRule,
 ) -> Result<Vec<(Member, Outcome)>> {
-    let rows =
-        sqlx::query_as::<_, LabelledRow>("select id, outcome, cohort from episodes where task_id = ? order by id")
-            .bind(task.as_str())
-            .fetch_all(&mut **tx)
-            .await
-            .map_err(fault("reading the task's episodes"))?;
+    let rows = sqlx::query_as::<_, LabelledRow>(
+        "select id, recording, outcome, cohort from episodes where task_id = ? order by id",
+    )
+    .bind(task.as_str())
+    .fetch_all(&mut **tx)
+    .await
+    .map_err(fault("reading the task's episodes"))?;
     let mut outcomes = HashMap::with_capacity(rows.len());
     let mut members = Vec::with_capacity(rows.len());
     for labelled in rows {
@@ -172,7 +174,7 @@ async fn members_now(
         if let Some(role) = rule.role(outcome, &labelled.cohort) {
             let episode_id: EpisodeId = row::id("episodes.id", labelled.id)?;
             outcomes.insert(episode_id.clone(), outcome);
-            members.push(Member { episode_id, cohort: labelled.cohort, role });
+            members.push(Member { episode_id, recording: labelled.recording, cohort: labelled.cohort, role });
         }
     }
     let members = limited(members, rule).into_iter();
