@@ -31,7 +31,7 @@
 //! | `expert` | none (100 / 100) | | | | | none |
 //! | `missed_grasp` | grasp point off by 3.2–4.8 cm × grade; carries on whatever it holds | 98 / 98 | 53 / 53 | 7 / 7 | 0 / 0 | 0.05 / 0.05 |
 //! | `early_release` | opens for good in the carry: in its first third at grade 1, later or not at all at lower grades | 80 / 84 | 58 / 66 | 23 / 37 | 6 / 0 | 0.29 / 0.26 |
-//! | `wrong_goal` | carries to 10–16 cm × grade² beside the place (stacking: sets it down there) | 100 / 100 | 56 / 10 | 0 / 0 | 0 / 0 | 0.22 / 0.22 |
+//! | `wrong_goal` | carries to 15–22 cm × grade^2.5 beside the place (stacking: sets it down there) | 100 / 100 | 56 / 8 | 0 / 0 | 0 / 0 | 0.22 / 0.22 |
 //! | `freeze` | from a random step moves at (1 − grade)² of the expert's speed | 100 / 100 | 77 / 64 | 15 / 14 | 0 / 1 | 0.19 / 0.20 |
 //! | `wander` | from a random step heads for random points, each 7 steps anew with the grade's chance | 92 / 91 | 66 / 72 | 36 / 42 | 0 / 0 | 0.18 / 0.20 |
 //! | `noise` | from a random step adds uniform noise of half-width 2.4 × grade to every delta | 91 / 90 | 30 / 40 | 3 / 18 | 0 / 8 | 0.12 / 0.13 |

@@ -14,7 +14,7 @@ use crate::world::{STEP_REACH, World};
 /// How far off a grasp point is at grade 1, in metres.
 const GRASP_OFF: std::ops::Range<f32> = 0.032..0.048;
 /// How far off a carry target is at grade 1, in metres.
-const GOAL_OFF: std::ops::Range<f32> = 0.10..0.16;
+const GOAL_OFF: std::ops::Range<f32> = 0.15..0.22;
 /// How far from the table's middle a wrong target may lie along either axis, in metres: within the hand's reach.
 const GOAL_REACH: f32 = 0.18;
 /// Steps that a wanderer heads for one point.
@@ -70,7 +70,7 @@ impl Fault {
                 aim.recovers = false;
             }
             AgentKind::WrongGoal => {
-                let off = random.random_range(GOAL_OFF) * grade * grade;
+                let off = random.random_range(GOAL_OFF) * grade.powf(2.5);
                 aim.goal_off = within_reach(rehearsal.place, heading * off);
             }
             AgentKind::EarlyRelease => {
