@@ -9,6 +9,7 @@ pub mod domain;
 pub mod error;
 pub mod ingest;
 pub mod jobs;
+pub mod lock;
 pub mod policies;
 pub mod service;
 pub mod shutdown;
@@ -24,6 +25,7 @@ use tokio::net::TcpListener;
 use crate::{
     config::ServeConfig,
     error::{Error, Result},
+    lock::DataLock,
     service::Rooms,
 };
 
@@ -41,10 +43,16 @@ pub async fn bind(address: SocketAddr) -> Result<TcpListener> {
 }
 
 /// Serves on `listener` until `stop` ends, then drains: open calls get a while, jobs are stopped to resume later.
+/// `_lock`, of the data directory, is held until the end.
 ///
 /// # Errors
 /// When the data directory, the database or the listener cannot be used.
-pub async fn run(config: ServeConfig, listener: TcpListener, stop: impl Future<Output = ()> + Send) -> Result<()> {
+pub async fn run(
+    config: ServeConfig,
+    _lock: DataLock,
+    listener: TcpListener,
+    stop: impl Future<Output = ()> + Send,
+) -> Result<()> {
     let address = listener.local_addr().map_err(|error| Error::internal("asking the address", error))?;
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
     let rooms = Rooms::open(config, address).await?;

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use gleaner_server::{
     config::{Cli, Command, ServeConfig},
+    lock::DataLock,
     telemetry,
 };
 
@@ -41,11 +42,13 @@ fn main() -> ExitCode {
 #[expect(clippy::print_stdout, reason = "scripts that start a server on port 0 read this line")]
 #[tokio::main]
 async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
+    // Before anything is said: who starts a server must not wait for one that will not serve.
+    let lock = DataLock::take(&config.data_dir)?;
     let listener = gleaner_server::bind(config.listen).await?;
     let address =
         listener.local_addr().map_err(|error| gleaner_server::error::Error::internal("asking the address", error))?;
     println!("listening on http://{address}");
-    gleaner_server::run(config, listener, async {
+    gleaner_server::run(config, lock, listener, async {
         if let Err(error) = gleaner_server::shutdown::requested().await {
             tracing::error!(%error, "cannot listen to signals");
         }

@@ -157,3 +157,22 @@ async fn a_stop_lets_a_running_job_resume_later() {
     let ended = api.watch(&job.id).await;
     assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "a stop burns no attempt");
 }
+
+/// Two servers on one folder would run the same jobs twice.
+#[tokio::test]
+async fn a_second_server_on_the_same_folder_says_so_and_ends() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let second = tokio::process::Command::new(env!("CARGO_BIN_EXE_gleaner-server-under-test"))
+        .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
+        .arg(server.data_dir())
+        .stdin(std::process::Stdio::null())
+        .kill_on_drop(true)
+        .output()
+        .await
+        .unwrap();
+    let said = String::from_utf8_lossy(&[second.stdout, second.stderr].concat()).into_owned();
+    assert!(!second.status.success() && said.contains(&server.data_dir().display().to_string()), "{said}");
+    assert!(!said.contains("listening"), "{said}");
+    // The first serves on.
+    Api::connect(&server).await.jobs.list_jobs(ListJobsRequest::default()).await.unwrap();
+}

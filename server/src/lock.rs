@@ -1,0 +1,65 @@
+//! One server for each data folder: two would both own its database, its uploads and its jobs.
+//!
+//! The lock is the system's, on an open file, so that nothing is left to clear away however a server ends.
+
+use std::{
+    fs::{self, File, OpenOptions, TryLockError},
+    path::Path,
+};
+
+use crate::error::{Error, Result};
+
+const FILE: &str = "lock";
+
+/// A data folder that is ours until this is dropped.
+#[derive(Debug)]
+pub struct DataLock {
+    _held: File,
+}
+
+impl DataLock {
+    /// Takes a data folder, which is made if missing.
+    ///
+    /// # Errors
+    /// Precondition when another server has it, or it cannot be used.
+    pub fn take(data_dir: &Path) -> Result<Self> {
+        let shown = data_dir.display();
+        let unusable =
+            |error: std::io::Error| Error::precondition(format!("cannot use the data folder {shown}: {error}"));
+        fs::create_dir_all(data_dir).map_err(unusable)?;
+        let path = data_dir.join(FILE);
+        let file = OpenOptions::new().create(true).write(true).truncate(false).open(&path).map_err(unusable)?;
+        match file.try_lock() {
+            Ok(()) => Ok(Self { _held: file }),
+            Err(TryLockError::WouldBlock) => Err(Error::precondition(format!(
+                "another gleaner-server uses the data folder {shown}; stop that one, or give this one another --data-dir"
+            ))),
+            Err(TryLockError::Error(error)) => Err(unusable(error)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_folder_has_one_server_at_a_time() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("lab");
+        let first = DataLock::take(&folder).unwrap();
+        let message = DataLock::take(&folder).unwrap_err().message().to_owned();
+        assert!(message.contains(&folder.display().to_string()) && message.contains("--data-dir"), "{message}");
+        DataLock::take(&dir.path().join("other")).unwrap();
+        drop(first);
+        DataLock::take(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_made_is_named() {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let message = DataLock::take(&file.path().join("lab")).unwrap_err().message().to_owned();
+        assert!(message.contains("lab"), "{message}");
+    }
+}
