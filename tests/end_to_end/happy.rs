@@ -149,6 +149,7 @@ async fn a_chain_is_submitted_at_once_and_runs_in_order() {
         pretrain: Some(pretrain),
         score: true,
         beta: Some(0.5),
+        top_fraction: None,
         train: Some(TrainSpec { data: None, ..train }),
         scoring: Some(ScoreSpec { similarity: Similarity::LastCosine.into(), ..ScoreSpec::default() }),
         evaluate: Some(EvaluateSpec { episodes: Some(2), max_steps: Some(3), ..EvaluateSpec::default() }),

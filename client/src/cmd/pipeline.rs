@@ -32,6 +32,9 @@ pub(crate) struct PipelineArgs {
     /// Keep segments with quality above this.
     #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
     beta: f64,
+    /// Instead: keep so large a part of the segments, the best ones.
+    #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
+    top: Option<f64>,
     #[command(flatten)]
     scoring: ScoringArgs,
     #[command(flatten)]
@@ -62,11 +65,12 @@ impl PipelineArgs {
                 ..self.policy.spec(optim, seed, device)
             }
         };
-        let scored = self.until >= Until::Score;
+        let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
         Ok(PipelineSpec {
             score: scored,
             scoring: if scored { Some(self.scoring.spec(seed, device)?) } else { None },
-            beta: (self.until >= Until::Dataset).then_some(self.beta),
+            beta: (selected && self.top.is_none()).then_some(self.beta),
+            top_fraction: self.top.filter(|_| selected),
             train: (self.until >= Until::Train).then(train),
             evaluate: (self.until >= Until::Evaluate).then(|| self.trials.spec(device)),
             pretrain: Some(pretrain),
@@ -155,6 +159,15 @@ mod tests {
     fn what_is_not_given_is_left_to_the_server() {
         let optim = spec("").pretrain.unwrap().optim.unwrap();
         assert_eq!((optim.steps, optim.batch, optim.learning_rate), (None, None, None));
+    }
+
+    #[test]
+    fn a_dataset_is_by_threshold_or_by_part() {
+        let kept = |options: &str| (spec(options).beta, spec(options).top_fraction);
+        assert_eq!(kept(""), (Some(0.9), None));
+        assert_eq!(kept("--top 0.1"), (None, Some(0.1)));
+        assert_eq!(kept("--top 0.1 --until score"), (None, None));
+        assert!(Line::try_parse_from(["x", "--top", "0.1", "--beta", "0.5"]).is_err());
     }
 
     #[test]

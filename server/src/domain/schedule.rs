@@ -6,12 +6,13 @@ use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 use super::{
     evaluation::EvaluateSpec,
     id::{ScheduleId, SnapshotId, TaskId},
+    selection::Selection,
     snapshot::RoleRule,
     time::Millis,
 };
 use crate::error::{Error, Result};
 
-/// A chain of jobs: pretrain, then score, then a dataset at β, then train, then evaluate. Later stages are optional.
+/// A chain of jobs: pretrain, then score, then a dataset, then train, then evaluate. Later stages are optional.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PipelineSpec {
     /// The snapshot to learn from; `None` takes a new one at each start.
@@ -25,13 +26,23 @@ pub struct PipelineSpec {
     /// How to score; `None` takes the defaults on the device of pretraining.
     #[serde(default)]
     pub scoring: Option<ScoreSpec>,
-    /// Makes a dataset; needs `score`.
+    /// Makes a dataset of what has a higher q; needs `score`.
     pub beta: Option<f64>,
-    /// Trains a policy on it; needs `beta`.
+    /// Makes a dataset of so large a part, the best, instead; needs `score`.
+    #[serde(default)]
+    pub top_fraction: Option<f64>,
+    /// Trains a policy on it; needs a dataset.
     pub train: Option<TrainSpec>,
     /// Evaluates that policy; needs `train`.
     #[serde(default)]
     pub evaluate: Option<EvaluateSpec>,
+}
+
+impl PipelineSpec {
+    /// What the dataset keeps; `None` when none is made.
+    pub fn selection(&self) -> Option<Selection> {
+        self.beta.map(Selection::Beta).or(self.top_fraction.map(Selection::TopFraction))
+    }
 }
 
 /// What starts a schedule.

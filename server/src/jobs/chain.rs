@@ -9,7 +9,6 @@ use crate::domain::{
     job::JobSpec,
     order::{NewJob, Plan},
     schedule::PipelineSpec,
-    selection::Selection,
     time::Millis,
 };
 
@@ -23,6 +22,7 @@ pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId
         plan.jobs.push(job);
     };
     let (encoder, run) = (EncoderId::new(), ScoreRunId::new());
+    let selection = pipeline.selection();
     let device = pipeline.pretrain.device;
     add(JobSpec::Pretrain { snapshot_id: snapshot.clone(), spec: pipeline.pretrain }, encoder.clone().into());
     if !pipeline.score {
@@ -31,12 +31,12 @@ pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId
     let spec = pipeline.scoring.unwrap_or_else(|| ScoreSpec { device, ..ScoreSpec::default() });
     let score = JobSpec::Score { encoder_id: encoder.clone(), snapshot_id: snapshot.clone(), extends: None, spec };
     add(score, run.clone().into());
-    let Some(beta) = pipeline.beta else { return plan };
+    let Some(selection) = selection else { return plan };
     let dataset = Dataset {
         id: DatasetId::new(),
         task_id: task.clone(),
         score_run_id: run,
-        selection: Selection::Beta(beta),
+        selection,
         created_at: Millis::now(),
     };
     if let Some(spec) = pipeline.train {

@@ -31,6 +31,7 @@ fn pipeline() -> PipelineSpec {
         pretrain: PretrainSpec::default(),
         score: true,
         beta: Some(0.5),
+        top_fraction: None,
         train: Some(TrainSpec::default()),
         scoring: None,
         evaluate: None,

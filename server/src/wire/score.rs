@@ -28,6 +28,14 @@ pub(crate) fn beta(field: &str, beta: f64) -> Result<f64> {
     Err(Error::invalid(field, format!("is {beta}, must be between 0 and 1")))
 }
 
+/// A part of all segments that a caller gave in `field`.
+pub(crate) fn top_fraction(field: &str, part: f64) -> Result<f64> {
+    if part > 0.0 && part <= 1.0 {
+        return Ok(part);
+    }
+    Err(Error::invalid(field, format!("is {part}, must be above 0 and at most 1")))
+}
+
 pub(crate) fn episode_scores_request(request: v1::GetEpisodeScoresRequest) -> Result<(ScoreRunId, EpisodeId)> {
     let v1::GetEpisodeScoresRequest { score_run_id: run, episode_id } = request;
     Ok((score_run_id(&run)?, EpisodeId::parse("episode_id", &episode_id)?))
@@ -114,9 +122,8 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
 pub(crate) fn selection_from_proto(at: &str, selection: Option<v1::Selection>) -> Result<Selection> {
     match selection.and_then(|v1::Selection { rule }| rule) {
         Some(v1::selection::Rule::Beta(value)) => beta(&format!("{at}.beta"), value).map(Selection::Beta),
-        Some(v1::selection::Rule::TopFraction(part)) if part > 0.0 && part <= 1.0 => Ok(Selection::TopFraction(part)),
         Some(v1::selection::Rule::TopFraction(part)) => {
-            Err(Error::invalid(&format!("{at}.top_fraction"), format!("is {part}, must be above 0 and at most 1")))
+            top_fraction(&format!("{at}.top_fraction"), part).map(Selection::TopFraction)
         }
         None => Err(Error::invalid(at, "must be set: a beta, or a top_fraction")),
     }

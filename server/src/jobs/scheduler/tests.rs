@@ -24,6 +24,7 @@ fn schedule(bench: &Bench, trigger: Trigger, next_run_at: Option<Millis>) -> Sch
             score: true,
             scoring: None,
             beta: Some(0.5),
+            top_fraction: None,
             train: Some(TrainSpec::default()),
             evaluate: None,
         },

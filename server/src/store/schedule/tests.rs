@@ -30,6 +30,7 @@ async fn schedule(store: &Store, task: &Task, name: &str) -> Result<Schedule> {
                 score: true,
                 scoring: None,
                 beta: Some(0.9),
+                top_fraction: None,
                 train: None,
                 evaluate: None,
             },

@@ -6,7 +6,10 @@ use super::{evaluate, pretrain, score, train};
 use crate::{
     domain::schedule::PipelineSpec,
     error::{Error, Result},
-    wire::{field, score::beta},
+    wire::{
+        field,
+        score::{beta, top_fraction},
+    },
 };
 
 /// Reads a pipeline.
@@ -14,16 +17,29 @@ use crate::{
 /// # Errors
 /// Invalid names the field, such as `pipeline.train.lambda`, and the mend.
 pub(crate) fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
-    let v1::PipelineSpec { pretrain: first, score: scores, beta: threshold, train: policy, scoring, evaluate: trials } =
-        field::required("pipeline", pipeline)?;
+    let v1::PipelineSpec {
+        pretrain: first,
+        score: scores,
+        beta: threshold,
+        top_fraction: part,
+        train: policy,
+        scoring,
+        evaluate: trials,
+    } = field::required("pipeline", pipeline)?;
     let (snapshot_id, rule, first) =
         pretrain::from_proto("pipeline.pretrain", field::required("pipeline.pretrain", first)?)?;
     let policy = policy.map(|spec| train::without_repeats(spec, &first));
     let beta = threshold.map(|threshold| beta("pipeline.beta", threshold)).transpose()?;
+    let top_fraction = part.map(|part| top_fraction("pipeline.top_fraction", part)).transpose()?;
+    if beta.is_some() && top_fraction.is_some() {
+        return Err(Error::invalid("pipeline.top_fraction", "a dataset has one rule; leave beta or top_fraction out"));
+    }
+    let dataset = beta.is_some() || top_fraction.is_some();
     for (stage, there, before, needed) in [
         ("scoring", scoring.is_some(), scores, "scores; set pipeline.score"),
         ("beta", beta.is_some(), scores, "scores; set pipeline.score"),
-        ("train", policy.is_some(), beta.is_some(), "a dataset; set pipeline.beta"),
+        ("top_fraction", top_fraction.is_some(), scores, "scores; set pipeline.score"),
+        ("train", policy.is_some(), dataset, "a dataset; set pipeline.beta or pipeline.top_fraction"),
         ("evaluate", trials.is_some(), policy.is_some(), "a policy; set pipeline.train"),
     ] {
         if there && !before {
@@ -37,6 +53,7 @@ pub(crate) fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpe
         score: scores,
         scoring: scoring.map(|spec| score::of_pipeline("pipeline.scoring", &spec)).transpose()?,
         beta,
+        top_fraction,
         train: policy.map(|spec| filled("train.data", train::from_proto("pipeline.train", spec)?)).transpose()?,
         evaluate: trials
             .map(|spec| filled("evaluate.subject", evaluate::from_proto("pipeline.evaluate", spec)?))
@@ -61,6 +78,7 @@ pub(crate) fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
         score: scores,
         scoring,
         beta,
+        top_fraction,
         train: policy,
         evaluate: trials,
     } = pipeline;
@@ -69,6 +87,7 @@ pub(crate) fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
         pretrain: Some(pretrain::to_proto(first, snapshot_id, Some(rule))),
         score: scores,
         beta,
+        top_fraction,
         train: policy.map(|spec| train::to_proto(spec, None)),
         scoring: scoring.map(score::to_proto),
         evaluate: trials.map(|spec| evaluate::to_proto(spec, None)),

@@ -12,6 +12,7 @@ use crate::domain::{
     evaluation::EvaluateSpec,
     id::{EncoderId, PolicyId, ScoreRunId, SnapshotId},
     order::TrainData,
+    selection::Selection,
     snapshot::RoleRule,
 };
 
@@ -244,6 +245,7 @@ fn a_pipeline_has_no_gaps() {
         pretrain: Some(v1::PretrainSpec::default()),
         score: true,
         beta: Some(0.9),
+        top_fraction: None,
         train: Some(v1::TrainSpec::default()),
         scoring: Some(v1::ScoreSpec { similarity: v1::Similarity::LastCosine.into(), ..Default::default() }),
         evaluate: Some(v1::EvaluateSpec { episodes: Some(5), ..v1::EvaluateSpec::default() }),
@@ -280,6 +282,12 @@ fn a_pipeline_has_no_gaps() {
     );
     assert!(broken(|spec| spec.beta = None).starts_with("pipeline.train: "));
     assert!(broken(|spec| spec.beta = Some(1.5)).starts_with("pipeline.beta: "));
+    assert!(broken(|spec| spec.top_fraction = Some(0.1)).starts_with("pipeline.top_fraction: a dataset has one rule"));
+    assert!(broken(|spec| (spec.beta, spec.top_fraction) = (None, Some(0.0))).starts_with("pipeline.top_fraction: "));
+    let best = v1::PipelineSpec { beta: None, top_fraction: Some(0.1), ..full.clone() };
+    let read = pipeline(Some(best)).unwrap();
+    assert_eq!(read.selection(), Some(Selection::TopFraction(0.1)));
+    assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
     assert!(
         broken(|spec| {
             let data = Some(v1::train_spec::Data::DatasetId(String::new()));
