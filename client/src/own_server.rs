@@ -54,13 +54,14 @@ impl Address {
 }
 
 impl ServerProcess {
-    /// Starts `binary serve` on a data folder and waits until it listens. Its log goes to a file.
-    pub(crate) async fn start(binary: &Path, data: &Path, log: &Path) -> Result<Self> {
+    /// Starts `binary serve` on a data folder, with further flags, and waits until it listens. Its log goes to a file.
+    pub(crate) async fn start(binary: &Path, data: &Path, log: &Path, flags: &[&str]) -> Result<Self> {
         // What an earlier server wrote stays; it may still be at it.
         let log_file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
         let mut child = Command::new(binary)
             .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
             .arg(data)
+            .args(flags)
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(log_file)
@@ -146,7 +147,7 @@ mod tests {
         let log = folder.path().join("log");
         let body =
             "trap 'echo bye >&2; exit 0' TERM\necho listening on http://127.0.0.1:9\nwhile :; do sleep 0.02; done";
-        let server = ServerProcess::start(&script(folder.path(), body), folder.path(), &log).await.unwrap();
+        let server = ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[]).await.unwrap();
         assert_eq!(server.url(), "http://127.0.0.1:9");
         // There, but nobody answers: not a server to go on with.
         let note = folder.path().join("note");
@@ -156,7 +157,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(&log).unwrap(), "bye\n");
 
         let body = "echo data folder is in use >&2; exit 3";
-        let error = ServerProcess::start(&script(folder.path(), body), folder.path(), &log).await.err().unwrap();
+        let error = ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[]).await.err().unwrap();
         assert!(error.to_string().contains("data folder is in use"), "{error}");
     }
 }

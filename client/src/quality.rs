@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 
 /// Over all cohorts.
 pub(crate) const ALL: &str = "all";
+/// Over all cohorts, without the episodes that succeeded all the same.
+pub(crate) const FAILURES: &str = "failures only";
 /// Bins of a histogram of q.
 pub(crate) const BINS: usize = 20;
 // Of the resampling; any will do, as long as it stays.
@@ -41,6 +43,8 @@ impl From<&RecordedEpisode> for Mark {
 pub(crate) struct MarkedEpisode {
     pub(crate) id: String,
     pub(crate) cohort: String,
+    /// Whether it reached the goal all the same.
+    pub(crate) success: bool,
     pub(crate) mark: Mark,
     /// One value a step.
     pub(crate) q: Vec<f32>,
@@ -58,7 +62,7 @@ impl MarkedEpisode {
 /// Quality over some imperfect episodes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Separation {
-    /// A cohort, or [`ALL`].
+    /// A cohort, [`ALL`] or [`FAILURES`].
     pub(crate) cohort: String,
     pub(crate) episodes: usize,
     pub(crate) good_steps: usize,
@@ -84,7 +88,8 @@ pub(crate) struct Selected {
     pub(crate) recall: Option<f64>,
 }
 
-/// Overall, then for each cohort in the order of their first episodes.
+/// Overall, of the failures alone if some episodes succeeded and some failed, then for each cohort in the order of
+/// their first episodes.
 pub(crate) fn separations(episodes: &[MarkedEpisode]) -> Vec<Separation> {
     let mut cohorts: Vec<&str> = Vec::new();
     for episode in episodes {
@@ -95,6 +100,10 @@ pub(crate) fn separations(episodes: &[MarkedEpisode]) -> Vec<Separation> {
     let of =
         |cohort: &str| -> Vec<&MarkedEpisode> { episodes.iter().filter(|episode| episode.cohort == cohort).collect() };
     let mut rows = vec![separation(ALL, &episodes.iter().collect::<Vec<_>>())];
+    let failures: Vec<&MarkedEpisode> = episodes.iter().filter(|episode| !episode.success).collect();
+    if !failures.is_empty() && failures.len() < episodes.len() {
+        rows.push(separation(FAILURES, &failures));
+    }
     rows.extend(cohorts.into_iter().map(|cohort| separation(cohort, &of(cohort))));
     rows
 }
@@ -175,9 +184,10 @@ mod tests {
     use super::*;
 
     fn episodes() -> Vec<MarkedEpisode> {
-        let episode = |cohort: &str, went_wrong, q: &[f32]| MarkedEpisode {
+        let episode = |cohort: &str, went_wrong: Option<u32>, q: &[f32]| MarkedEpisode {
             id: "ep".into(),
             cohort: cohort.into(),
+            success: went_wrong.is_none(),
             mark: Mark { went_wrong, departure: Vec::new() },
             q: q.to_vec(),
             w: q.iter().map(|q| f64::from(*q) - 1.0).collect(),
@@ -198,13 +208,15 @@ mod tests {
             counts,
             [
                 ("all", 4, 3, Some(9.5 / 12.0)),
+                // Without noise's .5: good 1, .75, .5 against the same wrong ones.
+                ("failures only", 3, 3, Some(7.5 / 9.0)),
                 ("freeze", 2, 2, Some(1.0)),
                 ("wander", 1, 1, Some(0.0)),
                 ("noise", 1, 0, None),
             ]
         );
-        assert_eq!(rows[1].mean_q_good, Some(0.875));
-        assert_eq!(rows[3].mean_q_wrong, None);
+        assert_eq!(rows[2].mean_q_good, Some(0.875));
+        assert_eq!(rows[4].mean_q_wrong, None);
     }
 
     #[test]

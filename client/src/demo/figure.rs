@@ -64,9 +64,10 @@ mod tests {
 
     #[test]
     fn each_cohort_has_one_curve_and_its_mark() {
-        let episode = |cohort: &str, went_wrong| MarkedEpisode {
+        let episode = |cohort: &str, went_wrong: Option<u32>| MarkedEpisode {
             id: "ep".into(),
             cohort: cohort.into(),
+            success: went_wrong.is_none(),
             mark: Mark { went_wrong, departure: Vec::new() },
             q: vec![1.0, 0.5, 0.0],
             w: vec![0.0; 3],

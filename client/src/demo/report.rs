@@ -6,6 +6,7 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::plan::DemoPlan;
+use crate::choice::NormaliserWord;
 use crate::quality::{Selected, Separation};
 
 /// Everything the demo found.
@@ -130,8 +131,14 @@ impl Report {
         line(
             text,
             format_args!(
-                "\nThe same {} episodes for each, none of them recorded; the dataset's β is {}, λ is {}.",
-                self.plan.evaluation_episodes, self.plan.beta, self.plan.lambda
+                "\nThe same {} episodes for each, none of them recorded; the dataset's β is {}, λ is {}, q is {}.",
+                self.plan.evaluation_episodes,
+                self.plan.beta,
+                self.plan.lambda,
+                match self.plan.normaliser {
+                    NormaliserWord::Minmax => "w from its lowest to its highest",
+                    NormaliserWord::Quantile => "the share of segments with a lower w",
+                }
             ),
         );
     }

@@ -145,7 +145,13 @@ impl<'a> Stages<'a> {
 
     async fn score(&mut self, encoder: &str) -> Result<String> {
         let began = Instant::now();
-        let job = self.job(Spec::Score(ScoreSpec { encoder_id: encoder.to_owned(), ..ScoreSpec::default() })).await?;
+        let job = self
+            .job(Spec::Score(ScoreSpec {
+                encoder_id: encoder.to_owned(),
+                normaliser: self.plan.normaliser.into(),
+                ..ScoreSpec::default()
+            }))
+            .await?;
         self.done("score", began, job.message);
         Ok(job.result_id)
     }
@@ -174,6 +180,7 @@ impl<'a> Stages<'a> {
             marked.push(MarkedEpisode {
                 id: id.clone(),
                 cohort: episode.cohort.clone(),
+                success: episode.success,
                 mark: Mark::from(episode),
                 q: scores.q,
                 w: scores.w,

@@ -17,12 +17,14 @@ use crate::words;
 // Jobs run in the order they were submitted, so that what runs is among the first that have not ended.
 const WATCHED: usize = 8;
 
-/// Waits until every job has ended, however it ends, and puts each as it then is in its place.
+/// Waits until every job has ended, however it ends, and puts each as it then is in its place; after each, `on_end`
+/// sees them all.
 pub(crate) async fn to_the_end(
     context: &Context,
     client: &Client,
     graph: &Graph,
     submitted: &mut Submitted,
+    mut on_end: impl AsyncFnMut(&Submitted),
 ) -> Result<()> {
     let jobs: Vec<(usize, Job)> = (0..)
         .zip(submitted.iter())
@@ -54,6 +56,7 @@ pub(crate) async fn to_the_end(
         if let Ok(made) = &mut submitted[index] {
             made.job = Some(job);
         }
+        on_end(submitted).await;
     }
     Ok(())
 }

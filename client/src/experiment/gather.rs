@@ -5,8 +5,7 @@ use std::collections::{HashMap, HashSet};
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_client::Client;
 use gleaner_proto::v1::{
-    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetScoreRunRequest, GetSnapshotRequest, JobState,
-    Role,
+    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetScoreRunRequest, GetSnapshotRequest, Role,
 };
 
 use super::file::{Experiment, Study};
@@ -16,11 +15,11 @@ use super::pool::pool;
 use super::recordings::{Recordings, of_episode};
 use super::report::{CellReport, Rate, SeedReport, StageReport, StudyReport};
 use super::stage::{Chain, Graph, Selection};
+use super::standing::{Gap, Standing, made, standing};
 use super::study::Cell;
-use super::submit::{Made, Submitted};
+use super::submit::Submitted;
 use crate::failure::{Result, present};
 use crate::quality::{MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
-use crate::words;
 
 // Requests under way at the same time.
 const PARALLEL: usize = 8;
@@ -32,46 +31,48 @@ struct Run {
     histogram: Vec<[u32; 2]>,
 }
 
-/// Fetches results; a score run that several cells share is fetched once.
+/// Fetches results; a score run is fetched once, however many cells share it and however often it is reported.
 pub(crate) struct Gatherer<'a> {
     client: &'a Client,
     recordings: &'a Recordings,
+    experiment: &'a Experiment,
     graph: &'a Graph,
-    submitted: &'a Submitted,
-    runs: HashMap<usize, Run>,
+    // By id.
+    runs: HashMap<String, Run>,
 }
 
 impl<'a> Gatherer<'a> {
     pub(crate) fn new(
         client: &'a Client,
         recordings: &'a Recordings,
+        experiment: &'a Experiment,
         graph: &'a Graph,
-        submitted: &'a Submitted,
     ) -> Self {
-        Self { client, recordings, graph, submitted, runs: HashMap::new() }
+        Self { client, recordings, experiment, graph, runs: HashMap::new() }
     }
 
-    pub(crate) async fn studies(mut self, experiment: &Experiment) -> Result<Vec<StudyReport>> {
-        let graph = self.graph;
+    /// Every study, with gaps where a result is not there.
+    pub(crate) async fn studies(&mut self, submitted: &Submitted) -> Result<Vec<StudyReport>> {
+        let (experiment, graph) = (self.experiment, self.graph);
         let mut studies = Vec::with_capacity(experiment.studies.len());
         for (study, chains) in experiment.studies.iter().zip(&graph.chains) {
-            studies.push(self.study(study, chains).await?);
+            studies.push(self.study(submitted, study, chains).await?);
         }
         Ok(studies)
     }
 
-    async fn study(&mut self, study: &Study, chains: &[Vec<Chain>]) -> Result<StudyReport> {
+    async fn study(&mut self, submitted: &Submitted, study: &Study, chains: &[Vec<Chain>]) -> Result<StudyReport> {
         let mut cells = Vec::with_capacity(study.cells.len());
         for (cell, chains) in study.cells.iter().zip(chains) {
             let mut seeds = Vec::with_capacity(chains.len());
             for chain in chains {
-                seeds.push(self.seed(cell, chain).await?);
+                seeds.push(self.seed(submitted, cell, chain).await?);
             }
             let Cell { label, varied, settings } = cell.clone();
             cells.push(CellReport { label, varied, settings, pooled: pool(&seeds), seeds });
         }
         let stages: HashSet<usize> = chains.iter().flatten().flat_map(|chain| chain.stages.iter().copied()).collect();
-        let took = |index: &usize| self.made(*index).ok().and_then(|made| made.job.as_ref().and_then(seconds));
+        let took = |index: &usize| made(submitted, *index).ok()?.job.as_ref().and_then(seconds);
         Ok(StudyReport {
             name: study.name.clone(),
             table: study.table,
@@ -81,34 +82,33 @@ impl<'a> Gatherer<'a> {
         })
     }
 
-    async fn seed(&mut self, cell: &Cell, chain: &Chain) -> Result<SeedReport> {
-        let problem = chain.stages.iter().find_map(|index| {
-            let kind = self.graph.stages[*index].work.kind();
-            self.made(*index).err().map(|problem| format!("{kind} failed: {problem}"))
-        });
+    async fn seed(&mut self, submitted: &Submitted, cell: &Cell, chain: &Chain) -> Result<SeedReport> {
+        let (problem, unfinished) = match standing(self.graph, submitted, chain) {
+            Standing::Complete => (None, false),
+            Standing::Unfinished => (None, true),
+            Standing::Failed(problem) => (Some(problem), false),
+        };
         let mut report = SeedReport {
             seed: chain.seed,
             problem,
+            unfinished,
             success: None,
             selected: None,
             separation: Vec::new(),
             histogram: Vec::new(),
         };
-        if let Some(Ok(made)) = chain.evaluation.map(|index| self.made(index)) {
+        if let Some(Ok(made)) = chain.evaluation.map(|index| made(submitted, index)) {
             report.success = Some(self.success(&made.id).await?);
         }
-        if let Some(index) = chain.score
-            && let Ok(made) = self.made(index)
-        {
-            let id = made.id.clone();
-            if !self.runs.contains_key(&index) {
-                let run = self.run(&id).await?;
-                self.runs.insert(index, run);
+        if let Some(Ok(made)) = chain.score.map(|index| made(submitted, index)) {
+            if !self.runs.contains_key(&made.id) {
+                let run = self.run(&made.id).await?;
+                self.runs.insert(made.id.clone(), run);
             }
-            let run = present(self.runs.get(&index), "a score run")?;
+            let run = present(self.runs.get(&made.id), "a score run")?;
             report.separation.clone_from(&run.separation);
             report.histogram.clone_from(&run.histogram);
-            report.selected = Some(self.selected(run, &id, cell).await?);
+            report.selected = Some(self.selected(run, &made.id, cell).await?);
         }
         Ok(report)
     }
@@ -140,6 +140,7 @@ impl<'a> Gatherer<'a> {
         Ok(MarkedEpisode {
             id: episode_id,
             cohort: recording.cohort.clone(),
+            success: recording.success,
             mark: recording.mark.clone(),
             q: scores.q,
             w: scores.w,
@@ -160,23 +161,12 @@ impl<'a> Gatherer<'a> {
         Ok(select(&run.episodes, best(&run.episodes, usize::try_from(kept).unwrap_or(usize::MAX))))
     }
 
-    // What a stage made, or why it did not.
-    fn made(&self, index: usize) -> std::result::Result<&'a Made, String> {
-        let made = self.submitted[index].as_ref().map_err(Clone::clone)?;
-        match &made.job {
-            Some(job) if job.state() != JobState::Succeeded => {
-                let why = if job.error.is_empty() { String::new() } else { format!(": {}", job.error) };
-                Err(format!("job {} {}{why}", job.id, words::job_state(job.state())))
-            }
-            Some(_) | None => Ok(made),
-        }
-    }
-
-    /// Every stage as it ended.
-    pub(crate) fn stages(&self) -> Vec<StageReport> {
+    /// Every stage as it is now.
+    pub(crate) fn stages(&self, submitted: &Submitted) -> Vec<StageReport> {
         let report = |(index, stage): (usize, &super::stage::Stage)| {
-            let asked = self.submitted[index].as_ref().ok();
+            let asked = submitted[index].as_ref().ok();
             let job = asked.and_then(|made| made.job.as_ref());
+            let gap = made(submitted, index).err();
             StageReport {
                 kind: stage.work.kind().to_owned(),
                 key: stage.key.clone(),
@@ -184,7 +174,8 @@ impl<'a> Gatherer<'a> {
                 id: asked.map(|made| made.id.clone()),
                 job_id: job.map(|job| job.id.clone()),
                 seconds: job.and_then(seconds),
-                problem: self.made(index).err(),
+                unfinished: gap == Some(Gap::NotYet),
+                problem: gap.and_then(Gap::problem),
             }
         };
         self.graph.stages.iter().enumerate().map(report).collect()

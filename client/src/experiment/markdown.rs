@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use super::plots;
 use super::report::{Report, SeedReport, StudyReport};
+use super::standing::Progress;
 use super::tables;
 use crate::words;
 
@@ -14,9 +15,13 @@ pub(crate) fn markdown(report: &Report) -> String {
         "# {}: {}\n\nMade by `{}` on {} ({} cores).\n",
         report.name, report.task, report.command, report.device, report.cores
     );
-    let (incomplete, cells) = report.incomplete();
-    if incomplete > 0 {
-        line(&mut text, format_args!("\n**{incomplete} of {cells} cells are not complete: see Problems.**"));
+    let Progress { cells, complete, failed } = report.progress;
+    if report.progress.unfinished() {
+        let said = "a column with the seeds of only a part says so, and - is what is not there yet";
+        line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete; {said}.**"));
+    }
+    if failed > 0 {
+        line(&mut text, format_args!("\n**{failed} of {cells} cells failed: see Problems.**"));
     }
     recorded(report, &mut text);
     for (number, study) in (1..).zip(&report.studies) {
@@ -71,6 +76,9 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
              intervals (episodes resampled).\n",
         );
         text.push_str(&table);
+        if let Some(mild) = tables::mild(report, study) {
+            line(text, format_args!("\n{mild}"));
+        }
     }
     line(text, "\nSeed by seed:\n");
     text.push_str(&tables::seeds(study));
@@ -123,6 +131,19 @@ mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::report::tests::report;
+
+    #[test]
+    fn a_report_of_a_part_says_so_and_what_is_missing() {
+        let mut report = report();
+        let seed = &mut report.studies[0].cells[1].seeds[1];
+        (seed.problem, seed.unfinished) = (None, true);
+        let (studies, stages) = (report.studies.clone(), report.stages.clone());
+        let text = markdown(&report.found(studies, stages));
+        assert!(text.contains("**Unfinished: 1 of 2 cells are complete"), "{text}");
+        assert!(!text.contains("failed") && !text.contains("## Problems"), "{text}");
+        assert!(text.contains("| | BC | SSDF (1 of 2 seeds) |"), "{text}");
+        assert!(text.contains("| SSDF | 1 | not yet | - |"), "{text}");
+    }
 
     #[test]
     fn a_fixed_report_reads_as_committed() {

@@ -1,10 +1,11 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
 //! `file`, `study`, `grid` and `cell` are what is asked for; `stage` makes of it a graph in which nothing is done twice;
-//! `recordings`, `submit` and `follow` have it done; `gather` fetches what was found, `pool` sums it up, and
-//! `report`, `markdown`, `tables` and `plots` say it.
+//! `recordings`, `submit` and `follow` have it done, and `existing` looks up what was; `standing` says how far it is,
+//! `gather` fetches what was found, `pool` sums it up, and `report`, `markdown`, `tables`, `plots` and `reporter` say it.
 
 mod cell;
+mod existing;
 mod file;
 mod follow;
 mod gather;
@@ -15,7 +16,9 @@ mod plots;
 mod pool;
 mod recordings;
 mod report;
+mod reporter;
 mod stage;
+mod standing;
 mod state;
 mod study;
 mod submit;
@@ -32,13 +35,16 @@ use crate::choice::DeviceWord;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::own_server::{Address, ServerProcess};
+use existing::Existing;
 use file::Experiment;
 use gather::Gatherer;
 use recordings::Recordings;
 use report::Report;
+use reporter::{Reporter, document};
 use stage::Graph;
+use standing::Progress;
 use state::State;
-use submit::Submitter;
+use submit::{Submitted, Submitter};
 
 const DATA: &str = "data";
 const RECORDINGS: &str = "recordings";
@@ -61,6 +67,9 @@ pub(crate) struct ExperimentArgs {
     /// Only check the file and say what would be run.
     #[arg(long)]
     plan: bool,
+    /// Only write the report of what is there now, beside a run that is under way or after one that was stopped.
+    #[arg(long, conflicts_with = "plan")]
+    report: bool,
 }
 
 impl ExperimentArgs {
@@ -71,24 +80,29 @@ impl ExperimentArgs {
             return context.output.result(|| Ok(plan(&experiment, &graph)), || planned(&experiment, &graph));
         }
         let out = self.out.clone().unwrap_or_else(|| PathBuf::from(&experiment.name));
-        std::fs::create_dir_all(&out).map_err(ClientError::io(&out))?;
         let command = self.command(&out);
-        let work = Work { context, experiment: &experiment, graph: &graph, out: &out, device: self.device };
+        let (device, only_report) = (self.device, self.report);
+        let work = Work { context, experiment: &experiment, graph: &graph, out: &out, device, command, only_report };
+        if only_report && !out.exists() {
+            return Err(work.nothing_yet());
+        }
+        std::fs::create_dir_all(&out).map_err(ClientError::io(&out))?;
         let report = if context.names_server() {
-            work.on(&context.client().await?, command).await?
+            work.on(&context.client().await?).await?
         } else {
-            work.on_own_server(&self.server_bin()?, command).await?
+            work.on_own_server(&self.server_bin()?).await?
         };
-        write(&out, &report)?;
         context.output.result(|| document(&report), || markdown::markdown(&report))?;
         context.output.next(format_args!("open {}", out.join("report.md").display()));
-        match report.incomplete() {
-            (0, _) => Ok(()),
-            (incomplete, cells) => Err(Failure::told(format!(
-                "{incomplete} of {cells} cells are not complete; {} says why, and the same command tries them again",
-                out.join("report.md").display()
-            ))),
+        let Progress { cells, complete, .. } = report.progress;
+        if only_report || complete == cells {
+            return Ok(());
         }
+        Err(Failure::told(format!(
+            "{} of {cells} cells are not complete; {} says why, and the same command tries them again",
+            cells - complete,
+            out.join("report.md").display()
+        )))
     }
 
     fn command(&self, out: &Path) -> String {
@@ -119,23 +133,37 @@ struct Work<'a> {
     graph: &'a Graph,
     out: &'a Path,
     device: DeviceWord,
+    /// As the report shows it.
+    command: String,
+    only_report: bool,
 }
 
 impl Work<'_> {
     // On a server that is started for it and stopped however it ends; its data stay.
-    async fn on_own_server(&self, binary: &Path, command: String) -> Result<Report> {
+    async fn on_own_server(&self, binary: &Path) -> Result<Report> {
         let (log, note) = (self.out.join("server.log"), self.out.join(ADDRESS));
         if let Some((left, client)) = Address::left_behind(&note).await {
-            self.context.output.note(format_args!("the server of an earlier run is still there, at {}", left.url));
-            let report = self.unless_interrupted(&client, command).await;
-            left.ask_to_stop();
+            self.context.output.note(format_args!("there is a server already, at {}", left.url));
+            let report = self.unless_interrupted(&client).await;
+            // A run may be under way on it.
+            if !self.only_report {
+                left.ask_to_stop();
+            }
             return report;
         }
-        let server = ServerProcess::start(binary, &self.out.join(DATA), &log).await?;
-        server.address().note(&note)?;
+        let data = self.out.join(DATA);
+        if self.only_report && !data.exists() {
+            return Err(self.nothing_yet());
+        }
+        // Without workers jobs wait where they are.
+        let flags: &[&str] = if self.only_report { &["--workers", "0"] } else { &[] };
+        let server = ServerProcess::start(binary, &data, &log, flags).await?;
+        if !self.only_report {
+            server.address().note(&note)?;
+        }
         self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
         let report = match Client::connect(server.url(), None).await {
-            Ok(client) => self.unless_interrupted(&client, command).await,
+            Ok(client) => self.unless_interrupted(&client).await,
             Err(error) => Err(error.into()),
         };
         let stopped = server.stop().await;
@@ -143,31 +171,65 @@ impl Work<'_> {
         stopped.map(|()| report)
     }
 
-    async fn unless_interrupted(&self, client: &Client, command: String) -> Result<Report> {
+    async fn unless_interrupted(&self, client: &Client) -> Result<Report> {
         tokio::select! {
-            report = self.on(client, command) => report,
+            report = self.on(client) => report,
             () = interrupted() => Err(Failure::told("interrupted; the same command goes on from here")),
         }
     }
 
-    async fn on(&self, client: &Client, command: String) -> Result<Report> {
+    async fn on(&self, client: &Client) -> Result<Report> {
         let Self { context, experiment, graph, device, .. } = *self;
-        let recordings = Recordings::ready(context, client, &self.out.join(RECORDINGS), experiment).await?;
+        if self.only_report {
+            let submitted = self.existing(client).await?;
+            let recordings = self.recordings(client).await?;
+            return self.reporter(client, &recordings).report(&submitted).await;
+        }
+        let recordings = self.recordings(client).await?;
         let mut state = State::open(self.out)?;
         let mut submitted = Submitter::new(client, &mut state, experiment, device).submit(graph).await?;
         context.output.note(planned(experiment, graph));
-        follow::to_the_end(context, client, graph, &mut submitted).await?;
-        let gatherer = Gatherer::new(client, &recordings, graph, &submitted);
-        Ok(Report {
+        let mut reporter = self.reporter(client, &recordings);
+        reporter.more(&submitted).await;
+        let on_end = async |submitted: &Submitted| reporter.more(submitted).await;
+        follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
+        reporter.report(&submitted).await
+    }
+
+    // What is there already, if there is anything: then the recordings are all there as well.
+    async fn existing(&self, client: &Client) -> Result<Submitted> {
+        let state = State::open(self.out)?;
+        let existing = Existing::on(client, &state, &self.experiment.task()).await?;
+        let submitted = existing.stages(self.graph).await?;
+        if submitted.iter().all(std::result::Result::is_err) {
+            return Err(self.nothing_yet());
+        }
+        Ok(submitted)
+    }
+
+    fn nothing_yet(&self) -> Failure {
+        let (name, out) = (&self.experiment.name, self.out.display());
+        Failure::told(format!("nothing of {name} has been run in {out} yet; run it without --report first"))
+    }
+
+    async fn recordings(&self, client: &Client) -> Result<Recordings> {
+        Recordings::ready(self.context, client, &self.out.join(RECORDINGS), self.experiment).await
+    }
+
+    fn reporter<'a>(&'a self, client: &'a Client, recordings: &'a Recordings) -> Reporter<'a> {
+        let Self { context, experiment, graph, device, .. } = *self;
+        let frame = Report {
             name: experiment.name.clone(),
             task: experiment.recordings.task.to_string(),
-            command,
+            command: self.command.clone(),
             device: device.to_possible_value().map(|word| word.get_name().to_owned()).unwrap_or_default(),
             cores: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             recorded: recordings.counts(experiment),
-            stages: gatherer.stages(),
-            studies: gatherer.studies(experiment).await?,
-        })
+            progress: Progress::default(),
+            studies: Vec::new(),
+            stages: Vec::new(),
+        };
+        Reporter::new(context, self.out, graph, Gatherer::new(client, recordings, experiment, graph), frame)
     }
 }
 
@@ -221,23 +283,4 @@ fn plan(experiment: &Experiment, graph: &Graph) -> Value {
         "studies": experiment.studies.iter().map(study).collect::<Vec<_>>(),
         "stages": counts(graph).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
     })
-}
-
-fn document(report: &Report) -> Result<Value> {
-    serde_json::to_value(report).map_err(|error| Failure::told(error.to_string()))
-}
-
-fn write(out: &Path, report: &Report) -> Result<()> {
-    let mut files = vec![
-        ("report.md".to_owned(), markdown::markdown(report)),
-        ("report.json".to_owned(), format!("{:#}\n", document(report)?)),
-    ];
-    for (number, study) in (1..).zip(&report.studies) {
-        files.extend(plots::draw(report, number, study)?);
-    }
-    for (name, text) in files {
-        let path = out.join(name);
-        std::fs::write(&path, text).map_err(ClientError::io(path))?;
-    }
-    Ok(())
 }

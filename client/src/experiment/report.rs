@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use super::cell::CellSettings;
 use super::recordings::CohortCount;
+use super::standing::Progress;
 use super::study::TableKind;
 use crate::quality::{ALL, Selected, Separation};
 
@@ -19,6 +20,7 @@ pub(crate) struct Report {
     pub(crate) device: String,
     /// Cores of the machine.
     pub(crate) cores: usize,
+    pub(crate) progress: Progress,
     pub(crate) recorded: Vec<CohortCount>,
     pub(crate) studies: Vec<StudyReport>,
     pub(crate) stages: Vec<StageReport>,
@@ -48,8 +50,10 @@ pub(crate) struct CellReport {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SeedReport {
     pub(crate) seed: u64,
-    /// Why it is not complete.
+    /// Why it will not be complete.
     pub(crate) problem: Option<String>,
+    /// Whether more of it will come.
+    pub(crate) unfinished: bool,
     pub(crate) success: Option<Rate>,
     /// What the selection keeps; of cells with scores.
     pub(crate) selected: Option<Selected>,
@@ -102,7 +106,7 @@ pub(crate) struct PooledAuroc {
     pub(crate) interval: Option<(f64, f64)>,
 }
 
-/// One stage as it ended.
+/// One stage as it stands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct StageReport {
     pub(crate) kind: String,
@@ -113,15 +117,22 @@ pub(crate) struct StageReport {
     pub(crate) id: Option<String>,
     pub(crate) job_id: Option<String>,
     pub(crate) seconds: Option<f64>,
+    /// Whether it is not asked for, or its job has not ended.
+    pub(crate) unfinished: bool,
     pub(crate) problem: Option<String>,
 }
 
 impl Report {
-    /// Cells that are not complete, of all.
-    pub(crate) fn incomplete(&self) -> (usize, usize) {
-        let cells = || self.studies.iter().flat_map(|study| &study.cells);
-        let incomplete = cells().filter(|cell| cell.seeds.iter().any(|seed| seed.problem.is_some()));
-        (incomplete.count(), cells().count())
+    /// With what was found put in.
+    pub(crate) fn found(self, studies: Vec<StudyReport>, stages: Vec<StageReport>) -> Self {
+        let cells = || studies.iter().flat_map(|study| &study.cells);
+        let failed = |cell: &&CellReport| cell.seeds.iter().any(|seed| seed.problem.is_some());
+        let progress = Progress {
+            cells: cells().count(),
+            complete: cells().filter(|cell| cell.complete_seeds() == cell.seeds.len()).count(),
+            failed: cells().filter(failed).count(),
+        };
+        Self { progress, studies, stages, ..self }
     }
 }
 
@@ -129,6 +140,10 @@ impl CellReport {
     /// AUROC over all imperfect cohorts.
     pub(crate) fn auroc(&self) -> Option<&PooledAuroc> {
         self.pooled.auroc.iter().find(|auroc| auroc.cohort == ALL)
+    }
+
+    pub(crate) fn complete_seeds(&self) -> usize {
+        self.seeds.iter().filter(|seed| seed.problem.is_none() && !seed.unfinished).count()
     }
 }
 
@@ -155,6 +170,7 @@ pub(super) mod tests {
         SeedReport {
             seed,
             problem: successes.is_none().then(|| "train failed: out of memory".into()),
+            unfinished: false,
             success: successes.map(|successes| Rate::new(successes, 10)),
             selected: kept.map(|kept| Selected { kept, of: 100, share: 0.3, precision: Some(0.9), recall: Some(0.5) }),
             separation: kept
@@ -181,6 +197,7 @@ pub(super) mod tests {
             id: Some("x_1".into()),
             job_id: Some("job_1".into()),
             seconds,
+            unfinished: false,
             problem: problem.map(Into::into),
         };
         let count = |cohort: &str, agent: &str, successes| CohortCount {
@@ -190,26 +207,30 @@ pub(super) mod tests {
             steps: 150,
             successes,
         };
-        Report {
+        let studies = vec![StudyReport {
+            name: "Methods".into(),
+            table: TableKind::Methods,
+            cells,
+            machine_seconds: 95.0,
+            stages: 9,
+        }];
+        let stages = vec![
+            stage("train", Some(30.5), None),
+            stage("train", None, Some("out of memory")),
+            stage("score", Some(4.0), None),
+        ];
+        let frame = Report {
             name: "tiny".into(),
             task: "pick_cube".into(),
             command: "gleaner experiment tiny.toml --out tiny".into(),
             device: "cpu".into(),
             cores: 2,
             recorded: vec![count("expert", "expert", 5), count("freeze", "freeze:1", 1)],
-            studies: vec![StudyReport {
-                name: "Methods".into(),
-                table: TableKind::Methods,
-                cells,
-                machine_seconds: 95.0,
-                stages: 9,
-            }],
-            stages: vec![
-                stage("train", Some(30.5), None),
-                stage("train", None, Some("out of memory")),
-                stage("score", Some(4.0), None),
-            ],
-        }
+            progress: Progress::default(),
+            studies: Vec::new(),
+            stages: Vec::new(),
+        };
+        frame.found(studies, stages)
     }
 
     #[test]
@@ -227,6 +248,7 @@ pub(super) mod tests {
             (&json!(0), &json!(8), &json!(10))
         );
         assert!(seed["success"]["low"].as_f64() > Some(0.49) && seed["success"]["high"].as_f64() < Some(0.95));
-        assert_eq!(report().incomplete(), (1, 2));
+        assert_eq!(report().progress, Progress { cells: 2, complete: 1, failed: 1 });
+        assert!(!report().progress.unfinished());
     }
 }

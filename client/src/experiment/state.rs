@@ -2,12 +2,12 @@
 //! the server finds again by itself.
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use gleaner_client::ClientError;
 use serde::{Deserialize, Serialize};
 
+use super::reporter::replace;
 use crate::failure::{Failure, Result};
 
 const FILE: &str = "state.json";
@@ -50,16 +50,6 @@ impl State {
         let text = serde_json::to_vec_pretty(&self.remembered).map_err(|error| Failure::told(error.to_string()))?;
         Ok(replace(&self.path, &text).map_err(ClientError::io(&self.path))?)
     }
-}
-
-// The old content or the new one, never a part.
-fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().unwrap_or_else(|| Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(content)?;
-    file.as_file().sync_all()?;
-    file.persist(path).map_err(|error| error.error)?;
-    std::fs::File::open(folder)?.sync_all()
 }
 
 #[cfg(test)]

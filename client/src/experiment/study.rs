@@ -42,7 +42,11 @@ impl TableKind {
         }
     }
 
-    // The axes that the table has of itself.
+    // The cells that the table has of itself.
+    fn cells(self, cohorts: &[&str]) -> Vec<Draft> {
+        if self == Self::Scoring { scorings() } else { grid(&self.axes(cohorts)) }
+    }
+
     fn axes(self, cohorts: &[&str]) -> Vec<Axis> {
         let axis = |key: &str, values: Vec<Value>| Axis { key: key.to_owned(), values };
         let words = |words: &[&str]| words.iter().map(|word| Value::from(*word)).collect::<Vec<_>>();
@@ -65,10 +69,24 @@ impl TableKind {
                 let all = Method::ALL.iter().filter_map(|method| Value::try_from(method).ok());
                 vec![axis("method", all.collect())]
             }
-            Self::Scoring => vec![axis("scorer", words(&["ssdf", "raw", "classifier"]))],
-            Self::Cells => Vec::new(),
+            Self::Scoring | Self::Cells => Vec::new(),
         }
     }
+}
+
+// Ours and the paper's to the letter; the nearest neighbour that one would try first, and what our yardstick alone
+// does for it; and the classifier.
+fn scorings() -> Vec<Draft> {
+    let cell = |label: &str, set: &[(&str, &str)]| {
+        (label.to_owned(), set.iter().map(|(key, value)| ((*key).to_owned(), Value::from(*value))).collect())
+    };
+    vec![
+        cell("ssdf", &[("scorer", "ssdf")]),
+        cell("ssdf to the letter", &[("scorer", "ssdf"), ("feature_scale", "plain"), ("yardstick", "none")]),
+        cell("raw", &[("scorer", "raw"), ("yardstick", "none")]),
+        cell("raw + yardstick", &[("scorer", "raw"), ("yardstick", "local")]),
+        cell("classifier", &[("scorer", "classifier")]),
+    ]
 }
 
 /// A study as it stands in the file.
@@ -122,7 +140,7 @@ impl StudySettings {
             (Some(_), Some(_)) => return Err("give axes or cells, not both".into()),
             (Some(cells), None) => cells.iter().map(named).collect(),
             (None, Some(axes)) => grid(&flat(axes)?),
-            (None, None) => grid(&self.table.axes(cohorts)),
+            (None, None) => self.table.cells(cohorts),
         };
         if drafts.is_empty() {
             return Err("has no cells; give axes or cells".into());
@@ -160,6 +178,7 @@ fn named(cell: &NamedCell) -> Draft {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::choice::{FeatureScaleWord, YardstickWord};
 
     fn cells(study: &str) -> Result<Vec<Cell>, String> {
         let base: Table = toml::from_str("lambda = 0.5\nseeds = [7]\n[rule]\nexperts = 4").unwrap();
@@ -178,7 +197,13 @@ mod tests {
         assert_eq!(labels("table = \"quantity\""), ["1:1 weak", "1:1 strong", "1:3 weak", "1:3 strong"]);
         assert_eq!(labels("table = \"similarity\"").len(), 4);
         let scoring = cells("table = \"scoring\"").unwrap();
-        assert!(scoring.len() == 3 && scoring.iter().all(|cell| !cell.settings.evaluate));
+        assert!(scoring.iter().all(|cell| !cell.settings.evaluate));
+        let labels: Vec<&str> = scoring.iter().map(|cell| cell.label.as_str()).collect();
+        assert_eq!(labels, ["ssdf", "ssdf to the letter", "raw", "raw + yardstick", "classifier"]);
+        let yardsticks = |index: usize| (scoring[index].settings.yardstick, scoring[index].settings.feature_scale);
+        assert_eq!(yardsticks(0), (YardstickWord::Local, FeatureScaleWord::Whitened));
+        assert_eq!(yardsticks(1), (YardstickWord::None, FeatureScaleWord::Plain));
+        assert_eq!((yardsticks(2).0, yardsticks(3).0), (YardstickWord::None, YardstickWord::Local));
     }
 
     #[test]

@@ -10,6 +10,7 @@ use tonic::Code;
 use super::file::Experiment;
 use super::order::{self, Input};
 use super::stage::{Graph, Stage, Work};
+use super::standing::Gap;
 use super::state::State;
 use crate::choice::DeviceWord;
 use crate::failure::{Failure, Result, present};
@@ -23,8 +24,8 @@ pub(crate) struct Made {
     pub(crate) job: Option<Job>,
 }
 
-/// For each stage what it is, or why it can't be.
-pub(crate) type Submitted = Vec<std::result::Result<Made, String>>;
+/// For each stage what it is, or why it is not.
+pub(crate) type Submitted = Vec<std::result::Result<Made, Gap>>;
 
 /// Asks for the stages of an experiment.
 pub(crate) struct Submitter<'a> {
@@ -50,7 +51,8 @@ impl<'a> Submitter<'a> {
         for stage in &graph.stages {
             let input = stage.input.map(|index| (graph.stages[index].work.kind(), &submitted[index]));
             let made = match input {
-                Some((kind, Err(problem))) => Err(format!("its {kind} failed: {problem}")),
+                Some((_, Err(Gap::NotYet))) => Err(Gap::NotYet),
+                Some((kind, Err(Gap::Failed(problem)))) => Err(Gap::Failed(format!("its {kind} failed: {problem}"))),
                 Some((kind, Ok(made))) => self.stage(stage, Input { kind, id: &made.id }).await?,
                 None => self.stage(stage, Input { kind: "", id: "" }).await?,
             };
@@ -59,7 +61,7 @@ impl<'a> Submitter<'a> {
         Ok(submitted)
     }
 
-    async fn stage(&mut self, stage: &Stage, input: Input<'_>) -> Result<std::result::Result<Made, String>> {
+    async fn stage(&mut self, stage: &Stage, input: Input<'_>) -> Result<std::result::Result<Made, Gap>> {
         let made = match &stage.work {
             Work::Snapshot { rule, .. } => {
                 let imperfect: Vec<&str> = self.experiment.imperfect_cohorts().collect();
@@ -73,20 +75,16 @@ impl<'a> Submitter<'a> {
         match made {
             Ok(made) => Ok(Ok(made)),
             // Its input failed in an earlier run, or just now.
-            Err(Failure::Client(error)) if error.code() == Some(Code::FailedPrecondition) => Ok(Err(error.to_string())),
+            Err(Failure::Client(error)) if error.code() == Some(Code::FailedPrecondition) => {
+                Ok(Err(Gap::Failed(error.to_string())))
+            }
             Err(failure) => Err(Failure::told(format!("{} ({}): {failure}", stage.work.kind(), stage.label))),
         }
     }
 
     async fn snapshot(&mut self, key: &str, rule: RoleRule) -> Result<Made> {
-        if let Some(id) = self.state.snapshot(key) {
-            let request = GetSnapshotRequest { snapshot_id: id.to_owned() };
-            match self.client.snapshots().get_snapshot(request).await {
-                Ok(_) => return Ok(Made { id: id.to_owned(), job: None }),
-                // Another server, or its data are gone.
-                Err(status) if status.code() == Code::NotFound => {}
-                Err(status) => return Err(status.into()),
-            }
+        if let Some(known) = known_snapshot(self.client, self.state, key).await? {
+            return Ok(known);
         }
         let request = CreateSnapshotRequest { task: self.experiment.task(), rule: Some(rule) };
         let reply = self.client.snapshots().create_snapshot(request).await?.into_inner();
@@ -104,14 +102,30 @@ impl<'a> Submitter<'a> {
     async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<Made> {
         let simulation = self.experiment.recordings.task.to_string();
         let spec = present(order::job(&stage.work, input, &simulation, self.device), "a job for this stage")?;
-        // The input's id beside the stage: when a failed input is made anew, what works on it is new as well.
         let request = SubmitJobRequest {
             task: self.experiment.task(),
             spec: Some(JobSpec { spec: Some(spec) }),
-            key: format!("experiment/{}/{}", stage.key, input.id),
+            key: job_key(stage, input.id),
             ..SubmitJobRequest::default()
         };
         let job = present(self.client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
         Ok(Made { id: job.result_id.clone(), job: Some(job) })
+    }
+}
+
+/// What a stage's job is called on the server. The input's id is beside the stage: when a failed input is made anew,
+/// what works on it is new as well.
+pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
+    format!("experiment/{}/{input}", stage.key)
+}
+
+/// The snapshot that an earlier run made, if this server has it.
+pub(crate) async fn known_snapshot(client: &Client, state: &State, key: &str) -> Result<Option<Made>> {
+    let Some(id) = state.snapshot(key) else { return Ok(None) };
+    match client.snapshots().get_snapshot(GetSnapshotRequest { snapshot_id: id.to_owned() }).await {
+        Ok(_) => Ok(Some(Made { id: id.to_owned(), job: None })),
+        // Another server, or its data are gone.
+        Err(status) if status.code() == Code::NotFound => Ok(None),
+        Err(status) => Err(status.into()),
     }
 }

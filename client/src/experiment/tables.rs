@@ -1,8 +1,12 @@
 //! A study's tables in Markdown, in the paper's form: a column for each cell, a row for each measure.
 
+use gleaner_sim::AgentSpec;
+
 use super::report::{CellReport, PooledAuroc, Report, SeedReport, StudyReport};
 use super::study::TableKind;
 use crate::choice::ObjectiveWord;
+use crate::quality::ALL;
+use crate::words;
 
 const GAP: &str = "-";
 
@@ -33,8 +37,16 @@ pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
     row("of which good (precision), %", &|cell| cell.pooled.precision.map(percent));
     row("of the good kept (recall), %", &|cell| cell.pooled.recall.map(percent));
     row("AUROC of q", &|cell| cell.auroc().map(|auroc| three(auroc.mean)));
-    let labels: Vec<&str> = study.cells.iter().map(|cell| cell.label.as_str()).collect();
+    let labels: Vec<String> = study.cells.iter().map(label).collect();
     transposed(&labels, &rows)
+}
+
+// A cell's label, and how much of it there is when that is not all.
+fn label(cell: &CellReport) -> String {
+    match (cell.complete_seeds(), cell.seeds.len()) {
+        (complete, all) if complete == all => cell.label.clone(),
+        (complete, all) => format!("{} ({complete} of {all} seeds)", cell.label),
+    }
 }
 
 /// AUROC by cohort, when any cell has scores. Cells with the same scores (at other β, say) are one column.
@@ -60,8 +72,26 @@ pub(crate) fn auroc(study: &StudyReport) -> Option<String> {
         .iter()
         .map(|cohort| (*cohort, columns.iter().map(|column| value(column.1, cohort)).collect()))
         .collect();
-    let labels: Vec<&str> = columns.iter().map(|column| column.0.as_str()).collect();
+    let labels: Vec<String> = columns.iter().map(|column| column.0.clone()).collect();
     (!rows.is_empty()).then(|| transposed(&labels, &rows))
+}
+
+/// What to know of the rows over all cohorts: which agents go wrong less than they could, so that their bad steps are
+/// few and mild.
+pub(crate) fn mild(report: &Report, study: &StudyReport) -> Option<String> {
+    let shown =
+        |cohort: &str| study.cells.iter().flat_map(|cell| &cell.pooled.auroc).any(|auroc| auroc.cohort == cohort);
+    let below = |agent: &str| agent.parse::<AgentSpec>().is_ok_and(|agent| agent.grade() < 1.0);
+    let mild: Vec<String> = report
+        .recorded
+        .iter()
+        .skip(1)
+        .filter(|count| shown(&count.cohort) && below(&count.agent))
+        .map(|count| {
+            format!("{} ({}, {} succeeded)", count.cohort, count.agent, words::percent(count.successes, count.episodes))
+        })
+        .collect();
+    (!mild.is_empty()).then(|| format!("`{ALL}` counts cohorts of a low grade too: {}.", mild.join(", ")))
 }
 
 /// One line for each cell and seed.
@@ -85,6 +115,7 @@ fn measures(seed: &SeedReport) -> [String; 6] {
     let successes = match (&seed.success, &seed.problem) {
         (Some(rate), _) => format!("{} of {}", rate.successes, rate.episodes),
         (None, Some(_)) => "failed".into(),
+        (None, None) if seed.unfinished => "not yet".into(),
         (None, None) => gap(),
     };
     [
@@ -114,7 +145,7 @@ pub(crate) fn behaviour(report: &Report, cell: &CellReport) -> Option<f64> {
     (episodes > 0).then_some(share)
 }
 
-fn transposed(labels: &[&str], rows: &[(&str, Vec<String>)]) -> String {
+fn transposed(labels: &[String], rows: &[(&str, Vec<String>)]) -> String {
     let mut text = format!("| | {} |\n|---|{}\n", labels.join(" | "), "---:|".repeat(labels.len()));
     for (name, values) in rows {
         text.push_str(&format!("| {name} | {} |\n", values.join(" | ")));
@@ -171,6 +202,20 @@ mod tests {
         let text = auroc(&study(TableKind::Beta, cells)).unwrap();
         assert!(text.starts_with("| | 0.5, 0.9 | other |\n"), "{text}");
         assert_eq!(auroc(&study(TableKind::Beta, Vec::new())), None);
+    }
+
+    #[test]
+    fn mild_agents_among_all_are_named() {
+        let scored =
+            || study(TableKind::Scoring, vec![cell("x", CellSettings::default(), vec![seed(0, Some(5), Some(3))])]);
+        let mut report = report();
+        assert_eq!(mild(&report, &scored()), None);
+        report.recorded[1].agent = "freeze:0.3".into();
+        assert_eq!(
+            mild(&report, &scored()).unwrap(),
+            "`all` counts cohorts of a low grade too: freeze (freeze:0.3, 20.0 % succeeded)."
+        );
+        assert_eq!(mild(&report, &study(TableKind::Scoring, Vec::new())), None);
     }
 
     #[test]

@@ -1,0 +1,122 @@
+//! Writes the report: at the end, and whenever there is more to say before.
+
+use std::collections::HashSet;
+use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::Path;
+
+use gleaner_client::ClientError;
+use serde_json::Value;
+
+use super::gather::Gatherer;
+use super::markdown::markdown;
+use super::plots;
+use super::report::Report;
+use super::stage::Graph;
+use super::standing::settled;
+use super::submit::Submitted;
+use crate::context::Context;
+use crate::failure::{Failure, Result};
+
+/// Keeps a folder's report as new as the experiment is.
+pub(crate) struct Reporter<'a> {
+    context: &'a Context,
+    out: &'a Path,
+    graph: &'a Graph,
+    gatherer: Gatherer<'a>,
+    /// The report but for what is gathered.
+    frame: Report,
+    told: HashSet<(usize, usize, usize)>,
+}
+
+impl<'a> Reporter<'a> {
+    /// `frame` is the report as far as it is known from the start.
+    pub(crate) fn new(
+        context: &'a Context,
+        out: &'a Path,
+        graph: &'a Graph,
+        gatherer: Gatherer<'a>,
+        frame: Report,
+    ) -> Self {
+        Self { context, out, graph, gatherer, frame, told: HashSet::new() }
+    }
+
+    /// Writes the report anew if another seed of a cell is settled. That it can't be written is no reason to stop.
+    pub(crate) async fn more(&mut self, submitted: &Submitted) {
+        let settled = settled(self.graph, submitted);
+        if settled == self.told {
+            return;
+        }
+        self.told = settled;
+        if let Err(failure) = self.report(submitted).await {
+            self.context.output.note(format_args!("the report so far can't be written: {failure}"));
+        }
+    }
+
+    /// Writes the report of what is there now.
+    pub(crate) async fn report(&mut self, submitted: &Submitted) -> Result<Report> {
+        let studies = self.gatherer.studies(submitted).await?;
+        let stages = self.gatherer.stages(submitted);
+        let report = self.frame.clone().found(studies, stages);
+        write(self.out, &report)?;
+        Ok(report)
+    }
+}
+
+/// The report as JSON.
+pub(crate) fn document(report: &Report) -> Result<Value> {
+    serde_json::to_value(report).map_err(|error| Failure::told(error.to_string()))
+}
+
+// The plots first: a report never names one that is not there.
+fn write(out: &Path, report: &Report) -> Result<()> {
+    let mut files = Vec::new();
+    for (number, study) in (1..).zip(&report.studies) {
+        files.extend(plots::draw(report, number, study)?);
+    }
+    files.push(("report.json".to_owned(), format!("{:#}\n", document(report)?)));
+    files.push(("report.md".to_owned(), markdown(report)));
+    for (name, text) in files {
+        let path = out.join(name);
+        replace(&path, text.as_bytes()).map_err(ClientError::io(path))?;
+    }
+    Ok(())
+}
+
+/// Puts a file's new content in place of the old: whoever reads it meanwhile sees one or the other, never a part.
+pub(crate) fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().unwrap_or_else(|| Path::new("."));
+    // As any other file that is made: for everyone, less what the user keeps to himself.
+    let mut builder = tempfile::Builder::new();
+    let mut file = builder.permissions(std::fs::Permissions::from_mode(0o666)).tempfile_in(folder)?;
+    file.write_all(content)?;
+    file.as_file().sync_all()?;
+    file.persist(path).map_err(|error| error.error)?;
+    std::fs::File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::experiment::report::tests::report;
+
+    #[test]
+    fn a_report_takes_the_place_of_the_one_before_and_leaves_nothing_beside() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("report.md"), "old").unwrap();
+        write(folder.path(), &report()).unwrap();
+        write(folder.path(), &report()).unwrap();
+        assert_eq!(std::fs::read_to_string(folder.path().join("report.md")).unwrap(), markdown(&report()));
+        let mut names: Vec<String> = std::fs::read_dir(folder.path())
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        names.sort();
+        assert_eq!(names, ["report.json", "report.md", "study_1.svg", "study_1_q.svg"]);
+        let plain = folder.path().join("plain");
+        std::fs::write(&plain, "").unwrap();
+        let mode = |name: &str| std::fs::metadata(folder.path().join(name)).unwrap().permissions().mode();
+        assert_eq!(mode("report.md"), mode("plain"), "others may read it as they may any file");
+    }
+}
