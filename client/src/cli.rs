@@ -143,6 +143,10 @@ mod tests {
             "gleaner report-evaluation pol_1 --simulation x --result 0:10:4 --result 1:10:5:30.5",
             "gleaner pretrain --objective mtp,aa --max-experts 5 --contrast 0.2",
             "gleaner experiment a.toml --out x --device cuda --plan",
+            "gleaner experiment a.toml --report",
+            "gleaner schedule create --name n --after-labels 50 --top 0.1 --until dataset",
+            "gleaner score --encoder enc_1 --feature-scale plain --yardstick none",
+            "gleaner pretrain --max-experts 20 --imperfect-per-expert 3 --rule-seed 1",
         ] {
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
         }
@@ -171,6 +175,8 @@ mod tests {
             "gleaner what-if run_1",
             "gleaner report-evaluation pol_1 --simulation x",
             "gleaner experiment",
+            "gleaner experiment a.toml --report --plan",
+            "gleaner pipeline --beta 0.5 --top 0.1",
         ] {
             let refused = Cli::try_parse_from(line.split(' ')).unwrap_err();
             assert_eq!(refused.exit_code(), 2, "{line}");
