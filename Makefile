@@ -1,8 +1,9 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test fmt lint doc deny check
+.PHONY: demo build test fmt lint doc deny check bench peers
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
+BENCH_PROFILE ?= bench
 
 # The main job, start to end, on an embedded database: a table at the end, a report in $(DEMO_DIR). The
 # development profile is optimised too, and `make test` then compiles little more.
@@ -29,6 +30,14 @@ doc: .libtorch
 # Licences, advisories, sources: where cargo-deny is installed and its advisory database can be had.
 deny:
 	@if command -v cargo-deny >/dev/null; then $(CARGO) deny check; else echo "cargo-deny is not installed: skipped"; fi
+
+# What a training step, encoding, an ACT inference and the nearest search cost here.
+bench: .libtorch
+	$(CARGO) bench -p gleaner-learn --bench '*' --locked --profile $(BENCH_PROFILE)
+
+# The pretraining step beside eager PyTorch's. Fetches PyTorch (about 3 GB) the first time.
+peers: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/peers/run.sh
 
 # What CI runs.
 check: fmt lint test doc deny

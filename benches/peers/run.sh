@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# Our pretraining step beside eager PyTorch's, in one run. Arguments go to compare.py; see README.md.
+#
+# BENCH_PROFILE is cargo's profile (bench), PEERS_VENV where the virtual environment is or shall be.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+
+venv="${PEERS_VENV:-${XDG_CACHE_HOME:-$HOME/.cache}/gleaner/peers}"
+python="$venv/bin/python"
+[ -e "$python" ] || python3 -m venv "$venv"
+echo "peers: PyTorch in $venv (the first time about 3 GB)" >&2
+"$python" -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary=:all: \
+  -r benches/peers/requirements.lock
+
+program=$("${CARGO:-cargo}" bench --locked -p gleaner-learn --bench steps --profile "${BENCH_PROFILE:-bench}" \
+  --no-run --message-format json-render-diagnostics |
+  "$python" -c 'import json, sys
+made = [json.loads(line).get("executable") for line in sys.stdin if line.startswith("{")]
+print([path for path in made if path][-1])')
+
+# What else the machine does matters to the clock, less to the ratios.
+uptime
+exec "$python" -B benches/peers/compare.py "$program" "$@"

@@ -1,0 +1,196 @@
+//! Pretraining steps at another program's pace, so that a peer can take turns with them in one run; that
+//! peer is `benches/peers`. Without a job it takes a few steps and says what one costs.
+//!
+//! The one argument is a [`Job`] as JSON. Each line read is a number of steps to take, each line written an
+//! object: first the model's size, then what the steps took and gave.
+
+#![allow(clippy::unwrap_used, missing_docs)]
+
+mod episodes;
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use gleaner_learn::{
+    LearnError, Monitor, Objective, OptimSpec, Preset, PretrainSpec, TaskShape, Trajectory, pretrain, set_threads,
+};
+use serde::Deserialize;
+use serde_json::json;
+
+/// More steps than any peer asks for: the run ends when it stops asking.
+const ENDLESS: u64 = 1_000_000;
+/// Steps without a job, the first of them to warm up.
+const STEPS: usize = 23;
+const WARM_UP: usize = 3;
+
+/// What to train on, and how.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Job {
+    preset: Preset,
+    /// Pixels a side of the two cameras.
+    side: u32,
+    depth: bool,
+    episodes: u64,
+    objectives: Vec<Objective>,
+    batch: u32,
+    stretch: u32,
+    threads: u32,
+    /// Where the peer finds the episodes and the weights after the first step.
+    share: Option<PathBuf>,
+}
+
+impl Default for Job {
+    fn default() -> Self {
+        let optim = OptimSpec::default();
+        Self {
+            preset: Preset::Tiny,
+            side: 32,
+            depth: false,
+            episodes: 4,
+            objectives: PretrainSpec::default().objectives,
+            batch: optim.batch,
+            stretch: optim.stretch,
+            threads: 1,
+            share: None,
+        }
+    }
+}
+
+/// Keeps the checkpoint of the first step and stops there.
+#[derive(Default)]
+struct First(Option<Vec<u8>>);
+
+impl Monitor for First {
+    fn progress(&mut self, _: u64, _: u64, _: &[(&'static str, f64)]) {}
+
+    fn checkpoint(&mut self, _: u64, bytes: &[u8]) -> Result<(), String> {
+        self.0 = Some(bytes.to_vec());
+        Ok(())
+    }
+
+    fn cancelled(&self) -> bool {
+        self.0.is_some()
+    }
+}
+
+/// Takes steps in blocks, and stops when no further block is asked for.
+struct Paced<'a> {
+    /// What the next block may take, once the last has been told what its steps took and gave.
+    next: &'a mut dyn FnMut(&Block) -> usize,
+    left: usize,
+    block: Block,
+}
+
+#[derive(Default)]
+struct Block {
+    ms: Vec<f64>,
+    loss: Vec<f64>,
+}
+
+impl Monitor for Paced<'_> {
+    fn progress(&mut self, _: u64, _: u64, metrics: &[(&'static str, f64)]) {
+        let metric = |name| metrics.iter().find(|(known, _)| *known == name).unwrap().1;
+        self.block.ms.push(metric("ms_per_step"));
+        self.block.loss.push(metric("loss"));
+        self.left -= 1;
+        if self.left == 0 {
+            self.left = (self.next)(&std::mem::take(&mut self.block));
+        }
+    }
+
+    fn checkpoint(&mut self, _: u64, _: &[u8]) -> Result<(), String> {
+        Ok(())
+    }
+
+    fn cancelled(&self) -> bool {
+        self.left == 0
+    }
+}
+
+/// Writes the episodes one after the other, as they lie in memory.
+fn share(folder: &Path, data: &[Trajectory]) -> io::Result<()> {
+    let frames: Vec<&[u8]> = data.iter().map(|episode| (*episode.frames).as_ref()).collect();
+    let bytes = |field: fn(&Trajectory) -> &[f32]| {
+        data.iter().flat_map(field).flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>()
+    };
+    fs::write(folder.join("frames"), frames.concat())?;
+    fs::write(folder.join("proprioception"), bytes(|episode| &episode.proprioception))?;
+    fs::write(folder.join("action"), bytes(|episode| &episode.action))
+}
+
+/// Number of values the model learns; a checkpoint names them so, and nothing else.
+fn parameters(checkpoint: &[u8]) -> usize {
+    let tensors = safetensors::SafeTensors::deserialize(checkpoint).unwrap();
+    let learnt = tensors.iter().filter(|(name, _)| name.starts_with("model."));
+    learnt.map(|(_, view)| view.shape().iter().product::<usize>()).sum()
+}
+
+fn say(line: &serde_json::Value) {
+    let mut out = io::stdout().lock();
+    writeln!(out, "{line}").unwrap();
+    out.flush().unwrap();
+}
+
+/// The number on the next line of standard input; 0 at its end.
+fn asked() -> usize {
+    let mut line = String::new();
+    io::stdin().read_line(&mut line).unwrap();
+    line.trim().parse().unwrap_or(0)
+}
+
+/// One step, then as many as `next` asks for.
+fn run(
+    shape: &TaskShape,
+    data: &[Trajectory],
+    spec: &PretrainSpec,
+    first: &[u8],
+    next: &mut dyn FnMut(&Block) -> usize,
+) {
+    let left = next(&Block::default());
+    let mut paced = Paced { next, left, block: Block::default() };
+    let ended = pretrain(shape, data, spec, Some(first), &mut paced);
+    assert!(matches!(ended, Err(LearnError::Cancelled)), "the run ended by itself: {:?}", ended.err());
+}
+
+fn main() {
+    let given = std::env::args().skip(1).find(|argument| argument.starts_with('{'));
+    let job: Job = given.as_ref().map(|text| serde_json::from_str(text).unwrap()).unwrap_or_default();
+    let (model, shape) = episodes::sizes(job.preset, job.side, job.depth);
+    let data = episodes::noise(&shape, job.episodes);
+    let optim = OptimSpec { steps: ENDLESS, batch: job.batch, stretch: job.stretch, ..OptimSpec::default() };
+    let once =
+        PretrainSpec { model, objectives: job.objectives, optim, checkpoint_every: 1, ..PretrainSpec::default() };
+    set_threads(job.threads);
+    let mut first = First::default();
+    let ended = pretrain(&shape, &data, &once, None, &mut first);
+    assert!(matches!(ended, Err(LearnError::Cancelled)), "no first step: {:?}", ended.err());
+    let checkpoint = first.0.unwrap();
+    if let Some(folder) = &job.share {
+        share(folder, &data).unwrap();
+        fs::write(folder.join("checkpoint"), &checkpoint).unwrap();
+    }
+    let size = parameters(&checkpoint);
+    let spec = PretrainSpec { checkpoint_every: u32::MAX, ..once };
+    if given.is_some() {
+        say(&json!({"parameters": size}));
+        let mut pace = |block: &Block| {
+            if !block.ms.is_empty() {
+                say(&json!({"ms": block.ms, "loss": block.loss}));
+            }
+            asked()
+        };
+        return run(&shape, &data, &spec, &checkpoint, &mut pace);
+    }
+    let mut pace = |block: &Block| {
+        if block.ms.is_empty() {
+            return STEPS;
+        }
+        let mut ms = block.ms[WARM_UP..].to_vec();
+        ms.sort_by(f64::total_cmp);
+        say(&json!({"parameters": size, "threads": job.threads, "median_ms": ms[ms.len() / 2]}));
+        0
+    };
+    run(&shape, &data, &spec, &checkpoint, &mut pace);
+}
