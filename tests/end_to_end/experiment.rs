@@ -34,18 +34,24 @@ axes = { scorer = ["ssdf", "raw"] }
 "#;
 
 async fn run(server: &TestServer, file: &Path, out: &Path) {
+    let (ok, said) = experiment(server, file, out, &[]).await;
+    assert!(ok, "{said}");
+}
+
+async fn experiment(server: &TestServer, file: &Path, out: &Path, flags: &[&str]) -> (bool, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_gleaner-under-test"))
         .args(["--server", server.url(), "experiment"])
         .arg(file)
         .arg("--out")
         .arg(out)
+        .args(flags)
         .stdin(Stdio::null())
         .kill_on_drop(true)
         .output()
         .await
         .unwrap();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    assert!(output.status.success(), "{}\n{}", text(&output.stdout), text(&output.stderr));
+    (output.status.success(), format!("{}\n{}", text(&output.stdout), text(&output.stderr)))
 }
 
 async fn jobs(server: &TestServer) -> Vec<Job> {
@@ -74,4 +80,42 @@ async fn an_experiment_shares_stages_reports_and_goes_on() {
 
     run(&server, &file, &out).await;
     assert_eq!(jobs(&server).await.len(), made.len(), "what is done is not done twice");
+
+    // A grid that has grown: the report of what is there asks for nothing, and says what is missing.
+    std::fs::write(&file, FILE.replace("\"ssdf\", \"raw\"]", "\"ssdf\", \"raw\", \"classifier\"]")).unwrap();
+    let (ok, said) = experiment(&server, &file, &out, &["--report"]).await;
+    assert!(ok && said.contains("Unfinished: 4 of 5 cells") && said.contains("classifier (0 of 1 seeds)"), "{said}");
+    assert!(std::fs::read_to_string(out.join("report.md")).unwrap().contains("Unfinished: 4 of 5 cells"));
+    assert_eq!(jobs(&server).await.len(), made.len(), "a report makes no job");
+    let (ok, said) = experiment(&server, &file, &dir.path().join("new"), &["--report"]).await;
+    assert!(!ok && said.contains("without --report"), "{said}");
+}
+
+/// Who looks while it runs finds what is finished.
+#[tokio::test]
+async fn a_report_is_there_before_the_end() {
+    let server = TestServer::start().await;
+    let dir = tempfile::tempdir().unwrap();
+    let (file, out) = (dir.path().join("smallest.toml"), dir.path().join("out"));
+    // The second cell's jobs can't be done: 10^9 steps.
+    let cells = r#"cells = [{ label = "short" }, { label = "long", set = { train = { steps = 1000000000 } } }]"#;
+    let study = "\n[[study]]\ntable = \"cells\"\n";
+    let head = FILE.split("\n[[study]]").next().unwrap();
+    std::fs::write(&file, format!("{head}{study}{cells}\n")).unwrap();
+    let running = experiment(&server, &file, &out, &[]);
+    let report = async {
+        let mut look = tokio::time::interval(std::time::Duration::from_millis(50));
+        loop {
+            look.tick().await;
+            if let Ok(report) = std::fs::read_to_string(out.join("report.md")) {
+                return report;
+            }
+        }
+    };
+    tokio::select! {
+        (_, said) = running => panic!("it can't be finished: {said}"),
+        report = report => {
+            assert!(report.contains("Unfinished: 1 of 2 cells") && report.contains("long (0 of 1 seeds)"), "{report}");
+        }
+    }
 }
