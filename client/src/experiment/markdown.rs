@@ -17,8 +17,8 @@ pub(crate) fn markdown(report: &Report) -> String {
     );
     let Progress { cells, complete, failed } = report.progress;
     if report.progress.unfinished() {
-        let said = "a column with the seeds of only a part says so, and - is what is not there yet";
-        line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete; {said}.**"));
+        let said = "A column that lacks seeds says so; what is not there yet is a -.";
+        line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete. {said}**"));
     }
     if failed > 0 {
         line(&mut text, format_args!("\n**{failed} of {cells} cells failed: see Problems.**"));
