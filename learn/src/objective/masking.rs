@@ -55,7 +55,7 @@ mod tests {
         let valid = vec![true; 7 * 20_000];
         let masked = draw(&mut generator(2, Purpose::Mask, 0), &valid, 7);
         let counts: Vec<usize> = masked.chunks(21).map(|sample| sample.iter().filter(|m| **m).count()).collect();
-        #[allow(clippy::cast_precision_loss)]
+        #[expect(clippy::cast_precision_loss, reason = "a count of elements")]
         let share = |n: usize, of: usize| n as f64 / of as f64;
         let mean = share(counts.iter().sum(), masked.len());
         assert!((mean - 0.25).abs() < 0.01, "{mean}");
