@@ -219,6 +219,9 @@ pub(crate) struct PolicyArgs {
     /// Weight of the kept segments' loss.
     #[arg(long)]
     lambda: Option<f64>,
+    /// Policies with a history: how often a training window's past is hidden.
+    #[arg(long, value_name = "CHANCE")]
+    history_dropout: Option<f64>,
 }
 
 impl PolicyArgs {
@@ -228,6 +231,7 @@ impl PolicyArgs {
         TrainSpec {
             optim: Some(optim),
             lambda: self.lambda,
+            history_dropout: self.history_dropout,
             seed,
             device: device.into(),
             policy: self.policy.map(i32::from).unwrap_or_default(),

@@ -90,6 +90,8 @@ pub(crate) struct CellSettings {
     pub(crate) train: OptimSettings,
     /// Weight of the kept segments' loss.
     pub(crate) lambda: f64,
+    /// How often a policy with a history is trained without its past.
+    pub(crate) history_dropout: f64,
     pub(crate) act: ActSettings,
     /// Of pretraining and training.
     pub(crate) augmentation: AugmentationSettings,
@@ -120,6 +122,7 @@ impl Default for CellSettings {
             top: None,
             train: OptimSettings::default(),
             lambda: 0.1,
+            history_dropout: 0.5,
             act: ActSettings::default(),
             augmentation: AugmentationSettings::default(),
             seeds: vec![0, 1, 2],

@@ -68,7 +68,7 @@ pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: Devic
 }
 
 fn training(work: &Work, input: Input<'_>, device: DeviceWord) -> TrainSpec {
-    let Work::Train { policy, from_scratch, act, lambda, optim, augmentation, seed } = work else {
+    let Work::Train { policy, from_scratch, act, lambda, history_dropout, optim, augmentation, seed } = work else {
         return TrainSpec::default();
     };
     let id = input.id.to_owned();
@@ -80,6 +80,7 @@ fn training(work: &Work, input: Input<'_>, device: DeviceWord) -> TrainSpec {
         }),
         optim: Some(optimiser(optim)),
         lambda: *lambda,
+        history_dropout: *history_dropout,
         seed: *seed,
         device: device.into(),
         policy: (*policy).into(),
@@ -140,6 +141,7 @@ mod tests {
             from_scratch,
             act: None,
             lambda: Some(0.1),
+            history_dropout: None,
             optim: OptimSettings { steps: Some(9), ..OptimSettings::default() },
             augmentation: AugmentationSettings::default(),
             seed: 3,

@@ -51,6 +51,8 @@ pub(crate) enum Work {
         from_scratch: Option<(PresetWord, u32)>,
         act: Option<ActSettings>,
         lambda: Option<f64>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        history_dropout: Option<f64>,
         optim: OptimSettings,
         augmentation: AugmentationSettings,
         seed: u64,
@@ -215,6 +217,7 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
         from_scratch: (!finetunes).then_some((cell.preset, cell.segment_length)),
         act: (policy == PolicyWord::Act).then(|| cell.act.clone()),
         lambda: cell.method.gleans().then_some(cell.lambda),
+        history_dropout: matches!(policy, PolicyWord::Finetune | PolicyWord::TfBc).then_some(cell.history_dropout),
         optim: cell.train.clone(),
         augmentation: cell.augmentation.clone(),
         seed,

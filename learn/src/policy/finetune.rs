@@ -1,6 +1,9 @@
 //! The policy `finetune`: the pretrained transformer itself, trained on by weighted behaviour
 //! cloning. A causal pass; the action is read from the last m token by the head of AA.
 //!
+//! In training some windows' past is hidden, as pretraining hides elements, so that the newest step
+//! must do; acting sees all.
+//!
 //! −log P_θ′(a_{i+l} | τ), Gaussian with fixed variance: the squared error of the standardised action.
 
 use std::collections::BTreeMap;
@@ -12,7 +15,7 @@ use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
 use crate::batch::Chunks;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::error::LearnError;
-use crate::model::{Network, View};
+use crate::model::{Attention, Network, View};
 use crate::objective::{action_autoregression, squared_error};
 use crate::spec::ModelSpec;
 
@@ -50,7 +53,8 @@ impl CausalTransformer {
     /// The standardised a_t of each window, `[W, 1, A]`. The last layer works on step t alone.
     fn predict(&self, seen: &Seen) -> Tensor {
         let steps = self.0.steps(&seen.embedded, &seen.proprioception, &seen.action);
-        let features = self.0.features(&steps, &seen.windows, View::CAUSAL, 1);
+        let view = View { attention: Attention::Causal, hidden: seen.hidden.as_ref() };
+        let features = self.0.features(&steps, &seen.windows, view, 1);
         action_autoregression::predict(&self.0, &features)
     }
 }

@@ -90,6 +90,8 @@ pub(super) struct Seen {
     /// `[N, A]` in physical units; each window's last is not known when acting, so none may look.
     pub(super) action: Tensor,
     pub(super) windows: Windows,
+    /// `[W, L, 3]`: which o, m and a of the windows are hidden, in training.
+    pub(super) hidden: Option<Tensor>,
 }
 
 impl Seen {

@@ -142,6 +142,7 @@ fn lay_out(about: &About<'_>, histories: &[&History]) -> Seen {
         proprioception: rows(&m, shape.proprioception, about.device),
         action: rows(&a, shape.action, about.device),
         windows: Windows::in_order(valid, about.window, about.device),
+        hidden: None,
     }
 }
 

@@ -2,10 +2,12 @@
 //!
 //! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−q(τ) log P_θ′(a | τ)].
 
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
 use super::method::{Losses, Method, Seen, Start, entry};
-use crate::batch::{Batch, Chunks, Segment, Segments};
+use crate::batch::{Batch, Chunks, Segment, Segments, Windows, int};
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
@@ -143,7 +145,8 @@ impl Source<'_> {
         let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
         let (mut batch, wanted) = self.collect(policy, &drawn);
         batch.augment(&spec.augmentation, &mut images);
-        mean_loss(policy, batch, &wanted, &mut noise)
+        let hidden = hide_past(&batch.windows, spec.history_dropout, &mut noise);
+        mean_loss(policy, batch, hidden, &wanted, &mut noise)
     }
 
     /// What `policy` sees of `drawn` segments, and what it should do.
@@ -157,15 +160,55 @@ impl Source<'_> {
     }
 }
 
+/// All of a window's steps but the last, of each window with chance `dropout`: `[W, L, 3]`. `None` if there is no past
+/// to hide, or never.
+fn hide_past(windows: &Windows, dropout: f64, rng: &mut ChaCha8Rng) -> Option<Tensor> {
+    if windows.length < 2 || dropout == 0.0 {
+        return None;
+    }
+    let past = 3 * (windows.length - 1);
+    let count = windows.valid_places.len() / windows.length;
+    let window = |_| {
+        let hides = rng.random_bool(dropout);
+        (0..3 * windows.length).map(move |element| hides && element < past)
+    };
+    let hidden: Vec<bool> = (0..count).flat_map(window).collect();
+    Some(Windows::grid(&hidden, &[int(count), int(windows.length), 3], windows.valid.device()))
+}
+
 /// Mean of weight · −log P over `batch`; each of its frames is encoded once.
 pub(super) fn mean_loss(
     policy: &dyn Method,
     batch: Batch,
+    hidden: Option<Tensor>,
     wanted: &Chunks,
-    noise: &mut rand_chacha::ChaCha8Rng,
+    noise: &mut ChaCha8Rng,
 ) -> (Tensor, Losses) {
     let Batch { images, proprioception, action, windows, weight, .. } = batch;
-    let seen = Seen { embedded: policy.embed_images(&images), proprioception, action, windows };
+    let seen = Seen { embedded: policy.embed_images(&images), proprioception, action, windows, hidden };
     let losses = policy.losses(&seen, wanted, noise);
     ((&losses.each * weight).mean(None), losses)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+    use super::*;
+    use crate::batch::values;
+
+    #[test]
+    fn the_past_is_hidden_as_often_as_asked_and_the_newest_step_never() {
+        let windows = Windows::in_order(vec![true; 400 * 3], 3, tch::Device::Cpu);
+        let mut rng = generator(1, Purpose::Style, 0);
+        let hidden = hide_past(&windows, 0.25, &mut rng).unwrap();
+        assert_eq!(hidden.size(), [400, 3, 3]);
+        let each = values(&hidden.to_kind(tch::Kind::Float));
+        let of_window: Vec<f32> = each.chunks(9).map(|window| window[..6].iter().sum()).collect();
+        assert!(each.chunks(9).all(|window| window[6..].iter().all(|h| *h == 0.0)));
+        assert!(of_window.iter().all(|sum| *sum == 0.0 || *sum == 6.0), "a past is hidden as one");
+        let count = of_window.iter().filter(|sum| **sum > 0.0).count();
+        assert!((70..130).contains(&count), "{count} of 400");
+        assert!(hide_past(&windows, 0.0, &mut rng).is_none());
+        assert!(hide_past(&Windows::in_order(vec![true; 4], 1, tch::Device::Cpu), 1.0, &mut rng).is_none());
+    }
 }

@@ -72,6 +72,9 @@ pub struct TrainSpec {
     pub act: ActSpec,
     /// Random changes to images.
     pub augmentation: Augmentation,
+    /// How often `finetune` and `tf_bc` see a training window without its past, 0 … 1. A policy that always
+    /// sees its past learns to go on as it went, which predicts an expert's next action well and acts badly.
+    pub history_dropout: f64,
     /// Optimiser and batches: each step draws `batch` expert and `batch` kept segments.
     pub optim: OptimSpec,
     /// The paper's λ: weight of the kept imperfect segments.
@@ -93,6 +96,7 @@ impl Default for TrainSpec {
             model: ModelSpec::default(),
             act: ActSpec::default(),
             augmentation: Augmentation::default(),
+            history_dropout: 0.5,
             optim: OptimSpec::default(),
             lambda: 0.1,
             seed: 0,
@@ -113,6 +117,7 @@ impl TrainSpec {
         self.act.validate()?;
         self.augmentation.validate()?;
         self.optim.validate()?;
+        within("history_dropout", self.history_dropout, 0.0, 1.0)?;
         within("lambda", self.lambda, 0.0, 1e6)?;
         validate_run(self.checkpoint_every, self.threads)
     }
@@ -163,5 +168,11 @@ mod tests {
         let different = TrainSpec { seed: 1, ..spec.clone() };
         assert_eq!(spec.identity(), carried_out.identity());
         assert_ne!(spec.identity(), different.identity());
+    }
+
+    #[test]
+    fn a_chance_beyond_one_is_named() {
+        let spec = TrainSpec { history_dropout: 1.5, ..TrainSpec::default() };
+        assert!(spec.validate().unwrap_err().to_string().starts_with("history_dropout: "));
     }
 }

@@ -12,7 +12,7 @@ fn act_loss(policy: &dyn Method, trajectory: &Trajectory) -> f32 {
     let source = Source { data: vec![&kept[0].trajectory], segments: Segments::kept(&kept) };
     let (batch, wanted) = source.collect(policy, &source.segments.all()[..3]);
     let mut noise = generator(1, Purpose::Style, 0);
-    values(&mean_loss(policy, batch, &wanted, &mut noise).0)[0]
+    values(&mean_loss(policy, batch, None, &wanted, &mut noise).0)[0]
 }
 
 #[test]

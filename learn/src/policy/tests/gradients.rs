@@ -70,6 +70,7 @@ fn no_policy_looks_at_the_action_it_is_asked_for() {
             proprioception: batch.proprioception,
             action: action.shallow_clone(),
             windows: batch.windows,
+            hidden: None,
         };
         policy.act(&seen).square().sum(None).backward();
         if length == 1 {
@@ -146,7 +147,7 @@ fn every_policys_gradients_agree_with_finite_differences() {
             let (batch, mut wanted) = source.collect(policy.as_ref(), &source.segments.all()[1..4]);
             wanted.action = wanted.action.to_kind(Kind::Double);
             let mut noise = generator(1, Purpose::Style, 0);
-            mean_loss(policy.as_ref(), double(batch), &wanted, &mut noise).0
+            mean_loss(policy.as_ref(), double(batch), None, &wanted, &mut noise).0
         };
         assert_eq!(loss().kind(), Kind::Double);
         agree(&policy.parameters(), &loss);

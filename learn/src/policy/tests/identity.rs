@@ -29,7 +29,7 @@ fn weights_of_one_are_behaviour_cloning_on_the_union() {
         let mut noises = [generator(3, Purpose::Style, 0), generator(3, Purpose::Style, 0)];
         let loss = |source: &Source<'_>, noise: &mut rand_chacha::ChaCha8Rng| {
             let (batch, wanted) = source.collect(policy.as_ref(), source.segments.all());
-            mean_loss(policy.as_ref(), batch, &wanted, noise).0.double_value(&[])
+            mean_loss(policy.as_ref(), batch, None, &wanted, noise).0.double_value(&[])
         };
         let lambda = 10.0 / 14.0;
         let weighted = loss(&sources[0], &mut noises[0]) + lambda * loss(&sources[1], &mut noises[0]);

@@ -218,6 +218,7 @@ fn a_wrong_field_is_named_by_its_path() {
         ),
         (train(|spec| (spec.policy, spec.preset) = (0, v1::Preset::Small.into())), "spec.train.preset: "),
         (train(|spec| (spec.policy, spec.segment_length) = (0, Some(3))), "spec.train.segment_length: "),
+        (train(|spec| spec.history_dropout = Some(1.5)), "spec.train.history_dropout: "),
         (evaluate(|spec| spec.subject = None), "spec.evaluate.subject: "),
         (evaluate(|spec| spec.episodes = Some(0)), "spec.evaluate.episodes: "),
         (evaluate(|spec| spec.max_steps = Some(0)), "spec.evaluate.max_steps: "),

@@ -56,6 +56,7 @@ pub(super) fn from_proto(at: &str, spec: v1::TrainSpec) -> Result<(Option<v1::tr
         augmentation,
         preset,
         segment_length,
+        history_dropout,
     } = spec;
     let policy = match v1::PolicyKind::try_from(policy) {
         Ok(v1::PolicyKind::Unspecified | v1::PolicyKind::Finetune) => PolicyKind::Finetune,
@@ -64,6 +65,10 @@ pub(super) fn from_proto(at: &str, spec: v1::TrainSpec) -> Result<(Option<v1::tr
         Ok(v1::PolicyKind::Act) => PolicyKind::Act,
         Err(_) => return Err(unknown(at, "policy")),
     };
+    if history_dropout.is_some() && !has_history(policy) {
+        let detail = format!("is for policies with a history; leave it out for {}", policy.as_str());
+        return Err(Error::invalid(&format!("{at}.history_dropout"), detail));
+    }
     let default = TrainSpec::default();
     let spec = TrainSpec {
         policy,
@@ -71,6 +76,7 @@ pub(super) fn from_proto(at: &str, spec: v1::TrainSpec) -> Result<(Option<v1::tr
         act: act_from(at, policy, act)?,
         augmentation: augmentation_from(augmentation),
         optim: optim_from(optim),
+        history_dropout: history_dropout.unwrap_or(default.history_dropout),
         lambda: lambda.unwrap_or(default.lambda),
         seed,
         device: device_from(at, device)?,
@@ -124,9 +130,27 @@ fn act_from(at: &str, policy: PolicyKind, act: Option<v1::ActSpec>) -> Result<Ac
     })
 }
 
+fn has_history(policy: PolicyKind) -> bool {
+    match policy {
+        PolicyKind::Finetune | PolicyKind::TfBc => true,
+        PolicyKind::Bc | PolicyKind::Act => false,
+    }
+}
+
 pub(super) fn to_proto(spec: TrainSpec, data: Option<v1::train_spec::Data>) -> v1::TrainSpec {
-    let TrainSpec { policy, model, act, augmentation, optim, lambda, seed, checkpoint_every, device, threads: _ } =
-        spec;
+    let TrainSpec {
+        policy,
+        model,
+        act,
+        augmentation,
+        history_dropout,
+        optim,
+        lambda,
+        seed,
+        checkpoint_every,
+        device,
+        threads: _,
+    } = spec;
     let kind = match policy {
         PolicyKind::Finetune => v1::PolicyKind::Finetune,
         PolicyKind::TfBc => v1::PolicyKind::TfBc,
@@ -149,5 +173,6 @@ pub(super) fn to_proto(spec: TrainSpec, data: Option<v1::train_spec::Data>) -> v
         augmentation: Some(augmentation_to(augmentation)),
         preset: if scratch { preset_to(model.preset) } else { v1::Preset::Unspecified.into() },
         segment_length: scratch.then_some(model.segment_length),
+        history_dropout: has_history(policy).then_some(history_dropout),
     }
 }
