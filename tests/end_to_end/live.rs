@@ -38,7 +38,7 @@ impl Robot {
 
     pub async fn open(api: &mut Api, name: &str) -> Result<Self, Status> {
         let mut robot = Self::dial(api).await;
-        robot.say(Say::Open(SessionOpen { deployment: name.into(), control_rate_hz: 0.0 })).await;
+        robot.say(Say::Open(SessionOpen { deployment: name.into(), control_rate_hz: 0.0, deadline_us: 0 })).await;
         match robot.hear().await? {
             Hear::Opened(_) => Ok(robot),
             other => panic!("{other:?}"),
@@ -170,7 +170,7 @@ async fn sessions_that_begin_wrong() {
     let error = early.act(observe(&start_sim())).await.unwrap_err();
     assert_eq!(error.code(), Code::InvalidArgument, "{error}");
     let mut twice = Robot::open(&mut api, NAME).await.unwrap();
-    twice.say(Say::Open(SessionOpen { deployment: NAME.into(), control_rate_hz: 0.0 })).await;
+    twice.say(Say::Open(SessionOpen { deployment: NAME.into(), control_rate_hz: 0.0, deadline_us: 0 })).await;
     assert_eq!(twice.hear().await.unwrap_err().code(), Code::InvalidArgument);
     let empty = ActRequest { deployment: NAME.into(), observations: vec![] };
     assert_eq!(api.policies.act(empty).await.unwrap_err().code(), Code::InvalidArgument);

@@ -15,6 +15,7 @@ pub mod policy;
 pub mod schedule;
 pub mod score;
 pub mod selection;
+pub mod sequence;
 pub mod snapshot;
 pub mod task;
 pub mod time;

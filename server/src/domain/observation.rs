@@ -2,7 +2,12 @@
 //!
 //! Observations are as they came: not yet checked against a task, images not yet decoded.
 
-use super::id::{PolicyId, SessionId, TaskId};
+use std::time::Duration;
+
+use super::{
+    id::{PolicyId, SessionId, TaskId},
+    time::Millis,
+};
 
 /// How an image's bytes are to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,6 +53,8 @@ pub struct Observation {
     pub proprioception: Vec<f32>,
     /// The action executed since the observation before; empty: the one the policy gave.
     pub executed_action: Vec<f32>,
+    /// How long after its arrival an answer is of use; `None`: as the session says.
+    pub deadline: Option<Duration>,
 }
 
 /// Where the time of one request went, in microseconds.
@@ -57,10 +64,14 @@ pub struct Timings {
     pub decode_us: u64,
     /// Waiting for the model.
     pub queue_us: u64,
+    /// Waiting, with a free model, for others to share its batch.
+    pub batch_us: u64,
     /// In the model, with everything that was batched.
     pub model_us: u64,
     /// From arrival to answer.
     pub total_us: u64,
+    /// Requests that went through the model together; 0: it did not come so far.
+    pub batch_size: u32,
 }
 
 /// The answer to one observation.
@@ -85,6 +96,8 @@ pub enum SessionInput {
         deployment: String,
         /// Steps per second the robot will run at; 0: the task's.
         control_rate_hz: f64,
+        /// The deadline of observations that name none themselves.
+        deadline: Option<Duration>,
     },
     /// What it sees now.
     Observation(Observation),
@@ -111,11 +124,27 @@ pub enum SessionOutput {
         /// Observations passed over since the last answer.
         dropped: u64,
     },
+    /// No action for an observation: it would have come too late.
+    Missed {
+        /// The stamp of the observation.
+        stamp_ns: i64,
+        /// Observations passed over since the last answer.
+        dropped: u64,
+        /// Where the time went until its deadline.
+        timings: Timings,
+    },
+    /// The server is stopping and will end the session then.
+    Draining {
+        /// When.
+        close_at: Millis,
+    },
     /// The session is over.
     Closed {
         /// Observations answered.
         observations: u64,
         /// Observations passed over.
         dropped: u64,
+        /// Observations that could not be answered in time.
+        missed: u64,
     },
 }

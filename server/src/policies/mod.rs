@@ -107,6 +107,20 @@ impl Policies {
         Ok(deployment)
     }
 
+    /// Points a name back at the policy it pointed at before, once that is loaded and has answered.
+    ///
+    /// # Errors
+    /// NotFound; Precondition when there is nothing before, or its checkpoint cannot be read by this version.
+    pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
+        let _moving = self.0.moving.lock().await;
+        let policy = self.0.store.policy(&self.0.store.before(name).await?).await?;
+        let engine = self.load(&policy).await?;
+        let deployment = self.0.store.roll_back(name).await?;
+        lock(&self.0.shelf).deployed.insert(name.to_owned(), engine);
+        tracing::info!(deployment.name = name, policy.id = %policy.id, "deployment rolled back");
+        Ok(deployment)
+    }
+
     /// One action from a window of observations that the caller keeps, oldest first.
     ///
     /// # Errors
@@ -144,7 +158,7 @@ impl Policies {
             () = outputs.closed() => return Ok(()),
             () = stopping.cancelled() => return Err(Error::unavailable("the server is stopping; try again")),
         };
-        let Some(SessionInput::Open { deployment, control_rate_hz }) = first.transpose()? else {
+        let Some(SessionInput::Open { deployment, control_rate_hz, deadline: _ }) = first.transpose()? else {
             return Err(Error::invalid("open", "must be the first message of a session"));
         };
         let engine = self.deployed(&deployment).await?;

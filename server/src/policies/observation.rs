@@ -15,7 +15,7 @@ use crate::{
 /// # Errors
 /// Invalid, naming the field and the mend.
 pub(super) fn step(shape: &TaskShape, path: &str, observation: &Observation) -> Result<Step> {
-    let Observation { stamp_ns: _, cameras, proprioception, executed_action } = observation;
+    let Observation { stamp_ns: _, cameras, proprioception, executed_action, deadline: _ } = observation;
     vector(&format!("{path}.proprioception"), proprioception, shape.proprioception)?;
     if !executed_action.is_empty() {
         vector(&format!("{path}.executed_action"), executed_action, shape.action)?;
@@ -137,6 +137,7 @@ mod tests {
             cameras: vec![frame("wrist", raw(vec![3; 384]), None), frame("top", raw(vec![1; 384]), raw(vec![2; 256]))],
             proprioception: vec![0.5, -0.5],
             executed_action: Vec::new(),
+            deadline: None,
         }
     }
 

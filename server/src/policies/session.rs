@@ -91,8 +91,11 @@ impl<M: Model> Session<M> {
                 if let Some(pending) = self.pending.take() {
                     busy.set(turn(Arc::clone(&self.engine), memory.take(), pending).fuse());
                 } else if self.ended {
-                    return send(outputs, SessionOutput::Closed { observations: self.answered, dropped: self.dropped })
-                        .await;
+                    return send(
+                        outputs,
+                        SessionOutput::Closed { observations: self.answered, dropped: self.dropped, missed: 0 },
+                    )
+                    .await;
                 }
             }
             tokio::select! {
@@ -221,6 +224,7 @@ fn acted<M: Model>(
         queue_us: micros(answer.queued),
         model_us: micros(answer.model),
         total_us: micros(arrived.elapsed()),
+        ..Timings::default()
     };
     let policy_id = engine.identity().policy_id.clone();
     (answer.advanced.history, Acted { stamp_ns, actions: answer.advanced.actions, policy_id, timings })

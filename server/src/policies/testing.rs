@@ -114,5 +114,6 @@ pub(super) fn observation(number: u8, executed_action: &[f32]) -> Observation {
         cameras: Vec::new(),
         proprioception: vec![f32::from(number)],
         executed_action: executed_action.to_vec(),
+        deadline: None,
     }
 }

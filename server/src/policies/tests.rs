@@ -87,6 +87,7 @@ fn observation(number: u8, executed_action: &[f32]) -> Observation {
         cameras: vec![CameraFrame { camera: "top".into(), color, depth: None }],
         proprioception: vec![f32::from(number), 0.0],
         executed_action: executed_action.to_vec(),
+        deadline: None,
     }
 }
 
@@ -106,7 +107,7 @@ impl Robot {
     }
 
     fn opens(&self, deployment: &str) {
-        self.says(SessionInput::Open { deployment: deployment.into(), control_rate_hz: 0.0 });
+        self.says(SessionInput::Open { deployment: deployment.into(), control_rate_hz: 0.0, deadline: None });
     }
 
     async fn hears(&mut self) -> Result<SessionOutput> {
@@ -140,7 +141,7 @@ async fn a_deployment_moves_on_while_sessions_keep_their_policy() {
     assert_eq!(robot.acts(observation(2, &[])).await.policy_id, old);
 
     robot.says(SessionInput::Close);
-    assert!(matches!(robot.hears().await, Ok(SessionOutput::Closed { observations: 2, dropped: 0 })));
+    assert!(matches!(robot.hears().await, Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0 })));
     assert!(robot.hears.recv().await.is_none());
     let loaded = lock(&policies.0.shelf).loaded.get(&old).map_or(0, Weak::strong_count);
     assert_eq!(loaded, 0, "nobody needs it any more");

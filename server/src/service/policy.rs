@@ -31,6 +31,12 @@ impl PoliciesFace {
         Ok(v1::DeployResponse { deployment: Some(wire::policy::deployment(deployment)) })
     }
 
+    async fn point_back(&self, request: v1::RollBackRequest) -> Result<v1::RollBackResponse> {
+        let name = wire::policy::roll_back_request(request)?;
+        let deployment = self.0.policies.roll_back(&name).await?;
+        Ok(v1::RollBackResponse { deployment: Some(wire::policy::deployment(deployment)) })
+    }
+
     async fn list_names(&self, task: &str) -> Result<v1::ListDeploymentsResponse> {
         let task = if task.is_empty() { None } else { Some(self.0.store.task(task).await?.id) };
         let deployments = self.0.store.deployments(task.as_ref()).await?;
@@ -83,6 +89,10 @@ impl PolicyService for PoliciesFace {
 
     async fn deploy(&self, request: Request<v1::DeployRequest>) -> tonic::Result<Response<v1::DeployResponse>> {
         self.point(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn roll_back(&self, request: Request<v1::RollBackRequest>) -> tonic::Result<Response<v1::RollBackResponse>> {
+        self.point_back(request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
     async fn report_evaluation(

@@ -5,6 +5,7 @@
 
 mod blob;
 mod dataset;
+mod deployment;
 mod encoder;
 mod episode;
 mod evaluation;

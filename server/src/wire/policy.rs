@@ -1,5 +1,7 @@
 //! Policies, deployments, observations and sessions on the wire.
 
+use std::time::Duration;
+
 use gleaner_proto::v1::{self, session_request, session_response};
 
 use super::field;
@@ -31,6 +33,10 @@ pub(crate) fn deploy_request(request: v1::DeployRequest) -> Result<(String, Poli
     Ok((deployment_name("name", name)?, PolicyId::parse("policy_id", &policy_id)?))
 }
 
+pub(crate) fn roll_back_request(request: v1::RollBackRequest) -> Result<String> {
+    deployment_name("name", request.name)
+}
+
 pub(crate) fn act_request(request: v1::ActRequest) -> Result<(String, Vec<Observation>)> {
     let v1::ActRequest { deployment, observations } = request;
     let deployment = deployment_name("deployment", deployment)?;
@@ -41,10 +47,13 @@ pub(crate) fn act_request(request: v1::ActRequest) -> Result<(String, Vec<Observ
 pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput> {
     let v1::SessionRequest { message } = request;
     match field::required("message", message)? {
-        session_request::Message::Open(v1::SessionOpen { deployment, control_rate_hz }) => Ok(SessionInput::Open {
-            deployment: deployment_name("open.deployment", deployment)?,
-            control_rate_hz: control_rate("open.control_rate_hz", control_rate_hz)?,
-        }),
+        session_request::Message::Open(v1::SessionOpen { deployment, control_rate_hz, deadline_us }) => {
+            Ok(SessionInput::Open {
+                deployment: deployment_name("open.deployment", deployment)?,
+                control_rate_hz: control_rate("open.control_rate_hz", control_rate_hz)?,
+                deadline: deadline(deadline_us),
+            })
+        }
         session_request::Message::Observation(sent) => Ok(SessionInput::Observation(observation("observation", sent)?)),
         session_request::Message::Close(v1::SessionClose {}) => Ok(SessionInput::Close),
     }
@@ -57,14 +66,20 @@ fn control_rate(field: &str, hertz: f64) -> Result<f64> {
     Err(Error::invalid(field, format!("is {hertz}, must be between 0 (the task's rate) and 10000")))
 }
 
+/// 0 is none.
+fn deadline(micros: u32) -> Option<Duration> {
+    (micros > 0).then(|| Duration::from_micros(micros.into()))
+}
+
 fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
-    let v1::Observation { stamp_ns, cameras, proprioception, executed_action } = sent;
+    let v1::Observation { stamp_ns, cameras, proprioception, executed_action, deadline_us } = sent;
     let read = |(index, frame)| camera_frame(&format!("{path}.cameras[{index}]"), frame);
     Ok(Observation {
         stamp_ns,
         cameras: cameras.into_iter().enumerate().map(read).collect::<Result<_>>()?,
         proprioception,
         executed_action,
+        deadline: deadline(deadline_us),
     })
 }
 
@@ -143,8 +158,18 @@ pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
                 timings: Some(timings(spent)),
             })
         }
-        SessionOutput::Closed { observations, dropped } => {
-            session_response::Message::Closed(v1::SessionClosed { observations, dropped })
+        SessionOutput::Missed { stamp_ns, dropped, timings: spent } => {
+            session_response::Message::Missed(v1::SessionMissed {
+                observation_stamp_ns: stamp_ns,
+                dropped,
+                timings: Some(timings(spent)),
+            })
+        }
+        SessionOutput::Draining { close_at } => {
+            session_response::Message::Draining(v1::SessionDraining { close_time: Some(field::timestamp(close_at)) })
+        }
+        SessionOutput::Closed { observations, dropped, missed } => {
+            session_response::Message::Closed(v1::SessionClosed { observations, dropped, missed })
         }
     };
     v1::SessionResponse { message: Some(message) }
@@ -155,8 +180,8 @@ fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
 }
 
 fn timings(spent: Timings) -> v1::Timings {
-    let Timings { decode_us, queue_us, model_us, total_us } = spent;
-    v1::Timings { decode_us, queue_us, model_us, total_us }
+    let Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size } = spent;
+    v1::Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size }
 }
 
 #[cfg(test)]
@@ -184,7 +209,7 @@ mod tests {
     #[test]
     fn a_session_message_must_say_something() {
         assert!(session_input(v1::SessionRequest { message: None }).is_err());
-        let open = v1::SessionOpen { deployment: "d".into(), control_rate_hz: f64::NAN };
+        let open = v1::SessionOpen { deployment: "d".into(), control_rate_hz: f64::NAN, deadline_us: 0 };
         let message = Some(session_request::Message::Open(open));
         let error = session_input(v1::SessionRequest { message }).unwrap_err();
         assert!(error.message().starts_with("open.control_rate_hz: "), "{error}");
