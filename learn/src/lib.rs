@@ -10,6 +10,7 @@ mod batch;
 mod checkpoint;
 mod device;
 mod error;
+mod history;
 mod model;
 mod normalize;
 mod objective;
@@ -27,9 +28,10 @@ mod trajectory;
 pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};
 pub use device::set_threads;
 pub use error::LearnError;
-pub use policy::{Embedding, Ensemble, History, Policy, train_policy};
+pub use history::{Embedding, History};
+pub use policy::{Ensemble, Policy, train_policy};
 pub use pretrain::pretrain;
-pub use score::{EpisodeScores, Normaliser, ScoreBase, Scores, extend_scores, score};
+pub use score::{EpisodeScores, LiveScorer, Normaliser, ScoreBase, Scores, SegmentScore, extend_scores, score};
 pub use spec::{
     ActSpec, Augmentation, CameraShape, Device, FeatureScale, ModelSpec, NormaliserKind, Objective, OptimSpec,
     PolicyKind, Preset, PretrainSpec, ScoreSpec, Scorer, Similarity, TaskShape, TrainSpec, Yardstick,

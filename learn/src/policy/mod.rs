@@ -5,7 +5,6 @@ mod act;
 mod bc;
 mod ensemble;
 mod finetune;
-mod history;
 mod method;
 mod scratch;
 mod serve;
@@ -13,7 +12,6 @@ mod tf_bc;
 mod train;
 
 pub use ensemble::Ensemble;
-pub use history::{Embedding, History};
 pub use serve::Policy;
 pub use train::train_policy;
 

@@ -11,7 +11,8 @@ mod identity;
 use tch::Device;
 
 use super::method::{Method, Start, entry};
-use super::{Ensemble, History, Policy, train_policy};
+use super::{Ensemble, Policy, train_policy};
+use crate::History;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::error::LearnError;
 use crate::pretrain::pretrain;

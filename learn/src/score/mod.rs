@@ -7,6 +7,7 @@
 mod base;
 mod classifier;
 mod features;
+mod live;
 mod local;
 mod nearest;
 mod normaliser;
@@ -15,6 +16,7 @@ mod similarity;
 
 pub use features::Features;
 pub(crate) use features::last_steps;
+pub use live::{LiveScorer, SegmentScore};
 pub use nearest::{Match, Reference};
 pub use normaliser::Normaliser;
 pub use similarity::Metric;
@@ -124,6 +126,18 @@ pub fn extend_scores(
     Call { encoder, experts, imperfect, spec }.run(Some(base), monitor)
 }
 
+/// The encoder, and what its features are measured in, if that is anything.
+fn open(encoder: &[u8], spec: &ScoreSpec) -> Result<(Network, Option<Scale>), LearnError> {
+    let device = device::open(spec.device, spec.threads)?;
+    let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
+    let network = Network::from_named(&info.shape, info.model, &named, device)?;
+    let scale = match (spec.scorer, spec.feature_scale) {
+        (Scorer::Ssdf, FeatureScale::Whitened) => Some(Scale::from_named(&named, network.width(), device)?),
+        (Scorer::Ssdf, FeatureScale::Plain) | (Scorer::Raw | Scorer::Classifier, _) => None,
+    };
+    Ok((network, scale))
+}
+
 /// What both ways to score are called with.
 struct Call<'a> {
     encoder: &'a [u8],
@@ -136,21 +150,12 @@ impl Call<'_> {
     fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
         self.validate()?;
         guard(|| {
-            let device = device::open(self.spec.device, self.spec.threads)?;
-            let (info, named) = checkpoint::read(self.encoder, CheckpointKind::Encoder)?;
+            let (network, scale) = open(self.encoder, self.spec)?;
             for trajectory in self.experts.iter().chain(self.imperfect) {
-                trajectory.validate(&info.shape)?;
+                trajectory.validate(&network.shape)?;
             }
-            let network = Network::from_named(&info.shape, info.model, &named, device)?;
             let Found { mut imperfect, mut experts, local } = match self.spec.scorer {
-                Scorer::Ssdf => {
-                    let scale = match self.spec.feature_scale {
-                        FeatureScale::Whitened => Some(Scale::from_named(&named, network.width(), device)?),
-                        FeatureScale::Plain => None,
-                    };
-                    self.by_nearest((&network, scale.as_ref()), base, monitor)?
-                }
-                Scorer::Raw => self.by_nearest((&network, None), base, monitor)?,
+                Scorer::Ssdf | Scorer::Raw => self.by_nearest((&network, scale.as_ref()), base, monitor)?,
                 Scorer::Classifier => {
                     let episodes = (self.experts, self.imperfect);
                     let (imperfect, experts) = classifier::scores(&network, episodes, self.spec.seed, monitor)?;

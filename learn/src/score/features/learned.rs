@@ -28,18 +28,28 @@ pub(super) fn features(
         let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
         let needed = Tensor::from_slice(&needed).to_device(network.device());
         let steps = steps.index_select(0, &needed);
-        let z = network.features(&steps, &windows, View::WHOLE, keep);
-        // The last step always lies in the episode; of the others some may be padding.
-        let padding = windows.valid.logical_not().narrow(1, int(window - keep), int(keep));
-        let padding = padding.unsqueeze(-1);
-        let part = |modality: Modality| {
-            let z = modality.of(&z);
-            let z = scale.map_or(z.shallow_clone(), |scale| scale.apply(modality as usize, &z));
-            z.masked_fill(&padding, 0.0).flatten(1, -1)
-        };
-        features.extend(&[Modality::Image, Modality::Proprioception, Modality::Action].map(part));
+        features.extend(&pass(network, &steps, &windows, keep, scale));
     }
     features
+}
+
+/// The features of windows over encoded `steps`, of their last `keep` steps: o, m, a, each `[W, keep d]`.
+pub(super) fn pass(
+    network: &Network,
+    steps: &Tensor,
+    windows: &Windows,
+    keep: usize,
+    scale: Option<&FeatureScale>,
+) -> [Tensor; 3] {
+    let z = network.features(steps, windows, View::WHOLE, keep);
+    // The last step always lies in the episode; of the others some may be padding.
+    let padding = windows.valid.logical_not().narrow(1, int(network.spec.window() - keep), int(keep));
+    let padding = padding.unsqueeze(-1);
+    [Modality::Image, Modality::Proprioception, Modality::Action].map(|modality| {
+        let z = modality.of(&z);
+        let z = scale.map_or(z.shallow_clone(), |scale| scale.apply(modality as usize, &z));
+        z.masked_fill(&padding, 0.0).flatten(1, -1)
+    })
 }
 
 /// The steps of `chunk`, `[chunk.len(), 3, d]`.

@@ -6,6 +6,7 @@ pub(super) mod raw;
 
 use crate::batch::{rows, values};
 use crate::error::LearnError;
+use crate::history::Stacked;
 use crate::model::Network;
 use crate::normalize::FeatureScale;
 use crate::spec::{ScoreSpec, Scorer};
@@ -88,6 +89,21 @@ impl Features {
     pub(crate) fn sound(&self) -> bool {
         self.values.iter().flatten().all(|value| value.abs() < 1e15)
     }
+}
+
+/// The features of the newest segment of each history in `stacked`, that `spec` compares, as [`episode_features`] gives
+/// those of an episode. Of the encoder only: raw observations are not kept in histories.
+pub(super) fn newest_features(
+    network: &Network,
+    scale: Option<&FeatureScale>,
+    stacked: &Stacked,
+    spec: &ScoreSpec,
+) -> Features {
+    let keep = if spec.similarity.whole_segment() { network.spec.window() } else { 1 };
+    let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
+    let mut features = Features::empty([keep * network.width(); 3]);
+    features.extend(&learned::pass(network, &steps, &stacked.windows, keep, scale));
+    features
 }
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the transformer gives them, each `[T, d]`.

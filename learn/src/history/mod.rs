@@ -1,21 +1,26 @@
-//! What a session remembers between actions: plain data, so it can wait anywhere for its policy.
+//! What a session remembers from one step to the next: plain data, so it can wait anywhere for its model. Knows
+//! neither policies nor scores, which both look at it.
+
+mod layout;
 
 use std::collections::VecDeque;
 
+pub(crate) use layout::{Layout, Stacked};
+
 use crate::error::LearnError;
 
-/// One step's images, encoded by [`Policy::embed`](crate::Policy::embed). Means something only to
-/// the policy that made it.
+/// One step's images, encoded by [`Policy::embed`](crate::Policy::embed) or
+/// [`LiveScorer::embed`](crate::LiveScorer::embed). Means something only to what made it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Embedding(pub(super) Vec<f32>);
+pub struct Embedding(Vec<f32>);
 
 /// One remembered step.
 #[derive(Debug, Clone)]
-pub(super) struct Step {
-    pub(super) embedding: Embedding,
-    pub(super) proprioception: Vec<f32>,
+struct Step {
+    embedding: Embedding,
+    proprioception: Vec<f32>,
     /// a_t as really executed; unknown until it was.
-    pub(super) executed: Option<Vec<f32>>,
+    executed: Option<Vec<f32>>,
 }
 
 /// The last `l + 1` steps of a session: o_i … o_t, m_i … m_t and a_i … a_{t−1}.
@@ -30,7 +35,7 @@ pub struct History {
 }
 
 impl History {
-    /// An empty history for a policy with this segment length l.
+    /// An empty history for a policy or scorer with this segment length l.
     pub fn new(segment_length: u32) -> Self {
         Self { window: segment_length as usize + 1, steps: VecDeque::new() }
     }
@@ -43,6 +48,11 @@ impl History {
     /// Whether nothing was pushed yet.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()
+    }
+
+    /// Whether the newest step's action is known.
+    pub(crate) fn acted(&self) -> bool {
+        self.steps.back().is_some_and(|step| step.executed.is_some())
     }
 
     /// Adds the newest observation; the oldest step is forgotten when there are more than `l + 1`.
@@ -79,14 +89,6 @@ impl History {
             None => Err(LearnError::invalid("executed", "comes before any observation; push one first")),
         }
     }
-
-    pub(super) fn window(&self) -> usize {
-        self.window
-    }
-
-    pub(super) fn steps(&self) -> impl Iterator<Item = &Step> {
-        self.steps.iter()
-    }
 }
 
 #[cfg(test)]
@@ -103,7 +105,7 @@ mod tests {
             assert!(history.push(Embedding(vec![]), vec![]).is_err());
             history.set_executed(vec![f32::from(t)]).unwrap();
         }
-        let kept: Vec<f32> = history.steps().map(|step| step.proprioception[0]).collect();
+        let kept: Vec<f32> = history.steps.iter().map(|step| step.proprioception[0]).collect();
         assert_eq!(kept, [1.0, 2.0]);
     }
 }

@@ -1,0 +1,131 @@
+//! Histories side by side as tensors, checked first; and frames to embeddings. What both a policy and a live scorer do
+//! before their own pass.
+
+use tch::{Device, Tensor, no_grad_guard};
+
+use super::{Embedding, History, Step};
+use crate::batch::{Windows, images, rows, values};
+use crate::error::{LearnError, guard};
+use crate::spec::TaskShape;
+
+/// Frames encoded in one pass; bounds memory, whatever is asked.
+const CHUNK: usize = 64;
+
+/// What histories must look like for one model.
+pub(crate) struct Layout<'a> {
+    pub(crate) shape: &'a TaskShape,
+    /// Steps of history it sees, l + 1.
+    pub(crate) window: usize,
+    /// Values of an image embedding, d.
+    pub(crate) width: usize,
+    pub(crate) device: Device,
+}
+
+/// Histories padded on the left to full windows, W windows over N = W (l + 1) steps.
+pub(crate) struct Stacked {
+    /// `[N, d]`.
+    pub(crate) embedded: Tensor,
+    /// `[N, M]` in physical units.
+    pub(crate) proprioception: Tensor,
+    /// `[N, A]` in physical units; zeros where not known.
+    pub(crate) action: Tensor,
+    pub(crate) windows: Windows,
+}
+
+impl Layout<'_> {
+    /// Encodes frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes), with `embed`, which makes
+    /// `[N, d]` of the images of each camera.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
+    pub(crate) fn embed(
+        &self,
+        frames: &[&[u8]],
+        embed: impl Fn(&[Tensor]) -> Tensor,
+    ) -> Result<Vec<Embedding>, LearnError> {
+        let expected = self.shape.frame_bytes();
+        for (i, frame) in frames.iter().enumerate() {
+            expect_length(&format!("frames[{i}]"), frame.len(), expected)?;
+        }
+        guard(|| {
+            let _no_grad = no_grad_guard();
+            let mut embeddings = Vec::with_capacity(frames.len());
+            for chunk in frames.chunks(CHUNK) {
+                let embedded = values(&embed(&images(self.shape, chunk, self.device)));
+                embeddings.extend(embedded.chunks(self.width).map(|row| Embedding(row.to_vec())));
+            }
+            Ok(embeddings)
+        })
+    }
+
+    /// # Errors
+    /// [`LearnError::Invalid`] if a history is empty, of another segment length, or holds values that do not fit the
+    /// shape or are not finite.
+    pub(crate) fn check(&self, histories: &[&History]) -> Result<(), LearnError> {
+        (histories.iter().enumerate()).try_for_each(|(i, history)| self.check_one(&format!("histories[{i}]"), history))
+    }
+
+    fn check_one(&self, field: &str, history: &History) -> Result<(), LearnError> {
+        if history.window != self.window {
+            let message = format!(
+                "keeps {} steps, this model needs {}; make it with its segment length",
+                history.window, self.window
+            );
+            return Err(LearnError::invalid(field, message));
+        }
+        if history.is_empty() {
+            return Err(LearnError::invalid(field, "is empty; push an observation"));
+        }
+        history.steps.iter().try_for_each(|step| self.check_step(field, step))
+    }
+
+    fn check_step(&self, field: &str, step: &Step) -> Result<(), LearnError> {
+        expect_length(&format!("{field}.embedding"), step.embedding.0.len(), self.width)?;
+        let mut parts = vec![("proprioception", &step.proprioception, self.shape.proprioception)];
+        if let Some(executed) = &step.executed {
+            parts.push(("executed", executed, self.shape.action));
+        }
+        for (name, values, width) in parts {
+            let field = format!("{field}.{name}");
+            expect_length(&field, values.len(), width)?;
+            if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+                return Err(LearnError::invalid(field, format!("value {at} is not finite")));
+            }
+        }
+        Ok(())
+    }
+
+    /// Histories that were checked, as tensors.
+    pub(crate) fn stack(&self, histories: &[&History]) -> Stacked {
+        let (shape, width) = (self.shape, self.width);
+        let (mut o, mut m, mut a, mut valid) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        for history in histories {
+            let padding = self.window - history.len();
+            o.resize(o.len() + padding * width, 0.0);
+            m.resize(m.len() + padding * shape.proprioception, 0.0);
+            a.resize(a.len() + padding * shape.action, 0.0);
+            valid.resize(valid.len() + padding, false);
+            for step in &history.steps {
+                o.extend_from_slice(&step.embedding.0);
+                m.extend_from_slice(&step.proprioception);
+                let end = a.len() + shape.action;
+                a.extend_from_slice(step.executed.as_deref().unwrap_or_default());
+                a.resize(end, 0.0);
+                valid.push(true);
+            }
+        }
+        Stacked {
+            embedded: rows(&o, width, self.device),
+            proprioception: rows(&m, shape.proprioception, self.device),
+            action: rows(&a, shape.action, self.device),
+            windows: Windows::in_order(valid, self.window, self.device),
+        }
+    }
+}
+
+fn expect_length(field: &str, found: usize, expected: usize) -> Result<(), LearnError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(LearnError::invalid(field, format!("has length {found}, the model's shape asks for {expected}")))
+}

@@ -1,0 +1,217 @@
+//! A finished score run kept ready: scores what is not stored, a session's newest segment or a whole episode, as the
+//! run would have. Knows nothing of sessions but their histories.
+
+use std::collections::HashSet;
+use std::fmt;
+
+use tch::no_grad_guard;
+
+use super::EpisodeScores;
+use super::features::{Features, episode_features, newest_features};
+use super::local::Neighbourhoods;
+use super::nearest::{Match, Reference};
+use super::normaliser::Normaliser;
+use super::similarity::Metric;
+use crate::error::{LearnError, guard};
+use crate::history::{Embedding, History, Layout};
+use crate::model::Network;
+use crate::normalize::FeatureScale;
+use crate::spec::{ScoreSpec, Scorer, TaskShape, Yardstick};
+use crate::trajectory::Trajectory;
+
+/// The score of one segment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SegmentScore {
+    /// Similarity w to the nearest expert segment, at most 0.
+    pub w: f64,
+    /// Quality q in 0 … 1, by the run's normaliser.
+    pub q: f32,
+    /// The nearest expert segment's episode, an index into the experts given.
+    pub match_episode: u32,
+    /// The step it ends at.
+    pub match_step: u32,
+    /// The distances of o, m and a to it, before any modality scale.
+    pub distances: [f32; 3],
+}
+
+/// A finished run of [`score`](fn@crate::score), ready for more. `Send`: give it a thread of its own.
+pub struct LiveScorer {
+    network: Network,
+    scale: Option<FeatureScale>,
+    spec: ScoreSpec,
+    reference: Reference,
+    /// For every number that matches count in, the expert's place in the order given.
+    places: Vec<u32>,
+    /// Per number and step, how near experts are around it; `None` if w is measured against nothing.
+    local: Option<Vec<Vec<f64>>>,
+    normaliser: Normaliser,
+}
+
+impl fmt::Debug for LiveScorer {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("LiveScorer").field("spec", &self.spec).finish_non_exhaustive()
+    }
+}
+
+impl LiveScorer {
+    /// Takes up a run: its encoder, its experts, its settings and the normaliser it ended with. Encodes the experts.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] for settings that give no live score (the classifier's, whose every score depends on
+    /// all episodes, and the raw one's, whose observations histories do not keep), for no expert, or for one that does
+    /// not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
+    pub fn load(
+        encoder: &[u8],
+        experts: &[Trajectory],
+        spec: &ScoreSpec,
+        normaliser: Normaliser,
+    ) -> Result<Self, LearnError> {
+        spec.validate()?;
+        normaliser.validate("normaliser")?;
+        if spec.scorer != Scorer::Ssdf {
+            let message = format!("is {}; only runs of ssdf score what is not stored", spec.scorer.as_str());
+            return Err(LearnError::invalid("scorer", message));
+        }
+        let mut ids = HashSet::new();
+        if experts.is_empty() || !experts.iter().all(|expert| ids.insert(&expert.id)) {
+            return Err(LearnError::invalid("experts", "must be at least one, each once"));
+        }
+        guard(|| {
+            let _no_grad = no_grad_guard();
+            let (network, scale) = super::open(encoder, spec)?;
+            let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(experts).collect();
+            sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
+            let mut features = Vec::with_capacity(sorted.len());
+            for (_, expert) in &sorted {
+                expert.validate(&network.shape)?;
+                features.push(sound(episode_features(&network, scale.as_ref(), expert, spec), &expert.id)?);
+            }
+            let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
+            let reference = Reference::new(&numbered, Metric::new(spec));
+            let local = match spec.yardstick {
+                Yardstick::Local => yardstick(&features, &reference, spec)?,
+                Yardstick::None => None,
+            };
+            let places = sorted.into_iter().map(|(place, _)| place).collect();
+            Ok(Self { network, scale, spec: spec.clone(), reference, places, local, normaliser })
+        })
+    }
+
+    /// The task's shape.
+    pub fn shape(&self) -> &TaskShape {
+        &self.network.shape
+    }
+
+    /// The segment length l; make a [`History`] with it.
+    pub fn segment_length(&self) -> u32 {
+        self.network.spec.segment_length
+    }
+
+    /// Encodes frames for this scorer, each laid out as one step of [`FrameBytes`](crate::FrameBytes).
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
+    pub fn embed(&self, frames: &[&[u8]]) -> Result<Vec<Embedding>, LearnError> {
+        self.layout().embed(frames, |images| self.network.embed_images(images))
+    }
+
+    /// The score of the newest segment of each history; one pass for all. Its last action must be set: a segment is
+    /// judged by what was done.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] if a history is empty, of another segment length, holds values that do not fit the
+    /// shape or are not finite, or its newest action is not set.
+    pub fn score(&self, histories: &[&History]) -> Result<Vec<SegmentScore>, LearnError> {
+        self.layout().check(histories)?;
+        if let Some(at) = histories.iter().position(|history| !history.acted()) {
+            return Err(LearnError::invalid(
+                format!("histories[{at}]"),
+                "has no action at its newest step; set what was executed",
+            ));
+        }
+        if histories.is_empty() {
+            return Ok(Vec::new());
+        }
+        guard(|| {
+            let _no_grad = no_grad_guard();
+            let stacked = self.layout().stack(histories);
+            let features = newest_features(&self.network, self.scale.as_ref(), &stacked, &self.spec);
+            self.judge(&sound(features, "a session")?)
+        })
+    }
+
+    /// The scores of every segment of an episode that is not stored: bit for bit what the run would have given.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] if the episode does not fit the shape.
+    pub fn score_episode(&self, episode: &Trajectory) -> Result<EpisodeScores, LearnError> {
+        episode.validate(&self.network.shape)?;
+        guard(|| {
+            let _no_grad = no_grad_guard();
+            let features = episode_features(&self.network, self.scale.as_ref(), episode, &self.spec);
+            let scores = self.judge(&sound(features, &episode.id)?)?;
+            Ok(EpisodeScores {
+                id: episode.id.clone(),
+                w: scores.iter().map(|score| score.w).collect(),
+                q: scores.iter().map(|score| score.q).collect(),
+                match_episode: scores.iter().map(|score| score.match_episode).collect(),
+                match_step: scores.iter().map(|score| score.match_step).collect(),
+                distances: scores.iter().map(|score| score.distances).collect(),
+            })
+        })
+    }
+
+    fn judge(&self, features: &Features) -> Result<Vec<SegmentScore>, LearnError> {
+        let matches = self.reference.nearest(features, None);
+        let matches = matches.ok_or_else(|| LearnError::Torch("the search had no expert to compare with".into()))?;
+        Ok(matches.iter().map(|found| self.segment(found)).collect())
+    }
+
+    fn segment(&self, found: &Match) -> SegmentScore {
+        let (episode, step) = (found.episode as usize, found.step as usize);
+        // Not −distance: that would make −0 of the best there is.
+        let w = 0.0 - found.distance;
+        let measured = self.local.as_ref().map_or(w, |local| w / local[episode][step]);
+        SegmentScore {
+            w,
+            q: self.normaliser.q(measured),
+            match_episode: self.places[episode],
+            match_step: found.step,
+            distances: found.parts,
+        }
+    }
+
+    fn layout(&self) -> Layout<'_> {
+        Layout {
+            shape: &self.network.shape,
+            window: self.network.spec.window(),
+            width: self.network.width(),
+            device: self.network.device(),
+        }
+    }
+}
+
+/// How near experts are to one another around each of their segments; `None` if there is only one.
+fn yardstick(
+    experts: &[Features],
+    reference: &Reference,
+    spec: &ScoreSpec,
+) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
+    let alone = |(number, features): (u32, &Features)| {
+        let matches = reference.nearest(features, Some(number))?;
+        Some(matches.iter().map(|found| 0.0 - found.distance).collect::<Vec<f64>>())
+    };
+    let Some(alone) = (0..).zip(experts).map(alone).collect::<Option<Vec<_>>>() else { return Ok(None) };
+    let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
+    Neighbourhoods::new(experts, Metric::new(spec)).means(&alone, || Ok(())).map(Some)
+}
+
+fn sound(features: Features, of: &str) -> Result<Features, LearnError> {
+    if features.sound() {
+        return Ok(features);
+    }
+    Err(LearnError::Checkpoint(format!("gives features of {of} that are not finite; train the encoder again")))
+}
+
+#[cfg(test)]
+mod tests;
