@@ -1,0 +1,62 @@
+"""Client of the gleaner server: failed demonstrations in, their good steps out, policies to robots and simulators."""
+
+from gleaner._client import Client, connect
+from gleaner.datasets import Segment
+from gleaner.errors import (
+    AlreadyExists,
+    Cancelled,
+    Damaged,
+    DeadlineExceeded,
+    FailedPrecondition,
+    GleanerError,
+    InvalidArgument,
+    JobFailed,
+    Missed,
+    NotFound,
+    Rejected,
+    ResourceExhausted,
+    ServerError,
+    Unauthorized,
+    Unavailable,
+)
+from gleaner.evaluation import Adapter, Trial, Trials, evaluate
+from gleaner.jobs import Curve, JobEvent
+from gleaner.observation import Observation
+from gleaner.policy import Chunk, Policy
+from gleaner.scores import EpisodeScores, Histogram
+from gleaner.statistics import wilson
+from gleaner.types import word
+
+__all__ = [
+    "Adapter",
+    "AlreadyExists",
+    "Cancelled",
+    "Chunk",
+    "Client",
+    "Curve",
+    "Damaged",
+    "DeadlineExceeded",
+    "EpisodeScores",
+    "FailedPrecondition",
+    "GleanerError",
+    "Histogram",
+    "InvalidArgument",
+    "JobEvent",
+    "JobFailed",
+    "Missed",
+    "NotFound",
+    "Observation",
+    "Policy",
+    "Rejected",
+    "ResourceExhausted",
+    "Segment",
+    "ServerError",
+    "Trial",
+    "Trials",
+    "Unauthorized",
+    "Unavailable",
+    "connect",
+    "evaluate",
+    "wilson",
+    "word",
+]

@@ -1,0 +1,71 @@
+"""Messages from plain Python values, and the plain words for their choices.
+
+A choice is `PRESET_TINY` on the wire and `"tiny"` here, as on the command line.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+from google.protobuf.descriptor import EnumDescriptor, FieldDescriptor
+from google.protobuf.message import Message
+
+from gleaner.errors import invalid
+
+M = TypeVar("M", bound=Message)
+
+
+def build(kind: type[M], values: Mapping[str, Any]) -> M:
+    """A message from a mapping: choices as words, messages as mappings, `None` as unset."""
+    return kind(**_plain(kind.DESCRIPTOR, values, ""))
+
+
+def word(message: Message, field: str) -> str:
+    """The word for a message's choice, for example `word(episode, "outcome")` is `"success"`."""
+    descriptor = _enum(message, field)
+    number = getattr(message, field)
+    value = descriptor.values_by_number.get(number)
+    return str(number) if value is None else _word(descriptor, value.name)
+
+
+def number(kind: type[Message], field: str, text: str) -> Any:
+    """The value of a choice on the wire."""
+    return _choice(_enum(kind, field), text, field)
+
+
+def _enum(message: Message | type[Message], field: str) -> Any:
+    return message.DESCRIPTOR.fields_by_name[field].enum_type
+
+
+def _plain(descriptor: Any, values: Mapping[str, Any], path: str) -> dict[str, Any]:
+    plain = {}
+    for name, value in values.items():
+        field = descriptor.fields_by_name.get(name)
+        if field is None:
+            raise invalid(path + name, f"is not known; there are {', '.join(sorted(descriptor.fields_by_name))}")
+        if value is not None:
+            plain[name] = _value(field, value, path + name)
+    return plain
+
+
+def _value(field: FieldDescriptor, value: Any, path: str) -> Any:
+    if isinstance(value, (list, tuple)):
+        return [_value(field, item, f"{path}[{index}]") for index, item in enumerate(value)]
+    if field.enum_type is not None and isinstance(value, str):
+        return _choice(field.enum_type, value, path)
+    if field.message_type is not None and isinstance(value, Mapping):
+        return _plain(field.message_type, value, f"{path}.")
+    return value
+
+
+def _choice(descriptor: EnumDescriptor, text: str, path: str) -> int:
+    words = {_word(descriptor, value.name): value.number for value in descriptor.values if value.number != 0}
+    if text not in words:
+        raise invalid(path, f"{text!r} is none of {', '.join(words)}")
+    return words[text]
+
+
+def _word(descriptor: EnumDescriptor, name: str) -> str:
+    prefix = descriptor.values[0].name.removesuffix("UNSPECIFIED")
+    return name.removeprefix(prefix).lower()

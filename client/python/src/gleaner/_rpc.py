@@ -1,0 +1,118 @@
+"""Calls: one channel, the token, time limits and errors. Knows no service."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import grpc
+from google.protobuf.message import Message
+
+from gleaner._retry import patiently
+from gleaner.errors import Unavailable, from_rpc, invalid
+
+Reply = TypeVar("Reply", bound=Message)
+
+# A segment of large raw frames is the biggest message either side sends.
+_LARGEST = 256 << 20
+_OPTIONS = [
+    ("grpc.max_receive_message_length", _LARGEST),
+    ("grpc.max_send_message_length", _LARGEST),
+    ("grpc.keepalive_time_ms", 30_000),
+    ("grpc.keepalive_timeout_ms", 20_000),
+    ("grpc.primary_user_agent", "gleaner-python/0.1.0"),
+]
+
+
+class Rpc:
+    """A channel to one server. Methods are named `Service/Method`, of the package gleaner.v1."""
+
+    def __init__(self, address: str, token: str | None, timeout: float) -> None:
+        target = _target(address)
+        self._timeout = timeout
+        self._metadata: tuple[tuple[str, str | bytes], ...] = (
+            () if token is None else (("authorization", f"Bearer {_token(token)}"),)
+        )
+        self._channel = grpc.insecure_channel(target, options=_OPTIONS)
+        try:
+            grpc.channel_ready_future(self._channel).result(timeout=timeout)
+        except grpc.FutureTimeoutError:
+            self._channel.close()
+            raise Unavailable(
+                f"cannot reach {target} within {timeout:g} s; is the server running there (gleaner-server serve)?"
+            ) from None
+
+    def close(self) -> None:
+        """Ends every call and the connection."""
+        self._channel.close()
+
+    def unary(self, method: str, request: Message, reply: type[Reply]) -> Reply:
+        """One request, one reply, once."""
+        call = self._channel.unary_unary(_path(method), type(request).SerializeToString, reply.FromString)
+        with translated():
+            answer: Reply = call(request, timeout=self._timeout, metadata=self._metadata)
+        return answer
+
+    def safe(self, method: str, request: Message, reply: type[Reply]) -> Reply:
+        """As `unary`, made again while there is no connection: only for calls that may be made twice."""
+        return patiently(lambda: self.unary(method, request, reply))
+
+    def upload(self, method: str, requests: Iterable[Message], reply: type[Reply]) -> Reply:
+        """A stream of requests, one reply. No time limit: the server answers or the connection breaks."""
+        call = self._channel.stream_unary(_path(method), _serialize, reply.FromString)
+        with translated():
+            answer: Reply = call(iter(requests), metadata=self._metadata)
+        return answer
+
+    def stream(self, method: str, request: Message, reply: type[Reply]) -> Iterator[Reply]:
+        """One request, a stream of replies. Dropping the iterator ends the call."""
+        open_call = self._channel.unary_stream(_path(method), type(request).SerializeToString, reply.FromString)
+        call: Any = open_call(request, metadata=self._metadata)
+        try:
+            with translated():
+                yield from call
+        finally:
+            call.cancel()
+
+    def converse(self, method: str, requests: Iterator[Message], reply: type[Reply]) -> Any:
+        """Streams both ways; the call, to be read and cancelled."""
+        return self._channel.stream_stream(_path(method), _serialize, reply.FromString)(
+            requests, metadata=self._metadata
+        )
+
+
+@contextmanager
+def translated() -> Iterator[None]:
+    """Turns a failed call into an exception of ours."""
+    try:
+        yield
+    except grpc.RpcError as error:
+        raise from_rpc(error) from None
+
+
+def _serialize(request: Message) -> bytes:
+    return request.SerializeToString()
+
+
+def _path(method: str) -> str:
+    service, name = method.split("/")
+    return f"/gleaner.v1.{service}/{name}"
+
+
+def _target(address: str) -> str:
+    if address.startswith("https://"):
+        raise invalid(f"address {address}", "this client speaks no TLS yet; use http:// and a tunnel")
+    target = address.removeprefix("http://").rstrip("/")
+    host, colon, port = target.rpartition(":")
+    if not (host and colon and port.isdecimal()) or "/" in target:
+        raise invalid(f"address {address!r}", "write host:port, for example 127.0.0.1:7400")
+    return target
+
+
+def _token(text: str) -> str:
+    text = text.strip()
+    # The text itself is a secret: no message repeats it.
+    if not text or not all("!" <= character <= "~" for character in text):
+        raise invalid("token", "a token is one word of visible ASCII characters; copy it again")
+    return text

@@ -1,0 +1,100 @@
+"""Upload: one recording to the server, hashed, in pieces, resumed when the connection breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from blake3 import blake3
+
+from gleaner._proto.v1 import episode_pb2 as pb
+from gleaner._retry import Patience
+from gleaner._rpc import Rpc
+from gleaner.errors import InvalidArgument, NotFound, Unavailable, invalid
+from gleaner.types import Episode
+
+# Half of what the server takes in one message.
+_PIECE = 1 << 20
+
+
+def digest(path: Path) -> str:
+    """A file's BLAKE3, hex."""
+    hasher = blake3(max_threads=blake3.AUTO)
+    with path.open("rb") as file:
+        while piece := file.read(8 << 20):
+            hasher.update(piece)
+    return hasher.hexdigest()
+
+
+@dataclass
+class Upload:
+    """One recording on its way."""
+
+    rpc: Rpc
+    path: Path
+    start: pb.StartUploadRequest
+    progress: Callable[[int], object]
+    upload_id: str = ""
+    committed: int = 0
+
+    def run(self) -> Episode:
+        """Goes on until the server holds the episode, or patience with the connection has run out."""
+        patience = Patience()
+        while True:
+            before = self.committed
+            try:
+                episode = self._advance()
+            except Unavailable as error:
+                patience.wait(error)
+            except NotFound as error:
+                # Of an open upload: an earlier finish arrived and only its answer was lost, or the server tidied
+                # the upload away. Opening again finds the episode or begins anew.
+                if not self.upload_id:
+                    raise
+                self.upload_id = ""
+                patience.wait(error)
+            else:
+                if episode is not None:
+                    return episode
+                if self.committed > before:
+                    patience.restore()
+
+    def _advance(self) -> Episode | None:
+        started = self._open()
+        if started is not None:
+            return started
+        if self.committed < self.start.size_bytes:
+            self._write()
+            return None
+        request = pb.FinishUploadRequest(upload_id=self.upload_id)
+        return self.rpc.unary("EpisodeService/FinishUpload", request, pb.FinishUploadResponse).episode
+
+    def _open(self) -> Episode | None:
+        if self.upload_id:
+            request = pb.GetUploadRequest(upload_id=self.upload_id)
+            self.committed = self.rpc.unary("EpisodeService/GetUpload", request, pb.GetUploadResponse).committed_size
+            return None
+        reply = self.rpc.unary("EpisodeService/StartUpload", self.start, pb.StartUploadResponse)
+        self.upload_id, self.committed = reply.upload_id, reply.committed_size
+        return reply.existing if reply.HasField("existing") else None
+
+    def _write(self) -> None:
+        before = self.committed
+        try:
+            reply = self.rpc.upload("EpisodeService/WriteUpload", self._pieces(), pb.WriteUploadResponse)
+        except InvalidArgument as error:
+            # An older stream of ours may still have been written when this one began.
+            raise Unavailable(str(error), error.code) from error
+        if reply.committed_size <= before:
+            raise invalid(str(self.path), "the file became shorter while it was sent; push it again once it is whole")
+        self.committed = reply.committed_size
+
+    def _pieces(self) -> Iterator[pb.WriteUploadRequest]:
+        offset = self.committed
+        with self.path.open("rb") as file:
+            file.seek(offset)
+            while piece := file.read(min(_PIECE, self.start.size_bytes - offset)):
+                yield pb.WriteUploadRequest(upload_id=self.upload_id, offset=offset, data=piece)
+                offset += len(piece)
+                self.progress(offset)

@@ -1,0 +1,125 @@
+"""Datasets: a score run and a threshold, as a stream of weighted segments."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gleaner._messages import word
+from gleaner._proto.v1 import dataset_pb2 as pb
+from gleaner._proto.v1 import score_pb2, task_pb2
+from gleaner._rpc import Rpc
+from gleaner.types import Dataset, TaskSpec
+
+if TYPE_CHECKING:
+    from gleaner.torch import SegmentDataset
+
+
+@dataclass(frozen=True)
+class Segment:
+    """The window of at most l + 1 steps that ends at `end_step`; shorter at an episode's beginning."""
+
+    episode_id: str
+    first_step: int
+    end_step: int  # inclusive
+    role: str  # expert or imperfect
+    weight: float  # 1 for experts, q for kept segments
+    proprioception: NDArray[np.float32]  # steps × values
+    action: NDArray[np.float32]  # steps × values
+    images: dict[str, NDArray[np.uint8]] = field(default_factory=dict)  # camera → steps × height × width × RGB
+    depth: dict[str, NDArray[np.uint16]] = field(default_factory=dict)  # camera → steps × height × width, mm
+
+
+class Datasets:
+    """`client.datasets`."""
+
+    def __init__(self, rpc: Rpc, address: tuple[str, str | None, float]) -> None:
+        self._rpc = rpc
+        self._address = address
+
+    def create(self, run: str, *, beta: float | None = None, top_fraction: float | None = None) -> Dataset:
+        """Creates a dataset: a run's experts, and the imperfect segments with q > β or the best part of them.
+
+        Give exactly one of `beta` and `top_fraction`. Asked for twice, the same dataset is the answer.
+        """
+        selection = score_pb2.Selection()
+        if beta is not None:
+            selection.beta = beta
+        if top_fraction is not None:
+            if beta is not None:
+                raise ValueError("beta, top_fraction: give one of the two")
+            selection.top_fraction = top_fraction
+        request = pb.CreateDatasetRequest(score_run_id=run, selection=selection)
+        return self._rpc.safe("DatasetService/CreateDataset", request, pb.CreateDatasetResponse).dataset
+
+    def get(self, dataset_id: str) -> Dataset:
+        """Looks a dataset up; its counts are there once its score run is finished."""
+        request = pb.GetDatasetRequest(dataset_id=dataset_id)
+        return self._rpc.safe("DatasetService/GetDataset", request, pb.GetDatasetResponse).dataset
+
+    def stream(self, dataset_id: str, *, frames: bool = False, kept_only: bool = False) -> Iterator[Segment]:
+        """Every segment with its weight, experts first; with `frames` the cameras' images too.
+
+        `kept_only` leaves the experts out. A connection that breaks ends the stream with `Unavailable`.
+        """
+        task = task_pb2.GetTaskRequest(task=self.get(dataset_id).task_id)
+        spec = self._rpc.safe("TaskService/GetTask", task, task_pb2.GetTaskResponse).task.spec
+        request = pb.StreamSegmentsRequest(dataset_id=dataset_id, include_frames=frames, kept_only=kept_only)
+        for reply in self._rpc.stream("DatasetService/StreamSegments", request, pb.StreamSegmentsResponse):
+            yield _segment(reply.segment, spec)
+
+    def torch_dataset(
+        self, dataset_id: str, *, steps: int | None = None, frames: bool = False, kept_only: bool = False
+    ) -> SegmentDataset:
+        """The same stream as a PyTorch `IterableDataset`, shared out among a `DataLoader`'s workers.
+
+        With `steps` every item has so many: what lies before an episode's beginning repeats its first step, and
+        `mask` is false there; the default collation needs that. Needs `torch`.
+        """
+        from gleaner.torch import SegmentDataset
+
+        return SegmentDataset(self._address, dataset_id, steps=steps, frames=frames, kept_only=kept_only)
+
+    def list(self, task: str) -> list[Dataset]:
+        """A task's datasets, newest first."""
+        request = pb.ListDatasetsRequest(task=task)
+        return [*self._rpc.safe("DatasetService/ListDatasets", request, pb.ListDatasetsResponse).datasets]
+
+
+def _segment(segment: pb.Segment, spec: TaskSpec) -> Segment:
+    steps = segment.end_step - segment.first_step + 1
+    images, depth = _frames(segment.frames, spec, steps) if segment.frames else ({}, {})
+    return Segment(
+        episode_id=segment.episode_id,
+        first_step=segment.first_step,
+        end_step=segment.end_step,
+        role=word(segment, "role"),
+        weight=segment.weight,
+        proprioception=np.array(segment.proprioception, np.float32).reshape(steps, -1),
+        action=np.array(segment.action, np.float32).reshape(steps, -1),
+        images=images,
+        depth=depth,
+    )
+
+
+def _frames(
+    data: bytes, spec: TaskSpec, steps: int
+) -> tuple[dict[str, NDArray[np.uint8]], dict[str, NDArray[np.uint16]]]:
+    rows = np.frombuffer(data, np.uint8).reshape(steps, -1)
+    images: dict[str, NDArray[np.uint8]] = {}
+    depth: dict[str, NDArray[np.uint16]] = {}
+    at = 0
+    for camera in spec.cameras:
+        size = (steps, camera.height, camera.width)
+        pixels = camera.height * camera.width
+        # Copies: arrays of their own, that may be written to.
+        images[camera.name] = rows[:, at : at + 3 * pixels].reshape(*size, 3).copy()
+        at += 3 * pixels
+        if camera.depth:
+            depth[camera.name] = np.ascontiguousarray(rows[:, at : at + 2 * pixels]).view("<u2").reshape(size)
+            at += 2 * pixels
+    return images, depth

@@ -1,0 +1,131 @@
+"""Episodes: recordings in, with their labels."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from blake3 import blake3
+
+from gleaner._messages import number
+from gleaner._proto.v1 import episode_pb2 as pb
+from gleaner._rpc import Rpc
+from gleaner._upload import Upload, digest
+from gleaner.errors import Damaged
+from gleaner.types import Episode, Label, Report
+
+_PAGE = 500
+
+
+class Episodes:
+    """`client.episodes`."""
+
+    def __init__(self, rpc: Rpc) -> None:
+        self._rpc = rpc
+
+    def push(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        task: str,
+        outcome: str,
+        cohort: str = "",
+        author: str = "",
+        progress: Callable[[int], object] = lambda sent: None,
+    ) -> Episode:
+        """Uploads a recording (MCAP) under a label: `outcome` is success, failure or unknown.
+
+        A broken connection is mended and the upload goes on where it was. Content that the task holds already
+        under this label is not sent again. `progress` is called with the bytes sent so far.
+
+        Raises `InvalidArgument` when the recording does not fit the task (each finding with its mend), `NotFound`
+        without such a task, `AlreadyExists` when the content is there under another label.
+        """
+        path = Path(path)
+        start = pb.StartUploadRequest(
+            task=task,
+            file_name=path.name,
+            size_bytes=path.stat().st_size,
+            blake3=digest(path),
+            outcome=number(pb.StartUploadRequest, "outcome", outcome),
+            cohort=cohort,
+            author=author,
+        )
+        return Upload(self._rpc, path, start, progress).run()
+
+    def get(self, episode_id: str) -> Episode:
+        """Looks an episode up. Raises `NotFound`."""
+        return self._get(episode_id).episode
+
+    def report(self, episode_id: str) -> Report:
+        """What the inspection of an episode's recording found. Raises `NotFound`."""
+        return self._get(episode_id).report
+
+    def label(
+        self,
+        episode_ids: str | Iterable[str],
+        outcome: str,
+        *,
+        cohort: str | None = None,
+        author: str = "",
+        reason: str = "",
+    ) -> list[Episode]:
+        """Sets the outcome (and cohort, if given) of one or many episodes in one act; each change is kept."""
+        ids = [episode_ids] if isinstance(episode_ids, str) else list(episode_ids)
+        wire = number(pb.LabelEpisodesRequest, "outcome", outcome)
+        request = pb.LabelEpisodesRequest(episode_ids=ids, outcome=wire, cohort=cohort, author=author, reason=reason)
+        reply = self._rpc.unary("EpisodeService/LabelEpisodes", request, pb.LabelEpisodesResponse)
+        return [*reply.episodes]
+
+    def labels(self, episode_id: str) -> list[Label]:
+        """Every label an episode ever had, oldest first."""
+        request = pb.ListLabelsRequest(episode_id=episode_id)
+        return [*self._rpc.safe("EpisodeService/ListLabels", request, pb.ListLabelsResponse).labels]
+
+    def download(self, episode_id: str, path: str | os.PathLike[str]) -> Path:
+        """Fetches a recording as it was uploaded. `path` is a file, or a folder that it is put into.
+
+        Raises `Damaged` when the bytes are not those that were uploaded; the file is there whole or not at all.
+        """
+        episode = self.get(episode_id)
+        path = Path(path)
+        if path.is_dir():
+            # A name from elsewhere: never a path.
+            path /= Path(episode.file_name).name or f"{episode_id}.mcap"
+        part = path.with_name(f"{path.name}.{episode_id}.part")
+        try:
+            found = self._fetch(episode_id, part)
+            if found != episode.blake3:
+                raise Damaged(f"{path}: arrived damaged, its BLAKE3 is {found}, not {episode.blake3}; fetch it again")
+            part.replace(path)
+        finally:
+            with suppress(FileNotFoundError):
+                part.unlink()
+        return path
+
+    def list(self, task: str, *, outcome: str | None = None, cohort: str = "") -> Iterator[Episode]:
+        """A task's episodes, oldest first; fetched page by page as they are read."""
+        request = pb.ListEpisodesRequest(task=task, cohort=cohort, page_size=_PAGE)
+        if outcome is not None:
+            request.outcome = number(pb.ListEpisodesRequest, "outcome", outcome)
+        while True:
+            reply = self._rpc.safe("EpisodeService/ListEpisodes", request, pb.ListEpisodesResponse)
+            yield from reply.episodes
+            if not reply.next_page_token:
+                return
+            request.page_token = reply.next_page_token
+
+    def _fetch(self, episode_id: str, part: Path) -> str:
+        hasher = blake3()
+        request = pb.DownloadEpisodeRequest(episode_id=episode_id)
+        with part.open("wb") as file:
+            for piece in self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse):
+                hasher.update(piece.data)
+                file.write(piece.data)
+        return hasher.hexdigest()
+
+    def _get(self, episode_id: str) -> pb.GetEpisodeResponse:
+        request = pb.GetEpisodeRequest(episode_id=episode_id)
+        return self._rpc.safe("EpisodeService/GetEpisode", request, pb.GetEpisodeResponse)

@@ -1,0 +1,173 @@
+"""Closed-loop trials of a policy in any Gymnasium environment. Knows no server but to report to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gleaner._client import Client
+from gleaner.errors import invalid
+from gleaner.observation import Observation
+from gleaner.statistics import wilson
+from gleaner.types import Evaluation, SeedResult, TaskSpec
+
+
+class Env(Protocol):
+    """What is used of a `gymnasium.Env`."""
+
+    def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
+        """Begins an episode: its first observation, and info."""
+
+    def step(self, action: Any, /) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Acts: observation, reward, terminated, truncated, info."""
+
+
+class Acting(Protocol):
+    """What is used of a `Policy`; any other controller with these will do."""
+
+    def __call__(self, observation: Observation, /) -> NDArray[np.float32]:
+        """The action for now."""
+
+    def reset(self) -> None:
+        """Ends the episode."""
+
+
+class Adapter:
+    """Between an environment and a task: override `cameras` and `proprioception`, and what else differs.
+
+    `spec` is the task's, set before the first episode: image sizes are there, for rendering.
+    """
+
+    spec: TaskSpec
+
+    def cameras(self, env: Any, observation: Any) -> Mapping[str, NDArray[np.uint8] | bytes]:
+        """Each of the task's cameras by name: height × width × RGB, or JPEG or PNG bytes."""
+        raise NotImplementedError(f"{type(self).__name__}.cameras: override it to give the task's cameras")
+
+    def depth(self, env: Any, observation: Any) -> Mapping[str, NDArray[np.uint16] | bytes]:
+        """Each camera with depth by name: height × width millimetres."""
+        return {}
+
+    def proprioception(self, env: Any, observation: Any) -> ArrayLike:
+        """The task's proprioception, in physical units."""
+        raise NotImplementedError(f"{type(self).__name__}.proprioception: override it to give the task's values")
+
+    def action(self, env: Any, action: NDArray[np.float32]) -> Any:
+        """What the environment takes for a policy's action: here the action itself."""
+        return action
+
+    def success(self, env: Any, info: Mapping[str, Any]) -> bool:
+        """Whether the task is solved after a step: here `success` or `is_success` in the environment's info."""
+        return bool(info.get("success", info.get("is_success", False)))
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One episode."""
+
+    seed: int
+    success: bool
+    steps: int
+
+
+@dataclass(frozen=True)
+class Trials:
+    """How an evaluation went."""
+
+    seed: int
+    trials: tuple[Trial, ...]
+    policy_id: str  # empty when the controller is no deployed policy
+
+    @property
+    def episodes(self) -> int:
+        """How many there were."""
+        return len(self.trials)
+
+    @property
+    def successes(self) -> int:
+        """How many were solved."""
+        return sum(trial.success for trial in self.trials)
+
+    @property
+    def success_rate(self) -> float:
+        """Share of episodes that were solved."""
+        return self.successes / self.episodes
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % Wilson interval of the success rate."""
+        return wilson(self.successes, self.episodes)
+
+    @property
+    def mean_steps(self) -> float:
+        """Steps of an episode, on average."""
+        return sum(trial.steps for trial in self.trials) / self.episodes
+
+    def report(self, client: Client, simulation: str) -> Evaluation:
+        """Keeps this with the policy on the server; `simulation` is for example metaworld/pick-place-v3."""
+        if not self.policy_id:
+            raise invalid("policy_id", "these trials were not of a deployed policy")
+        seed = SeedResult(seed=self.seed, episodes=self.episodes, successes=self.successes, mean_steps=self.mean_steps)
+        return client.policies.report(self.policy_id, simulation, [seed])
+
+    def __str__(self) -> str:
+        low, high = self.interval
+        return f"{self.successes} of {self.episodes} solved: {self.success_rate:.2f} [{low:.2f}, {high:.2f}]"
+
+
+def evaluate(
+    env: Env,
+    policy: Acting,
+    adapter: Adapter,
+    episodes: int = 50,
+    seed: int = 0,
+    *,
+    max_steps: int | None = None,
+    on_trial: Callable[[Trial], object] = lambda trial: None,
+) -> Trials:
+    """Runs episodes one after the other; episode i starts from seed + i, so that two policies meet the same ones.
+
+    An episode ends solved as soon as the adapter says so, else when the environment ends it, or unsolved after
+    `max_steps`. An exception of the policy, a missed deadline too, ends the evaluation.
+    """
+    if episodes < 1:
+        raise invalid("episodes", "must be at least 1")
+    if max_steps is not None and max_steps < 1:
+        raise invalid("max_steps", "must be at least 1")
+    spec = getattr(policy, "spec", None)
+    if spec is not None:
+        adapter.spec = spec
+    trials = []
+    ids = set()
+    for index in range(episodes):
+        trial = _trial(env, policy, adapter, seed + index, max_steps)
+        ids.add(getattr(policy, "policy_id", ""))
+        if len(ids) > 1:
+            raise invalid(
+                "policy", "another policy was deployed under this name while it was evaluated; evaluate again"
+            )
+        trials.append(trial)
+        on_trial(trial)
+    return Trials(seed, tuple(trials), ids.pop())
+
+
+def _trial(env: Env, policy: Acting, adapter: Adapter, seed: int, max_steps: int | None) -> Trial:
+    policy.reset()
+    observed, info = env.reset(seed=seed)
+    steps, success, over = 0, adapter.success(env, info), False
+    while not (success or over):
+        observation = Observation(
+            images=adapter.cameras(env, observed),
+            depth=adapter.depth(env, observed),
+            proprioception=adapter.proprioception(env, observed),
+        )
+        observed, _, terminated, truncated, info = env.step(adapter.action(env, policy(observation)))
+        steps += 1
+        success = adapter.success(env, info)
+        over = bool(terminated) or bool(truncated) or steps == max_steps
+    policy.reset()
+    return Trial(seed, success, steps)

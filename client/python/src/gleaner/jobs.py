@@ -1,0 +1,179 @@
+"""Jobs: queued units of work, and how to follow them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gleaner import settings
+from gleaner._messages import build, number, word
+from gleaner._proto.v1 import job_pb2 as pb
+from gleaner._retry import Patience
+from gleaner._rpc import Rpc
+from gleaner.errors import DeadlineExceeded, JobFailed, Unavailable
+from gleaner.types import Job, JobSpec, Metric
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+_PAGE = 500
+_ENDED = (pb.JOB_STATE_SUCCEEDED, pb.JOB_STATE_FAILED, pb.JOB_STATE_CANCELLED)
+
+
+class JobEvent(NamedTuple):
+    """A job as it is now, and the metrics that are new."""
+
+    job: Job
+    metrics: list[Metric]
+
+
+class Curve(NamedTuple):
+    """One metric over a job's steps."""
+
+    steps: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+class Jobs:
+    """`client.jobs`. A job is named by its id or by the `Job` itself.
+
+    A job's `result_id` is there from the start, so that a later job can name what an earlier one will make.
+    """
+
+    def __init__(self, rpc: Rpc) -> None:
+        self._rpc = rpc
+
+    def submit(self, task: str, spec: JobSpec | Mapping[str, Any], **order: Unpack[settings.Order]) -> Job:
+        """Queues a job from its whole spec, for example `{"export": {"dataset_id": …, "format": "mcap"}}`.
+
+        With a `key` a broken connection is mended, because the same key never queues twice.
+        """
+        if not isinstance(spec, JobSpec):
+            spec = build(JobSpec, spec)
+        request = pb.SubmitJobRequest(task=task, spec=spec, **order)
+        call = self._rpc.safe if request.key else self._rpc.unary
+        return call("JobService/SubmitJob", request, pb.SubmitJobResponse).job
+
+    def pretrain(self, task: str, **given: Unpack[settings.PretrainSettings]) -> Job:
+        """Queues the pretraining of an encoder over experts and imperfect episodes."""
+        return self._submit("pretrain", task, dict(given))
+
+    def score(self, task: str, encoder_id: str, **given: Unpack[settings.ScoreSettings]) -> Job:
+        """Queues the scoring of every imperfect segment with an encoder."""
+        return self._submit("score", task, {"encoder_id": encoder_id, **given})
+
+    def train(self, task: str, **given: Unpack[settings.TrainSettings]) -> Job:
+        """Queues the training of a policy."""
+        settings: dict[str, Any] = dict(given)
+        # A word of Python's own cannot be a keyword.
+        settings["lambda"] = settings.pop("lambda_", None)
+        return self._submit("train", task, settings)
+
+    def evaluate(self, task: str, **given: Unpack[settings.EvaluateSettings]) -> Job:
+        """Queues closed-loop trials of a policy in the server's own simulator."""
+        return self._submit("evaluate", task, dict(given))
+
+    def get(self, job: str | Job) -> Job:
+        """Looks a job up. Raises `NotFound`."""
+        return self._rpc.safe("JobService/GetJob", pb.GetJobRequest(job_id=_id(job)), pb.GetJobResponse).job
+
+    def watch(self, job: str | Job) -> Iterator[JobEvent]:
+        """The job now, then each change and new metric, until it has ended, however it ends.
+
+        A broken connection is mended, after which metrics may come twice.
+        """
+        patience = Patience()
+        request = pb.WatchJobRequest(job_id=_id(job))
+        while True:
+            error = Unavailable("the server ended the stream before the job ended")
+            try:
+                for event in self._rpc.stream("JobService/WatchJob", request, pb.WatchJobResponse):
+                    patience.restore()
+                    yield JobEvent(event.job, [*event.metrics])
+                    if event.job.state in _ENDED:
+                        return
+            except Unavailable as broken:
+                error = broken
+            patience.wait(error)
+
+    def wait(self, job: str | Job, timeout: float | None = None) -> Job:
+        """Waits until a job has ended and returns it.
+
+        Raises `JobFailed` unless it succeeded, `DeadlineExceeded` when it has not ended after `timeout` seconds
+        (it goes on all the same).
+        """
+        ended = self._end(job) if timeout is None else self._end_within(job, timeout)
+        if ended.state != pb.JOB_STATE_SUCCEEDED:
+            why = f" failed: {ended.error}" if ended.state == pb.JOB_STATE_FAILED else " was cancelled"
+            raise JobFailed(f"job {ended.id}{why}", ended)
+        return ended
+
+    def cancel(self, job: str | Job) -> Job:
+        """Cancels a job that has not ended, and the jobs that wait for it."""
+        request = pb.CancelJobRequest(job_id=_id(job))
+        return self._rpc.unary("JobService/CancelJob", request, pb.CancelJobResponse).job
+
+    def metrics(self, job: str | Job) -> dict[str, Curve]:
+        """Every metric that a job has reported, by name."""
+        request = pb.ListMetricsRequest(job_id=_id(job))
+        metrics = self._rpc.safe("JobService/ListMetrics", request, pb.ListMetricsResponse).metrics
+        rows: dict[str, list[tuple[int, float]]] = {}
+        for metric in metrics:
+            rows.setdefault(metric.name, []).append((metric.step, metric.value))
+        return {
+            name: Curve(np.array([step for step, _ in row], np.int64), np.array([value for _, value in row]))
+            for name, row in rows.items()
+        }
+
+    def list(self, task: str = "", *, state: str | None = None) -> Iterator[Job]:
+        """Jobs, newest first, of one task or of all; `state` is for example queued. Fetched as they are read."""
+        request = pb.ListJobsRequest(task=task, page_size=_PAGE)
+        if state is not None:
+            request.state = number(pb.ListJobsRequest, "state", state)
+        while True:
+            reply = self._rpc.safe("JobService/ListJobs", request, pb.ListJobsResponse)
+            yield from reply.jobs
+            if not reply.next_page_token:
+                return
+            request.page_token = reply.next_page_token
+
+    def _submit(self, kind: str, task: str, given: dict[str, Any]) -> Job:
+        order = {name: given.pop(name) for name in settings.Order.__annotations__ if name in given}
+        if kind in ("pretrain", "train"):
+            optim = {name: given.pop(name) for name in settings.Optim.__annotations__ if name in given}
+            given["optim"] = optim or None
+        return self.submit(task, {kind: given}, **order)
+
+    def _end(self, job: str | Job) -> Job:
+        last = job if isinstance(job, Job) else Job(id=job)
+        for event in self.watch(job):
+            last = event.job
+        return last
+
+    def _end_within(self, job: str | Job, timeout: float) -> Job:
+        import threading
+
+        ended: list[Job | Exception] = []
+
+        def follow() -> None:
+            try:
+                ended.append(self._end(job))
+            except Exception as error:  # passed on to the caller's thread
+                ended.append(error)
+
+        thread = threading.Thread(target=follow, name="gleaner-wait", daemon=True)
+        thread.start()
+        thread.join(timeout)
+        if not ended:
+            now = self.get(job)
+            raise DeadlineExceeded(f"job {now.id} is still {word(now, 'state')} after {timeout:g} s; it goes on")
+        if isinstance(ended[0], Exception):
+            raise ended[0]
+        return ended[0]
+
+
+def _id(job: str | Job) -> str:
+    return job if isinstance(job, str) else job.id

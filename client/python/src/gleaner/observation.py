@@ -1,0 +1,101 @@
+"""Observations: what a robot sees and feels at one step, checked against the task and put on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from gleaner._proto.v1 import policy_pb2 as pb
+from gleaner.errors import invalid
+from gleaner.types import CameraSpec, FieldSpec, TaskSpec
+
+
+@dataclass
+class Observation:
+    """One step. A mapping with the same keys will do in its place."""
+
+    images: Mapping[str, NDArray[np.uint8] | bytes]  # camera → height × width × RGB, or JPEG or PNG bytes
+    proprioception: ArrayLike  # the task's fields, one after the other, in physical units
+    depth: Mapping[str, NDArray[np.uint16] | bytes] = field(default_factory=dict)  # camera → height × width mm, or PNG
+    stamp_ns: int | None = None  # None: so many control periods after the episode's beginning
+    executed_action: ArrayLike | None = None  # done since the step before; None: what the policy gave
+
+    @classmethod
+    def of(cls, given: Observation | Mapping[str, Any]) -> Observation:
+        """An observation from itself or from a mapping."""
+        if isinstance(given, Observation):
+            return given
+        try:
+            return cls(**given)
+        except TypeError as error:
+            raise invalid("observation", f"{error}; there are {', '.join(cls.__dataclass_fields__)}") from None
+
+
+def size(fields: Iterable[FieldSpec]) -> int:
+    """How many values fields hold together."""
+    return sum(field.size for field in fields)
+
+
+def to_wire(observation: Observation, spec: TaskSpec, stamp_ns: int) -> pb.Observation:
+    """The message for an observation. Raises `InvalidArgument` naming the field and the mend."""
+    known = {camera.name for camera in spec.cameras}
+    for kind, given in (("images", observation.images), ("depth", observation.depth)):
+        for name in given:
+            if name not in known:
+                raise invalid(f"{kind}.{name}", f"the task has no such camera; it has {', '.join(sorted(known))}")
+    message = pb.Observation(
+        stamp_ns=stamp_ns,
+        cameras=[_camera(camera, observation) for camera in spec.cameras],
+        proprioception=vector("proprioception", observation.proprioception, size(spec.proprioception)),
+    )
+    if observation.executed_action is not None:
+        message.executed_action.extend(vector("executed_action", observation.executed_action, size(spec.action)))
+    return message
+
+
+def vector(name: str, values: ArrayLike, length: int) -> NDArray[np.float32]:
+    """Values as 32-bit numbers, checked for length and finiteness."""
+    array = np.asarray(values, np.float32).reshape(-1)
+    if len(array) != length:
+        raise invalid(name, f"has {len(array)} values, the task has {length}")
+    if not np.isfinite(array).all():
+        place = int(np.flatnonzero(~np.isfinite(array))[0])
+        raise invalid(f"{name}[{place}]", f"is {array[place]}, must be finite")
+    return array
+
+
+def _camera(camera: CameraSpec, observation: Observation) -> pb.CameraFrame:
+    name = camera.name
+    if name not in observation.images:
+        raise invalid(f"images.{name}", "is missing; send an image of every camera of the task")
+    shape = (camera.height, camera.width)
+    frame = pb.CameraFrame(
+        camera=name, color=_image(f"images.{name}", observation.images[name], np.dtype(np.uint8), (*shape, 3))
+    )
+    if camera.depth:
+        if name not in observation.depth:
+            raise invalid(f"depth.{name}", "is missing; the task's camera has depth")
+        frame.depth.CopyFrom(_image(f"depth.{name}", observation.depth[name], np.dtype("<u2"), shape))
+    elif name in observation.depth:
+        raise invalid(f"depth.{name}", "the task's camera has no depth; leave it out")
+    return frame
+
+
+def _image(path: str, given: NDArray[Any] | bytes, kind: np.dtype[Any], shape: tuple[int, ...]) -> pb.Image:
+    if isinstance(given, bytes):
+        return pb.Image(data=given)
+    array = np.asarray(given)
+    # Never converted silently: a float image in [0, 1] would turn black, metres would turn into nought.
+    if array.dtype != kind:
+        raise invalid(path, f"is of {array.dtype}, must be {kind.name}")
+    if array.shape != shape:
+        raise invalid(path, f"is {_times(array.shape)}, the task has {_times(shape)}")
+    return pb.Image(format=pb.IMAGE_FORMAT_RAW, data=array.tobytes())
+
+
+def _times(shape: tuple[int, ...]) -> str:
+    return " × ".join(map(str, shape))

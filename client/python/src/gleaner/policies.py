@@ -1,0 +1,51 @@
+"""Policies: trained models, the names they are deployed under, and how they did."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from gleaner._proto.v1 import policy_pb2 as pb
+from gleaner._rpc import Rpc
+from gleaner.types import Deployment, Evaluation, PolicyRecord, SeedResult
+
+
+class Policies:
+    """`client.policies`. To act with one, see `gleaner.Policy`."""
+
+    def __init__(self, rpc: Rpc) -> None:
+        self._rpc = rpc
+
+    def deploy(self, name: str, policy_id: str) -> Deployment:
+        """Points a deployment's name at a policy, once it is loaded and warmed up."""
+        request = pb.DeployRequest(name=name, policy_id=policy_id)
+        return self._rpc.unary("PolicyService/Deploy", request, pb.DeployResponse).deployment
+
+    def rollback(self, name: str) -> Deployment:
+        """Points a deployment's name back at what it pointed at before; twice goes two back."""
+        request = pb.RollBackRequest(name=name)
+        return self._rpc.unary("PolicyService/RollBack", request, pb.RollBackResponse).deployment
+
+    def deployments(self, task: str = "") -> list[Deployment]:
+        """Deployments with their history, of one task or of all."""
+        request = pb.ListDeploymentsRequest(task=task)
+        return [*self._rpc.safe("PolicyService/ListDeployments", request, pb.ListDeploymentsResponse).deployments]
+
+    def report(self, policy_id: str, simulation: str, seeds: Sequence[SeedResult]) -> Evaluation:
+        """Keeps the result of trials that ran elsewhere; `simulation` is for example metaworld/pick-place-v3."""
+        request = pb.ReportEvaluationRequest(policy_id=policy_id, simulation=simulation, seeds=seeds)
+        return self._rpc.unary("PolicyService/ReportEvaluation", request, pb.ReportEvaluationResponse).evaluation
+
+    def evaluations(self, policy_id: str) -> list[Evaluation]:
+        """A policy's evaluations, newest first."""
+        request = pb.ListEvaluationsRequest(policy_id=policy_id)
+        return [*self._rpc.safe("PolicyService/ListEvaluations", request, pb.ListEvaluationsResponse).evaluations]
+
+    def evaluation(self, evaluation_id: str) -> Evaluation:
+        """Looks an evaluation up. Raises `FailedPrecondition` while its job has not succeeded."""
+        request = pb.GetEvaluationRequest(evaluation_id=evaluation_id)
+        return self._rpc.safe("PolicyService/GetEvaluation", request, pb.GetEvaluationResponse).evaluation
+
+    def list(self, task: str) -> list[PolicyRecord]:
+        """A task's policies, newest first."""
+        request = pb.ListPoliciesRequest(task=task)
+        return [*self._rpc.safe("PolicyService/ListPolicies", request, pb.ListPoliciesResponse).policies]

@@ -1,0 +1,169 @@
+"""A deployed policy as a callable: observation in, action out. One episode is one session of the server."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gleaner._client import Client
+from gleaner._proto.v1 import policy_pb2 as pb
+from gleaner._retry import patiently
+from gleaner._session import Session
+from gleaner.errors import GleanerError, Missed, NotFound, Rejected, invalid
+from gleaner.observation import Observation, size, to_wire
+from gleaner.types import TaskSpec, Timings
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """The actions that answer one observation, one a control period from its stamp on."""
+
+    stamp_ns: int
+    actions: NDArray[np.float32]  # k × values
+    timings: Timings  # where the time went, in the server
+    dropped: int  # observations passed over since the last answer
+
+
+class Policy:
+    """A deployment to act with. A context manager; for one thread.
+
+    `rate_hz` is the control rate (None: the task's), `deadline` how many seconds after its arrival at the server an
+    observation may be answered (None: whenever), `timeout` how long to wait for any answer at all.
+
+    The session opens with the first call, again and again while there is no connection; once open it is not
+    mended, because its history would be lost in the middle of an episode: `reset()` begins anew.
+    """
+
+    def __init__(
+        self,
+        client: Client,
+        deployment: str,
+        *,
+        rate_hz: float | None = None,
+        deadline: float | None = None,
+        timeout: float = 60.0,
+    ) -> None:
+        for name, value in (("rate_hz", rate_hz), ("deadline", deadline), ("timeout", timeout)):
+            if value is not None and not 0 < value < float("inf"):
+                raise invalid(name, f"{value:g}: must be a number above 0")
+        self._client = client
+        self.deployment = deployment
+        self.spec = _spec(client, deployment)
+        self.rate_hz = rate_hz if rate_hz is not None else self.spec.rate_hz
+        self._open = pb.SessionOpen(
+            deployment=deployment, control_rate_hz=rate_hz or 0.0, deadline_us=round((deadline or 0.0) * 1e6)
+        )
+        self._timeout = timeout
+        self._session: Session | None = None
+        self.policy_id = ""
+        self.last: Chunk | None = None
+        self.dropped = 0
+        self.missed = 0
+        self._given: NDArray[np.float32] | None = None
+        self._stamp_ns: int | None = None
+
+    def __call__(self, observation: Observation | Mapping[str, Any]) -> NDArray[np.float32]:
+        """The action for now.
+
+        When the server misses the deadline, the newest chunk that reaches this step answers in its place; without
+        one `Missed` is raised, and the robot should hold.
+        """
+        try:
+            action: NDArray[np.float32] = self.chunk(observation).actions[0]
+        except Missed:
+            late = self._late()
+            if late is None:
+                raise
+            action = late
+        self._given = action.copy()
+        return action.copy()
+
+    def chunk(self, observation: Observation | Mapping[str, Any]) -> Chunk:
+        """All the actions for an observation, from now on. Raises `Missed` when they are not there in time."""
+        observation = Observation.of(observation)
+        stamp_ns = self._stamp(observation)
+        message = to_wire(observation, self.spec, stamp_ns)
+        if not message.executed_action and self._given is not None:
+            message.executed_action.extend(self._given)
+        session = self._session or self._connect()
+        self._stamp_ns, self._given = stamp_ns, None
+        try:
+            answer = session.ask(message)
+        except Rejected:
+            self._abandon()
+            raise
+        self.dropped += answer.dropped
+        if isinstance(answer, pb.SessionMissed):
+            self.missed += 1
+            raise Missed(f"deployment {self.deployment}: no action by the deadline")
+        actions = np.array([step.values for step in answer.actions], np.float32)
+        self.last = Chunk(stamp_ns, actions.reshape(-1, size(self.spec.action)), answer.timings, answer.dropped)
+        return self.last
+
+    def reset(self) -> None:
+        """Ends the episode; the next call begins another, with the policy that is deployed then."""
+        session, self._session = self._session, None
+        self._begin()
+        if session is not None:
+            # The episode is over either way; what could fail here is telling so.
+            with contextlib.suppress(GleanerError):
+                session.close()
+
+    @property
+    def draining(self) -> bool:
+        """The server is stopping: finish or `reset()` soon, or be closed."""
+        return self._session is not None and self._session.draining
+
+    def close(self) -> None:
+        """Ends the episode."""
+        self.reset()
+
+    def __enter__(self) -> Policy:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def _begin(self) -> None:
+        # What belongs to one episode; policy_id stays until the next session opens.
+        self.last, self._given, self._stamp_ns = None, None, None
+        self.dropped, self.missed = 0, 0
+
+    def _connect(self) -> Session:
+        self._session = patiently(lambda: Session(self._client._rpc, self._open, self._timeout))
+        self.policy_id = self._session.opened.policy_id
+        return self._session
+
+    def _abandon(self) -> None:
+        if self._session is not None:
+            self._session.abandon()
+            self._session = None
+        self._begin()
+
+    def _stamp(self, observation: Observation) -> int:
+        if observation.stamp_ns is not None:
+            return observation.stamp_ns
+        return 0 if self._stamp_ns is None else self._stamp_ns + self._period_ns
+
+    def _late(self) -> NDArray[np.float32] | None:
+        if self.last is None or self._stamp_ns is None:
+            return None
+        place = round((self._stamp_ns - self.last.stamp_ns) / self._period_ns)
+        return self.last.actions[place] if 0 <= place < len(self.last.actions) else None
+
+    @property
+    def _period_ns(self) -> int:
+        return round(1e9 / self.rate_hz)
+
+
+def _spec(client: Client, deployment: str) -> TaskSpec:
+    names = {known.name: known.task_id for known in client.deployments()}
+    if deployment not in names:
+        raise NotFound(f"no deployment {deployment}; there are {', '.join(names) or 'none'}")
+    return client.tasks.get(names[deployment]).spec

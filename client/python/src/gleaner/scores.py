@@ -1,0 +1,105 @@
+"""Scores: the quality of every imperfect segment, as numpy arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gleaner._messages import build, word
+from gleaner._proto.v1 import score_pb2 as pb
+from gleaner._proto.v1 import snapshot_pb2
+from gleaner._rpc import Rpc
+from gleaner.types import KeptBySelection, ScoreRun
+
+
+@dataclass(frozen=True)
+class EpisodeScores:
+    """One episode's scores. Every array has one entry a step: the segment that ends there."""
+
+    episode_id: str
+    role: str  # expert or imperfect; experts' scores leave their own episode out
+    q: NDArray[np.float32]  # quality in [0, 1]
+    w: NDArray[np.float64]  # the highest similarity to an expert segment
+    match_episode: NDArray[np.str_]  # the expert episode matched; empty for the classifier, as are the rest
+    match_step: NDArray[np.uint32]
+    distance_o: NDArray[np.float32]  # of the images' features
+    distance_m: NDArray[np.float32]  # of the proprioception's
+    distance_a: NDArray[np.float32]  # of the action's
+
+
+@dataclass(frozen=True)
+class Histogram:
+    """How q is spread over a run's imperfect segments."""
+
+    counts: NDArray[np.uint64]
+    edges: NDArray[np.float64]  # one more than counts, from 0 to 1
+    segments: int
+    kept: dict[float, int]  # segments with q > β, for each β asked
+
+
+class Scores:
+    """`client.scores`."""
+
+    def __init__(self, rpc: Rpc) -> None:
+        self._rpc = rpc
+
+    def get(self, run: str) -> ScoreRun:
+        """Looks a score run up. Raises `FailedPrecondition` while its job has not succeeded."""
+        request = pb.GetScoreRunRequest(score_run_id=run)
+        return self._rpc.safe("ScoreService/GetScoreRun", request, pb.GetScoreRunResponse).score_run
+
+    def histogram(self, run: str, bins: int = 20, betas: Sequence[float] = ()) -> Histogram:
+        """The histogram of q, and what each threshold would keep."""
+        request = pb.GetHistogramRequest(score_run_id=run, bins=bins, betas=betas)
+        reply = self._rpc.safe("ScoreService/GetHistogram", request, pb.GetHistogramResponse)
+        return Histogram(
+            counts=np.array(reply.counts, np.uint64),
+            edges=np.linspace(0.0, 1.0, len(reply.counts) + 1),
+            segments=reply.segments,
+            kept={count.beta: count.segments for count in reply.kept},
+        )
+
+    def what_if(
+        self, run: str, selections: Sequence[Mapping[str, Any]], *, per_episode: bool = False
+    ) -> list[KeptBySelection]:
+        """What datasets would hold, per cohort, without making any; selections are like `{"beta": 0.5}`."""
+        wanted = [build(pb.Selection, selection) for selection in selections]
+        request = pb.CountKeptRequest(score_run_id=run, selections=wanted, per_episode=per_episode)
+        return [*self._rpc.safe("ScoreService/CountKept", request, pb.CountKeptResponse).counts]
+
+    def episode(self, run: str, episode: str) -> EpisodeScores:
+        """One episode's scores. Raises `NotFound` when the run has no such episode."""
+        request = pb.GetEpisodeScoresRequest(score_run_id=run, episode_id=episode)
+        return _scores(self._rpc.safe("ScoreService/GetEpisodeScores", request, pb.GetEpisodeScoresResponse).scores)
+
+    def all(self, run: str, role: str | None = None) -> Iterator[EpisodeScores]:
+        """Every episode's scores, or those of one role (expert, imperfect), fetched as they are read."""
+        request = snapshot_pb2.GetSnapshotRequest(snapshot_id=self.get(run).snapshot_id)
+        reply = self._rpc.safe("SnapshotService/GetSnapshot", request, snapshot_pb2.GetSnapshotResponse)
+        for episode in reply.episodes:
+            if role is None or word(episode, "role") == role:
+                yield self.episode(run, episode.episode_id)
+
+    def list(self, task: str) -> list[ScoreRun]:
+        """A task's finished score runs, newest first."""
+        request = pb.ListScoreRunsRequest(task=task)
+        return [*self._rpc.safe("ScoreService/ListScoreRuns", request, pb.ListScoreRunsResponse).score_runs]
+
+
+def _scores(scores: pb.EpisodeScores) -> EpisodeScores:
+    experts = np.array([*scores.expert_ids], np.str_)
+    return EpisodeScores(
+        episode_id=scores.episode_id,
+        role=word(scores, "role"),
+        q=np.array(scores.q, np.float32),
+        w=np.array(scores.w, np.float64),
+        match_episode=experts[np.array(scores.match_episode, np.int64)],
+        match_step=np.array(scores.match_step, np.uint32),
+        distance_o=np.array(scores.distance_o, np.float32),
+        distance_m=np.array(scores.distance_m, np.float32),
+        distance_a=np.array(scores.distance_a, np.float32),
+    )

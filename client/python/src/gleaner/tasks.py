@@ -1,0 +1,35 @@
+"""Tasks: named robot skills and how to find their steps in a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from gleaner._messages import build
+from gleaner._proto.v1 import task_pb2 as pb
+from gleaner._rpc import Rpc
+from gleaner.types import Task, TaskSpec
+
+
+class Tasks:
+    """`client.tasks`."""
+
+    def __init__(self, rpc: Rpc) -> None:
+        self._rpc = rpc
+
+    def create(self, spec: TaskSpec | Mapping[str, Any]) -> Task:
+        """Creates a task from its spec, for example from a TOML file read with `tomllib`.
+
+        Raises `InvalidArgument` naming the field, `AlreadyExists` when the name is taken.
+        """
+        if not isinstance(spec, TaskSpec):
+            spec = build(TaskSpec, spec)
+        return self._rpc.unary("TaskService/CreateTask", pb.CreateTaskRequest(spec=spec), pb.CreateTaskResponse).task
+
+    def get(self, task: str) -> Task:
+        """Looks a task up by name or id. Raises `NotFound`."""
+        return self._rpc.safe("TaskService/GetTask", pb.GetTaskRequest(task=task), pb.GetTaskResponse).task
+
+    def list(self) -> list[Task]:
+        """Every task, oldest first."""
+        return list(self._rpc.safe("TaskService/ListTasks", pb.ListTasksRequest(), pb.ListTasksResponse).tasks)

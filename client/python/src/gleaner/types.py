@@ -1,0 +1,34 @@
+"""The records that the server sends, as generated from its .proto files. `word` gives the word for a choice."""
+
+from gleaner._messages import word
+from gleaner._proto.v1.dataset_pb2 import Dataset
+from gleaner._proto.v1.episode_pb2 import Episode, Finding, Label, Report
+from gleaner._proto.v1.job_pb2 import Job, JobSpec, Metric, PipelineSpec
+from gleaner._proto.v1.policy_pb2 import Deployment, Evaluation, SeedResult, Timings
+from gleaner._proto.v1.policy_pb2 import Policy as PolicyRecord
+from gleaner._proto.v1.score_pb2 import KeptBySelection, ScoreRun
+from gleaner._proto.v1.task_pb2 import CameraSpec, FieldSpec, Task, TaskSpec
+
+__all__ = [
+    "CameraSpec",
+    "Dataset",
+    "Deployment",
+    "Episode",
+    "Evaluation",
+    "FieldSpec",
+    "Finding",
+    "Job",
+    "JobSpec",
+    "KeptBySelection",
+    "Label",
+    "Metric",
+    "PipelineSpec",
+    "PolicyRecord",
+    "Report",
+    "ScoreRun",
+    "SeedResult",
+    "Task",
+    "TaskSpec",
+    "Timings",
+    "word",
+]

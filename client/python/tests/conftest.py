@@ -1,0 +1,153 @@
+"""One real server for all tests: built from the repository, started on a free port over a temporary folder."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import gleaner
+from gleaner.types import Job
+
+ROOT = Path(__file__).parents[3]
+TASK = "pick_small"
+IMAGE = 16
+DEPLOYMENT = "pick_small@test"
+
+
+def binary(name: str) -> str:
+    """A program of the repository: as named by the environment, for example GLEANER_SERVER_BIN, or as built."""
+    given = os.environ.get(f"{name.upper().replace('-', '_')}_BIN")
+    found = Path(given) if given else ROOT / "target" / "debug" / name
+    if not found.exists():
+        pytest.exit(f"{found}: not built; run cargo build --bin gleaner-server --bin gleaner", returncode=2)
+    return str(found)
+
+
+def cli(*args: str) -> None:
+    """Runs the command line tool."""
+    done = subprocess.run([binary("gleaner"), *args], check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+class Server:
+    """A server process of its own; `start` and `stop` may be called again and again over the same folder."""
+
+    def __init__(self, data: Path, *flags: str, listen: str = "127.0.0.1:0") -> None:
+        self.data, self.flags, self.listen = data, flags, listen
+        self.start()
+
+    def start(self) -> None:
+        """Starts it and waits until it listens: its first line names its address."""
+        command = [binary("gleaner-server"), "serve", "--listen", self.listen, "--data-dir", str(self.data)]
+        self.process = subprocess.Popen(
+            [*command, "--worker-threads", "1", *self.flags],
+            stdout=subprocess.PIPE,
+            text=True,
+            env={"GLEANER_LOG": "warn", "OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "PASSIVE", **os.environ},
+        )
+        assert self.process.stdout is not None
+        line = self.process.stdout.readline()
+        assert line.startswith("listening on "), f"the server ended before it listened: {line!r}"
+        self.address = line.removeprefix("listening on ").strip()
+
+    def kill(self) -> None:
+        """As a power cut would."""
+        self.process.kill()
+        self.process.wait()
+
+    def stop(self) -> None:
+        """Asks it to stop and waits until it has."""
+        self.process.terminate()
+        try:
+            self.process.wait(20)
+        except subprocess.TimeoutExpired:
+            self.kill()
+
+
+@dataclass(frozen=True)
+class Lab:
+    """What the shared server holds once everything was made."""
+
+    experts: tuple[str, ...]  # episode ids
+    failures: tuple[str, ...]
+    pretrain: Job
+    score: Job
+    train: Job
+    dataset: str  # all but nothing filtered out
+
+    @property
+    def run(self) -> str:
+        return self.score.result_id
+
+    @property
+    def policy(self) -> str:
+        return self.train.result_id
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The address of a running server, shared by all tests that only read or add."""
+    running = Server(tmp_path_factory.mktemp("server"))
+    yield running.address
+    running.stop()
+
+
+@pytest.fixture(scope="session")
+def client(server: str) -> Iterator[gleaner.Client]:
+    with gleaner.connect(server) as connected:
+        yield connected
+
+
+@pytest.fixture(scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+    """Recordings of the embedded simulator, by cohort: 4 of an expert, 3 of one with a wrong goal."""
+    folder = tmp_path_factory.mktemp("recordings")
+    agents = ["--agent", "expert:4", "--agent", "wrong_goal:3"]
+    cli("record", "--out", str(folder), "--image", str(IMAGE), *agents)
+    found: dict[str, list[Path]] = {}
+    for path in sorted(folder.glob("*.mcap")):
+        cohort = path.stem.split("-")[1]
+        found.setdefault(cohort, []).append(path)
+    assert {cohort: len(paths) for cohort, paths in found.items()} == {"expert": 4, "wrong_goal": 3}
+    return found
+
+
+@pytest.fixture(scope="session")
+def task(client: gleaner.Client, server: str) -> str:
+    """The name of the simulator's task at 16 × 16 pixels."""
+    cli("--server", server, "task", "create", "--sim", "pick_cube")
+    spec = client.tasks.get("pick_cube").spec
+    spec.name = TASK
+    for camera in spec.cameras:
+        camera.height = camera.width = IMAGE
+    client.tasks.create(spec)
+    return TASK
+
+
+@pytest.fixture(scope="session")
+def lab(client: gleaner.Client, task: str, recordings: dict[str, list[Path]]) -> Lab:
+    """The whole way once: push, pretrain, score, train, deploy. Tiny and untaught, but real."""
+    push = client.episodes.push
+    experts = [push(path, task=task, outcome="success", cohort="expert") for path in recordings["expert"]]
+    failures = [push(path, task=task, outcome="failure", cohort="wrong_goal") for path in recordings["wrong_goal"]]
+    pretrain = client.jobs.pretrain(task, steps=3, batch=8, warmup_steps=2, segment_length=3, seed=7)
+    score = client.jobs.score(task, pretrain.result_id)
+    train = client.jobs.train(task, experts_of=pretrain.result_id, steps=3, batch=8, warmup_steps=2, seed=7)
+    for job in (pretrain, score, train):
+        client.jobs.wait(job, timeout=120)
+    client.deploy(DEPLOYMENT, train.result_id)
+    dataset = client.datasets.create(score.result_id, top_fraction=0.5)
+    ids = [tuple(episode.id for episode in episodes) for episodes in (experts, failures)]
+    return Lab(ids[0], ids[1], pretrain, score, train, dataset.id)
+
+
+@pytest.fixture(scope="session")
+def deployment(lab: Lab) -> str:
+    """The name of a deployed policy of the task."""
+    del lab
+    return DEPLOYMENT

@@ -1,0 +1,208 @@
+"""Tasks, episodes, jobs, scores and datasets, against a real server."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gleaner
+from conftest import IMAGE, TASK, Lab
+from gleaner._proto.v1 import episode_pb2
+from gleaner._upload import Upload, digest
+
+SPEC = {
+    "name": "pour",
+    "rate_hz": 12.5,
+    "alignment": "nearest",
+    "cameras": [{"name": "top", "height": 48, "width": 64, "depth": True}],
+    "proprioception": [{"name": "joints", "size": 2}],
+    "action": [{"name": "delta", "size": 3}],
+    "mappings": [
+        {
+            "name": "ros",
+            "cameras": [{"camera": "top", "color": "/rgb", "depth": "/d"}],
+            "fields": [
+                {"field": "joints", "topic": "/joint_states", "paths": ["position"]},
+                {"field": "delta", "topic": "/cmd", "paths": ["linear.x", "linear.y", "linear.z"]},
+            ],
+        }
+    ],
+}
+
+
+def test_a_task_is_made_from_plain_values(client: gleaner.Client) -> None:
+    made = client.tasks.create(SPEC)
+    assert client.tasks.get("pour").spec == made.spec
+    assert gleaner.word(made.spec, "alignment") == "nearest"
+    assert "pour" in [task.spec.name for task in client.tasks.list()]
+    with pytest.raises(gleaner.AlreadyExists, match="pour"):
+        client.tasks.create(SPEC)
+
+
+def test_the_servers_own_words_are_kept(client: gleaner.Client) -> None:
+    with pytest.raises(gleaner.NotFound, match='no task "nothing"') as raised:
+        client.tasks.get("nothing")
+    assert isinstance(raised.value, gleaner.GleanerError)
+    with pytest.raises(gleaner.InvalidArgument, match="rate_hz"):
+        client.tasks.create({**SPEC, "name": "still", "rate_hz": 0.0})
+    with pytest.raises(gleaner.InvalidArgument, match=r"cameras\[0\]\.hight: is not known; there are depth, height"):
+        client.tasks.create({**SPEC, "cameras": [{"name": "top", "hight": 4}]})
+    with pytest.raises(gleaner.InvalidArgument, match="'closest' is none of latest_before, nearest"):
+        client.tasks.create({**SPEC, "alignment": "closest"})
+
+
+def test_pushed_episodes_are_listed_and_pushed_again_they_are_the_same(
+    client: gleaner.Client, lab: Lab, recordings: dict[str, list[Path]]
+) -> None:
+    listed = list(client.episodes.list(TASK, outcome="success"))
+    assert [episode.id for episode in listed][: len(lab.experts)] == list(lab.experts)
+    assert {gleaner.word(episode, "outcome") for episode in listed} == {"success"}
+    again = client.episodes.push(recordings["expert"][0], task=TASK, outcome="success", cohort="expert")
+    assert again.id == lab.experts[0]
+    with pytest.raises(gleaner.AlreadyExists):
+        client.episodes.push(recordings["expert"][0], task=TASK, outcome="failure")
+    assert client.episodes.report(again.id).steps == again.steps > 0
+
+
+def test_an_upload_goes_on_where_it_stopped(
+    client: gleaner.Client, task: str, recordings: dict[str, list[Path]], tmp_path: Path
+) -> None:
+    # Bytes of its own: MCAP readers stop at the closing magic, so this is another recording with the same steps.
+    path = recordings["wrong_goal"][0]
+    start = episode_pb2.StartUploadRequest(
+        task=task, file_name="half.mcap", size_bytes=path.stat().st_size, blake3=digest(path),
+        outcome=episode_pb2.OUTCOME_UNKNOWN,
+    )  # fmt: skip
+    fresh = client.tasks.create({**_spec_of(client, task), "name": "resumed"})
+    start.task = fresh.id
+    sent: list[int] = []
+    half = start.size_bytes // 2
+    broken = Upload(client._rpc, path, start, sent.append)
+    broken._open()
+    piece = path.read_bytes()[:half]
+    first = episode_pb2.WriteUploadRequest(upload_id=broken.upload_id, data=piece)
+    client._rpc.upload("EpisodeService/WriteUpload", iter([first]), episode_pb2.WriteUploadResponse)
+
+    episode = Upload(client._rpc, path, start, sent.append).run()
+    assert sent == [start.size_bytes], "only the second half was sent"
+    assert client.episodes.download(episode.id, tmp_path).read_bytes() == path.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == ["half.mcap"]
+
+
+def _spec_of(client: gleaner.Client, task: str) -> dict[str, object]:
+    spec = client.tasks.get(task).spec
+    return {field.name: value for field, value in spec.ListFields()}
+
+
+def test_what_is_no_recording_is_refused(client: gleaner.Client, task: str, tmp_path: Path) -> None:
+    broken = tmp_path / "broken.mcap"
+    broken.write_bytes(b"no recording at all")
+    with pytest.raises(gleaner.InvalidArgument, match="recording"):
+        client.episodes.push(broken, task=task, outcome="success")
+    with pytest.raises(gleaner.InvalidArgument, match="'good' is none of success, failure, unknown"):
+        client.episodes.push(broken, task=task, outcome="good")
+    with pytest.raises(FileNotFoundError):
+        client.episodes.push(tmp_path / "nowhere.mcap", task=task, outcome="success")
+
+
+def test_labels_change_and_are_kept(client: gleaner.Client, lab: Lab) -> None:
+    episode = lab.failures[0]
+    before = len(client.episodes.labels(episode))
+    changed = client.episodes.label(episode, "unknown", reason="seen again", author="ada")
+    assert [gleaner.word(one, "outcome") for one in changed] == ["unknown"]
+    client.episodes.label([episode], "failure")
+    labels = client.episodes.labels(episode)[before:]
+    assert [(gleaner.word(label, "outcome"), label.author) for label in labels] == [("unknown", "ada"), ("failure", "")]
+    assert client.episodes.get(episode).cohort == "wrong_goal"
+
+
+def test_a_job_is_followed_to_its_end(client: gleaner.Client, lab: Lab) -> None:
+    events = list(client.jobs.watch(lab.pretrain))
+    assert gleaner.word(events[-1].job, "state") == "succeeded"
+    loss = client.jobs.metrics(lab.pretrain)["loss"]
+    assert len(loss.steps) == len(loss.values) > 0
+    assert np.isfinite(loss.values).all()
+    assert lab.train.id in [job.id for job in client.jobs.list(TASK, state="succeeded")]
+
+
+def test_a_job_with_a_key_is_queued_once_and_can_be_cancelled(client: gleaner.Client, lab: Lab) -> None:
+    again = {"experts_of": lab.pretrain.result_id, "steps": 100_000, "batch": 8, "key": "long"}
+    job = client.jobs.train(TASK, **again)  # type: ignore[arg-type]
+    assert client.jobs.train(TASK, **again).id == job.id  # type: ignore[arg-type]
+    with pytest.raises(gleaner.DeadlineExceeded, match=r"after 0\.2 s; it goes on"):
+        client.jobs.wait(job, timeout=0.2)
+    client.jobs.cancel(job)
+    with pytest.raises(gleaner.JobFailed, match="was cancelled") as raised:
+        client.jobs.wait(job.id)
+    assert raised.value.job.id == job.id
+
+
+def test_wrong_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -> None:
+    with pytest.raises(gleaner.InvalidArgument, match=r"pretrain\.preset: 'huge' is none of tiny, small, base"):
+        client.jobs.pretrain(TASK, preset="huge")
+    with pytest.raises(gleaner.InvalidArgument, match="encoder_id"):
+        client.jobs.score(TASK, "enc_missing")
+    with pytest.raises(gleaner.InvalidArgument, match="lambda"):
+        client.jobs.train(TASK, experts_of=lab.pretrain.result_id, lambda_=-1.0)
+
+
+def test_scores_are_arrays_with_a_value_a_step(client: gleaner.Client, lab: Lab) -> None:
+    failures = list(client.scores.all(lab.run, "imperfect"))
+    assert {scores.episode_id for scores in failures} == set(lab.failures)
+    for scores in failures:
+        steps = client.episodes.get(scores.episode_id).steps
+        for values in (scores.q, scores.w, scores.match_episode, scores.match_step, scores.distance_o):
+            assert values.shape == (steps,)
+        assert scores.q.min() >= 0
+        assert scores.q.max() <= 1
+        assert set(scores.match_episode) <= set(lab.experts)
+    every = list(client.scores.all(lab.run))
+    assert len(every) == len(lab.experts) + len(lab.failures)
+    assert client.scores.episode(lab.run, lab.experts[0]).role == "expert"
+
+
+def test_the_histogram_counts_the_same_segments(client: gleaner.Client, lab: Lab) -> None:
+    q = np.concatenate([scores.q for scores in client.scores.all(lab.run, "imperfect")])
+    histogram = client.scores.histogram(lab.run, bins=10, betas=[0.25, 0.75])
+    assert histogram.counts.sum() == histogram.segments == len(q)
+    assert histogram.edges[[0, -1]].tolist() == [0.0, 1.0]
+    assert histogram.kept == {0.25: int((q > 0.25).sum()), 0.75: int((q > 0.75).sum())}
+    (count,) = client.scores.what_if(lab.run, [{"beta": 0.25}])
+    assert count.total.segments == histogram.kept[0.25]
+    assert lab.run in [run.id for run in client.scores.list(TASK)]
+
+
+def test_a_dataset_streams_weighted_segments(client: gleaner.Client, lab: Lab) -> None:
+    dataset = client.datasets.get(lab.dataset)
+    assert client.datasets.create(lab.run, top_fraction=0.5).id == dataset.id
+    segments = list(client.datasets.stream(dataset.id, frames=True))
+    experts = [segment for segment in segments if segment.role == "expert"]
+    kept = [segment for segment in segments if segment.role == "imperfect"]
+    assert (len(experts), len(kept)) == (dataset.expert_segments, dataset.kept_segments)
+    assert {segment.weight for segment in experts} == {1.0}
+    q = {episode: client.scores.episode(lab.run, episode).q for episode in lab.failures}
+    assert all(segment.weight == q[segment.episode_id][segment.end_step] for segment in kept)
+    spec = client.tasks.get(TASK).spec
+    for segment in segments:
+        steps = segment.end_step - segment.first_step + 1
+        assert segment.action.shape == (steps, sum(field.size for field in spec.action))
+        assert {name: image.shape for name, image in segment.images.items()} == {
+            camera.name: (steps, IMAGE, IMAGE, 3) for camera in spec.cameras
+        }
+        assert {name: depth.shape for name, depth in segment.depth.items()} == {
+            camera.name: (steps, IMAGE, IMAGE) for camera in spec.cameras if camera.depth
+        }
+    # A step's frames are the same in every segment that holds it.
+    first, second = experts[4], experts[5]
+    for name, image in first.images.items():
+        np.testing.assert_array_equal(image[-1], second.images[name][-2])
+        assert image.any()
+
+
+def test_a_dataset_wants_one_rule(client: gleaner.Client, lab: Lab) -> None:
+    with pytest.raises(gleaner.InvalidArgument, match="selection"):
+        client.datasets.create(lab.run)
+    with pytest.raises(ValueError, match="give one of the two"):
+        client.datasets.create(lab.run, beta=0.5, top_fraction=0.5)
