@@ -1,8 +1,10 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test fmt lint doc deny check bench peers
+.PHONY: demo build test test-python lint-python fmt lint doc deny check bench peers
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
+PYTHON ?= python3
+PYTHON_ENV = target/python
 BENCH_PROFILE ?= bench
 
 # The main job, start to end, on an embedded database: a table at the end, a report in $(DEMO_DIR). The
@@ -17,6 +19,20 @@ build: .libtorch
 # Every test, from a bare clone.
 test: .libtorch
 	$(CARGO) test --workspace --locked
+
+# The Python client, as it is installed, against the real server.
+test-python: .libtorch $(PYTHON_ENV)
+	$(CARGO) build --locked --bin gleaner-server --bin gleaner
+	$(PYTHON_ENV)/bin/pip install -q 'client/python[test]'
+	cd client/python && ../../$(PYTHON_ENV)/bin/pytest
+
+lint-python: $(PYTHON_ENV)
+	$(PYTHON_ENV)/bin/pip install -q 'client/python[test,lint]'
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
+	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
+
+$(PYTHON_ENV):
+	$(PYTHON) -m venv $@
 
 fmt:
 	$(CARGO) fmt --all -- --check

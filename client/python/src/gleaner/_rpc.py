@@ -65,10 +65,12 @@ class Rpc:
             answer: Reply = call(iter(requests), metadata=self._metadata)
         return answer
 
-    def stream(self, method: str, request: Message, reply: type[Reply]) -> Iterator[Reply]:
-        """One request, a stream of replies. Dropping the iterator ends the call."""
+    def stream(
+        self, method: str, request: Message, reply: type[Reply], timeout: float | None = None
+    ) -> Iterator[Reply]:
+        """One request, a stream of replies. Dropping the iterator ends the call, as does `timeout` in seconds."""
         open_call = self._channel.unary_stream(_path(method), type(request).SerializeToString, reply.FromString)
-        call: Any = open_call(request, metadata=self._metadata)
+        call: Any = open_call(request, timeout=timeout, metadata=self._metadata)
         try:
             with translated():
                 yield from call

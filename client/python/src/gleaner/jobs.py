@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gleaner import settings
-from gleaner._messages import build, number, word
+from gleaner._messages import build, number
 from gleaner._proto.v1 import job_pb2 as pb
 from gleaner._retry import Patience
 from gleaner._rpc import Rpc
@@ -80,32 +81,37 @@ class Jobs:
         """Looks a job up. Raises `NotFound`."""
         return self._rpc.safe("JobService/GetJob", pb.GetJobRequest(job_id=_id(job)), pb.GetJobResponse).job
 
-    def watch(self, job: str | Job) -> Iterator[JobEvent]:
+    def watch(self, job: str | Job, timeout: float | None = None) -> Iterator[JobEvent]:
         """The job now, then each change and new metric, until it has ended, however it ends.
 
-        A broken connection is mended, after which metrics may come twice.
+        A broken connection is mended, after which metrics may come twice. Raises `DeadlineExceeded` when the job has
+        not ended after `timeout` seconds; it goes on all the same.
         """
+        end = None if timeout is None else time.monotonic() + timeout
         patience = Patience()
         request = pb.WatchJobRequest(job_id=_id(job))
         while True:
             error = Unavailable("the server ended the stream before the job ended")
+            left = None if end is None else max(0.0, end - time.monotonic())
             try:
-                for event in self._rpc.stream("JobService/WatchJob", request, pb.WatchJobResponse):
+                for event in self._rpc.stream("JobService/WatchJob", request, pb.WatchJobResponse, left):
                     patience.restore()
                     yield JobEvent(event.job, [*event.metrics])
                     if event.job.state in _ENDED:
                         return
             except Unavailable as broken:
                 error = broken
+            except DeadlineExceeded:
+                raise DeadlineExceeded(f"job {_id(job)} has not ended after {timeout:g} s; it goes on") from None
             patience.wait(error)
 
     def wait(self, job: str | Job, timeout: float | None = None) -> Job:
         """Waits until a job has ended and returns it.
 
-        Raises `JobFailed` unless it succeeded, `DeadlineExceeded` when it has not ended after `timeout` seconds
-        (it goes on all the same).
+        Raises `JobFailed` unless it succeeded, `DeadlineExceeded` as `watch` does.
         """
-        ended = self._end(job) if timeout is None else self._end_within(job, timeout)
+        for event in self.watch(job, timeout):
+            ended = event.job
         if ended.state != pb.JOB_STATE_SUCCEEDED:
             why = f" failed: {ended.error}" if ended.state == pb.JOB_STATE_FAILED else " was cancelled"
             raise JobFailed(f"job {ended.id}{why}", ended)
@@ -146,33 +152,6 @@ class Jobs:
             optim = {name: given.pop(name) for name in settings.Optim.__annotations__ if name in given}
             given["optim"] = optim or None
         return self.submit(task, {kind: given}, **order)
-
-    def _end(self, job: str | Job) -> Job:
-        last = job if isinstance(job, Job) else Job(id=job)
-        for event in self.watch(job):
-            last = event.job
-        return last
-
-    def _end_within(self, job: str | Job, timeout: float) -> Job:
-        import threading
-
-        ended: list[Job | Exception] = []
-
-        def follow() -> None:
-            try:
-                ended.append(self._end(job))
-            except Exception as error:  # passed on to the caller's thread
-                ended.append(error)
-
-        thread = threading.Thread(target=follow, name="gleaner-wait", daemon=True)
-        thread.start()
-        thread.join(timeout)
-        if not ended:
-            now = self.get(job)
-            raise DeadlineExceeded(f"job {now.id} is still {word(now, 'state')} after {timeout:g} s; it goes on")
-        if isinstance(ended[0], Exception):
-            raise ended[0]
-        return ended[0]
 
 
 def _id(job: str | Job) -> str:
