@@ -13,7 +13,7 @@ use crate::model::{Attention, Network, Size, View};
 use crate::normalize::{FeatureScale, Statistics};
 use crate::objective::{Targets, action_autoregression, masked_transition, masking, reconstruction};
 use crate::random::{Purpose, generator};
-use crate::score::last_steps;
+use crate::score::{last_steps, view};
 use crate::spec::{Objective, PretrainSpec, TaskShape};
 use crate::train::{Loss, Monitor, Resumed, Training};
 use crate::trajectory::Trajectory;
@@ -76,7 +76,7 @@ fn with_feature_scale(finished: &[u8], data: &[&Trajectory], spec: &PretrainSpec
             break;
         }
         segments += data[episode].steps(&info.shape);
-        for (all, part) in parts.iter_mut().zip(last_steps(&network, data[episode])) {
+        for (all, part) in parts.iter_mut().zip(last_steps(&network, view(&spec.objectives), data[episode])) {
             all.push(part);
         }
     }

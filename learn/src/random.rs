@@ -21,9 +21,9 @@ pub(crate) enum Purpose {
     Augmentation = 5,
     /// How a kept batch's images are changed; the counter is the step.
     KeptAugmentation = 6,
-    /// The noise in an expert batch's styles; the counter is the step.
+    /// What is random in an expert batch but for its segments and images: styles, hidden pasts; the counter is the step.
     Style = 7,
-    /// The noise in a kept batch's styles; the counter is the step.
+    /// Likewise in a kept batch; the counter is the step.
     KeptStyle = 8,
     /// Which episodes the scale of features is measured on; the counter is 0.
     FeatureScale = 9,

@@ -50,6 +50,9 @@ pub mod statistics;
 mod task;
 mod world;
 
+/// Changes when the same seed gives another episode: recordings of another version are no longer what they say.
+pub const VERSION: u32 = 1;
+
 pub use agent::{AgentKind, AgentSpec};
 pub use config::SimConfig;
 pub use demonstration::{Demonstration, METADATA, demonstrate};

@@ -155,7 +155,7 @@ fn recordings(file: &ExperimentFile) -> std::result::Result<RecordSet, String> {
 }
 
 fn data_key(task: Task, data: &DataSettings) -> std::result::Result<String, String> {
-    let canonical = serde_json::to_string(&(task, data)).map_err(|error| error.to_string())?;
+    let canonical = serde_json::to_string(&(gleaner_sim::VERSION, task, data)).map_err(|error| error.to_string())?;
     Ok(blake3::hash(canonical.as_bytes()).to_hex().chars().take(12).collect())
 }
 

@@ -85,6 +85,8 @@ fn scorings() -> Vec<Draft> {
         cell("ssdf to the letter", &[("scorer", "ssdf"), ("feature_scale", "plain"), ("yardstick", "none")]),
         cell("raw", &[("scorer", "raw"), ("yardstick", "none")]),
         cell("raw + yardstick", &[("scorer", "raw"), ("yardstick", "local")]),
+        cell("raw segments", &[("scorer", "raw"), ("yardstick", "none"), ("similarity", "segment_l2")]),
+        cell("raw segments + yardstick", &[("scorer", "raw"), ("yardstick", "local"), ("similarity", "segment_l2")]),
         cell("classifier", &[("scorer", "classifier")]),
     ]
 }
@@ -157,6 +159,9 @@ impl StudySettings {
             }
             let settings: CellSettings = table.try_into().map_err(|error: toml::de::Error| here(said(&error)))?;
             settings.check(cohorts).map_err(here)?;
+            if settings.top.is_some() && varied.iter().any(|(key, _)| key == "beta") {
+                return Err(here("beta: has no effect while top is set; leave top out".into()));
+            }
             let varied = varied.into_iter().map(|(key, value)| Ok((key, serde_json::to_value(value)?)));
             let varied = varied.collect::<Result<_, serde_json::Error>>().map_err(|error| error.to_string())?;
             cells.push(Cell { label, varied, settings });
@@ -199,7 +204,18 @@ mod tests {
         let scoring = cells("table = \"scoring\"").unwrap();
         assert!(scoring.iter().all(|cell| !cell.settings.evaluate));
         let labels: Vec<&str> = scoring.iter().map(|cell| cell.label.as_str()).collect();
-        assert_eq!(labels, ["ssdf", "ssdf to the letter", "raw", "raw + yardstick", "classifier"]);
+        assert_eq!(
+            labels,
+            [
+                "ssdf",
+                "ssdf to the letter",
+                "raw",
+                "raw + yardstick",
+                "raw segments",
+                "raw segments + yardstick",
+                "classifier"
+            ]
+        );
         let yardsticks = |index: usize| (scoring[index].settings.yardstick, scoring[index].settings.feature_scale);
         assert_eq!(yardsticks(0), (YardstickWord::Local, FeatureScaleWord::Whitened));
         assert_eq!(yardsticks(1), (YardstickWord::None, FeatureScaleWord::Plain));
@@ -232,6 +248,7 @@ mod tests {
         for (study, parts) in [
             ("table = \"beta\"\naxes = { betta = [0.5] }", ["cell \"0.5\"", "unknown field `betta`"]),
             ("table = \"beta\"\naxes = { beta = [2.0] }", ["cell \"2\"", "beta: 2 is outside"]),
+            ("table = \"beta\"\nset = { top = 0.1 }", ["cell \"0\"", "beta: has no effect while top is set"]),
             ("table = \"beta\"\naxes = { beta = 0.5 }", ["axes.beta", "a list"]),
             ("table = \"beta\"\naxes = { beta = [0.5, 0.5] }", ["cell \"0.5\"", "twice"]),
             ("table = \"cells\"", ["no cells", "axes"]),

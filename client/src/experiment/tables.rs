@@ -30,7 +30,9 @@ pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
         row("behaviour success, %", &|cell| behaviour(report, cell).map(percent));
     }
     row("success, %", &|cell| cell.pooled.mean_of_seeds.map(percent));
-    row("95 % interval", &|cell| cell.pooled.success.map(|rate| span(rate.low * 100.0, rate.high * 100.0, 1)));
+    row("95 % interval over episodes", &|cell| {
+        cell.pooled.success.map(|rate| span(rate.low * 100.0, rate.high * 100.0, 1))
+    });
     row("successes", &|cell| cell.pooled.success.map(|rate| format!("{} of {}", rate.successes, rate.episodes)));
     row("deviation of seeds, %", &|cell| cell.pooled.deviation_of_seeds.map(percent));
     row("reserved segments", &|cell| cell.pooled.kept.map(|kept| format!("{kept:.0}")));

@@ -6,16 +6,14 @@ use std::fmt;
 
 use tch::no_grad_guard;
 
-use super::EpisodeScores;
 use super::features::{Features, episode_features, newest_features};
 use super::local::Neighbourhoods;
 use super::nearest::{Match, Reference};
 use super::normaliser::Normaliser;
 use super::similarity::Metric;
+use super::{EpisodeScores, Opened};
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout};
-use crate::model::Network;
-use crate::normalize::FeatureScale;
 use crate::spec::{ScoreSpec, Scorer, TaskShape, Yardstick};
 use crate::trajectory::Trajectory;
 
@@ -36,8 +34,7 @@ pub struct SegmentScore {
 
 /// A finished run of [`score`](fn@crate::score), ready for more. `Send`: give it a thread of its own.
 pub struct LiveScorer {
-    network: Network,
-    scale: Option<FeatureScale>,
+    opened: Opened,
     spec: ScoreSpec,
     reference: Reference,
     /// For every number that matches count in, the expert's place in the order given.
@@ -78,13 +75,13 @@ impl LiveScorer {
         }
         guard(|| {
             let _no_grad = no_grad_guard();
-            let (network, scale) = super::open(encoder, spec)?;
+            let opened = Opened::read(encoder, spec)?;
             let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(experts).collect();
             sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
             let mut features = Vec::with_capacity(sorted.len());
             for (_, expert) in &sorted {
-                expert.validate(&network.shape)?;
-                features.push(sound(episode_features(&network, scale.as_ref(), expert, spec), &expert.id)?);
+                expert.validate(&opened.network.shape)?;
+                features.push(sound(episode_features(opened.encoder(), expert, spec), &expert.id)?);
             }
             let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
             let reference = Reference::new(&numbered, Metric::new(spec));
@@ -93,18 +90,18 @@ impl LiveScorer {
                 Yardstick::None => None,
             };
             let places = sorted.into_iter().map(|(place, _)| place).collect();
-            Ok(Self { network, scale, spec: spec.clone(), reference, places, local, normaliser })
+            Ok(Self { opened, spec: spec.clone(), reference, places, local, normaliser })
         })
     }
 
     /// The task's shape.
     pub fn shape(&self) -> &TaskShape {
-        &self.network.shape
+        &self.opened.network.shape
     }
 
     /// The segment length l; make a [`History`] with it.
     pub fn segment_length(&self) -> u32 {
-        self.network.spec.segment_length
+        self.opened.network.spec.segment_length
     }
 
     /// Encodes frames for this scorer, each laid out as one step of [`FrameBytes`](crate::FrameBytes).
@@ -112,7 +109,7 @@ impl LiveScorer {
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
     pub fn embed(&self, frames: &[&[u8]]) -> Result<Vec<Embedding>, LearnError> {
-        self.layout().embed(frames, |images| self.network.embed_images(images))
+        self.layout().embed(frames, |images| self.opened.network.embed_images(images))
     }
 
     /// The score of the newest segment of each history; one pass for all. Its last action must be set: a segment is
@@ -135,7 +132,7 @@ impl LiveScorer {
         guard(|| {
             let _no_grad = no_grad_guard();
             let stacked = self.layout().stack(histories);
-            let features = newest_features(&self.network, self.scale.as_ref(), &stacked, &self.spec);
+            let features = newest_features(self.opened.encoder(), &stacked, &self.spec);
             self.judge(&sound(features, "a session")?)
         })
     }
@@ -145,10 +142,10 @@ impl LiveScorer {
     /// # Errors
     /// [`LearnError::Invalid`] if the episode does not fit the shape.
     pub fn score_episode(&self, episode: &Trajectory) -> Result<EpisodeScores, LearnError> {
-        episode.validate(&self.network.shape)?;
+        episode.validate(&self.opened.network.shape)?;
         guard(|| {
             let _no_grad = no_grad_guard();
-            let features = episode_features(&self.network, self.scale.as_ref(), episode, &self.spec);
+            let features = episode_features(self.opened.encoder(), episode, &self.spec);
             let scores = self.judge(&sound(features, &episode.id)?)?;
             Ok(EpisodeScores {
                 id: episode.id.clone(),
@@ -183,10 +180,10 @@ impl LiveScorer {
 
     fn layout(&self) -> Layout<'_> {
         Layout {
-            shape: &self.network.shape,
-            window: self.network.spec.window(),
-            width: self.network.width(),
-            device: self.network.device(),
+            shape: &self.opened.network.shape,
+            window: self.opened.network.spec.window(),
+            width: self.opened.network.width(),
+            device: self.opened.network.device(),
         }
     }
 }

@@ -15,7 +15,7 @@ mod run;
 mod similarity;
 
 pub use features::Features;
-pub(crate) use features::last_steps;
+pub(crate) use features::{last_steps, view};
 pub use live::{LiveScorer, SegmentScore};
 pub use nearest::{Match, Reference};
 pub use normaliser::Normaliser;
@@ -28,12 +28,13 @@ use tch::no_grad_guard;
 use crate::checkpoint::{self, CheckpointKind};
 use crate::device;
 use crate::error::{LearnError, guard};
-use crate::model::Network;
+use crate::model::{Network, View};
 use crate::normalize::FeatureScale as Scale;
-use crate::spec::{FeatureScale, ScoreSpec, Scorer, Yardstick};
+use crate::spec::{FeatureScale, PretrainSpec, ScoreSpec, Scorer, Yardstick};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use base::Known;
+use features::Encoder;
 use run::{Found, Progress, Run, count};
 
 /// The scores of one episode's segments; place t is the segment that ends at step t.
@@ -126,16 +127,30 @@ pub fn extend_scores(
     Call { encoder, experts, imperfect, spec }.run(Some(base), monitor)
 }
 
-/// The encoder, and what its features are measured in, if that is anything.
-fn open(encoder: &[u8], spec: &ScoreSpec) -> Result<(Network, Option<Scale>), LearnError> {
-    let device = device::open(spec.device, spec.threads)?;
-    let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
-    let network = Network::from_named(&info.shape, info.model, &named, device)?;
-    let scale = match (spec.scorer, spec.feature_scale) {
-        (Scorer::Ssdf, FeatureScale::Whitened) => Some(Scale::from_named(&named, network.width(), device)?),
-        (Scorer::Ssdf, FeatureScale::Plain) | (Scorer::Raw | Scorer::Classifier, _) => None,
-    };
-    Ok((network, scale))
+/// A pretrained encoder, opened.
+struct Opened {
+    network: Network,
+    scale: Option<Scale>,
+    view: View<'static>,
+}
+
+impl Opened {
+    fn read(encoder: &[u8], spec: &ScoreSpec) -> Result<Self, LearnError> {
+        let device = device::open(spec.device, spec.threads)?;
+        let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
+        let network = Network::from_named(&info.shape, info.model, &named, device)?;
+        let scale = match (spec.scorer, spec.feature_scale) {
+            (Scorer::Ssdf, FeatureScale::Whitened) => Some(Scale::from_named(&named, network.width(), device)?),
+            (Scorer::Ssdf, FeatureScale::Plain) | (Scorer::Raw | Scorer::Classifier, _) => None,
+        };
+        let made = serde_json::from_str::<PretrainSpec>(&info.spec);
+        let made = made.map_err(|error| LearnError::Checkpoint(format!("its settings: {error}")))?;
+        Ok(Self { network, scale, view: features::view(&made.objectives) })
+    }
+
+    fn encoder(&self) -> Encoder<'_> {
+        Encoder { network: &self.network, scale: self.scale.as_ref(), view: self.view }
+    }
 }
 
 /// What both ways to score are called with.
@@ -150,15 +165,16 @@ impl Call<'_> {
     fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
         self.validate()?;
         guard(|| {
-            let (network, scale) = open(self.encoder, self.spec)?;
+            let opened = Opened::read(self.encoder, self.spec)?;
+            let network = &opened.network;
             for trajectory in self.experts.iter().chain(self.imperfect) {
                 trajectory.validate(&network.shape)?;
             }
             let Found { mut imperfect, mut experts, local } = match self.spec.scorer {
-                Scorer::Ssdf | Scorer::Raw => self.by_nearest((&network, scale.as_ref()), base, monitor)?,
+                Scorer::Ssdf | Scorer::Raw => self.by_nearest(opened.encoder(), base, monitor)?,
                 Scorer::Classifier => {
                     let episodes = (self.experts, self.imperfect);
-                    let (imperfect, experts) = classifier::scores(&network, episodes, self.spec.seed, monitor)?;
+                    let (imperfect, experts) = classifier::scores(network, episodes, self.spec.seed, monitor)?;
                     Found { imperfect, experts, local: None }
                 }
             };
@@ -191,11 +207,12 @@ impl Call<'_> {
     /// in the order of their ids.
     fn by_nearest(
         &self,
-        (network, scale): (&Network, Option<&Scale>),
+        encoder: Encoder<'_>,
         base: Option<&ScoreBase>,
         monitor: &mut dyn Monitor,
     ) -> Result<Found, LearnError> {
         let _no_grad = no_grad_guard();
+        let network = encoder.network;
         let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(self.experts).collect();
         sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
         let (places, experts): (Vec<u32>, Vec<&Trajectory>) = sorted.into_iter().unzip();
@@ -205,7 +222,7 @@ impl Call<'_> {
         };
         let total = 2 * count(network, self.experts) + count(network, self.imperfect);
         let progress = Progress::new(monitor, total);
-        let run = Run { network, scale, spec: self.spec, experts: &experts, places: &places, known: &known, progress };
+        let run = Run { encoder, spec: self.spec, experts: &experts, places: &places, known: &known, progress };
         let Found { imperfect, experts, local } = run.scores(self.imperfect)?;
         Ok(Found { imperfect, experts: placed(&places, experts), local: local.map(|all| placed(&places, all)) })
     }

@@ -4,13 +4,12 @@ use std::time::Instant;
 
 use super::EpisodeScores;
 use super::base::Known;
-use super::features::{Features, episode_features};
+use super::features::{Encoder, Features, episode_features};
 use super::local::Neighbourhoods;
 use super::nearest::{Match, Reference};
 use super::similarity::Metric;
 use crate::error::LearnError;
 use crate::model::Network;
-use crate::normalize::FeatureScale;
 use crate::spec::{ScoreSpec, Yardstick};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
@@ -47,9 +46,7 @@ pub(super) fn count<'a>(network: &Network, episodes: impl IntoIterator<Item = &'
 
 /// A run under way.
 pub(super) struct Run<'a> {
-    pub(super) network: &'a Network,
-    /// What learned features are measured in.
-    pub(super) scale: Option<&'a FeatureScale>,
+    pub(super) encoder: Encoder<'a>,
     pub(super) spec: &'a ScoreSpec,
     /// In the order of their numbers.
     pub(super) experts: &'a [&'a Trajectory],
@@ -186,7 +183,7 @@ impl Run<'_> {
     }
 
     fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = episode_features(self.network, self.scale, trajectory, self.spec);
+        let features = episode_features(self.encoder, trajectory, self.spec);
         if !features.sound() {
             return Err(LearnError::Checkpoint(format!(
                 "gives features of episode {} that are not finite; train the encoder again",

@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_empty_object_means_the_papers_settings() {
+    fn an_empty_object_means_the_defaults() {
         let train: TrainSpec = serde_json::from_str("{}").unwrap();
         assert_eq!(train.lambda, 0.1);
         assert_eq!(train, TrainSpec::default());

@@ -114,7 +114,9 @@ impl Trials<'_> {
         }
         let chunks = self.policy.act(&running.iter().map(|attempt| &attempt.history).collect::<Vec<_>>())?;
         for (attempt, chunk) in running.iter_mut().zip(chunks) {
+            // What is remembered is what is executed: the simulator goes no further than ±1.
             let action = attempt.ensemble.push(u64::from(attempt.sim.steps()), chunk)?;
+            let action: Vec<f32> = action.into_iter().map(|value| value.clamp(-1.0, 1.0)).collect();
             let told: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
                 Failure::Hopeless(format!(
                     "the policy gives {} values, the simulator takes {ACTION_SIZE}",

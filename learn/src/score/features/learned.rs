@@ -1,22 +1,16 @@
-//! z^o, z^m, z^a of the unmasked, bidirectional pass: of the last step, z_{i+l}, or of all the
+//! z^o, z^m, z^a of the unmasked pass: of the last step, z_{i+l}, or of all the
 //! segment's steps z_i … z_{i+l}, one after the other.
 
 use tch::Tensor;
 
-use super::{CHUNK, Features};
+use super::{CHUNK, Encoder, Features};
 use crate::batch::{Batch, Segment, Segments, Windows, int};
-use crate::model::{Modality, Network, View};
-use crate::normalize::FeatureScale;
+use crate::model::{Modality, Network};
 use crate::trajectory::Trajectory;
 
-/// Measured in `scale`, if there is one. Per segment and modality d values, or, of the `whole` segment, (l + 1) d, where places before
-/// the episode are zero.
-pub(super) fn features(
-    network: &Network,
-    trajectory: &Trajectory,
-    whole: bool,
-    scale: Option<&FeatureScale>,
-) -> Features {
+/// Per segment and modality d values, or, of the `whole` segment, (l + 1) d, where places before the episode are zero.
+pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, whole: bool) -> Features {
+    let network = encoder.network;
     let every = Segments::every(&network.shape, &[trajectory]);
     let steps: Vec<Tensor> = every.all().chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk)).collect();
     let steps = Tensor::cat(&steps, 0);
@@ -28,20 +22,15 @@ pub(super) fn features(
         let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
         let needed = Tensor::from_slice(&needed).to_device(network.device());
         let steps = steps.index_select(0, &needed);
-        features.extend(&pass(network, &steps, &windows, keep, scale));
+        features.extend(&pass(encoder, &steps, &windows, keep));
     }
     features
 }
 
 /// The features of windows over encoded `steps`, of their last `keep` steps: o, m, a, each `[W, keep d]`.
-pub(super) fn pass(
-    network: &Network,
-    steps: &Tensor,
-    windows: &Windows,
-    keep: usize,
-    scale: Option<&FeatureScale>,
-) -> [Tensor; 3] {
-    let z = network.features(steps, windows, View::WHOLE, keep);
+pub(super) fn pass(encoder: Encoder<'_>, steps: &Tensor, windows: &Windows, keep: usize) -> [Tensor; 3] {
+    let Encoder { network, scale, view } = encoder;
+    let z = network.features(steps, windows, view, keep);
     // The last step always lies in the episode; of the others some may be padding.
     let padding = windows.valid.logical_not().narrow(1, int(network.spec.window() - keep), int(keep));
     let padding = padding.unsqueeze(-1);

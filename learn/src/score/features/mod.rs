@@ -7,9 +7,9 @@ pub(super) mod raw;
 use crate::batch::{rows, values};
 use crate::error::LearnError;
 use crate::history::Stacked;
-use crate::model::Network;
+use crate::model::{Network, View};
 use crate::normalize::FeatureScale;
-use crate::spec::{ScoreSpec, Scorer};
+use crate::spec::{Objective, ScoreSpec, Scorer};
 use crate::trajectory::Trajectory;
 use tch::Tensor;
 
@@ -91,38 +91,44 @@ impl Features {
     }
 }
 
+/// How features are taken.
+#[derive(Clone, Copy)]
+pub(super) struct Encoder<'a> {
+    pub(super) network: &'a Network,
+    /// What they are measured in.
+    pub(super) scale: Option<&'a FeatureScale>,
+    pub(super) view: View<'static>,
+}
+
+/// The pass that features come from: the paper's, in which all elements see each other; of an encoder that only AA
+/// trained the causal one, because it never learned the other.
+pub(crate) fn view(objectives: &[Objective]) -> View<'static> {
+    if objectives.iter().all(|objective| *objective == Objective::Aa) { View::CAUSAL } else { View::WHOLE }
+}
+
 /// The features of the newest segment of each history in `stacked`, that `spec` compares, as [`episode_features`] gives
 /// those of an episode. Of the encoder only: raw observations are not kept in histories.
-pub(super) fn newest_features(
-    network: &Network,
-    scale: Option<&FeatureScale>,
-    stacked: &Stacked,
-    spec: &ScoreSpec,
-) -> Features {
+pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, spec: &ScoreSpec) -> Features {
+    let network = encoder.network;
     let keep = if spec.similarity.whole_segment() { network.spec.window() } else { 1 };
     let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
     let mut features = Features::empty([keep * network.width(); 3]);
-    features.extend(&learned::pass(network, &steps, &stacked.windows, keep, scale));
+    features.extend(&learned::pass(encoder, &steps, &stacked.windows, keep));
     features
 }
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the transformer gives them, each `[T, d]`.
-pub(crate) fn last_steps(network: &Network, trajectory: &Trajectory) -> [Tensor; 3] {
-    let features = learned::features(network, trajectory, false, None);
+pub(crate) fn last_steps(network: &Network, view: View<'static>, trajectory: &Trajectory) -> [Tensor; 3] {
+    let features = learned::features(Encoder { network, scale: None, view }, trajectory, false);
     [0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device()))
 }
 
-/// The features of every segment of `trajectory` that `spec` compares; `scale` is for learned ones.
-pub(crate) fn episode_features(
-    network: &Network,
-    scale: Option<&FeatureScale>,
-    trajectory: &Trajectory,
-    spec: &ScoreSpec,
-) -> Features {
+/// The features of every segment of `trajectory` that `spec` compares.
+pub(super) fn episode_features(encoder: Encoder<'_>, trajectory: &Trajectory, spec: &ScoreSpec) -> Features {
     let whole = spec.similarity.whole_segment();
     match spec.scorer {
-        Scorer::Ssdf => learned::features(network, trajectory, whole, scale),
-        Scorer::Raw | Scorer::Classifier => raw::features(network, trajectory, whole),
+        Scorer::Ssdf => learned::features(encoder, trajectory, whole),
+        Scorer::Raw | Scorer::Classifier => raw::features(encoder.network, trajectory, whole),
     }
 }
 

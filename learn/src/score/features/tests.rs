@@ -19,7 +19,11 @@ fn network() -> Network {
 
 fn features(network: &Network, trajectory: &Trajectory, scorer: Scorer, similarity: Similarity) -> Features {
     let _no_grad = no_grad_guard();
-    episode_features(network, None, trajectory, &ScoreSpec { scorer, similarity, ..ScoreSpec::default() })
+    episode_features(
+        Encoder { network, scale: None, view: View::WHOLE },
+        trajectory,
+        &ScoreSpec { scorer, similarity, ..ScoreSpec::default() },
+    )
 }
 
 /// Steps `from..` of `trajectory`, at most `count`.
