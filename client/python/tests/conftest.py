@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 
 import gleaner
+from gleaner._proto.v1 import episode_pb2
+from gleaner._upload import Upload, digest
 from gleaner.types import Job
 
 ROOT = Path(__file__).parents[3]
@@ -67,6 +69,23 @@ class Server:
             self.process.wait(20)
         except subprocess.TimeoutExpired:
             self.kill()
+
+
+def half_an_upload(client: gleaner.Client, task: str, path: Path) -> Upload:
+    """An upload whose first half is with the server; `run` does the rest."""
+    start = episode_pb2.StartUploadRequest(
+        task=task,
+        file_name=path.name,
+        size_bytes=path.stat().st_size,
+        blake3=digest(path),
+        outcome=episode_pb2.OUTCOME_UNKNOWN,
+    )
+    upload = Upload(client._rpc, path, start, lambda sent: None)
+    upload._open()
+    piece = path.read_bytes()[: start.size_bytes // 2]
+    first = episode_pb2.WriteUploadRequest(upload_id=upload.upload_id, data=piece)
+    client._rpc.upload("EpisodeService/WriteUpload", [first], episode_pb2.WriteUploadResponse)
+    return upload
 
 
 @dataclass(frozen=True)

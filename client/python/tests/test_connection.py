@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import gleaner
-from conftest import Server
+from conftest import Server, half_an_upload
 
 
 def free_port() -> int:
@@ -38,18 +38,23 @@ def test_a_token_is_never_repeated() -> None:
     assert "secret" not in str(raised.value)
 
 
-def test_reads_outlive_a_restart_and_writes_do_not_repeat(tmp_path: Path) -> None:
+def test_what_may_be_repeated_outlives_a_restart(
+    tmp_path: Path, client: gleaner.Client, task: str, recordings: dict[str, list[Path]]
+) -> None:
+    spec = client.tasks.get(task).spec
     server = Server(tmp_path, "--workers", "0", listen=f"127.0.0.1:{free_port()}")
     try:
-        with gleaner.connect(server.address) as client:
-            assert client.tasks.list() == []
+        with gleaner.connect(server.address) as own:
+            own.tasks.create(spec)
+            upload = half_an_upload(own, task, recordings["expert"][0])
             server.kill()
             with pytest.raises(gleaner.Unavailable):
-                client.episodes.label("ep_1", "success")
+                own.episodes.label("ep_1", "success")
             back = threading.Thread(target=server.start)
             back.start()
-            assert client.tasks.list() == []
+            episode = upload.run()
             back.join()
+            assert [known.id for known in own.episodes.list(task)] == [episode.id]
     finally:
         server.stop()
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import gleaner
-from conftest import IMAGE, TASK, Lab
-from gleaner._proto.v1 import episode_pb2
-from gleaner._upload import Upload, digest
+from conftest import IMAGE, TASK, Lab, half_an_upload
 
 SPEC = {
     "name": "pour",
@@ -69,30 +68,15 @@ def test_pushed_episodes_are_listed_and_pushed_again_they_are_the_same(
 def test_an_upload_goes_on_where_it_stopped(
     client: gleaner.Client, task: str, recordings: dict[str, list[Path]], tmp_path: Path
 ) -> None:
-    path = recordings["wrong_goal"][0]
-    start = episode_pb2.StartUploadRequest(
-        task=task, file_name="half.mcap", size_bytes=path.stat().st_size, blake3=digest(path),
-        outcome=episode_pb2.OUTCOME_UNKNOWN,
-    )  # fmt: skip
-    fresh = client.tasks.create({**_spec_of(client, task), "name": "resumed"})
-    start.task = fresh.id
-    sent: list[int] = []
-    half = start.size_bytes // 2
-    broken = Upload(client._rpc, path, start, sent.append)
-    broken._open()
-    piece = path.read_bytes()[:half]
-    first = episode_pb2.WriteUploadRequest(upload_id=broken.upload_id, data=piece)
-    client._rpc.upload("EpisodeService/WriteUpload", iter([first]), episode_pb2.WriteUploadResponse)
-
-    episode = Upload(client._rpc, path, start, sent.append).run()
-    assert sent == [start.size_bytes], "only the second half was sent"
-    assert client.episodes.download(episode.id, tmp_path).read_bytes() == path.read_bytes()
-    assert [path.name for path in tmp_path.iterdir()] == ["half.mcap"]
-
-
-def _spec_of(client: gleaner.Client, task: str) -> dict[str, object]:
     spec = client.tasks.get(task).spec
-    return {field.name: value for field, value in spec.ListFields()}
+    spec.name = "resumed"
+    upload = half_an_upload(client, client.tasks.create(spec).id, recordings["wrong_goal"][0])
+    sent: list[int] = []
+    upload.progress = sent.append
+    episode = upload.run()
+    assert sent == [episode.size_bytes], "only the second half was sent"
+    assert client.episodes.download(episode.id, tmp_path).read_bytes() == upload.path.read_bytes()
+    assert [path.name for path in tmp_path.iterdir()] == [upload.path.name]
 
 
 def test_what_is_no_recording_is_refused(client: gleaner.Client, task: str, tmp_path: Path) -> None:
@@ -198,6 +182,25 @@ def test_a_dataset_streams_weighted_segments(client: gleaner.Client, lab: Lab) -
     for name, image in first.images.items():
         np.testing.assert_array_equal(image[-1], second.images[name][-2])
         assert image.any()
+
+
+def test_a_snapshot_freezes_roles(client: gleaner.Client, lab: Lab) -> None:
+    made = client.snapshots.create(TASK, {"max_experts": 2, "seed": 5})
+    assert (made.expert_episodes, made.imperfect_episodes) == (2, len(lab.failures))
+    roles = {episode.episode_id: gleaner.word(episode, "role") for episode in client.snapshots.episodes(made.id)}
+    assert {episode for episode, role in roles.items() if role == "imperfect"} == set(lab.failures)
+    assert made.id in [snapshot.id for snapshot in client.snapshots.list(TASK)]
+    with pytest.raises(gleaner.InvalidArgument, match="cohort"):
+        client.snapshots.create(TASK, {"expert_cohorts": ["a"], "imperfect_cohorts": ["a"]})
+
+
+def test_without_torch_it_is_said_what_to_install(
+    client: gleaner.Client, lab: Lab, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "gleaner.torch", raising=False)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(ImportError, match="install torch"):
+        client.datasets.torch_dataset(lab.dataset)
 
 
 def test_a_dataset_wants_one_rule(client: gleaner.Client, lab: Lab) -> None:

@@ -10,6 +10,7 @@ from gleaner.episodes import Episodes
 from gleaner.jobs import Jobs
 from gleaner.policies import Policies
 from gleaner.scores import Scores
+from gleaner.snapshots import Snapshots
 from gleaner.tasks import Tasks
 from gleaner.types import Deployment
 
@@ -21,6 +22,7 @@ class Client:
         self._rpc = Rpc(address, token, timeout)
         self.tasks = Tasks(self._rpc)
         self.episodes = Episodes(self._rpc)
+        self.snapshots = Snapshots(self._rpc)
         self.jobs = Jobs(self._rpc)
         self.scores = Scores(self._rpc)
         self.datasets = Datasets(self._rpc, (address, token, timeout))

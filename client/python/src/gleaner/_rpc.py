@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from typing import Any, TypeVar
 
 import grpc
@@ -21,7 +22,11 @@ _OPTIONS = [
     ("grpc.max_send_message_length", _LARGEST),
     ("grpc.keepalive_time_ms", 30_000),
     ("grpc.keepalive_timeout_ms", 20_000),
-    ("grpc.primary_user_agent", "gleaner-python/0.1.0"),
+    # Or a server that is back could go unnoticed for longer than anybody is patient.
+    ("grpc.initial_reconnect_backoff_ms", 200),
+    ("grpc.min_reconnect_backoff_ms", 200),
+    ("grpc.max_reconnect_backoff_ms", 2_000),
+    ("grpc.primary_user_agent", f"gleaner-python/{version('gleaner')}"),
 ]
 
 

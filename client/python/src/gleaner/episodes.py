@@ -93,7 +93,8 @@ class Episodes:
         path = Path(path)
         if path.is_dir():
             # A name from elsewhere: never a path.
-            path /= Path(episode.file_name).name or f"{episode_id}.mcap"
+            name = Path(episode.file_name).name
+            path /= f"{episode_id}.mcap" if name in ("", "..") else name
         part = path.with_name(f"{path.name}.{episode_id}.part")
         try:
             found = self._fetch(episode_id, part)

@@ -123,6 +123,8 @@ def from_rpc(error: grpc.RpcError) -> Rejected:
     if not isinstance(error, grpc.Call):
         return Rejected(str(error))
     code = error.code()
+    if code is grpc.StatusCode.UNIMPLEMENTED:
+        return Rejected("the server does not know this call; is it older than this client?", code)
     return _BY_CODE.get(code, Rejected)(error.details() or f"the server refused: {code.value[1]}", code)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
@@ -18,6 +19,9 @@ from gleaner._session import Session
 from gleaner.errors import GleanerError, Missed, NotFound, Rejected, invalid
 from gleaner.observation import Observation, size, to_wire
 from gleaner.types import TaskSpec, Timings
+
+# Of a rate and of times; the wire has no room for deadlines over an hour or so.
+_MOST = 3600.0
 
 
 @dataclass(frozen=True)
@@ -50,14 +54,14 @@ class Policy:
         timeout: float = 60.0,
     ) -> None:
         for name, value in (("rate_hz", rate_hz), ("deadline", deadline), ("timeout", timeout)):
-            if value is not None and not 0 < value < float("inf"):
-                raise invalid(name, f"{value:g}: must be a number above 0")
+            if value is not None and not 0 < value <= _MOST:
+                raise invalid(name, f"{value:g}: must be above 0 and at most {_MOST:g}")
         self._client = client
         self.deployment = deployment
         self.spec = _spec(client, deployment)
         self.rate_hz = rate_hz if rate_hz is not None else self.spec.rate_hz
         self._open = pb.SessionOpen(
-            deployment=deployment, control_rate_hz=rate_hz or 0.0, deadline_us=round((deadline or 0.0) * 1e6)
+            deployment=deployment, control_rate_hz=rate_hz or 0.0, deadline_us=math.ceil((deadline or 0.0) * 1e6)
         )
         self._timeout = timeout
         self._session: Session | None = None

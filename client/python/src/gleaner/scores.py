@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from gleaner._messages import build, word
 from gleaner._proto.v1 import score_pb2 as pb
-from gleaner._proto.v1 import snapshot_pb2
 from gleaner._rpc import Rpc
+from gleaner.snapshots import Snapshots
 from gleaner.types import KeptBySelection, ScoreRun
 
 
@@ -46,6 +46,7 @@ class Scores:
 
     def __init__(self, rpc: Rpc) -> None:
         self._rpc = rpc
+        self._snapshots = Snapshots(rpc)
 
     def get(self, run: str) -> ScoreRun:
         """Looks a score run up. Raises `FailedPrecondition` while its job has not succeeded."""
@@ -78,9 +79,7 @@ class Scores:
 
     def all(self, run: str, role: str | None = None) -> Iterator[EpisodeScores]:
         """Every episode's scores, or those of one role (expert, imperfect), fetched as they are read."""
-        request = snapshot_pb2.GetSnapshotRequest(snapshot_id=self.get(run).snapshot_id)
-        reply = self._rpc.safe("SnapshotService/GetSnapshot", request, snapshot_pb2.GetSnapshotResponse)
-        for episode in reply.episodes:
+        for episode in self._snapshots.episodes(self.get(run).snapshot_id):
             if role is None or word(episode, "role") == role:
                 yield self.episode(run, episode.episode_id)
 

@@ -7,6 +7,7 @@ from gleaner._proto.v1.job_pb2 import Job, JobSpec, Metric, PipelineSpec
 from gleaner._proto.v1.policy_pb2 import Deployment, Evaluation, SeedResult, Timings
 from gleaner._proto.v1.policy_pb2 import Policy as PolicyRecord
 from gleaner._proto.v1.score_pb2 import KeptBySelection, ScoreRun
+from gleaner._proto.v1.snapshot_pb2 import Snapshot, SnapshotEpisode
 from gleaner._proto.v1.task_pb2 import CameraSpec, FieldSpec, Task, TaskSpec
 
 __all__ = [
@@ -27,6 +28,8 @@ __all__ = [
     "Report",
     "ScoreRun",
     "SeedResult",
+    "Snapshot",
+    "SnapshotEpisode",
     "Task",
     "TaskSpec",
     "Timings",
