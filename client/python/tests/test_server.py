@@ -10,6 +10,7 @@ import pytest
 
 import gleaner
 from conftest import IMAGE, TASK, Lab, half_an_upload
+from gleaner._download import inside, save
 
 SPEC = {
     "name": "pour",
@@ -201,6 +202,23 @@ def test_without_torch_it_is_said_what_to_install(
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ImportError, match="install torch"):
         client.datasets.torch_dataset(lab.dataset)
+
+
+def test_an_export_is_fetched_whole(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
+    job = client.jobs.submit(TASK, {"export": {"dataset_id": lab.dataset, "format": "mcap"}}, key="export")
+    client.jobs.wait(job, timeout=120)
+    paths = client.datasets.download_export(job.result_id, tmp_path / "out")
+    files = client.datasets.export_files(job.result_id)
+    assert [(path.name, path.stat().st_size) for path in paths] == [(file.name, file.size_bytes) for file in files]
+    assert "manifest.jsonl" in {path.name for path in paths}
+
+
+def test_what_arrives_damaged_is_not_kept(tmp_path: Path) -> None:
+    with pytest.raises(gleaner.Damaged, match="fetch it again"):
+        save([b"some", b"thing"], tmp_path / "x.mcap", "0" * 64)
+    assert list(tmp_path.iterdir()) == []
+    assert inside(tmp_path, "../..", "y") == tmp_path / "y"
+    assert inside(tmp_path, "../../etc/passwd", "y") == tmp_path / "passwd"
 
 
 def test_a_dataset_wants_one_rule(client: gleaner.Client, lab: Lab) -> None:

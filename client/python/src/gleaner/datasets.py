@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gleaner._download import inside, save
 from gleaner._messages import word
 from gleaner._proto.v1 import dataset_pb2 as pb
 from gleaner._proto.v1 import score_pb2, task_pb2
 from gleaner._rpc import Rpc
-from gleaner.types import Dataset, TaskSpec
+from gleaner.types import Dataset, ExportFile, TaskSpec
 
 if TYPE_CHECKING:
     from gleaner.torch import SegmentDataset
@@ -83,6 +86,22 @@ class Datasets:
         from gleaner.torch import SegmentDataset
 
         return SegmentDataset(self._address, dataset_id, steps=steps, frames=frames, kept_only=kept_only)
+
+    def export_files(self, export_id: str) -> Sequence[ExportFile]:
+        """The files of a finished export; `client.jobs.submit` makes one. Raises `FailedPrecondition` before."""
+        request = pb.ListExportFilesRequest(export_id=export_id)
+        return [*self._rpc.safe("DatasetService/ListExportFiles", request, pb.ListExportFilesResponse).files]
+
+    def download_export(self, export_id: str, folder: str | os.PathLike[str]) -> Sequence[Path]:
+        """Fetches every file of a finished export into a folder. Raises `Damaged` when one is not as promised."""
+        folder = Path(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        return [self._download(export_id, file, folder) for file in self.export_files(export_id)]
+
+    def _download(self, export_id: str, file: ExportFile, folder: Path) -> Path:
+        request = pb.DownloadExportFileRequest(export_id=export_id, name=file.name)
+        replies = self._rpc.stream("DatasetService/DownloadExportFile", request, pb.DownloadExportFileResponse)
+        return save((reply.data for reply in replies), inside(folder, file.name, "export"), file.blake3)
 
     def list(self, task: str) -> list[Dataset]:
         """A task's datasets, newest first."""

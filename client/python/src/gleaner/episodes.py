@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 from pathlib import Path
 
-from blake3 import blake3
-
+from gleaner._download import inside, save
 from gleaner._messages import number
 from gleaner._proto.v1 import episode_pb2 as pb
 from gleaner._rpc import Rpc
 from gleaner._upload import Upload, digest
-from gleaner.errors import Damaged
 from gleaner.types import Episode, Label, Report
 
 _PAGE = 500
@@ -92,19 +89,10 @@ class Episodes:
         episode = self.get(episode_id)
         path = Path(path)
         if path.is_dir():
-            # A name from elsewhere: never a path.
-            name = Path(episode.file_name).name
-            path /= f"{episode_id}.mcap" if name in ("", "..") else name
-        part = path.with_name(f"{path.name}.{episode_id}.part")
-        try:
-            found = self._fetch(episode_id, part)
-            if found != episode.blake3:
-                raise Damaged(f"{path}: arrived damaged, its BLAKE3 is {found}, not {episode.blake3}; fetch it again")
-            part.replace(path)
-        finally:
-            with suppress(FileNotFoundError):
-                part.unlink()
-        return path
+            path = inside(path, episode.file_name, f"{episode_id}.mcap")
+        request = pb.DownloadEpisodeRequest(episode_id=episode_id)
+        replies = self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse)
+        return save((reply.data for reply in replies), path, episode.blake3)
 
     def list(self, task: str, *, outcome: str | None = None, cohort: str = "") -> Iterator[Episode]:
         """A task's episodes, oldest first; fetched page by page as they are read."""
@@ -117,15 +105,6 @@ class Episodes:
             if not reply.next_page_token:
                 return
             request.page_token = reply.next_page_token
-
-    def _fetch(self, episode_id: str, part: Path) -> str:
-        hasher = blake3()
-        request = pb.DownloadEpisodeRequest(episode_id=episode_id)
-        with part.open("wb") as file:
-            for piece in self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse):
-                hasher.update(piece.data)
-                file.write(piece.data)
-        return hasher.hexdigest()
 
     def _get(self, episode_id: str) -> pb.GetEpisodeResponse:
         request = pb.GetEpisodeRequest(episode_id=episode_id)

@@ -1,7 +1,7 @@
 """The records that the server sends, as generated from its .proto files. `word` gives the word for a choice."""
 
 from gleaner._messages import word
-from gleaner._proto.v1.dataset_pb2 import Dataset
+from gleaner._proto.v1.dataset_pb2 import Dataset, ExportFile
 from gleaner._proto.v1.episode_pb2 import Episode, Finding, Label, Report
 from gleaner._proto.v1.job_pb2 import Job, JobSpec, Metric, PipelineSpec
 from gleaner._proto.v1.policy_pb2 import Deployment, Evaluation, SeedResult, Timings
@@ -16,6 +16,7 @@ __all__ = [
     "Deployment",
     "Episode",
     "Evaluation",
+    "ExportFile",
     "FieldSpec",
     "Finding",
     "Job",

@@ -1,0 +1,36 @@
+"""Download: bytes into a file that is there whole, and as promised, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import suppress
+from pathlib import Path
+
+from blake3 import blake3
+
+from gleaner.errors import Damaged
+
+
+def inside(folder: Path, name: str, otherwise: str) -> Path:
+    """A place in a folder for a name from elsewhere, which may be no path out of it."""
+    last = Path(name).name
+    return folder / (otherwise if last in ("", "..") else last)
+
+
+def save(pieces: Iterable[bytes], path: Path, expected: str) -> Path:
+    """Writes the pieces to a file. Raises `Damaged` when their BLAKE3 (hex) is not the expected one."""
+    part = path.with_name(f"{path.name}.{expected[:16]}.part")
+    hasher = blake3()
+    try:
+        with part.open("wb") as file:
+            for piece in pieces:
+                hasher.update(piece)
+                file.write(piece)
+        found = hasher.hexdigest()
+        if found != expected:
+            raise Damaged(f"{path}: arrived damaged, its BLAKE3 is {found}, not {expected}; fetch it again")
+        part.replace(path)
+    finally:
+        with suppress(FileNotFoundError):
+            part.unlink()
+    return path
