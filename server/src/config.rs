@@ -1,8 +1,12 @@
 //! Configuration: flags and `GLEANER_…` variables, read once. The only room that reads the environment.
 
+mod policies;
+
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand};
+
+pub use self::policies::PoliciesConfig;
 
 /// gleans the good steps out of failed robot demonstrations.
 #[derive(Debug, Parser)]
@@ -44,6 +48,9 @@ pub struct ServeConfig {
     /// Listen on an address other machines can reach although nothing is encrypted and nobody is asked who they are.
     #[arg(long, env = "GLEANER_INSECURE")]
     pub insecure: bool,
+    /// Seconds that open calls and sessions may go on once the server begins to stop.
+    #[arg(long, env = "GLEANER_DRAIN_SECONDS", default_value_t = 20)]
+    pub drain_seconds: u64,
     /// Limits on what comes in.
     #[command(flatten)]
     pub limits: LimitConfig,
@@ -93,17 +100,6 @@ pub struct JobsConfig {
     /// Seconds without a word from a worker after which its attempt is over.
     #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120)]
     pub worker_silence_seconds: u64,
-}
-
-/// How policies are served.
-#[derive(Debug, Clone, Args)]
-pub struct PoliciesConfig {
-    /// Most observations answered in one pass of a model.
-    #[arg(long, env = "GLEANER_POLICY_BATCH", default_value_t = 16)]
-    pub policy_batch: usize,
-    /// Requests that may wait for one policy.
-    #[arg(long, env = "GLEANER_POLICY_QUEUE", default_value_t = 256)]
-    pub policy_queue: usize,
 }
 
 /// What a worker process needs. Its token comes by the environment, so that no process list shows it.
@@ -223,10 +219,10 @@ impl ServeConfig {
         if self.limits.max_message_bytes < 4 << 20 {
             return Err("--max-message-bytes: must be at least 4194304 for uploads and images to fit".to_owned());
         }
-        if self.policies.policy_batch == 0 || self.policies.policy_queue == 0 {
-            return Err("--policy-batch and --policy-queue: must be at least 1".to_owned());
+        if self.drain_seconds > 3600 {
+            return Err("--drain-seconds: must be at most 3600".to_owned());
         }
-        Ok(())
+        self.policies.validate()
     }
 }
 
@@ -254,6 +250,20 @@ mod tests {
         assert!(serve(&[]).validate().is_ok());
         assert!(serve(&["--listen", "0.0.0.0:7400"]).validate().unwrap_err().contains("--insecure"));
         assert!(serve(&["--listen", "0.0.0.0:7400", "--insecure"]).validate().is_ok());
+    }
+
+    #[test]
+    fn policies_are_served_within_reason() {
+        for (flag, value) in [
+            ("--policy-batch", "0"),
+            ("--policy-batch-wait", "0.6"),
+            ("--policy-batch-wait", "NaN"),
+            ("--session-idle-seconds", "0"),
+            ("--drain-seconds", "3601"),
+        ] {
+            let problem = serve(&[flag, value]).validate().unwrap_err();
+            assert!(problem.contains(flag), "{problem}");
+        }
     }
 
     #[test]

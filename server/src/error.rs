@@ -19,6 +19,8 @@ pub enum Kind {
     Exhausted,
     /// The caller or the server gave up on purpose.
     Cancelled,
+    /// It did not come in time.
+    Late,
     /// Something is not ready or going away: try again.
     Unavailable,
     /// Our fault. The message stays in the log.
@@ -65,6 +67,11 @@ impl Error {
     /// Given up on purpose.
     pub fn cancelled(message: impl Into<String>) -> Self {
         Self::new(Kind::Cancelled, message)
+    }
+
+    /// Not in time; the message says what was waited for.
+    pub fn late(message: impl Into<String>) -> Self {
+        Self::new(Kind::Late, message)
     }
 
     /// Not ready, or going away.

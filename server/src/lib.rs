@@ -29,9 +29,6 @@ use crate::{
     service::Rooms,
 };
 
-/// How long a stop waits for open calls before it closes them.
-const DRAIN: Duration = Duration::from_secs(20);
-
 /// Binds the address to serve on.
 ///
 /// # Errors
@@ -55,8 +52,9 @@ pub async fn run(
 ) -> Result<()> {
     let address = listener.local_addr().map_err(|error| Error::internal("asking the address", error))?;
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
+    let drain = Duration::from_secs(config.drain_seconds);
     let rooms = Rooms::open(config, address).await?;
-    let served = service::serve(&rooms, listener, stop, DRAIN).await;
+    let served = service::serve(&rooms, listener, stop, drain).await;
     rooms.close().await;
     tracing::info!("stopped");
     served

@@ -1,4 +1,4 @@
-//! One loaded policy on a thread of its own: answers what is waiting as one batch, and never waits to fill one.
+//! One loaded policy on a thread of its own, and how others ask it.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -7,11 +7,14 @@ use std::{
 };
 
 use gleaner_learn::TaskShape;
-use tokio::sync::{mpsc, oneshot};
+use tokio::sync::oneshot;
 
 use super::{
+    batch::{Request, Server, Turned},
     model::{Advanced, Model, Turn, answer},
     observation::blank,
+    pace::{Pace, Seat},
+    stages::Stages,
 };
 use crate::{
     domain::id::{PolicyId, TaskId},
@@ -27,20 +30,19 @@ pub(super) struct Identity {
     pub(super) batch: usize,
     /// Most turns that may wait.
     pub(super) queue: usize,
+    /// One control step of its task.
+    pub(super) period: Duration,
+    /// The part of the fastest session's period that a free model may wait for others.
+    pub(super) wait: f64,
 }
 
-/// What a turn cost and gave.
-#[derive(Debug)]
-pub(super) struct Answer<H> {
-    pub(super) advanced: Advanced<H>,
-    pub(super) queued: Duration,
-    pub(super) model: Duration,
-}
-
-struct Request<H> {
-    turn: Turn<H>,
-    since: Instant,
-    reply: oneshot::Sender<Result<Answer<H>>>,
+/// A turn to be answered.
+pub(super) struct Ask<H> {
+    pub(super) turn: Turn<H>,
+    /// Where it writes down how far it came.
+    pub(super) stages: Arc<Stages>,
+    /// When an answer is of no use any more.
+    pub(super) deadline: Option<Instant>,
 }
 
 /// What a model says of itself once it is loaded.
@@ -51,7 +53,8 @@ pub(super) struct Engine<M: Model> {
     identity: Identity,
     shape: Arc<TaskShape>,
     window: usize,
-    requests: Mutex<Option<mpsc::Sender<Request<M::History>>>>,
+    pace: Arc<Pace>,
+    requests: Mutex<Option<flume::Sender<Request<M::History>>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -64,12 +67,18 @@ impl<M: Model> Engine<M> {
         identity: Identity,
         load: impl FnOnce() -> Result<M> + Send + 'static,
     ) -> Result<Arc<Self>> {
-        let (requests, waiting) = mpsc::channel(identity.queue.max(1));
+        let (requests, waiting) = flume::bounded(identity.queue.max(1));
         let (tell, told) = oneshot::channel();
-        let batch = identity.batch.max(1);
+        let most = identity.batch.max(1);
+        let pace = Pace::new(identity.wait);
+        let paced = Arc::clone(&pace);
         let thread = std::thread::Builder::new()
             .name(format!("policy {}", identity.policy_id))
-            .spawn(move || run(load, tell, waiting, batch))
+            .spawn(move || {
+                if let Some((model, took)) = warmed(load, tell) {
+                    Server { model, waiting, most, pace: paced, took }.run();
+                }
+            })
             .map_err(|error| Error::internal("starting a policy's thread", error))?;
         let (shape, window) = told.await.map_err(|error| Error::internal("loading a policy", error))??;
         tracing::info!(policy.id = %identity.policy_id, "policy loaded");
@@ -77,6 +86,7 @@ impl<M: Model> Engine<M> {
             identity,
             shape: Arc::new(shape),
             window,
+            pace,
             requests: Mutex::new(Some(requests)),
             thread: Mutex::new(Some(thread)),
         }))
@@ -95,24 +105,40 @@ impl<M: Model> Engine<M> {
         self.window
     }
 
-    /// Has a turn answered, or refuses at once when too many wait: for callers that may ask any number of times.
-    pub(super) async fn try_ask(&self, turn: Turn<M::History>) -> Result<Answer<M::History>> {
-        let (request, answer) = request(turn);
+    /// A session opens that will ask once a period; `None`: once a control period of the task.
+    pub(super) fn join(&self, period: Option<Duration>) -> Seat {
+        self.pace.join(period.unwrap_or(self.identity.period))
+    }
+
+    /// Has a turn answered by its deadline, or refuses at once when too many wait: for callers that may ask any
+    /// number of times.
+    pub(super) async fn try_ask_by(&self, ask: Ask<M::History>) -> Result<Turned<M::History>> {
+        let (request, answer) = ask.request();
         self.requests()?.try_send(request).map_err(|error| match error {
-            mpsc::error::TrySendError::Full(_) => Error::exhausted(format!(
+            flume::TrySendError::Full(_) => Error::exhausted(format!(
                 "{} observations wait for policy {} already; try again later",
                 self.identity.queue, self.identity.policy_id
             )),
-            mpsc::error::TrySendError::Closed(_) => stopped(),
+            flume::TrySendError::Disconnected(_) => stopped(),
         })?;
         answer.await.map_err(|_| stopped())?
     }
 
-    /// Has a turn answered, waiting for a place in the queue: for sessions, which ask once at a time.
-    pub(super) async fn ask(&self, turn: Turn<M::History>) -> Result<Answer<M::History>> {
-        let (request, answer) = request(turn);
-        self.requests()?.send(request).await.map_err(|_| stopped())?;
+    /// Has a turn answered by its deadline, waiting for a place in the queue: for sessions, which ask once at a time.
+    pub(super) async fn ask_by(&self, ask: Ask<M::History>) -> Result<Turned<M::History>> {
+        let (request, answer) = ask.request();
+        self.requests()?.into_send_async(request).await.map_err(|_| stopped())?;
         answer.await.map_err(|_| stopped())?
+    }
+
+    /// As [`Self::try_ask_by`], however long it takes.
+    pub(super) async fn try_ask(&self, turn: Turn<M::History>) -> Result<Advanced<M::History>> {
+        self.try_ask_by(Ask::new(turn)).await?.advanced()
+    }
+
+    /// As [`Self::ask_by`], however long it takes.
+    pub(super) async fn ask(&self, turn: Turn<M::History>) -> Result<Advanced<M::History>> {
+        self.ask_by(Ask::new(turn)).await?.advanced()
     }
 
     /// Takes no more turns and waits, blocking, until what waits is answered and the thread has ended.
@@ -126,14 +152,22 @@ impl<M: Model> Engine<M> {
         }
     }
 
-    fn requests(&self) -> Result<mpsc::Sender<Request<M::History>>> {
+    fn requests(&self) -> Result<flume::Sender<Request<M::History>>> {
         lock(&self.requests).clone().ok_or_else(stopped)
     }
 }
 
-fn request<H>(turn: Turn<H>) -> (Request<H>, oneshot::Receiver<Result<Answer<H>>>) {
-    let (reply, answer) = oneshot::channel();
-    (Request { turn, since: Instant::now(), reply }, answer)
+impl<H> Ask<H> {
+    /// Without a deadline; nobody will ask for its timings.
+    fn new(turn: Turn<H>) -> Self {
+        Self { turn, stages: Arc::new(Stages::begin()), deadline: None }
+    }
+
+    fn request(self) -> (Request<H>, oneshot::Receiver<Result<Turned<H>>>) {
+        let Self { turn, stages, deadline } = self;
+        let (reply, answer) = oneshot::channel();
+        (Request { turn, stages, deadline, since: Instant::now(), reply }, answer)
+    }
 }
 
 fn stopped() -> Error {
@@ -145,68 +179,26 @@ pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The thread: load, warm up, say so, then serve until nobody can ask any more.
-fn run<M: Model>(
-    load: impl FnOnce() -> Result<M>,
-    tell: oneshot::Sender<Ready>,
-    mut waiting: mpsc::Receiver<Request<M::History>>,
-    most: usize,
-) {
+/// The beginning of a model's thread: loads, warms up and says so. `None` when that failed or nobody listens. Gives the
+/// model and how long the warm-up took.
+fn warmed<M: Model>(load: impl FnOnce() -> Result<M>, tell: oneshot::Sender<Ready>) -> Option<(M, Duration)> {
     // One thread a model: several would fight over the processors and make every answer late.
     gleaner_learn::set_threads(1);
     let loaded = super::model::guarded("loading a policy", || {
         let model = load()?;
+        let begun = Instant::now();
         answer(&model, &[&Turn { history: None, skipped: 0, steps: vec![blank(model.shape())] }])?;
-        Ok(model)
+        Ok((model, begun.elapsed()))
     });
-    let model = match loaded {
-        Ok(model) => model,
+    match loaded {
+        Ok((model, took)) => {
+            let ready = (model.shape().clone(), model.window());
+            tell.send(Ok(ready)).is_ok().then_some((model, took))
+        }
         Err(error) => {
             // Nobody listens when the caller has gone.
             let _ = tell.send(Err(error));
-            return;
-        }
-    };
-    if tell.send(Ok((model.shape().clone(), model.window()))).is_err() {
-        return;
-    }
-    while let Some(first) = waiting.blocking_recv() {
-        let mut batch = vec![first];
-        while batch.len() < most {
-            match waiting.try_recv() {
-                Ok(next) => batch.push(next),
-                Err(_) => break,
-            }
-        }
-        batch.retain(|request| !request.reply.is_closed());
-        serve(&model, batch);
-    }
-}
-
-/// Answers a batch. If it fails as a whole, each turn is tried alone, so that only the one at fault fails.
-fn serve<M: Model>(model: &M, mut batch: Vec<Request<M::History>>) {
-    let begun = Instant::now();
-    let turns: Vec<_> = batch.iter().map(|request| &request.turn).collect();
-    let answered = if turns.is_empty() { Ok(Vec::new()) } else { answer(model, &turns) };
-    // Below, a caller that has gone meanwhile needs no answer.
-    match answered {
-        Ok(advanced) => {
-            let model = begun.elapsed();
-            for (request, advanced) in batch.into_iter().zip(advanced) {
-                let queued = begun.saturating_duration_since(request.since);
-                let _ = request.reply.send(Ok(Answer { advanced, queued, model }));
-            }
-        }
-        Err(error) if batch.len() > 1 => {
-            tracing::warn!(%error, batch.turns = batch.len(), "a batch failed; answering its turns one by one");
-            for request in batch {
-                serve(model, vec![request]);
-            }
-        }
-        Err(error) => {
-            if let Some(alone) = batch.pop() {
-                let _ = alone.reply.send(Err(error));
-            }
+            None
         }
     }
 }

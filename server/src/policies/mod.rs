@@ -3,76 +3,76 @@
 //! A policy is loaded when it is deployed or first asked for, and kept while a deployment points at it or a session
 //! holds it. Knows no wire type and no SQL.
 
+mod batch;
+mod due;
 mod engine;
 mod model;
 mod observation;
+mod once;
+mod outlet;
+mod pace;
+mod sequences;
 mod session;
+mod shelf;
+mod stages;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
 mod tests;
+mod turn;
 
 use std::{
-    collections::HashMap,
-    sync::{Arc, Mutex, Weak},
+    sync::{Arc, Mutex},
+    time::Duration,
 };
 
 use futures::{Stream, StreamExt as _};
 use gleaner_learn::Policy as Model;
-use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument as _;
 
 use self::{
     engine::{Engine, Identity, lock},
-    session::{Outputs, Session},
+    outlet::{Answers, Outlet},
+    sequences::Sequences,
+    session::{Session, Terms},
+    shelf::Shelf,
 };
 use crate::{
     blobs::Blobs,
     config::ServeConfig,
     domain::{
         id::PolicyId,
-        observation::{Acted, Observation, SessionInput, SessionOutput},
+        observation::{Acted, Observation, SessionInput},
         policy::{Deployment, Policy},
     },
     error::{Error, Kind, Result},
     store::Store,
 };
 
-/// Answers of one session that may wait for its robot to read them.
-const UNREAD: usize = 16;
-
 /// Every loaded policy; clones share them.
 #[derive(Clone)]
 pub struct Policies(Arc<Inner>);
 
 struct Inner {
-    batch: usize,
-    queue: usize,
+    config: Arc<ServeConfig>,
     store: Store,
     blobs: Blobs,
-    shelf: Mutex<Shelf>,
+    shelf: Mutex<Shelf<Model>>,
+    sequences: Sequences<Model>,
     /// Held while a policy is loaded or a name is moved, so that a slow first use cannot undo a deployment.
     moving: tokio::sync::Mutex<()>,
-}
-
-/// What is loaded. Names hold their policy; a policy without a name lives on while sessions hold it.
-#[derive(Default)]
-struct Shelf {
-    deployed: HashMap<String, Arc<Engine<Model>>>,
-    loaded: HashMap<PolicyId, Weak<Engine<Model>>>,
-    stopped: bool,
 }
 
 impl Policies {
     /// Loads nothing yet.
     pub fn new(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Self {
         Self(Arc::new(Inner {
-            batch: config.policies.policy_batch,
-            queue: config.policies.policy_queue,
+            config: Arc::clone(config),
             store,
             blobs,
-            shelf: Mutex::default(),
+            shelf: Mutex::new(Shelf::new(config.policies.policy_memory_bytes)),
+            sequences: Sequences::default(),
             moving: tokio::sync::Mutex::default(),
         }))
     }
@@ -80,12 +80,7 @@ impl Policies {
     /// Unloads every policy: what waits is answered, what comes later is refused.
     pub async fn stop(&self) {
         let _moving = self.0.moving.lock().await;
-        let engines: Vec<_> = {
-            let mut shelf = lock(&self.0.shelf);
-            shelf.stopped = true;
-            shelf.deployed.clear();
-            shelf.loaded.drain().filter_map(|(_, engine)| engine.upgrade()).collect()
-        };
+        let engines = lock(&self.0.shelf).stop();
         let closing = tokio::task::spawn_blocking(move || engines.iter().for_each(|engine| engine.close()));
         if let Err(error) = closing.await {
             tracing::error!(%error, "unloading policies failed");
@@ -102,7 +97,7 @@ impl Policies {
         let _moving = self.0.moving.lock().await;
         let engine = self.load(&policy).await?;
         let deployment = self.0.store.deploy(name, &policy.task_id, &policy.id).await?;
-        lock(&self.0.shelf).deployed.insert(name.to_owned(), engine);
+        lock(&self.0.shelf).point(name, &engine);
         tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");
         Ok(deployment)
     }
@@ -116,7 +111,7 @@ impl Policies {
         let policy = self.0.store.policy(&self.0.store.before(name).await?).await?;
         let engine = self.load(&policy).await?;
         let deployment = self.0.store.roll_back(name).await?;
-        lock(&self.0.shelf).deployed.insert(name.to_owned(), engine);
+        lock(&self.0.shelf).point(name, &engine);
         tracing::info!(deployment.name = name, policy.id = %policy.id, "deployment rolled back");
         Ok(deployment)
     }
@@ -124,10 +119,10 @@ impl Policies {
     /// One action from a window of observations that the caller keeps, oldest first.
     ///
     /// # Errors
-    /// NotFound; Invalid naming the field; Exhausted when too many wait.
+    /// NotFound; Invalid naming the field; Exhausted when too many wait; Late when the deadline passes first.
     pub(crate) async fn act(&self, deployment: &str, observations: Vec<Observation>) -> Result<Acted> {
         let engine = self.deployed(deployment).await?;
-        session::once(&engine, observations).await
+        once::once(&engine, observations).await
     }
 
     /// Starts a session: the first input opens it. Answers come from the receiver; an error is the last.
@@ -135,13 +130,15 @@ impl Policies {
         &self,
         inputs: impl Stream<Item = Result<SessionInput>> + Send + Unpin + 'static,
         stopping: CancellationToken,
-    ) -> mpsc::Receiver<Result<SessionOutput>> {
-        let (outputs, answers) = mpsc::channel(UNREAD);
+    ) -> Answers {
+        let (outlet, answers) = Outlet::new(self.0.config.policies.session_idle());
         let policies = self.clone();
         tokio::spawn(async move {
-            if let Err(error) = policies.attend(inputs, &outputs, &stopping).await {
-                // A robot that has gone reads no error.
-                let _ = outputs.send(Err(error)).await;
+            let ended = policies.attend(inputs, &outlet, &stopping).await;
+            // What only it held may go.
+            lock(&policies.0.shelf).make_room(0);
+            if let Err(error) = ended {
+                outlet.fail(error);
             }
         });
         answers
@@ -150,24 +147,33 @@ impl Policies {
     async fn attend(
         &self,
         mut inputs: impl Stream<Item = Result<SessionInput>> + Send + Unpin,
-        outputs: &Outputs,
+        outlet: &Outlet,
         stopping: &CancellationToken,
     ) -> Result<()> {
+        let idle = self.0.config.policies.session_idle();
         let first = tokio::select! {
             first = inputs.next() => first,
-            () = outputs.closed() => return Ok(()),
+            () = tokio::time::sleep(idle) => return Err(Error::late("nothing came to open the session with; try again")),
+            () = outlet.closed() => return Ok(()),
             () = stopping.cancelled() => return Err(Error::unavailable("the server is stopping; try again")),
         };
-        let Some(SessionInput::Open { deployment, control_rate_hz, deadline: _ }) = first.transpose()? else {
+        let Some(SessionInput::Open { deployment, control_rate_hz, deadline }) = first.transpose()? else {
             return Err(Error::invalid("open", "must be the first message of a session"));
         };
         let engine = self.deployed(&deployment).await?;
+        let terms = Terms {
+            period: (control_rate_hz > 0.0)
+                .then(|| Duration::try_from_secs_f64(1.0 / control_rate_hz).unwrap_or(Duration::MAX)),
+            deadline,
+            idle,
+            drain: Duration::from_secs(self.0.config.drain_seconds),
+        };
         let span = tracing::info_span!(
             "session", deployment.name = %deployment, policy.id = %engine.identity().policy_id, control.rate_hz = control_rate_hz
         );
         async {
             tracing::debug!("session opened");
-            let ended = Session::new(engine).run(inputs, outputs, stopping).await;
+            let ended = Session::new(engine, terms).run(inputs, outlet, stopping).await;
             match &ended {
                 Ok(()) => tracing::debug!("session closed"),
                 Err(error) if error.kind() == Kind::Cancelled => tracing::debug!(%error, "session broken off"),
@@ -181,7 +187,7 @@ impl Policies {
 
     /// The policy that a name points at, loaded now if it is not yet.
     async fn deployed(&self, name: &str) -> Result<Arc<Engine<Model>>> {
-        let find = || lock(&self.0.shelf).deployed.get(name).cloned();
+        let find = || lock(&self.0.shelf).named(name);
         if let Some(engine) = find() {
             return Ok(engine);
         }
@@ -192,33 +198,30 @@ impl Policies {
         let deployment = self.0.store.deployment(name).await?;
         let id = deployment.policy_id().ok_or_else(|| Error::not_found("deployment", name))?;
         let engine = self.load(&self.0.store.policy(id).await?).await?;
-        lock(&self.0.shelf).deployed.insert(name.to_owned(), Arc::clone(&engine));
+        lock(&self.0.shelf).point(name, &engine);
         Ok(engine)
     }
 
     /// The policy's engine: the one that is loaded, or a new one. Only with `moving` held.
     async fn load(&self, policy: &Policy) -> Result<Arc<Engine<Model>>> {
-        {
-            let shelf = lock(&self.0.shelf);
-            if shelf.stopped {
-                return Err(Error::unavailable("the server is stopping; try again"));
-            }
-            if let Some(engine) = shelf.loaded.get(&policy.id).and_then(Weak::upgrade) {
-                return Ok(engine);
-            }
+        if let Some(engine) = lock(&self.0.shelf).loaded(&policy.id)? {
+            return Ok(engine);
         }
+        let bytes = tokio::fs::metadata(self.0.blobs.path(&policy.checkpoint)).await.map_or(0, |file| file.len());
+        lock(&self.0.shelf).make_room(bytes);
+        let config = &self.0.config.policies;
         let identity = Identity {
             policy_id: policy.id.clone(),
             task_id: policy.task_id.clone(),
-            batch: self.0.batch,
-            queue: self.0.queue,
+            batch: config.policy_batch,
+            queue: config.policy_queue,
+            period: Duration::from_secs_f64(1.0 / self.0.store.task_by_id(&policy.task_id).await?.spec.rate_hz),
+            wait: config.policy_batch_wait,
         };
         let (blobs, checkpoint) = (self.0.blobs.clone(), policy.checkpoint.clone());
         let engine =
             Engine::start(identity, move || Model::load(&blobs.get(&checkpoint)?).map_err(model::learned)).await?;
-        let mut shelf = lock(&self.0.shelf);
-        shelf.loaded.retain(|_, engine| engine.strong_count() > 0);
-        shelf.loaded.insert(policy.id.clone(), Arc::downgrade(&engine));
+        lock(&self.0.shelf).put(&engine, bytes);
         Ok(engine)
     }
 }

@@ -106,6 +106,14 @@ fn names(shape: &TaskShape) -> String {
     shape.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
+/// Runs decoding beside the runtime, which it would hold up.
+///
+/// # Errors
+/// What `work` says.
+pub(super) async fn decode<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal("decoding an observation", error))?
+}
+
 /// An observation of nothing, to warm a model up with.
 pub(super) fn blank(shape: &TaskShape) -> Step {
     Step { frame: vec![0; shape.frame_bytes()], proprioception: vec![0.0; shape.proprioception], executed: None }

@@ -50,7 +50,7 @@ struct Table<M: Model> {
 /// One sequence. A request holds its slot while it runs, so a slot that only the table holds is idle.
 struct Slot<M: Model> {
     engine: Arc<Engine<M>>,
-    /// When the last request came.
+    /// When the last request was answered.
     used: Mutex<Instant>,
     /// Held during a turn, so that requests are answered one after the other; `None` once the sequence is over.
     memory: tokio::sync::Mutex<Option<Memory<M::History>>>,
@@ -63,7 +63,10 @@ struct Memory<H> {
 }
 
 /// A policy that answers one request, and what it remembers for it.
-pub(crate) struct Endpoint<M: Model = LearnedPolicy> {
+pub(crate) struct Endpoint(Asked<LearnedPolicy>);
+
+/// What an endpoint is, for any model.
+struct Asked<M: Model> {
     engine: Arc<Engine<M>>,
     place: Option<(Key, Place)>,
     /// The sequence's, unless it begins here.
@@ -84,30 +87,27 @@ impl Policies {
         place: Option<Place>,
     ) -> Result<Endpoint> {
         let sequences = &self.0.sequences;
-        let endpoint = match place {
+        let asked = match place {
             Some(place) if !place.start => sequences.running(deployment, place)?,
             starting => sequences.fresh(deployment, self.deployed(deployment).await?, starting),
         };
-        let found = endpoint.policy_id();
+        let found = &asked.engine.identity().policy_id;
         match version {
             Some(version) if version != found => {
                 Err(Error::not_found("version", format!("{version} of {deployment}; it is {found}")))
             }
-            _ => Ok(endpoint),
+            _ => Ok(Endpoint(asked)),
         }
     }
 }
 
-impl<M: Model> Endpoint<M>
-where
-    M::History: Clone,
-{
+impl Endpoint {
     pub(crate) fn policy_id(&self) -> &PolicyId {
-        &self.engine.identity().policy_id
+        &self.0.engine.identity().policy_id
     }
 
     pub(crate) fn shape(&self) -> Arc<TaskShape> {
-        self.engine.shape()
+        self.0.engine.shape()
     }
 
     /// Actions for an observation, in physical units, one a control period.
@@ -115,7 +115,16 @@ where
     /// # Errors
     /// Invalid, naming the field from `path` on; Exhausted when too many wait, or every sequence is busy.
     pub(crate) async fn act(self, path: &'static str, observation: Observation) -> Result<Vec<Vec<f32>>> {
-        let shape = self.shape();
+        self.0.act(path, observation).await
+    }
+}
+
+impl<M: Model> Asked<M>
+where
+    M::History: Clone,
+{
+    async fn act(self, path: &'static str, observation: Observation) -> Result<Vec<Vec<f32>>> {
+        let shape = self.engine.shape();
         let decode = move || observation::step(&shape, path, &observation);
         let mut step = tokio::task::spawn_blocking(decode)
             .await
@@ -123,7 +132,7 @@ where
         let Some((key, place)) = self.place else {
             step.executed = None;
             let turn = Turn { history: None, skipped: 0, steps: vec![step] };
-            return Ok(self.engine.try_ask(turn).await?.advanced.actions);
+            return Ok(self.engine.try_ask(turn).await?.actions);
         };
         let slot = self.slot.unwrap_or_else(|| Slot::new(Arc::clone(&self.engine)));
         let mut memory = slot.memory.lock().await;
@@ -134,7 +143,7 @@ where
         step.executed = memory.as_ref().and_then(|memory| step.executed.or_else(|| memory.given.clone()));
         let history = memory.as_ref().map(|memory| memory.history.clone());
         // Waits for its turn, as sessions do: a sequence asks once at a time, and there are only so many.
-        let advanced = self.engine.ask(Turn { history, skipped: 0, steps: vec![step] }).await?.advanced;
+        let advanced = self.engine.ask(Turn { history, skipped: 0, steps: vec![step] }).await?;
         if place.end {
             *memory = None;
             drop(memory);
@@ -159,19 +168,19 @@ impl<M: Model> Slot<M> {
 
 impl<M: Model> Sequences<M> {
     /// A request without history: on its own, or the first of its sequence.
-    fn fresh(&self, deployment: &str, engine: Arc<Engine<M>>, place: Option<Place>) -> Endpoint<M> {
+    fn fresh(&self, deployment: &str, engine: Arc<Engine<M>>, place: Option<Place>) -> Asked<M> {
         let place = place.map(|place| ((deployment.to_owned(), place.id.clone()), place));
-        Endpoint { engine, place, slot: None, sequences: self.clone() }
+        Asked { engine, place, slot: None, sequences: self.clone() }
     }
 
     /// A request that goes on with its sequence.
-    fn running(&self, deployment: &str, place: Place) -> Result<Endpoint<M>> {
+    fn running(&self, deployment: &str, place: Place) -> Result<Asked<M>> {
         let key = (deployment.to_owned(), place.id.clone());
         let mut table = lock(&self.0);
         table.forget_idle();
         let slot = table.slots.get(&key).cloned().ok_or_else(|| unknown(&place.id))?;
         let engine = Arc::clone(&slot.engine);
-        Ok(Endpoint { engine, place: Some((key, place)), slot: Some(slot), sequences: self.clone() })
+        Ok(Asked { engine, place: Some((key, place)), slot: Some(slot), sequences: self.clone() })
     }
 
     /// Remembers a sequence that has begun. It takes the place of one of the same name, or of the longest idle.

@@ -1,25 +1,25 @@
-//! One robot's running episode: remembers its history, answers its newest observation, and counts what it passed
-//! over. Holds nothing that another session could touch.
+//! One robot's running episode: remembers its history, answers its newest observation in time or says that it did
+//! not, and counts what it passed over. Holds nothing that another session could touch.
 
-use std::{
-    pin::pin,
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::{pin::pin, sync::Arc, time::Duration};
 
 use futures::{FutureExt as _, Stream, StreamExt as _, future::Fuse, future::FusedFuture as _};
-use tokio::sync::mpsc;
+use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 
 use super::{
-    engine::{Answer, Engine},
-    model::{Model, Step, Turn},
-    observation,
+    due::{Due, late, passed},
+    engine::Engine,
+    model::Model,
+    outlet::Outlet,
+    pace::Seat,
+    turn::{Memory, turn},
 };
 use crate::{
     domain::{
         id::SessionId,
-        observation::{Acted, Observation, SessionInput, SessionOutput, Timings},
+        observation::{Acted, Observation, SessionInput, SessionOutput},
+        time::Millis,
     },
     error::{Error, Result},
 };
@@ -27,92 +27,152 @@ use crate::{
 /// Most observations looked at before the newest is answered, so that a flood cannot stop the answers.
 const LOOK_AHEAD: usize = 256;
 
-/// Where a session's answers go.
-pub(super) type Outputs = mpsc::Sender<Result<SessionOutput>>;
-
-/// What a session remembers from one observation to the next.
-struct Memory<H> {
-    history: Option<H>,
-    /// What the policy gave last: taken as executed unless the robot says otherwise.
-    given: Option<Vec<f32>>,
-}
-
-impl<H> Memory<H> {
-    fn take(&mut self) -> Self {
-        Self { history: self.history.take(), given: self.given.take() }
-    }
-}
-
-/// An observation that waits.
-struct Pending {
-    observation: Observation,
-    arrived: Instant,
-    /// How many were passed over for it.
-    dropped: u64,
+/// What holds for a session from its beginning to its end.
+#[derive(Debug, Clone)]
+pub(super) struct Terms {
+    /// One control step; `None`: the task's.
+    pub(super) period: Option<Duration>,
+    /// For observations that name no deadline themselves.
+    pub(super) deadline: Option<Duration>,
+    /// How long a robot that is owed nothing may say nothing.
+    pub(super) idle: Duration,
+    /// How long the session may go on once the server begins to stop.
+    pub(super) drain: Duration,
 }
 
 /// A running session.
 pub(super) struct Session<M: Model> {
     engine: Arc<Engine<M>>,
-    pending: Option<Pending>,
+    seat: Seat,
+    terms: Terms,
+    /// The newest observation, while it waits for the one before to be answered.
+    pending: Option<(Observation, Due)>,
+    /// The answer owed to what the model has; `None` once it was said to be missed.
+    asked: Option<Due>,
+    /// Control steps missed while they waited, to be told to the model.
+    unseen: u64,
+    /// The newest stamp.
+    stamp_ns: Option<i64>,
+    /// When the robot was last heard or answered.
+    stirred: Instant,
     /// The robot has said its last.
     ended: bool,
     answered: u64,
     dropped: u64,
+    missed: u64,
 }
 
 impl<M: Model> Session<M> {
-    pub(super) fn new(engine: Arc<Engine<M>>) -> Self {
-        Self { engine, pending: None, ended: false, answered: 0, dropped: 0 }
+    pub(super) fn new(engine: Arc<Engine<M>>, terms: Terms) -> Self {
+        Self {
+            seat: engine.join(terms.period),
+            engine,
+            terms,
+            pending: None,
+            asked: None,
+            unseen: 0,
+            stamp_ns: None,
+            stirred: Instant::now(),
+            ended: false,
+            answered: 0,
+            dropped: 0,
+            missed: 0,
+        }
     }
 
     /// Serves the session until the robot closes it.
     ///
     /// # Errors
-    /// Invalid for a bad observation; Cancelled when the robot is gone; Unavailable when the server stops.
+    /// Invalid for a bad observation; Cancelled when the robot is gone; Late when it neither says nor reads anything
+    /// for too long; Unavailable when the server has stopped.
     pub(super) async fn run(
         mut self,
         mut inputs: impl Stream<Item = Result<SessionInput>> + Unpin,
-        outputs: &Outputs,
+        outlet: &Outlet,
         stopping: &CancellationToken,
     ) -> Result<()> {
         let identity = self.engine.identity();
-        let opened = SessionOutput::Opened {
-            session_id: SessionId::new(),
-            policy_id: identity.policy_id.clone(),
-            task_id: identity.task_id.clone(),
-        };
-        send(outputs, opened).await?;
-        let mut memory = Memory { history: None, given: None };
+        let (policy_id, task_id) = (identity.policy_id.clone(), identity.task_id.clone());
+        outlet.send(SessionOutput::Opened { session_id: SessionId::new(), policy_id, task_id }).await?;
+        let mut memory = Memory::new();
         let mut busy = pin!(Fuse::terminated());
+        let mut close_at = None;
         loop {
             if busy.is_terminated() {
                 self.look_ahead(&mut inputs)?;
-                if let Some(pending) = self.pending.take() {
-                    busy.set(turn(Arc::clone(&self.engine), memory.take(), pending).fuse());
+                if let Some((observation, due)) = self.pending.take() {
+                    memory.unseen += std::mem::take(&mut self.unseen);
+                    self.asked = Some(due.clone());
+                    self.seat.asks();
+                    busy.set(turn(Arc::clone(&self.engine), memory.take(), observation, due).fuse());
                 } else if self.ended {
-                    return send(
-                        outputs,
-                        SessionOutput::Closed { observations: self.answered, dropped: self.dropped, missed: 0 },
-                    )
-                    .await;
+                    return outlet.send(self.closed()).await;
                 }
             }
             tokio::select! {
                 biased;
-                () = outputs.closed() => return Err(gone()),
-                () = stopping.cancelled() => {
+                () = outlet.closed() => return Err(Outlet::gone()),
+                () = stopping.cancelled(), if close_at.is_none() => {
+                    close_at = Some(Instant::now() + self.terms.drain);
+                    outlet.send(SessionOutput::Draining { close_at: Millis::now().after(self.terms.drain) }).await?;
+                }
+                () = passed(close_at) => {
                     return Err(Error::unavailable("the server is stopping; open the session again"));
                 }
                 turned = &mut busy, if !busy.is_terminated() => {
-                    let (acted, dropped, remembered) = turned?;
+                    let (remembered, actions) = turned?;
                     memory = remembered;
-                    self.answered += 1;
-                    send(outputs, SessionOutput::Action { acted, dropped }).await?;
+                    self.stirred = Instant::now();
+                    if let Some(said) = self.settle(actions, &mut memory) {
+                        outlet.send(said).await?;
+                    }
+                }
+                () = late(self.asked.as_ref()) => {
+                    let due = self.asked.take();
+                    self.miss(due, outlet).await?;
+                }
+                () = late(self.pending.as_ref().map(|(_, due)| due)) => {
+                    let due = self.pending.take().map(|(_, due)| due);
+                    self.unseen += due.as_ref().map_or(0, |due| due.dropped + 1);
+                    self.miss(due, outlet).await?;
+                }
+                () = passed(Some(self.stirred + self.terms.idle)), if busy.is_terminated() => {
+                    let seconds = self.terms.idle.as_secs();
+                    return Err(Error::late(format!("nothing came for {seconds} s; open the session again")));
                 }
                 input = inputs.next(), if !self.ended => self.take(input)?,
             }
         }
+    }
+
+    /// What to say of a turn that is over: its actions, if they are still of use and nothing was said yet.
+    fn settle(&mut self, actions: Option<Vec<Vec<f32>>>, memory: &mut Memory<M::History>) -> Option<SessionOutput> {
+        let due = self.asked.take()?;
+        match actions {
+            Some(actions) if !due.is_late() => {
+                self.answered += 1;
+                memory.given = actions.first().cloned();
+                let Due { stamp_ns, dropped, stages, deadline: _ } = due;
+                let policy_id = self.engine.identity().policy_id.clone();
+                let acted = Acted { stamp_ns, actions, policy_id, timings: stages.timings() };
+                Some(SessionOutput::Action { acted, dropped })
+            }
+            Some(_) | None => {
+                self.missed += 1;
+                Some(due.missed())
+            }
+        }
+    }
+
+    /// Says at its deadline that an observation is missed, so that the robot need not wait to learn it.
+    async fn miss(&mut self, due: Option<Due>, outlet: &Outlet) -> Result<()> {
+        let Some(due) = due else { return Ok(()) };
+        self.missed += 1;
+        outlet.send(due.missed()).await
+    }
+
+    fn closed(&self) -> SessionOutput {
+        SessionOutput::Closed { observations: self.answered, dropped: self.dropped, missed: self.missed }
     }
 
     /// Takes what has come already, so that the newest is answered.
@@ -130,18 +190,9 @@ impl<M: Model> Session<M> {
     }
 
     fn take(&mut self, input: Option<Result<SessionInput>>) -> Result<()> {
+        self.stirred = Instant::now();
         match input.transpose()? {
-            Some(SessionInput::Observation(observation)) => {
-                let dropped = match self.pending.take() {
-                    Some(passed) => {
-                        self.dropped += 1;
-                        passed.dropped + 1
-                    }
-                    None => 0,
-                };
-                self.pending = Some(Pending { observation, arrived: Instant::now(), dropped });
-                Ok(())
-            }
+            Some(SessionInput::Observation(observation)) => self.see(observation),
             Some(SessionInput::Open { .. }) => {
                 Err(Error::invalid("open", "the session is open already; send observations, then close"))
             }
@@ -151,92 +202,22 @@ impl<M: Model> Session<M> {
             }
         }
     }
-}
 
-async fn send(outputs: &Outputs, output: SessionOutput) -> Result<()> {
-    outputs.send(Ok(output)).await.map_err(|_| gone())
-}
-
-fn gone() -> Error {
-    Error::cancelled("the robot has gone")
-}
-
-/// Answers one observation on top of what is remembered.
-async fn turn<M: Model>(
-    engine: Arc<Engine<M>>,
-    memory: Memory<M::History>,
-    pending: Pending,
-) -> Result<(Acted, u64, Memory<M::History>)> {
-    let Pending { observation, arrived, dropped } = pending;
-    let stamp_ns = observation.stamp_ns;
-    let shape = engine.shape();
-    let begun = Instant::now();
-    let mut step = blocking(move || observation::step(&shape, "observation", &observation)).await?;
-    let decode = begun.elapsed();
-    // The first step of a history has nothing before it.
-    step.executed = step.executed.or(memory.given).filter(|_| memory.history.is_some());
-    let answer = engine.ask(Turn { history: memory.history, skipped: dropped, steps: vec![step] }).await?;
-    let (history, acted) = acted(&engine, stamp_ns, answer, decode, arrived);
-    let given = acted.actions.first().cloned();
-    Ok((acted, dropped, Memory { history: Some(history), given }))
-}
-
-/// Answers the last of a window of observations that the caller keeps; `Act` is this.
-///
-/// # Errors
-/// Invalid, naming the field; Exhausted when too many wait.
-pub(super) async fn once<M: Model>(engine: &Engine<M>, observations: Vec<Observation>) -> Result<Acted> {
-    let arrived = Instant::now();
-    let Some(stamp_ns) = observations.last().map(|last| last.stamp_ns) else {
-        return Err(Error::invalid("observations", "must hold at least the present one"));
-    };
-    let first = observations.len().saturating_sub(engine.window());
-    let shape = engine.shape();
-    let steps = blocking(move || {
-        let recent = observations.iter().enumerate().skip(first);
-        let mut steps: Vec<Step> = recent
-            .map(|(index, observation)| observation::step(&shape, &format!("observations[{index}]"), observation))
-            .collect::<Result<_>>()?;
-        steps[0].executed = None;
-        match steps.iter().skip(1).position(|step| step.executed.is_none()) {
-            None => Ok(steps),
-            Some(place) => Err(Error::invalid(
-                &format!("observations[{}].executed_action", first + 1 + place),
-                "must be set on every observation but the first: the server keeps no history for Act",
-            )),
+    /// An observation takes the place of one that still waits.
+    fn see(&mut self, observation: Observation) -> Result<()> {
+        let stamp_ns = observation.stamp_ns;
+        if let Some(before) = self.stamp_ns.replace(stamp_ns)
+            && stamp_ns < before
+        {
+            let mend = format!("is {stamp_ns}, before the {before} of the observation before; stamps must not go back");
+            return Err(Error::invalid("observation.stamp_ns", mend));
         }
-    })
-    .await?;
-    let decode = arrived.elapsed();
-    let answer = engine.try_ask(Turn { history: None, skipped: 0, steps }).await?;
-    Ok(acted(engine, stamp_ns, answer, decode, arrived).1)
-}
-
-fn acted<M: Model>(
-    engine: &Engine<M>,
-    stamp_ns: i64,
-    answer: Answer<M::History>,
-    decode: Duration,
-    arrived: Instant,
-) -> (M::History, Acted) {
-    let timings = Timings {
-        decode_us: micros(decode),
-        queue_us: micros(answer.queued),
-        model_us: micros(answer.model),
-        total_us: micros(arrived.elapsed()),
-        ..Timings::default()
-    };
-    let policy_id = engine.identity().policy_id.clone();
-    (answer.advanced.history, Acted { stamp_ns, actions: answer.advanced.actions, policy_id, timings })
-}
-
-fn micros(time: Duration) -> u64 {
-    u64::try_from(time.as_micros()).unwrap_or(u64::MAX)
-}
-
-/// Decodes beside the runtime.
-async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal("decoding an observation", error))?
+        let passed_over = self.pending.take().map(|(_, due)| due.dropped + 1);
+        self.dropped += u64::from(passed_over.is_some());
+        let due = Due::for_observation(&observation, self.terms.deadline, passed_over.unwrap_or(0));
+        self.pending = Some((observation, due));
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@
 use std::{
     cell::Cell,
     sync::{Arc, mpsc},
+    time::Duration,
 };
 
 use gleaner_learn::TaskShape;
@@ -26,6 +27,9 @@ use crate::{
 pub(super) const PANICS: f32 = 666.0;
 pub(super) const FAILS: f32 = 667.0;
 pub(super) const GIVES_NAN: f32 = 668.0;
+
+/// What a turn's skipped step adds to its action.
+pub(super) const SKIP: f32 = 1000.0;
 
 /// Acts with the newest proprioception and the sum of the executed actions' first values.
 pub(super) struct Parrot {
@@ -71,6 +75,7 @@ impl Model for Parrot {
 impl Parrot {
     fn one(&self, turn: &Turn<(f32, Vec<f32>)>) -> Result<Advanced<(f32, Vec<f32>)>> {
         let mut history = turn.history.clone().unwrap_or_default();
+        let skipped = u8::try_from(turn.skipped).unwrap();
         for step in &turn.steps {
             history.0 = step.proprioception[0];
             history.1.extend(step.executed.as_ref().map(|action| action[0]));
@@ -81,8 +86,9 @@ impl Parrot {
             GIVES_NAN => f32::NAN,
             newest => newest,
         };
-        let executed = history.1.iter().sum();
-        Ok(Advanced { history, actions: vec![vec![newest, executed]] })
+        let executed: f32 = history.1.iter().sum();
+        let told = executed + SKIP * f32::from(skipped);
+        Ok(Advanced { history, actions: vec![vec![newest, told]] })
     }
 }
 
@@ -98,7 +104,8 @@ pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Cont
 }
 
 pub(super) fn identity(batch: usize, queue: usize) -> Identity {
-    Identity { policy_id: PolicyId::new(), task_id: TaskId::new(), batch, queue }
+    let (policy_id, task_id) = (PolicyId::new(), TaskId::new());
+    Identity { policy_id, task_id, batch, queue, period: Duration::from_secs(1000), wait: 0.05 }
 }
 
 /// A first turn with this proprioception.

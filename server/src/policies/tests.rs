@@ -15,7 +15,7 @@ use crate::{
     config::{Cli, Command},
     domain::{
         episode::Outcome,
-        observation::{CameraFrame, Image, ImageFormat},
+        observation::{CameraFrame, Image, ImageFormat, SessionOutput},
         score::Encoder,
         task::Task,
     },
@@ -91,9 +91,16 @@ fn observation(number: u8, executed_action: &[f32]) -> Observation {
     }
 }
 
+impl Policies {
+    /// Whether a policy is loaded.
+    fn has(&self, policy: &PolicyId) -> bool {
+        lock(&self.0.shelf).has(policy)
+    }
+}
+
 struct Robot {
     says: UnboundedSender<Result<SessionInput>>,
-    hears: mpsc::Receiver<Result<SessionOutput>>,
+    hears: Answers,
 }
 
 impl Robot {
@@ -143,8 +150,7 @@ async fn a_deployment_moves_on_while_sessions_keep_their_policy() {
     robot.says(SessionInput::Close);
     assert!(matches!(robot.hears().await, Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0 })));
     assert!(robot.hears.recv().await.is_none());
-    let loaded = lock(&policies.0.shelf).loaded.get(&old).map_or(0, Weak::strong_count);
-    assert_eq!(loaded, 0, "nobody needs it any more");
+    assert!(!policies.has(&old), "nobody needs it any more");
 }
 
 /// Between two answers of one action. Batches of other sizes round otherwise.
@@ -211,13 +217,55 @@ async fn what_is_not_there_is_not_found_and_a_session_begins_with_open() {
 }
 
 #[tokio::test]
+async fn rolling_back_serves_the_policy_before() {
+    let lab = Lab::new().await;
+    let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
+    let policies = lab.policies();
+    policies.deploy("arm", &old).await.unwrap();
+    policies.deploy("arm", &new).await.unwrap();
+    let mut robot = Robot::new(&policies);
+    robot.opens("arm");
+    robot.hears().await.unwrap();
+
+    let deployment = policies.roll_back("arm").await.unwrap();
+    assert_eq!((deployment.policy_id(), deployment.history.len()), (Some(&old), 3));
+    assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap().policy_id, old);
+    assert_eq!(robot.acts(observation(1, &[])).await.policy_id, new, "a running session keeps its own");
+    assert_eq!(policies.roll_back("arm").await.unwrap_err().kind(), Kind::Precondition);
+    assert_eq!(policies.roll_back("leg").await.unwrap_err().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn policies_over_the_memory_budget_are_loaded_again_when_used() {
+    let mut lab = Lab::new().await;
+    let (first, second) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
+    let config = Arc::make_mut(&mut lab.config);
+    // Enough for one.
+    config.policies.policy_memory_bytes = u64::try_from(trained(1).len()).unwrap() * 3 / 2;
+    let policies = lab.policies();
+    policies.deploy("one", &first).await.unwrap();
+    policies.deploy("two", &second).await.unwrap();
+    assert!(!policies.has(&first), "the budget is for one");
+    let mut robot = Robot::new(&policies);
+    robot.opens("one");
+    robot.hears().await.unwrap();
+    assert!(policies.has(&first) && !policies.has(&second));
+    assert_eq!(policies.act("two", vec![observation(1, &[])]).await.unwrap().policy_id, second);
+    assert_eq!(robot.acts(observation(1, &[])).await.policy_id, first, "a session never loses its own");
+    robot.says(SessionInput::Close);
+    robot.hears().await.unwrap();
+    assert!(robot.hears.recv().await.is_none());
+    assert!(!policies.has(&first) && policies.has(&second), "the least recently used went");
+}
+
+#[tokio::test]
 async fn a_stop_unloads_and_refuses() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
     policies.deploy("arm", &policy).await.unwrap();
     policies.stop().await;
-    assert!(lock(&policies.0.shelf).deployed.is_empty());
+    assert!(lock(&policies.0.shelf).named("arm").is_none());
     assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::Unavailable);
     drop(lab.dir);
 }

@@ -27,8 +27,11 @@ const CONNECTION_WINDOW: u32 = 16 << 20;
 /// A connection that does not answer a ping is gone.
 const PING_EVERY: Duration = Duration::from_secs(20);
 const PING_TIMEOUT: Duration = Duration::from_secs(10);
+/// How long the last words of streams that the drain has ended may take to their readers.
+const FAREWELL: Duration = Duration::from_secs(1);
 
-/// Serves until `stop` ends; then open streams are told, and what is still open after `drain` is closed.
+/// Serves until `stop` ends; then open streams are told, and what is still open after `drain` is closed, with a
+/// moment for what is said last.
 ///
 /// # Errors
 /// When the transport fails.
@@ -55,7 +58,7 @@ pub(crate) async fn serve(
         rooms.jobs.stop().await;
         // The receiver is gone only when serving has ended already.
         let _ = tell.send(());
-        tokio::time::sleep(drain).await;
+        tokio::time::sleep(drain + FAREWELL).await;
     };
     tokio::select! {
         served = serving => served.map_err(|error| Error::internal("serving", error)),

@@ -13,6 +13,7 @@ pub(crate) fn from_error(error: Error) -> Status {
         Kind::Precondition => Code::FailedPrecondition,
         Kind::Exhausted => Code::ResourceExhausted,
         Kind::Cancelled => Code::Cancelled,
+        Kind::Late => Code::DeadlineExceeded,
         Kind::Unavailable => Code::Unavailable,
         Kind::Internal => {
             let request_id = ulid::Ulid::generate().to_string();

@@ -4,26 +4,42 @@
 use futures::channel::mpsc::{UnboundedSender, unbounded};
 
 use super::{
-    super::testing::{Parrot, engine, observation},
+    super::{
+        outlet::Answers,
+        testing::{Parrot, SKIP, engine, observation},
+    },
     *,
 };
 use crate::error::Kind;
 
+const IDLE: Duration = Duration::from_secs(30);
+const DRAIN: Duration = Duration::from_secs(5);
+/// Longer than a test's model takes when nothing holds it.
+const SOON: Duration = Duration::from_millis(20);
+
+fn terms() -> Terms {
+    Terms { period: None, deadline: None, idle: IDLE, drain: DRAIN }
+}
+
 /// A robot's end of a session.
 struct Robot {
     says: UnboundedSender<Result<SessionInput>>,
-    hears: mpsc::Receiver<Result<SessionOutput>>,
+    hears: Answers,
 }
 
 impl Robot {
     /// Opens a session and hears that it is open.
     async fn open(engine: &Arc<Engine<Parrot>>, stopping: &CancellationToken) -> Self {
+        Self::open_under(terms(), engine, stopping).await
+    }
+
+    async fn open_under(terms: Terms, engine: &Arc<Engine<Parrot>>, stopping: &CancellationToken) -> Self {
         let (says, inputs) = unbounded();
-        let (outputs, hears) = mpsc::channel(16);
-        let (session, stopping) = (Session::new(Arc::clone(engine)), stopping.clone());
+        let (outlet, hears) = Outlet::new(IDLE);
+        let (session, stopping) = (Session::new(Arc::clone(engine), terms), stopping.clone());
         tokio::spawn(async move {
-            if let Err(error) = session.run(inputs, &outputs, &stopping).await {
-                let _ = outputs.send(Err(error)).await;
+            if let Err(error) = session.run(inputs, &outlet, &stopping).await {
+                outlet.fail(error);
             }
         });
         let mut robot = Self { says, hears };
@@ -46,15 +62,26 @@ impl Robot {
         }
     }
 
+    /// The stamp missed and the dropped count.
+    async fn misses(&mut self) -> (i64, u64) {
+        match self.hears.recv().await {
+            Some(Ok(SessionOutput::Missed { stamp_ns, dropped, timings })) => {
+                assert!(timings.total_us > 0);
+                (stamp_ns, dropped)
+            }
+            other => panic!("{other:?}"),
+        }
+    }
+
     async fn fails(&mut self) -> Error {
         self.hears.recv().await.unwrap().unwrap_err()
     }
 
-    /// Closes and gives what was answered and what was dropped.
-    async fn closes(&mut self) -> (u64, u64) {
+    /// Closes and gives what was answered, what was dropped and what was missed.
+    async fn closes(&mut self) -> (u64, u64, u64) {
         self.says.unbounded_send(Ok(SessionInput::Close)).unwrap();
         match self.hears.recv().await {
-            Some(Ok(SessionOutput::Closed { observations, dropped })) => (observations, dropped),
+            Some(Ok(SessionOutput::Closed { observations, dropped, missed })) => (observations, dropped, missed),
             other => panic!("{other:?}"),
         }
     }
@@ -71,8 +98,12 @@ async fn the_newest_observation_wins_and_the_others_are_counted() {
     }
     drop(control.gate);
     assert_eq!(robot.acts().await, (1, vec![1.0, 0.0], 0));
-    assert_eq!(robot.acts().await, (5, vec![5.0, 100.0], 3), "what was dropped is not remembered");
-    assert_eq!(robot.closes().await, (2, 3));
+    assert_eq!(
+        robot.acts().await,
+        (5, vec![5.0, 100.0 + 3.0 * SKIP], 3),
+        "what was dropped is not remembered, but counted"
+    );
+    assert_eq!(robot.closes().await, (2, 3, 0));
     assert!(robot.hears.recv().await.is_none());
 }
 
@@ -107,35 +138,18 @@ async fn a_bad_session_ends_alone() {
     assert_eq!(error.kind(), Kind::Invalid);
     assert!(error.message().starts_with("observation.proprioception[0]: "), "{error}");
     let mut twice = Robot::open(&engine, &stopping).await;
-    let open = SessionInput::Open { deployment: "again".into(), control_rate_hz: 0.0 };
+    let open = SessionInput::Open { deployment: "again".into(), control_rate_hz: 0.0, deadline: None };
     twice.says.unbounded_send(Ok(open)).unwrap();
     assert!(twice.fails().await.message().starts_with("open: "));
 
     good.sees(3, &[]);
     assert_eq!(good.acts().await, (3, vec![3.0, 1.0], 0), "the other session goes on with its history");
     drop(good.says);
-    assert!(matches!(good.hears.recv().await, Some(Ok(SessionOutput::Closed { observations: 2, dropped: 0 }))));
+    assert!(matches!(
+        good.hears.recv().await,
+        Some(Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0 }))
+    ));
 }
 
-#[tokio::test]
-async fn a_stop_ends_sessions() {
-    let (engine, _control) = engine(8, 8).await;
-    let stopping = CancellationToken::new();
-    let mut robot = Robot::open(&engine, &stopping).await;
-    stopping.cancel();
-    assert_eq!(robot.fails().await.kind(), Kind::Unavailable);
-}
-
-#[tokio::test]
-async fn act_takes_the_window_that_the_caller_keeps() {
-    let (engine, control) = engine(8, 8).await;
-    drop(control);
-    let seen = [observation(1, &[]), observation(2, &[]), observation(3, &[7.0, 0.0]), observation(4, &[5.0, 0.0])];
-    let acted = once(&engine, seen.to_vec()).await.unwrap();
-    assert_eq!((acted.stamp_ns, acted.actions), (4, vec![vec![4.0, 12.0]]), "the window is the last three");
-
-    let error = once(&engine, Vec::new()).await.unwrap_err();
-    assert!(error.message().starts_with("observations: "), "{error}");
-    let error = once(&engine, vec![observation(1, &[]), observation(2, &[])]).await.unwrap_err();
-    assert!(error.message().starts_with("observations[1].executed_action: "), "{error}");
-}
+mod deadline;
+mod ending;

@@ -1,0 +1,51 @@
+//! How policies are served.
+
+use std::time::Duration;
+
+use clap::Args;
+
+/// How policies are served.
+#[derive(Debug, Clone, Args)]
+pub struct PoliciesConfig {
+    /// Most observations answered in one pass of a model.
+    #[arg(long, env = "GLEANER_POLICY_BATCH", default_value_t = 16)]
+    pub policy_batch: usize,
+    /// How long a free model may wait for other sessions to share its pass, as a part of the fastest one's control
+    /// period; 0: not at all.
+    #[arg(long, env = "GLEANER_POLICY_BATCH_WAIT", default_value_t = 0.05)]
+    pub policy_batch_wait: f64,
+    /// Requests that may wait for one policy.
+    #[arg(long, env = "GLEANER_POLICY_QUEUE", default_value_t = 256)]
+    pub policy_queue: usize,
+    /// Bytes of checkpoints to hold in memory. Beyond, the least recently used policies that no session holds are
+    /// unloaded until their next use.
+    #[arg(long, env = "GLEANER_POLICY_MEMORY_BYTES", default_value_t = 4 << 30)]
+    pub policy_memory_bytes: u64,
+    /// Seconds after which a session whose robot says nothing, or reads nothing, is over.
+    #[arg(long, env = "GLEANER_SESSION_IDLE_SECONDS", default_value_t = 60)]
+    pub session_idle_seconds: u64,
+}
+
+impl PoliciesConfig {
+    /// How long a robot may be silent.
+    pub fn session_idle(&self) -> Duration {
+        Duration::from_secs(self.session_idle_seconds)
+    }
+
+    /// Checks what the types cannot tell.
+    ///
+    /// # Errors
+    /// A sentence that names the flag and the mend.
+    pub fn validate(&self) -> Result<(), String> {
+        if self.policy_batch == 0 || self.policy_queue == 0 {
+            return Err("--policy-batch and --policy-queue: must be at least 1".to_owned());
+        }
+        if !(0.0..=0.5).contains(&self.policy_batch_wait) {
+            return Err("--policy-batch-wait: must be between 0 and 0.5 of a control period".to_owned());
+        }
+        if !(1..=86_400).contains(&self.session_idle_seconds) {
+            return Err("--session-idle-seconds: must be between 1 and 86400".to_owned());
+        }
+        Ok(())
+    }
+}

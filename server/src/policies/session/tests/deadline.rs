@@ -1,0 +1,70 @@
+//! Deadlines: never a late action, and a history that knows what the model did not see.
+
+use super::*;
+
+fn hurried() -> Terms {
+    Terms { deadline: Some(SOON), ..terms() }
+}
+
+#[tokio::test]
+async fn an_answer_that_comes_too_late_is_told_in_time_and_remembered() {
+    let (engine, mut control) = engine(8, 8).await;
+    let mut robot = Robot::open_under(hurried(), &engine, &CancellationToken::new()).await;
+    robot.sees(1, &[]);
+    assert_eq!(control.begun.recv().await, Some(1));
+    assert_eq!(robot.misses().await, (1, 0), "while the model still runs");
+    control.gate.send(()).unwrap();
+    drop(control.gate);
+    let mut patient = observation(2, &[7.0, 0.0]);
+    patient.deadline = Some(IDLE);
+    robot.says.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
+    assert_eq!(robot.acts().await, (2, vec![2.0, 7.0], 0), "its own deadline counts, on the first one's history");
+    assert_eq!(robot.closes().await, (1, 0, 1));
+}
+
+#[tokio::test]
+async fn an_observation_whose_deadline_passes_while_it_waits_is_not_run() {
+    let (engine, mut control) = engine(8, 8).await;
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    robot.sees(1, &[]);
+    assert_eq!(control.begun.recv().await, Some(1));
+    robot.sees(2, &[]);
+    let mut late = observation(3, &[90.0, 0.0]);
+    late.deadline = Some(SOON);
+    robot.says.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
+    assert_eq!(robot.misses().await, (3, 1), "the one it took the place of was dropped");
+    drop(control.gate);
+    assert_eq!(robot.acts().await, (1, vec![1.0, 0.0], 0));
+    robot.sees(4, &[]);
+    assert_eq!(robot.acts().await, (4, vec![4.0, 1.0 + 2.0 * SKIP], 0), "two steps passed unseen");
+    assert_eq!(robot.closes().await, (2, 1, 1));
+    assert_eq!((control.begun.recv().await, control.begun.try_recv().ok()), (Some(1), None));
+}
+
+#[tokio::test]
+async fn a_session_without_a_deadline_waits_however_long_it_takes() {
+    let (engine, mut control) = engine(8, 8).await;
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    robot.sees(1, &[]);
+    assert_eq!(control.begun.recv().await, Some(1));
+    assert!(tokio::time::timeout(2 * SOON, robot.hears.recv()).await.is_err());
+    drop(control.gate);
+    assert_eq!(robot.acts().await.0, 1);
+}
+
+#[tokio::test]
+async fn an_action_that_was_never_given_is_not_taken_as_executed() {
+    let (engine, mut control) = engine(8, 8).await;
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    control.gate.send(()).unwrap();
+    robot.sees(1, &[]);
+    assert_eq!(robot.acts().await.0, 1);
+    assert_eq!(control.begun.recv().await, Some(1));
+    let mut late = observation(5, &[]);
+    late.deadline = Some(SOON);
+    robot.says.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
+    assert_eq!(robot.misses().await, (5, 0));
+    drop(control.gate);
+    robot.sees(6, &[]);
+    assert_eq!(robot.acts().await.1, [6.0, 2.0], "twice the first action, which the robot still holds");
+}

@@ -1,0 +1,93 @@
+//! How sessions end that their robots do not close.
+
+use super::*;
+
+#[tokio::test]
+async fn stamps_that_go_back_end_the_session() {
+    let (engine, control) = engine(8, 8).await;
+    drop(control);
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    for number in [5, 5] {
+        robot.sees(number, &[]);
+        assert_eq!(robot.acts().await.0, i64::from(number), "the same stamp is no step back");
+    }
+    robot.sees(4, &[]);
+    let error = robot.fails().await;
+    assert_eq!(error.kind(), Kind::Invalid);
+    assert!(error.message().starts_with("observation.stamp_ns: is 4, before the 5 "), "{error}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_silent_robot_loses_its_session() {
+    let (engine, _control) = engine(8, 8).await;
+    let begun = Instant::now();
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    let error = robot.fails().await;
+    assert_eq!(error.kind(), Kind::Late, "{error}");
+    assert!(begun.elapsed() >= IDLE);
+    assert!(robot.hears.recv().await.is_none());
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_robot_that_waits_for_its_answer_is_not_silent() {
+    let (engine, mut control) = engine(8, 8).await;
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    robot.sees(1, &[]);
+    assert_eq!(control.begun.recv().await, Some(1));
+    tokio::time::sleep(2 * IDLE).await;
+    drop(control.gate);
+    assert_eq!(robot.acts().await.0, 1);
+    assert_eq!(robot.fails().await.kind(), Kind::Late, "but then it is");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_robot_that_reads_nothing_loses_its_session() {
+    let (engine, control) = engine(8, 8).await;
+    drop(control);
+    let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
+    // Each is answered with a miss of its own.
+    for number in 0..40 {
+        let mut late = observation(number, &[]);
+        late.deadline = Some(Duration::ZERO);
+        robot.says.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
+        tokio::time::sleep(SOON).await;
+    }
+    while !robot.says.is_closed() {
+        tokio::time::sleep(SOON).await;
+    }
+    let mut heard = 0;
+    let error = loop {
+        match robot.hears.recv().await.unwrap() {
+            Ok(SessionOutput::Missed { .. }) => heard += 1,
+            Ok(other) => panic!("{other:?}"),
+            Err(error) => break error,
+        }
+    };
+    assert_eq!(error.kind(), Kind::Late);
+    assert!(error.message().contains("not read"), "{error}");
+    assert!(heard <= 17, "{heard}");
+}
+
+#[tokio::test]
+async fn a_stop_drains_sessions_and_ends_them_at_the_time_said() {
+    let (engine, control) = engine(8, 8).await;
+    drop(control);
+    let stopping = CancellationToken::new();
+    let mut goes_on = Robot::open(&engine, &stopping).await;
+    let mut closes = Robot::open(&engine, &stopping).await;
+    let told = Millis::now();
+    stopping.cancel();
+    let begun = Instant::now();
+    for robot in [&mut goes_on, &mut closes] {
+        let heard = robot.hears.recv().await.unwrap().unwrap();
+        let SessionOutput::Draining { close_at } = heard else { panic!("{heard:?}") };
+        assert!(close_at >= told.after(DRAIN) && close_at <= Millis::now().after(DRAIN));
+    }
+    goes_on.sees(1, &[]);
+    assert_eq!(goes_on.acts().await.0, 1, "it may go on");
+    assert_eq!(closes.closes().await, (0, 0, 0));
+    // From here on nothing but time is waited for.
+    tokio::time::pause();
+    assert_eq!(goes_on.fails().await.kind(), Kind::Unavailable);
+    assert!(begun.elapsed() >= DRAIN && begun.elapsed() < IDLE);
+}

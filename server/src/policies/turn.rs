@@ -1,0 +1,63 @@
+//! One observation's way through the model, on top of what its session remembers.
+
+use std::{sync::Arc, time::Instant};
+
+use super::{
+    batch::Turned,
+    due::Due,
+    engine::{Ask, Engine},
+    model::{Model, Turn},
+    observation,
+};
+use crate::{domain::observation::Observation, error::Result};
+
+/// What a session remembers from one observation to the next.
+pub(super) struct Memory<H> {
+    history: Option<H>,
+    /// What the robot was given last: taken as executed unless it says otherwise.
+    pub(super) given: Option<Vec<f32>>,
+    /// Control steps since the newest in the history that the model did not see.
+    pub(super) unseen: u64,
+}
+
+impl<H> Memory<H> {
+    pub(super) fn new() -> Self {
+        Self { history: None, given: None, unseen: 0 }
+    }
+
+    pub(super) fn take(&mut self) -> Self {
+        std::mem::replace(self, Self::new())
+    }
+}
+
+/// Answers one observation: what is remembered then, and the actions, in physical units, one a control period; `None`
+/// when the deadline passed before the model was free, so that it did not run and the step stays unseen.
+///
+/// # Errors
+/// Invalid for a bad observation; Internal when the model fails; Unavailable when it is being unloaded.
+pub(super) async fn turn<M: Model>(
+    engine: Arc<Engine<M>>,
+    memory: Memory<M::History>,
+    observation: Observation,
+    due: Due,
+) -> Result<(Memory<M::History>, Option<Vec<Vec<f32>>>)> {
+    let Memory { history, given, unseen } = memory;
+    let skipped = unseen + due.dropped;
+    let unrun = |history, given| (Memory { history, given, unseen: skipped + 1 }, None);
+    if due.is_late() {
+        return Ok(unrun(history, given));
+    }
+    let shape = engine.shape();
+    let begun = Instant::now();
+    let mut step = observation::decode(move || observation::step(&shape, "observation", &observation)).await?;
+    due.stages.decoded(begun.elapsed());
+    // The first step of a history has nothing before it.
+    step.executed = step.executed.or_else(|| given.clone()).filter(|_| history.is_some());
+    let turn = Turn { history, skipped, steps: vec![step] };
+    Ok(match engine.ask_by(Ask { turn, stages: due.stages, deadline: due.deadline }).await? {
+        Turned::Late(history) => unrun(history, given),
+        Turned::Advanced(advanced) => {
+            (Memory { history: Some(advanced.history), given, unseen: 0 }, Some(advanced.actions))
+        }
+    })
+}
