@@ -39,8 +39,8 @@ def cli(*args: str) -> None:
 class Server:
     """A server process of its own; `start` and `stop` may be called again and again over the same folder."""
 
-    def __init__(self, data: Path, *flags: str, listen: str = "127.0.0.1:0") -> None:
-        self.data, self.flags, self.listen = data, flags, listen
+    def __init__(self, data: Path, *flags: str) -> None:
+        self.data, self.flags, self.listen = data, flags, "127.0.0.1:0"
         self.start()
 
     def start(self) -> None:
@@ -56,6 +56,8 @@ class Server:
         line = self.process.stdout.readline()
         assert line.startswith("listening on "), f"the server ended before it listened: {line!r}"
         self.address = line.removeprefix("listening on ").strip()
+        # Whoever is connected finds it again when it comes back.
+        self.listen = self.address.removeprefix("http://")
 
     def kill(self) -> None:
         """As a power cut would."""
@@ -109,11 +111,17 @@ class Lab:
 
 
 @pytest.fixture(scope="session")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """The address of a running server, shared by all tests that only read or add."""
-    running = Server(tmp_path_factory.mktemp("server"))
-    yield running.address
-    running.stop()
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """A server shared by all tests that only read or add."""
+    process = Server(tmp_path_factory.mktemp("server"))
+    yield process
+    process.stop()
+
+
+@pytest.fixture(scope="session")
+def server(running: Server) -> str:
+    """The shared server's address."""
+    return running.address
 
 
 @pytest.fixture(scope="session")

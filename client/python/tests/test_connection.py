@@ -42,7 +42,7 @@ def test_what_may_be_repeated_outlives_a_restart(
     tmp_path: Path, client: gleaner.Client, task: str, recordings: dict[str, list[Path]]
 ) -> None:
     spec = client.tasks.get(task).spec
-    server = Server(tmp_path, "--workers", "0", listen=f"127.0.0.1:{free_port()}")
+    server = Server(tmp_path, "--workers", "0")
     try:
         with gleaner.connect(server.address) as own:
             own.tasks.create(spec)

@@ -58,24 +58,18 @@ class Session:
         self._call.cancel()
 
     def _expect(self, *kinds: str) -> pb.SessionResponse:
-        while True:
-            try:
-                response = self._responses.get(timeout=self._patience)
-            except queue.Empty:
-                raise DeadlineExceeded(f"the server did not answer within {self._patience:g} s") from None
-            if isinstance(response, Rejected):
-                # Whoever asks again hears the same.
-                self._responses.put(response)
-                raise response
-            kind = response.WhichOneof("message")
-            if kind == "draining":
-                self.draining = True
-            elif kind in kinds:
-                return response
-            else:
-                raise ServerError(
-                    f"the server said {kind}, not {' or '.join(kinds)}; are its and our version the same?"
-                )
+        try:
+            response = self._responses.get(timeout=self._patience)
+        except queue.Empty:
+            raise DeadlineExceeded(f"the server did not answer within {self._patience:g} s") from None
+        if isinstance(response, Rejected):
+            # Whoever asks again hears the same.
+            self._responses.put(response)
+            raise response
+        kind = response.WhichOneof("message")
+        if kind not in kinds:
+            raise ServerError(f"the server said {kind}, not {' or '.join(kinds)}; is it of another version?")
+        return response
 
     def _outgoing(self) -> Iterator[pb.SessionRequest]:
         while (request := self._requests.get()) is not None:
@@ -84,7 +78,11 @@ class Session:
     def _read(self) -> None:
         try:
             for response in self._call:
-                self._responses.put(response)
+                if response.HasField("draining"):
+                    # Answers no call, so it is seen at once, even while the robot does something else.
+                    self.draining = True
+                else:
+                    self._responses.put(response)
         except grpc.RpcError as error:
             self._responses.put(from_rpc(error))
         else:
