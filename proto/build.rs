@@ -1,10 +1,10 @@
-//! Generates the services from `gleaner/v1/*.proto` with a pure-Rust compiler, so no protoc is needed.
+//! Generates the services of both protocols with a pure-Rust compiler, so no protoc is needed.
 
 use std::path::PathBuf;
 
 use prost::Message as _;
 
-const PROTOS: [&str; 9] = [
+const PROTOS: [&str; 10] = [
     "gleaner/v1/task.proto",
     "gleaner/v1/episode.proto",
     "gleaner/v1/snapshot.proto",
@@ -14,12 +14,14 @@ const PROTOS: [&str; 9] = [
     "gleaner/v1/dataset.proto",
     "gleaner/v1/policy.proto",
     "gleaner/v1/worker.proto",
+    "inference/inference.proto",
 ];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     // tonic's build step prints no rerun lines; without these every build would recompile.
     println!("cargo:rerun-if-changed=build.rs");
     println!("cargo:rerun-if-changed=gleaner");
+    println!("cargo:rerun-if-changed=inference");
 
     let descriptors = protox::compile(PROTOS, ["."])?;
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
@@ -29,6 +31,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .bytes(".gleaner.v1.DownloadEpisodeResponse.data")
         .bytes(".gleaner.v1.DownloadExportFileResponse.data")
         .bytes(".gleaner.v1.Image.data")
+        .bytes(".inference.ModelInferRequest.raw_input_contents")
+        .bytes(".inference.InferTensorContents.bytes_contents")
         .compile_fds(descriptors)?;
     Ok(())
 }

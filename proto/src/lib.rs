@@ -1,4 +1,4 @@
-//! The gRPC services of gleaner, generated from `gleaner/v1/*.proto` without protoc.
+//! The gRPC services of gleaner, generated from `gleaner/v1/*.proto` and `inference/*.proto` without protoc.
 //!
 //! Holds wire types and nothing else: no conversion, no rule. Clients and the server both link it.
 
@@ -6,6 +6,12 @@
 pub mod v1 {
     #![allow(missing_docs, clippy::all, clippy::pedantic, unreachable_pub, reason = "generated code")]
     tonic::include_proto!("gleaner.v1");
+}
+
+/// `inference`: the Open Inference Protocol, which robots and tools of other servers speak.
+pub mod inference {
+    #![allow(missing_docs, clippy::all, clippy::pedantic, unreachable_pub, reason = "generated code")]
+    tonic::include_proto!("inference");
 }
 
 /// The encoded `FileDescriptorSet` of every service here, for server reflection.

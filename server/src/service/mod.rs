@@ -2,6 +2,7 @@
 
 mod dataset;
 mod episode;
+mod inference;
 mod job;
 mod policy;
 mod schedule;

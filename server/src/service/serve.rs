@@ -2,12 +2,15 @@
 
 use std::time::Duration;
 
-use gleaner_proto::v1::{
-    dataset_service_server::DatasetServiceServer, episode_service_server::EpisodeServiceServer,
-    job_service_server::JobServiceServer, policy_service_server::PolicyServiceServer,
-    schedule_service_server::ScheduleServiceServer, score_service_server::ScoreServiceServer,
-    snapshot_service_server::SnapshotServiceServer, task_service_server::TaskServiceServer,
-    worker_service_server::WorkerServiceServer,
+use gleaner_proto::{
+    inference::grpc_inference_service_server::GrpcInferenceServiceServer,
+    v1::{
+        dataset_service_server::DatasetServiceServer, episode_service_server::EpisodeServiceServer,
+        job_service_server::JobServiceServer, policy_service_server::PolicyServiceServer,
+        schedule_service_server::ScheduleServiceServer, score_service_server::ScoreServiceServer,
+        snapshot_service_server::SnapshotServiceServer, task_service_server::TaskServiceServer,
+        worker_service_server::WorkerServiceServer,
+    },
 };
 use tokio::{net::TcpListener, sync::oneshot};
 use tonic::transport::{
@@ -16,8 +19,8 @@ use tonic::transport::{
 };
 
 use super::{
-    Rooms, dataset::Datasets, episode::Episodes, job::JobsFace, policy::PoliciesFace, schedule::Schedules,
-    score::Scores, snapshot::Snapshots, task::Tasks, worker::Workers,
+    Rooms, dataset::Datasets, episode::Episodes, inference::InferenceFace, job::JobsFace, policy::PoliciesFace,
+    schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, worker::Workers,
 };
 use crate::error::{Error, Result};
 
@@ -103,6 +106,7 @@ async fn router(rooms: &Rooms) -> Result<Router> {
         DatasetServiceServer(Datasets),
         PolicyServiceServer(PoliciesFace),
         WorkerServiceServer(Workers),
+        GrpcInferenceServiceServer(InferenceFace),
     );
     Ok(router)
 }

@@ -6,6 +6,7 @@ pub(crate) mod dataset;
 pub(crate) mod episode;
 pub(crate) mod evaluation;
 pub(crate) mod field;
+pub(crate) mod inference;
 pub(crate) mod job;
 pub(crate) mod order;
 pub(crate) mod policy;

@@ -1,0 +1,36 @@
+//! The reply to a request to infer: one tensor, its values raw.
+
+use std::collections::HashMap;
+
+use gleaner_proto::inference::{ModelInferResponse, model_infer_response::InferOutputTensor};
+
+use super::{ACTION, tensors::Tensors};
+use crate::{
+    domain::id::PolicyId,
+    error::{Error, Result},
+};
+
+/// Actions `[chunk, A]`, for the deployment and the request's id as they came.
+pub(crate) fn infer_response(
+    (deployment, id): (String, String),
+    policy: &PolicyId,
+    tensors: &Tensors,
+    actions: &[Vec<f32>],
+) -> Result<ModelInferResponse> {
+    let chunk = i64::try_from(actions.len()).map_err(|error| Error::internal("counting actions", error))?;
+    let raw = actions.iter().flatten().flat_map(|value| value.to_le_bytes()).collect();
+    Ok(ModelInferResponse {
+        model_name: deployment,
+        model_version: policy.to_string(),
+        id,
+        parameters: HashMap::new(),
+        outputs: vec![InferOutputTensor {
+            name: ACTION.to_owned(),
+            datatype: "FP32".to_owned(),
+            shape: vec![chunk, tensors.action],
+            parameters: HashMap::new(),
+            contents: None,
+        }],
+        raw_output_contents: vec![raw],
+    })
+}
