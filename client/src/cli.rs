@@ -101,6 +101,8 @@ pub(crate) enum Command {
     Policies(policies::PoliciesArgs),
     /// Point a deployment's name at a policy.
     Deploy(policies::DeployArgs),
+    /// Point a deployment's name back at the policy it pointed at before.
+    Rollback(policies::RollbackArgs),
     /// List deployments and their history.
     Deployments(policies::DeploymentsArgs),
     /// Evaluate a deployed policy in the simulator, over its own endpoint.
@@ -146,6 +148,8 @@ mod tests {
             "gleaner experiment a.toml --report",
             "gleaner schedule create --name n --after-labels 50 --top 0.1 --until dataset",
             "gleaner score --encoder enc_1 --feature-scale plain --yardstick none",
+            "gleaner rollback pick_cube@prod",
+            "gleaner drive a@b --real-time --deadline-ms 40 --hold-ms 0",
             "gleaner pretrain --max-experts 20 --imperfect-per-expert 3 --rule-seed 1",
         ] {
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
@@ -177,6 +181,11 @@ mod tests {
             "gleaner experiment",
             "gleaner experiment a.toml --report --plan",
             "gleaner pipeline --beta 0.5 --top 0.1",
+            "gleaner rollback",
+            "gleaner drive a@b --deadline-ms 40",
+            "gleaner drive a@b --hold-ms 40",
+            "gleaner drive a@b --real-time --deadline-ms 0",
+            "gleaner drive a@b --real-time --rate 20",
         ] {
             let refused = Cli::try_parse_from(line.split(' ')).unwrap_err();
             assert_eq!(refused.exit_code(), 2, "{line}");

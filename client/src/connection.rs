@@ -69,7 +69,8 @@ impl Client {
             .tcp_nodelay(true)
             .initial_stream_window_size(WINDOW)
             .initial_connection_window_size(2 * WINDOW)
-            .http2_keep_alive_interval(Duration::from_secs(30))
+            // A dead peer is found out in half a minute; a robot's session cannot be opened anew before that.
+            .http2_keep_alive_interval(Duration::from_secs(10))
             .keep_alive_timeout(Duration::from_secs(20));
         let channel = endpoint
             .connect()

@@ -1,6 +1,8 @@
 //! Drive: closed-loop evaluation of a deployed policy in the embedded simulator, over the policy endpoint.
 //!
-//! One simulated episode is one session. Knows nothing of training or scores.
+//! One simulated episode is one session. By default in lock step: simulated time waits for the policy, so that the
+//! result says how good the policy is on any machine. In real time the episode is a robot in the control loop, and what
+//! is late is late. Knows nothing of training or scores.
 
 use std::time::{Duration, Instant};
 
@@ -10,6 +12,7 @@ use gleaner_sim::{Sim, SimConfig, statistics};
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
+use crate::robot::{ControlCause, ControlPlan, ControlReport, SimRobot};
 use crate::session::{Session, observation};
 
 // Far longer than any policy takes; an evaluation must not wait for ever.
@@ -30,6 +33,17 @@ pub struct DrivePlan {
     pub seed: u64,
     /// Episodes that run at the same time.
     pub sessions: usize,
+    /// Run in real time; else in lock step.
+    pub real_time: Option<RealTime>,
+}
+
+/// How patient a robot in real time is; unset: the [`ControlPlan`]'s own.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RealTime {
+    /// How long the server may take to answer an observation.
+    pub deadline: Option<Duration>,
+    /// How long the robot holds when no action is due before it is stopped.
+    pub hold_for: Option<Duration>,
 }
 
 /// One simulated episode.
@@ -50,10 +64,12 @@ pub struct Driven {
     pub episodes: Vec<DrivenEpisode>,
     /// The policy that acted.
     pub policy_id: String,
-    /// From observation sent to action received, sorted.
+    /// From observation sent to action received, sorted; none in real time, where nobody waits for them.
     pub latencies: Vec<Duration>,
     /// Of the whole evaluation.
     pub wall: Duration,
+    /// What happened in real time, over all episodes.
+    pub control: Option<ControlReport>,
 }
 
 impl Driven {
@@ -103,6 +119,7 @@ struct Run {
     episode: DrivenEpisode,
     policy_id: String,
     latencies: Vec<Duration>,
+    control: Option<ControlReport>,
 }
 
 impl Client {
@@ -119,19 +136,32 @@ impl Client {
                 let seed = plan.seed.wrapping_add(u64::from(index));
                 let (client, plan, spec) = (self.clone(), plan.clone(), spec.clone());
                 // Its own task, so that episodes are simulated and rendered on all cores.
-                let run = tokio::spawn(async move { run_episode(&client, &plan, &spec, seed).await });
+                let run = tokio::spawn(async move {
+                    match plan.real_time {
+                        None => run_episode(&client, &plan, &spec, seed).await,
+                        Some(pace) => run_in_real_time(&client, &plan, control_plan(&plan, &spec, pace)?, seed).await,
+                    }
+                });
                 async move {
                     run.await.unwrap_or_else(|failed| Err(ClientError::Invalid(format!("episode {seed}: {failed}"))))
                 }
             });
-        let mut driven =
-            Driven { episodes: Vec::new(), policy_id: String::new(), latencies: Vec::new(), wall: Duration::ZERO };
+        let mut driven = Driven {
+            episodes: Vec::new(),
+            policy_id: String::new(),
+            latencies: Vec::new(),
+            wall: Duration::ZERO,
+            control: None,
+        };
         let mut runs = futures::stream::iter(runs).buffer_unordered(plan.sessions.max(1));
         while let Some(run) = runs.try_next().await? {
             on_episode(&run.episode);
             driven.episodes.push(run.episode);
             driven.latencies.extend(run.latencies);
             driven.policy_id = run.policy_id;
+            if let Some(report) = run.control {
+                driven.control.get_or_insert_default().add(&report);
+            }
         }
         driven.episodes.sort_by_key(|episode| episode.seed);
         driven.latencies.sort_unstable();
@@ -168,11 +198,32 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
     }
     let policy_id = session.opened().policy_id.clone();
     session.close().await?;
-    Ok(Run { episode: DrivenEpisode { seed, success: sim.success(), steps: sim.steps() }, policy_id, latencies })
+    let episode = DrivenEpisode { seed, success: sim.success(), steps: sim.steps() };
+    Ok(Run { episode, policy_id, latencies, control: None })
+}
+
+fn control_plan(plan: &DrivePlan, spec: &TaskSpec, pace: RealTime) -> Result<ControlPlan> {
+    let mut control = ControlPlan::new(&plan.deployment, spec.rate_hz)?;
+    control.deadline = pace.deadline.unwrap_or(control.deadline);
+    control.lost_after = control.lost_after.max(control.deadline.saturating_mul(2));
+    control.hold_for = pace.hold_for.unwrap_or(control.hold_for);
+    Ok(control)
+}
+
+async fn run_in_real_time(client: &Client, plan: &DrivePlan, control: ControlPlan, seed: u64) -> Result<Run> {
+    let mut robot = SimRobot::new(plan.task, plan.config, seed);
+    let report =
+        client.control(&mut robot, &control, std::future::pending()).await.map_err(|ended| match ended.cause {
+            ControlCause::Robot(error) | ControlCause::Stop(error) | ControlCause::Client(error) => error,
+        })?;
+    let sim = robot.sim();
+    let episode = DrivenEpisode { seed, success: sim.success(), steps: sim.steps() };
+    Ok(Run { episode, policy_id: report.policy_id.clone(), latencies: Vec::new(), control: Some(report) })
 }
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn driven(outcomes: &[bool], latencies_ms: &[u64]) -> Driven {
@@ -181,7 +232,28 @@ mod tests {
             policy_id: String::new(),
             latencies: latencies_ms.iter().map(|&ms| Duration::from_millis(ms)).collect(),
             wall: Duration::ZERO,
+            control: None,
         }
+    }
+
+    #[test]
+    fn a_real_robots_times_are_the_tasks_unless_said() {
+        let plan = DrivePlan {
+            deployment: "a@b".into(),
+            task: gleaner_sim::Task::PickCube,
+            config: SimConfig::default(),
+            episodes: 1,
+            seed: 0,
+            sessions: 1,
+            real_time: None,
+        };
+        let spec = gleaner_sim::task_spec(plan.task, &plan.config);
+        let own = control_plan(&plan, &spec, RealTime::default()).unwrap();
+        assert_eq!((own.period, own.deadline), (Duration::from_millis(100), Duration::from_millis(100)));
+        let said = RealTime { deadline: Some(Duration::from_secs(5)), hold_for: Some(Duration::ZERO) };
+        let said = control_plan(&plan, &spec, said).unwrap();
+        assert_eq!((said.deadline, said.hold_for), (Duration::from_secs(5), Duration::ZERO));
+        assert!(said.lost_after > said.deadline);
     }
 
     #[test]

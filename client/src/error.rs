@@ -55,6 +55,17 @@ pub enum ClientError {
         /// What the answer lacks.
         missing: &'static str,
     },
+    /// A session ended that nobody closed.
+    #[error("the session was lost: {0}; is the server still running?")]
+    SessionLost(String),
+    /// The server could not answer an observation by its deadline. The session goes on.
+    #[error("the observation of stamp {stamp_ns} missed its deadline after {waited_us} µs; send the next one")]
+    Missed {
+        /// The observation's.
+        stamp_ns: i64,
+        /// How long the server had it, in microseconds; 0 when it did not say.
+        waited_us: u64,
+    },
     /// A job ended, but did not succeed.
     #[error("{}", describe_job(.0))]
     JobEnded(Box<Job>),
@@ -78,7 +89,7 @@ impl ClientError {
     #[must_use]
     pub fn is_transient(&self) -> bool {
         match self {
-            Self::Connect { .. } => true,
+            Self::Connect { .. } | Self::SessionLost(_) | Self::Missed { .. } => true,
             Self::Rejected(status) => is_transient(status),
             Self::Io { .. }
             | Self::Invalid(_)

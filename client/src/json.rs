@@ -39,7 +39,7 @@ described! {
     CreateScheduleResponse, ListSchedulesResponse, PauseScheduleResponse,
     ListScoreRunsResponse, GetEpisodeScoresResponse, GetHistogramResponse, CountKeptResponse,
     CreateDatasetResponse, GetDatasetResponse, ListDatasetsResponse, Segment, ListExportFilesResponse,
-    ListPoliciesResponse, DeployResponse, ListDeploymentsResponse,
+    ListPoliciesResponse, DeployResponse, RollBackResponse, ListDeploymentsResponse,
     ListEvaluationsResponse, GetEvaluationResponse, ReportEvaluationResponse,
 }
 

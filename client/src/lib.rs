@@ -3,7 +3,8 @@
 //! [`Client`] is the connection. Plain calls go through the generated service clients it hands out
 //! (`client.tasks()`, `client.jobs()`, ...); what needs a loop or a rule is a method of its own:
 //! [`Client::upload`] and [`Client::push`], [`Client::watch`] and [`Client::wait`], the downloads,
-//! [`Session`] for robots and [`Client::drive`] for closed-loop evaluation in the simulator.
+//! [`Client::control`] for robots ([`robot`]), [`Session`] for simulators whose time waits, and [`Client::drive`] for
+//! closed-loop evaluation in the embedded one.
 //!
 //! Links no libtorch. Prints nothing; what prints is the command line, in this package's binary.
 
@@ -15,6 +16,7 @@ mod error;
 mod labels;
 mod push;
 mod retry;
+pub mod robot;
 mod session;
 pub mod spec;
 mod token;
@@ -22,7 +24,7 @@ mod upload;
 mod watch;
 
 pub use connection::{Authorize, Client, Transport};
-pub use drive::{DrivePlan, Driven, DrivenEpisode};
+pub use drive::{DrivePlan, Driven, DrivenEpisode, RealTime};
 pub use error::{ClientError, Result};
 pub use labels::{LabelledFile, find_recordings, outcome_from_word, read_labels};
 pub use push::{PushEvent, PushItem, PushResult, Pushed};

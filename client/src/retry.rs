@@ -6,14 +6,22 @@ use std::time::Duration;
 #[derive(Debug)]
 pub(crate) struct Patience {
     failures: u32,
+    endless: bool,
 }
 
 // 0.1 + 0.2 + 0.4 + ... + 6.4 s: about 13 s in which a server can restart.
 const TRIES: u32 = 7;
+// Without an end waits grow to 1.6 s, so that a server that is back is soon found.
+const LONGEST: u32 = 4;
 
 impl Patience {
     pub(crate) fn new() -> Self {
-        Self { failures: 0 }
+        Self { failures: 0, endless: false }
+    }
+
+    /// Without an end; the caller knows when to give up.
+    pub(crate) fn endless() -> Self {
+        Self { failures: 0, endless: true }
     }
 
     /// Something was achieved: the count begins anew.
@@ -23,9 +31,9 @@ impl Patience {
 
     /// How long to wait before the next try; `None` when it is time to give up.
     pub(crate) fn next_wait(&mut self) -> Option<Duration> {
-        let wait = Duration::from_millis(100 << self.failures.min(TRIES));
-        self.failures += 1;
-        (self.failures <= TRIES).then_some(wait)
+        let wait = Duration::from_millis(100 << self.failures.min(if self.endless { LONGEST } else { TRIES }));
+        self.failures = self.failures.saturating_add(1);
+        (self.endless || self.failures <= TRIES).then_some(wait)
     }
 }
 
@@ -41,5 +49,12 @@ mod tests {
         assert_eq!(patience.next_wait(), None);
         patience.restore();
         assert_eq!(patience.next_wait(), Some(Duration::from_millis(100)));
+    }
+
+    #[test]
+    fn without_an_end_waits_grow_to_a_bound() {
+        let mut patience = Patience::endless();
+        let waits: Vec<u128> = (0..7).filter_map(|_| patience.next_wait()).map(|wait| wait.as_millis()).collect();
+        assert_eq!(waits, [100, 200, 400, 800, 1600, 1600, 1600]);
     }
 }

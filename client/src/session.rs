@@ -1,6 +1,7 @@
 //! Session: a robot's running episode against a deployed policy; observations in, actions out.
 
 use bytes::Bytes;
+use futures::StreamExt as _;
 use gleaner_proto::v1::session_request::Message as Request;
 use gleaner_proto::v1::session_response::Message as Response;
 use gleaner_proto::v1::{
@@ -14,29 +15,43 @@ use tonic::Streaming;
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
+use crate::robot::Line;
 
-/// One running episode. The server keeps its history; drop it to abandon the episode.
+/// One running episode in lock step: each observation waits for its action. The server keeps its history; drop it to
+/// abandon the episode. For a robot, whose time does not wait, there is [`Client::control`].
 #[derive(Debug)]
 pub struct Session {
-    requests: mpsc::Sender<SessionRequest>,
+    requests: mpsc::Sender<Request>,
     responses: Streaming<SessionResponse>,
     opened: SessionOpened,
+    draining: bool,
 }
 
 impl Session {
-    /// Opens a session on a deployment, for example `pick_cube@prod`, at the task's own control rate.
+    /// Opens a session on a deployment, for example `pick_cube@prod`, at the task's own control rate and without a
+    /// deadline.
     ///
     /// # Errors
     /// [`ClientError::Rejected`]: no such deployment, or its policy can't be loaded.
     pub async fn open(client: &Client, deployment: &str) -> Result<Self> {
-        let open = SessionOpen { deployment: deployment.to_owned(), control_rate_hz: 0.0 };
+        Self::open_with(client, SessionOpen { deployment: deployment.to_owned(), ..SessionOpen::default() }).await
+    }
+
+    /// Opens a session as the message says.
+    ///
+    /// # Errors
+    /// As [`Session::open`]; also for a control rate that makes no sense.
+    pub async fn open_with(client: &Client, open: SessionOpen) -> Result<Self> {
         let (requests, outgoing) = mpsc::channel(1);
         // Before the call: the server may want to see it before it answers at all.
         send(&requests, Request::Open(open)).await;
-        let mut responses = client.policies().session(ReceiverStream::new(outgoing)).await?.into_inner();
+        let outgoing = ReceiverStream::new(outgoing).map(|message| SessionRequest { message: Some(message) });
+        let mut responses = client.policies().session(outgoing).await?.into_inner();
         match next(&mut responses).await? {
-            Response::Opened(opened) => Ok(Self { requests, responses, opened }),
-            Response::Action(_) | Response::Closed(_) => Err(ClientError::Contract { missing: "an opened session" }),
+            Response::Opened(opened) => Ok(Self { requests, responses, opened, draining: false }),
+            Response::Action(_) | Response::Missed(_) | Response::Draining(_) | Response::Closed(_) => {
+                Err(ClientError::Contract { missing: "an opened session" })
+            }
         }
     }
 
@@ -46,17 +61,29 @@ impl Session {
         &self.opened
     }
 
+    /// Whether the server has said that it is stopping: the session is answered for a little while yet.
+    #[must_use]
+    pub fn draining(&self) -> bool {
+        self.draining
+    }
+
     /// Sends an observation and waits for the actions that answer it: one control period each, from the
     /// observation's stamp on.
     ///
     /// # Errors
-    /// [`ClientError::Rejected`]: the observation does not fit the task (the message names the field), or the
-    /// session broke.
+    /// [`ClientError::Missed`]: not by its deadline; the session goes on. [`ClientError::Rejected`]: the observation
+    /// does not fit the task (the message names the field), or the session broke.
     pub async fn act(&mut self, observation: Observation) -> Result<SessionAction> {
         send(&self.requests, Request::Observation(observation)).await;
-        match next(&mut self.responses).await? {
+        match self.answer().await? {
             Response::Action(action) => Ok(action),
-            Response::Opened(_) | Response::Closed(_) => Err(ClientError::Contract { missing: "an action" }),
+            Response::Missed(missed) => Err(ClientError::Missed {
+                waited_us: missed.timings.map_or(0, |timings| timings.total_us),
+                stamp_ns: missed.observation_stamp_ns,
+            }),
+            Response::Opened(_) | Response::Draining(_) | Response::Closed(_) => {
+                Err(ClientError::Contract { missing: "an action" })
+            }
         }
     }
 
@@ -65,22 +92,46 @@ impl Session {
     /// # Errors
     /// [`ClientError::Rejected`] when the session broke.
     pub async fn close(mut self) -> Result<SessionClosed> {
-        send(&self.requests, Request::Close(SessionClose {})).await;
-        match next(&mut self.responses).await? {
+        send(&self.requests, Request::Close(SessionClose::default())).await;
+        match self.answer().await? {
             Response::Closed(closed) => Ok(closed),
-            Response::Opened(_) | Response::Action(_) => Err(ClientError::Contract { missing: "the session's end" }),
+            Response::Opened(_) | Response::Action(_) | Response::Missed(_) | Response::Draining(_) => {
+                Err(ClientError::Contract { missing: "the session's end" })
+            }
         }
+    }
+
+    /// The next message but for the notice that the server is stopping, which is remembered.
+    async fn answer(&mut self) -> Result<Response> {
+        loop {
+            match next(&mut self.responses).await? {
+                Response::Draining(_) => self.draining = true,
+                answer @ (Response::Opened(_) | Response::Action(_) | Response::Missed(_) | Response::Closed(_)) => {
+                    return Ok(answer);
+                }
+            }
+        }
+    }
+
+    /// Both directions, for one who does not go in lock step.
+    pub(crate) fn into_line(self) -> Line {
+        let responses = self.responses.map(|response| message(response?));
+        Line { opened: self.opened, requests: self.requests, responses: responses.boxed() }
     }
 }
 
 // When the server has ended the stream this finds no taker; the reason then comes with the next response.
-async fn send(requests: &mpsc::Sender<SessionRequest>, message: Request) {
-    let _ = requests.send(SessionRequest { message: Some(message) }).await;
+async fn send(requests: &mpsc::Sender<Request>, message: Request) {
+    let _ = requests.send(message).await;
 }
 
 async fn next(responses: &mut Streaming<SessionResponse>) -> Result<Response> {
     let response = responses.message().await?;
-    response.and_then(|response| response.message).ok_or(ClientError::Contract { missing: "a session message" })
+    message(response.ok_or_else(|| ClientError::SessionLost("the stream ended".into()))?)
+}
+
+fn message(response: SessionResponse) -> Result<Response> {
+    response.message.ok_or(ClientError::Contract { missing: "a session message" })
 }
 
 /// Puts an observation together from one step's frames, in the layout of [`gleaner_recording::FrameBytes`],
@@ -108,7 +159,7 @@ pub fn observation(spec: &TaskSpec, stamp_ns: i64, frames: Vec<u8>, propriocepti
             depth: camera.depth.then(|| raw(pixels * 2)),
         });
     }
-    Ok(Observation { stamp_ns, cameras, proprioception, executed_action: Vec::new() })
+    Ok(Observation { stamp_ns, cameras, proprioception, ..Observation::default() })
 }
 
 #[cfg(test)]

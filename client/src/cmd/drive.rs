@@ -1,7 +1,10 @@
 //! `drive`: the simulator as a client of the policy endpoint.
 
+use std::time::Duration;
+
 use clap::Args;
-use gleaner_client::{Client, DrivePlan, Driven};
+use gleaner_client::robot::ControlReport;
+use gleaner_client::{Client, DrivePlan, Driven, RealTime};
 use serde_json::{Value, json};
 
 use super::task::sim_config;
@@ -28,6 +31,16 @@ pub(crate) struct DriveArgs {
     /// Camera height and width in pixels, as trained.
     #[arg(long, value_name = "PIXELS")]
     image: Option<u32>,
+    /// Let time go on while the policy decides, as for a robot: what is late is held for, then stopped. Without this
+    /// the simulator waits for each action.
+    #[arg(long)]
+    real_time: bool,
+    /// How long the server may take to answer an observation; by default a control period.
+    #[arg(long, value_name = "MS", requires = "real_time", value_parser = clap::value_parser!(u64).range(1..=600_000))]
+    deadline_ms: Option<u64>,
+    /// How long the robot holds when no action is due before it is stopped; by default five control periods.
+    #[arg(long, value_name = "MS", requires = "real_time", value_parser = clap::value_parser!(u64).range(..=600_000))]
+    hold_ms: Option<u64>,
 }
 
 impl DriveArgs {
@@ -39,6 +52,10 @@ impl DriveArgs {
             episodes: self.episodes,
             seed: self.seed,
             sessions: self.sessions,
+            real_time: self.real_time.then(|| RealTime {
+                deadline: self.deadline_ms.map(Duration::from_millis),
+                hold_for: self.hold_ms.map(Duration::from_millis),
+            }),
         };
         let client = context.client().await?;
         let driven = drive(context, &client, &plan).await?;
@@ -64,21 +81,44 @@ pub(crate) async fn drive(context: &Context, client: &Client, plan: &DrivePlan) 
 }
 
 fn summary(plan: &DrivePlan, driven: &Driven) -> String {
-    format!(
-        "{} ({}): {}\n{} steps in {}; latency p50 {}, p99 {}",
+    let steps = format!(
+        "{} ({}): {}\n{} steps in {}",
         plan.deployment,
         driven.policy_id,
         words::success_rate(driven),
         driven.steps(),
-        words::duration(driven.wall),
-        words::milliseconds(driven.latency(0.5)),
-        words::milliseconds(driven.latency(0.99))
+        words::duration(driven.wall)
+    );
+    match &driven.control {
+        None => format!(
+            "{steps}; latency p50 {}, p99 {}",
+            words::milliseconds(driven.latency(0.5)),
+            words::milliseconds(driven.latency(0.99))
+        ),
+        Some(control) => format!("{steps}, in real time\n{}", told(control)),
+    }
+}
+
+fn told(control: &ControlReport) -> String {
+    format!(
+        "{} ticks: {} acted, {} held, {} rested; {} answers late, {} missed, {} observations dropped; \
+         {} reconnects, {} overruns",
+        control.ticks,
+        control.acted,
+        control.held,
+        control.rested,
+        control.late,
+        control.missed,
+        control.dropped,
+        control.reconnects,
+        control.overruns
     )
 }
 
 /// An evaluation as JSON.
 pub(crate) fn document(plan: &DrivePlan, driven: &Driven) -> Value {
     let (low, high) = driven.interval();
+    let latency_ms = |share| driven.control.is_none().then(|| driven.latency(share).as_secs_f64() * 1e3);
     json!({
         "deployment": plan.deployment,
         "policy_id": driven.policy_id,
@@ -88,9 +128,26 @@ pub(crate) fn document(plan: &DrivePlan, driven: &Driven) -> Value {
         "success_rate_interval_95": [low, high],
         "steps": driven.steps(),
         "seconds": driven.wall.as_secs_f64(),
-        "latency_p50_ms": driven.latency(0.5).as_secs_f64() * 1e3,
-        "latency_p99_ms": driven.latency(0.99).as_secs_f64() * 1e3,
+        "latency_p50_ms": latency_ms(0.5),
+        "latency_p99_ms": latency_ms(0.99),
+        "real_time": driven.control.as_ref().map(counts),
         "failed_seeds": driven.episodes.iter().filter(|e| !e.success).map(|e| e.seed).collect::<Vec<_>>(),
+    })
+}
+
+fn counts(control: &ControlReport) -> Value {
+    json!({
+        "ticks": control.ticks,
+        "acted": control.acted,
+        "held": control.held,
+        "rested": control.rested,
+        "stops": control.stops,
+        "late": control.late,
+        "missed": control.missed,
+        "dropped": control.dropped,
+        "reconnects": control.reconnects,
+        "overruns": control.overruns,
+        "drains": control.drains,
     })
 }
 
@@ -109,8 +166,9 @@ mod tests {
             episodes: 2,
             seed: 5,
             sessions: 1,
+            real_time: None,
         };
-        let driven = Driven {
+        let mut driven = Driven {
             episodes: vec![
                 DrivenEpisode { seed: 5, success: true, steps: 30 },
                 DrivenEpisode { seed: 6, success: false, steps: 60 },
@@ -118,6 +176,7 @@ mod tests {
             policy_id: "pol_1".into(),
             latencies: vec![Duration::from_millis(2), Duration::from_millis(4)],
             wall: Duration::from_secs(3),
+            control: None,
         };
         assert_eq!(
             summary(&plan, &driven),
@@ -126,6 +185,14 @@ mod tests {
         );
         let shown = document(&plan, &driven);
         assert_eq!((&shown["successes"], &shown["failed_seeds"]), (&json!(1), &json!([6])));
-        assert_eq!(shown["latency_p99_ms"], json!(4.0));
+        assert_eq!((&shown["latency_p99_ms"], &shown["real_time"]), (&json!(4.0), &Value::Null));
+
+        let mut control = ControlReport::default();
+        (control.ticks, control.acted, control.held) = (90, 85, 5);
+        driven.control = Some(control);
+        let said = summary(&plan, &driven);
+        assert!(said.contains("in real time\n90 ticks: 85 acted, 5 held, 0 rested;"), "{said}");
+        let shown = document(&plan, &driven);
+        assert_eq!((&shown["latency_p99_ms"], &shown["real_time"]["held"]), (&Value::Null, &json!(5)));
     }
 }

@@ -55,6 +55,7 @@ pub(crate) async fn run(command: Command, context: &Context) -> Result<()> {
         Command::Export(args) => args.run(context).await,
         Command::Policies(args) => args.run(context).await,
         Command::Deploy(args) => args.run(context).await,
+        Command::Rollback(args) => args.run(context).await,
         Command::Deployments(args) => args.run(context).await,
         Command::Drive(args) => args.run(context).await,
         Command::Schedule(command) => command.run(context).await,

@@ -1,7 +1,9 @@
-//! `policies`, `deploy`, `deployments`.
+//! `policies`, `deploy`, `rollback`, `deployments`.
 
 use clap::Args;
-use gleaner_proto::v1::{DeployRequest, Deployment, ListDeploymentsRequest, ListPoliciesRequest, Policy};
+use gleaner_proto::v1::{
+    DeployRequest, Deployment, ListDeploymentsRequest, ListPoliciesRequest, Policy, RollBackRequest,
+};
 
 use crate::context::Context;
 use crate::failure::{Result, present};
@@ -55,12 +57,31 @@ impl DeployArgs {
         let request = DeployRequest { name: self.name, policy_id: self.policy };
         let reply = context.client().await?.policies().deploy(request).await?.into_inner();
         let deployment = present(reply.deployment.as_ref(), "a deployment")?;
-        context
-            .output
-            .result(|| json::value(&reply), || format!("{} now points at {}", deployment.name, deployment.policy_id))?;
+        context.output.result(|| json::value(&reply), || pointed(deployment))?;
         context.output.next(format_args!("gleaner drive {} (evaluates it in the simulator)", deployment.name));
         Ok(())
     }
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct RollbackArgs {
+    /// The deployment's name.
+    name: String,
+}
+
+impl RollbackArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let request = RollBackRequest { name: self.name };
+        let reply = context.client().await?.policies().roll_back(request).await?.into_inner();
+        let deployment = present(reply.deployment.as_ref(), "a deployment")?;
+        context.output.result(|| json::value(&reply), || pointed(deployment))?;
+        context.output.next("gleaner deployments");
+        Ok(())
+    }
+}
+
+fn pointed(deployment: &Deployment) -> String {
+    format!("{} now points at {}", deployment.name, deployment.policy_id)
 }
 
 #[derive(Args, Debug)]

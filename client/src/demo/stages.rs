@@ -228,6 +228,7 @@ impl<'a> Stages<'a> {
             episodes: self.plan.evaluation_episodes,
             seed: self.plan.evaluation_seed,
             sessions: self.plan.sessions,
+            real_time: None,
         };
         let driven = drive::drive(self.context, &self.client, &plan).await?;
         let success_rate = words::success_rate(&driven);

@@ -1,0 +1,250 @@
+//! The control loop: observe, hand over, command what is due, at a fixed rate. Never waits for the server longer
+//! than the plan's part of a period.
+
+use std::future::Future;
+
+use gleaner_proto::v1::{Observation, SessionAction};
+use tokio::time::{Instant, timeout_at};
+
+use super::courier::{Courier, Event};
+use super::guard::Guarded;
+use super::ticks::{Clock, Ticks};
+use super::{ActionBuffer, ControlCause, ControlError, ControlPlan, ControlReport, Link, Robot};
+use crate::connection::Client;
+use crate::error::ClientError;
+
+impl Client {
+    /// Lets a deployed policy control a robot until `until` completes, the robot has nothing more to see, or
+    /// something breaks; whichever it is, the robot is stopped. The first tick is when the session is open.
+    ///
+    /// At each tick the robot is observed and the observation sent; one that the server has not taken yet is passed
+    /// over for it. Its answer is waited for as long as the plan says, and commanded. If it is not there, what
+    /// earlier chunks foresaw for this tick is. If there is none, the robot holds, and after
+    /// [`hold_for`](ControlPlan::hold_for) it is stopped until an action comes. A lost server is the same to the
+    /// robot; meanwhile the session is opened anew, with waits that grow. Ticks that pass while the robot itself is
+    /// busy are skipped.
+    ///
+    /// Dropping the future stops the robot, too.
+    ///
+    /// # Errors
+    /// [`ControlError`] with the report so far: the robot failed; the server refuses the deployment or an observation;
+    /// it can't be reached for longer than [`give_up_after`](ControlPlan::give_up_after); or the plan makes no sense.
+    pub async fn control<R: Robot>(
+        &self,
+        robot: &mut R,
+        plan: &ControlPlan,
+        until: impl Future<Output = ()>,
+    ) -> Result<ControlReport, ControlError<R::Error>> {
+        control(robot, self.clone(), plan, until).await
+    }
+}
+
+/// As [`Client::control`], over any [`Link`].
+///
+/// # Errors
+/// As [`Client::control`].
+pub async fn control<R: Robot, L: Link>(
+    robot: &mut R,
+    link: L,
+    plan: &ControlPlan,
+    until: impl Future<Output = ()>,
+) -> Result<ControlReport, ControlError<R::Error>> {
+    let mut robot = Guarded::new(robot);
+    let mut report = ControlReport::default();
+    let ended = match plan.check() {
+        Ok(()) => {
+            let mut courier = Courier::start(link, plan);
+            let mut run = Run::new(&mut robot, &mut report, &mut courier, plan);
+            let ended = tokio::select! {
+                biased;
+                () = until => Ok(()),
+                ended = run.ticks() => ended,
+            };
+            // Before the server is told: nothing that takes time comes before the robot's rest.
+            let stopped = robot.stop();
+            courier.close().await;
+            end(ended, stopped)
+        }
+        Err(error) => end(Err(error.into()), robot.stop()),
+    };
+    match ended {
+        Ok(()) => Ok(report),
+        Err((cause, not_stopped)) => Err(ControlError { cause, not_stopped, report: Box::new(report) }),
+    }
+}
+
+type Ended<E> = Result<(), ControlCause<E>>;
+
+/// What a run's end and the stop after it come to.
+fn end<E: std::error::Error>(ended: Ended<E>, stopped: Result<(), E>) -> Result<(), (ControlCause<E>, Option<E>)> {
+    match ended {
+        Ok(()) => stopped.map_err(|error| (ControlCause::Stop(error), None)),
+        Err(cause) => Err((cause, stopped.err())),
+    }
+}
+
+struct Run<'a, 'r, R: Robot> {
+    robot: &'a mut Guarded<'r, R>,
+    report: &'a mut ControlReport,
+    courier: &'a mut Courier,
+    plan: &'a ControlPlan,
+    buffer: ActionBuffer,
+    /// A session was opened, and is open.
+    opened: bool,
+    connected: bool,
+    /// The session is another one than that of the buffer's chunks.
+    anew: bool,
+    /// The stamp of the last observation, and of the newest one that was answered.
+    stamp_ns: Option<i64>,
+    answered_ns: Option<i64>,
+    /// What was commanded last, and the tick that last had an action from the policy.
+    commanded: Option<Vec<f32>>,
+    acted_at: Instant,
+}
+
+impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
+    fn new(
+        robot: &'a mut Guarded<'r, R>,
+        report: &'a mut ControlReport,
+        courier: &'a mut Courier,
+        plan: &'a ControlPlan,
+    ) -> Self {
+        let buffer = ActionBuffer::new(plan.period, plan.ensembling);
+        let (opened, connected, anew) = (false, false, false);
+        let (stamp_ns, answered_ns, commanded, acted_at) = (None, None, None, Instant::now());
+        Self {
+            robot,
+            report,
+            courier,
+            plan,
+            buffer,
+            opened,
+            connected,
+            anew,
+            stamp_ns,
+            answered_ns,
+            commanded,
+            acted_at,
+        }
+    }
+
+    async fn ticks(&mut self) -> Ended<R::Error> {
+        while !self.connected {
+            let event = self.courier.next().await;
+            self.take(event)?;
+        }
+        let mut ticks = Ticks::new(self.plan.period);
+        let clock = Clock::new();
+        loop {
+            let tick = ticks.next().await;
+            self.report.overruns += u64::from(tick.skipped);
+            let Some(observation) = self.robot.observe().map_err(ControlCause::Robot)? else {
+                return Ok(());
+            };
+            self.report.ticks += 1;
+            let stamp_ns = self.send(observation, clock.stamp_ns(tick))?;
+            self.listen(stamp_ns, tick.at + self.plan.answer_within).await?;
+            self.act(stamp_ns, tick.at).map_err(ControlCause::Robot)?;
+        }
+    }
+
+    /// Hands the observation over, and says its stamp.
+    fn send(&mut self, mut observation: Observation, now_ns: i64) -> Result<i64, ClientError> {
+        if observation.stamp_ns == 0 {
+            observation.stamp_ns = now_ns;
+        }
+        let stamp_ns = observation.stamp_ns;
+        if let Some(before) = self.stamp_ns.replace(stamp_ns)
+            && stamp_ns <= before
+        {
+            return Err(ClientError::Invalid(format!(
+                "observation.stamp_ns: {stamp_ns} is not after {before}; stamp each observation when it is taken, or \
+                 leave 0"
+            )));
+        }
+        if observation.executed_action.is_empty() {
+            observation.executed_action = self.commanded.clone().unwrap_or_default();
+        }
+        self.report.dropped += u64::from(self.courier.offer(observation));
+        Ok(stamp_ns)
+    }
+
+    /// Takes what has come, and waits for the answer to this stamp, but no longer than until then.
+    async fn listen(&mut self, stamp_ns: i64, until: Instant) -> Result<(), ClientError> {
+        while let Some(event) = self.courier.here() {
+            self.take(event)?;
+        }
+        while self.connected && self.answered_ns != Some(stamp_ns) {
+            match timeout_at(until, self.courier.next()).await {
+                Ok(event) => self.take(event)?,
+                Err(_) => break,
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, event: Event) -> Result<(), ClientError> {
+        match event {
+            Event::Opened(opened) => {
+                self.anew = std::mem::replace(&mut self.opened, true);
+                self.report.reconnects += u64::from(self.anew);
+                self.report.policy_id = opened.policy_id;
+                self.connected = true;
+            }
+            Event::Action(action) => self.keep(action)?,
+            Event::Missed(missed) => {
+                self.report.missed += 1;
+                self.report.dropped += missed.dropped;
+                self.answered_ns = Some(missed.observation_stamp_ns);
+            }
+            Event::Draining => self.report.drains += 1,
+            Event::Lost => self.connected = false,
+            Event::Ended(error) => return Err(error),
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self, action: SessionAction) -> Result<(), ClientError> {
+        let stamp_ns = action.observation_stamp_ns;
+        self.report.dropped += action.dropped;
+        self.answered_ns = Some(stamp_ns);
+        if std::mem::take(&mut self.anew) {
+            // Another history, perhaps another policy: what was foreseen before no longer counts.
+            self.buffer.clear();
+        }
+        self.buffer.push(stamp_ns, action.actions.into_iter().map(|step| step.values).collect())?;
+        let now = self.stamp_ns.unwrap_or(stamp_ns);
+        self.report.late += u64::from(!self.buffer.reaches(now));
+        Ok(())
+    }
+
+    fn act(&mut self, stamp_ns: i64, at: Instant) -> Result<(), R::Error> {
+        match self.buffer.due(stamp_ns) {
+            Some(action) => {
+                self.robot.command(&action)?;
+                (self.commanded, self.acted_at) = (Some(action), at);
+                self.report.acted += 1;
+                Ok(())
+            }
+            None => self.hold(at),
+        }
+    }
+
+    fn hold(&mut self, at: Instant) -> Result<(), R::Error> {
+        let Some(last) = self.commanded.as_deref().filter(|_| !self.robot.resting()) else {
+            self.report.rested += 1;
+            return Ok(());
+        };
+        let hold = self.robot.hold_action(last);
+        if at.duration_since(self.acted_at) < self.plan.hold_for {
+            self.robot.command(&hold)?;
+            self.report.held += 1;
+        } else {
+            self.robot.stop()?;
+            self.report.stops += 1;
+            self.report.rested += 1;
+        }
+        self.commanded = Some(hold);
+        Ok(())
+    }
+}

@@ -1,0 +1,87 @@
+//! How a control loop went, and what ended it.
+
+use crate::error::ClientError;
+
+/// What happened in a run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
+pub struct ControlReport {
+    /// The policy of the last session.
+    pub policy_id: String,
+    /// Ticks that ran: each observed, and acted, held or rested.
+    pub ticks: u64,
+    /// Ticks whose action came from the policy.
+    pub acted: u64,
+    /// Ticks in which the robot held because no action was due.
+    pub held: u64,
+    /// Ticks in which it rested: before the first action, and after it held too long.
+    pub rested: u64,
+    /// Times it was stopped because it held too long.
+    pub stops: u64,
+    /// Answers that came too late to be of use at any tick.
+    pub late: u64,
+    /// Observations the server could not answer by their deadline.
+    pub missed: u64,
+    /// Observations passed over for a newer one, here or by the server.
+    pub dropped: u64,
+    /// Sessions opened after the first.
+    pub reconnects: u64,
+    /// Ticks skipped because the robot took longer than a period.
+    pub overruns: u64,
+    /// Times the server said that it is stopping.
+    pub drains: u64,
+}
+
+impl ControlReport {
+    /// Adds another run's counts; the policy is the other's.
+    pub fn add(&mut self, other: &Self) {
+        self.policy_id.clone_from(&other.policy_id);
+        let pairs = [
+            (&mut self.ticks, other.ticks),
+            (&mut self.acted, other.acted),
+            (&mut self.held, other.held),
+            (&mut self.rested, other.rested),
+            (&mut self.stops, other.stops),
+            (&mut self.late, other.late),
+            (&mut self.missed, other.missed),
+            (&mut self.dropped, other.dropped),
+            (&mut self.reconnects, other.reconnects),
+            (&mut self.overruns, other.overruns),
+            (&mut self.drains, other.drains),
+        ];
+        for (count, more) in pairs {
+            *count += more;
+        }
+    }
+}
+
+/// A run that did not end as it should. The robot has been stopped, unless `not_stopped` says otherwise.
+#[derive(Debug, thiserror::Error)]
+#[error("{cause}{}", also(.not_stopped.as_ref()))]
+pub struct ControlError<E: std::error::Error + 'static> {
+    /// Why it ended.
+    #[source]
+    pub cause: ControlCause<E>,
+    /// What the robot said when it was then told to stop, if it could not.
+    pub not_stopped: Option<E>,
+    /// How the run went until then.
+    pub report: Box<ControlReport>,
+}
+
+/// Why a run ended.
+#[derive(Debug, thiserror::Error)]
+pub enum ControlCause<E: std::error::Error + 'static> {
+    /// The robot failed to observe or to act.
+    #[error("robot: {0}")]
+    Robot(#[source] E),
+    /// Everything else went well, but in the end the robot could not be stopped.
+    #[error("the robot could not be stopped: {0}")]
+    Stop(#[source] E),
+    /// The policy can't be used or reached, or the plan or an observation can't be used.
+    #[error(transparent)]
+    Client(#[from] ClientError),
+}
+
+fn also<E: std::error::Error>(not_stopped: Option<&E>) -> String {
+    not_stopped.map_or_else(String::new, |error| format!("; and the robot could not be stopped: {error}"))
+}

@@ -1,0 +1,86 @@
+//! The embedded simulator as a robot. Its time goes on by commands: between them the world stands still.
+
+use gleaner_proto::v1::Observation;
+use gleaner_recording::TaskSpec;
+use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task};
+
+use super::Robot;
+use crate::error::{ClientError, Result};
+use crate::session::observation;
+
+/// A simulated attempt at a task. The run ends when the attempt is done.
+#[derive(Clone, Debug)]
+pub struct SimRobot {
+    sim: Sim,
+    spec: TaskSpec,
+}
+
+impl SimRobot {
+    /// Begins an attempt; the seed fixes it.
+    #[must_use]
+    pub fn new(task: Task, config: SimConfig, seed: u64) -> Self {
+        Self { sim: Sim::new(task, config, seed), spec: gleaner_sim::task_spec(task, &config) }
+    }
+
+    /// The attempt, as far as it went.
+    #[must_use]
+    pub fn sim(&self) -> &Sim {
+        &self.sim
+    }
+}
+
+impl Robot for SimRobot {
+    type Error = ClientError;
+
+    fn observe(&mut self) -> Result<Option<Observation>> {
+        if self.sim.done() {
+            return Ok(None);
+        }
+        let seen = self.sim.observe();
+        // The loop stamps it: the simulator's own clock stands still while the robot rests.
+        observation(&self.spec, 0, seen.frames, seen.proprioception).map(Some)
+    }
+
+    fn command(&mut self, action: &[f32]) -> Result<()> {
+        let action = action.try_into().map_err(|_| {
+            ClientError::Invalid(format!(
+                "the policy gives {} action values, the simulator takes {ACTION_SIZE}; was it trained on this task?",
+                action.len()
+            ))
+        })?;
+        self.sim.step(action);
+        Ok(())
+    }
+
+    fn stop(&mut self) -> Result<()> {
+        Ok(())
+    }
+
+    /// Stays where it is, with the gripper as it was: all but the gripper are displacements.
+    fn hold_action(&self, last: &[f32]) -> Vec<f32> {
+        let gripper = ACTION_SIZE - 1;
+        last.iter().enumerate().map(|(place, &value)| if place == gripper { value } else { 0.0 }).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn the_attempt_is_driven_by_commands_and_ends_the_run() {
+        let config = SimConfig { max_steps: 2, ..SimConfig::default() };
+        let mut robot = SimRobot::new(Task::PickCube, config, 3);
+        assert!(robot.observe().unwrap().is_some());
+        let action = [0.5, 0.5, 0.5, 0.0, 0.0, 0.1, -1.0];
+        robot.command(&action).unwrap();
+        robot.stop().unwrap();
+        assert_eq!(robot.sim().steps(), 1);
+        let hold = robot.hold_action(&action);
+        assert_eq!(hold, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]);
+        robot.command(&hold).unwrap();
+        assert!(robot.observe().unwrap().is_none());
+        assert!(robot.command(&[1.0]).unwrap_err().to_string().contains("1 action values"));
+    }
+}
