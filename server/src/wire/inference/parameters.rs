@@ -57,7 +57,7 @@ fn sequence_id(parameter: InferParameter) -> Result<Option<SequenceId>> {
         SequenceId::Number(0) => Ok(None),
         SequenceId::Text(text) if text.is_empty() => Ok(None),
         SequenceId::Text(text) if text.len() > ID_BYTES => wrong(&format!("must be at most {ID_BYTES} bytes")),
-        id => Ok(Some(id)),
+        id @ (SequenceId::Number(_) | SequenceId::Text(_)) => Ok(Some(id)),
     }
 }
 
