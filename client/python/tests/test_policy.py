@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 import gleaner
-from conftest import IMAGE, TASK, Lab
+from conftest import IMAGE, TASK, Lab, Server
 from gleaner.observation import size
 from gleaner.types import TaskSpec
 
@@ -122,6 +122,68 @@ def test_deployments_have_a_history(client: gleaner.Client, deployment: str, lab
     assert [change.policy_id for change in made.history] == [lab.policy]
     assert {known.name for known in client.deployments(TASK)} >= {deployment, "second"}
     assert lab.policy in [policy.id for policy in client.policies.list(TASK)]
+
+
+def test_a_deployment_is_rolled_back(client: gleaner.Client, lab: Lab) -> None:
+    snapshot = client.snapshots.create(TASK)
+    newer = client.jobs.train(TASK, experts_in=snapshot.id, policy="bc", steps=2, batch=4, warmup_steps=1)
+    client.jobs.wait(newer, timeout=120)
+    client.deploy("rolled", lab.policy)
+    client.deploy("rolled", newer.result_id)
+    with gleaner.Policy(client, "rolled") as policy:
+        seen = observation(policy.spec)
+        policy(seen)
+        assert policy.policy_id == newer.result_id
+        assert client.rollback("rolled").policy_id == lab.policy
+        policy(seen)
+        assert policy.policy_id == newer.result_id, "a running session keeps its policy"
+        policy.reset()
+        policy(seen)
+        assert policy.policy_id == lab.policy
+    with pytest.raises(gleaner.FailedPrecondition, match="rolled"):
+        client.rollback("rolled")
+
+
+def test_the_server_answers_in_time_or_not_at_all(client: gleaner.Client, deployment: str) -> None:
+    with gleaner.Policy(client, deployment, deadline=1e-6) as policy:
+        for _ in range(2):
+            with pytest.raises(gleaner.Missed, match=deployment):
+                policy(observation(policy.spec))
+        assert policy.missed == 2
+    with gleaner.Policy(client, deployment, deadline=60.0) as policy:
+        policy(observation(policy.spec))
+        assert policy.missed == 0
+
+
+def test_a_server_that_stops_says_so_and_lets_the_episode_finish(
+    client: gleaner.Client, deployment: str, running: Server
+) -> None:
+    with gleaner.Policy(client, deployment) as policy:
+        seen = observation(policy.spec)
+        policy(seen)
+        running.process.terminate()
+        try:
+            for _ in range(10_000):
+                policy(seen)
+                if policy.draining:
+                    break
+            assert policy.draining
+            policy(seen)
+            policy.reset()
+            assert running.process.wait(20) == 0
+        finally:
+            running.stop()
+            running.start()
+        # The same client finds the server again, and its deployment.
+        assert policy(seen).shape == (size(policy.spec.action),)
+        assert not policy.draining
+
+
+def test_the_servers_own_simulator_evaluates_it_too(client: gleaner.Client, deployment: str, lab: Lab) -> None:
+    job = client.jobs.evaluate(TASK, deployment=deployment, simulation="pick_cube", episodes=2, seeds=[3], max_steps=2)
+    done = client.jobs.wait(job, timeout=120)
+    evaluation = client.policies.evaluation(done.result_id)
+    assert (evaluation.policy_id, evaluation.episodes, evaluation.seeds[0].seed) == (lab.policy, 2, 3)
 
 
 class Reach(gymnasium.Env[NDArray[np.float32], NDArray[np.float32]]):
