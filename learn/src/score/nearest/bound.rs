@@ -1,6 +1,9 @@
-//! The filter: lower bounds of distances from single-precision matrix products, with a proven
-//! margin. Knows nothing of which distances win.
+//! The filter's frame and the margins that make its bounds proven. Knows nothing of tiles, nor of
+//! which distances win.
 
+use tch::{Device, Tensor};
+
+use crate::batch::{int, rows};
 use crate::score::features::Features;
 use crate::score::similarity::{Kind, Metric, to_unit};
 
@@ -11,6 +14,8 @@ const SLACK: f64 = 16.0 * U;
 /// More than what products below the range of single precision lose; far below any distance that
 /// is told apart.
 const UNDERFLOW: f64 = 1e-32;
+/// A smaller factor is as good as none.
+const LEAST_FACTOR: f64 = 1e-30;
 
 /// What brings rows into the filter's frame: any centre is right, a central one is good.
 pub(super) struct Frame {
@@ -20,34 +25,57 @@ pub(super) struct Frame {
 
 /// One modality's rows in the frame: centred, for angles centred unit vectors.
 pub(super) struct Framed {
-    /// Row-major.
-    pub(super) rows: Vec<f32>,
-    /// Values a row.
-    pub(super) width: usize,
-    /// Per row ‖x‖².
-    pub(super) squares: Vec<f64>,
-    /// Per row, how far it may lie from where it should.
-    pub(super) moved: Vec<f64>,
+    /// `[N, d]`.
+    pub(super) rows: Tensor,
+    /// No value is larger in size.
+    pub(super) largest: f64,
+    /// How far any row may lie from where it should.
+    pub(super) moved: f64,
 }
 
 impl Framed {
-    /// `rows` of which row by row `moved` gives the error from ‖x‖.
-    pub(super) fn new(rows: Vec<f32>, width: usize, moved: impl Fn(usize, f64) -> f64) -> Self {
-        let squares: Vec<f64> = rows.chunks_exact(width).map(square).collect();
-        let moved = squares.iter().enumerate().map(|(row, square)| moved(row, square.sqrt())).collect();
-        Self { rows, width, squares, moved }
+    /// `rows` whose error follows from what no ‖x‖ exceeds by `moved`.
+    pub(super) fn new(rows: Tensor, moved: impl Fn(f64) -> f64) -> Self {
+        let mut framed = Self { rows, largest: 0.0, moved: 0.0 };
+        if framed.count() > 0 {
+            let (least, most) = framed.rows.aminmax(None, false);
+            framed.largest = most.double_value(&[]).max(-least.double_value(&[]));
+        }
+        framed.moved = moved(framed.longest());
+        framed
     }
 
-    /// Per row ‖x‖² less the margin ε ‖x‖² that makes the product a lower bound.
-    ///
-    /// The product errs by at most γ(d) · 2 ‖x‖ ‖y‖ ≤ γ(d) (‖x‖² + ‖y‖²), γ(n) ≈ n U, whatever the
-    /// order of its additions; the squares, in eight lanes, by γ(d / 8 + 8) of each; rounding them
-    /// and adding the three by less than 5 U (‖x‖² + ‖y‖²).
-    pub(super) fn shrunk(&self) -> Vec<f32> {
+    /// No ‖x‖ exceeds this.
+    pub(super) fn longest(&self) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
-        let epsilon = 1.5 * U * (self.width as f64 + 16.0);
-        self.squares.iter().map(|square| single(square * (1.0 - epsilon) - UNDERFLOW)).collect()
+        let width = self.width() as f64;
+        self.largest * width.sqrt() * 1.001
     }
+
+    pub(super) fn width(&self) -> usize {
+        usize::try_from(self.rows.size()[1]).unwrap_or_default()
+    }
+
+    pub(super) fn count(&self) -> usize {
+        usize::try_from(self.rows.size()[0]).unwrap_or_default()
+    }
+}
+
+/// Per row ‖x‖², in whatever order of additions: off by less than γ(d + 4), γ(n) ≈ n U.
+pub(super) fn squares(rows: &Tensor) -> Tensor {
+    rows.norm_scalaropt_dim(2.0, [1i64].as_slice(), false).square_()
+}
+
+/// `squares` less the margin ε ‖x‖² that makes the product a lower bound, times `factor` (which is
+/// at most 1 for values, so that nothing below single precision becomes large).
+///
+/// The product errs by at most γ(d) · 2 ‖x‖ ‖y‖ ≤ γ(d) (‖x‖² + ‖y‖²), whatever the order of its
+/// additions; the squares by γ(d + 4) of each; the factors, and adding the three, by less than
+/// 10 U (‖x‖² + ‖y‖²).
+pub(super) fn shrunk(squares: &Tensor, width: usize, factor: f64) -> Tensor {
+    #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
+    let epsilon = 2.5 * U * (width as f64 + 16.0);
+    (squares * ((1.0 - epsilon) * factor)).g_sub_scalar_(UNDERFLOW)
 }
 
 impl Frame {
@@ -74,76 +102,56 @@ impl Frame {
         let centre = &self.centre[modality];
         let width = centre.len();
         let values = &features.values(modality)[from * width..to * width];
-        let mut rows = Vec::with_capacity(values.len());
-        match self.kind {
-            Kind::Euclidean => {
-                values.chunks_exact(width).for_each(|row| rows.extend(row.iter().zip(centre).map(|(x, c)| x - c)));
+        let mut placed = match self.kind {
+            Kind::Euclidean => rows(values, width, Device::Cpu),
+            Kind::Angular => {
+                let unit = |row: &[f32]| {
+                    let factor = to_unit(row);
+                    row.iter().map(move |x| single(f64::from(*x) * factor)).collect::<Vec<f32>>()
+                };
+                let units: Vec<f32> = values.chunks_exact(width).flat_map(unit).collect();
+                rows(&units, width, Device::Cpu)
             }
-            Kind::Angular => values.chunks_exact(width).for_each(|row| {
-                let factor = to_unit(row);
-                rows.extend(row.iter().zip(centre).map(|(x, c)| single(f64::from(*x) * factor) - c));
-            }),
-        }
+        };
+        let _ = placed.g_sub_(&Tensor::from_slice(centre).view([1, int(width)]));
         // Centring errs by U of every difference, a unit vector by U of every value: 1 in all.
         let unit = if self.kind == Kind::Angular { 1.0 } else { 0.0 };
-        Framed::new(rows, width, |_, norm| 1.01 * U * (norm + unit))
+        Framed::new(placed, |norm| 1.01 * U * (norm + unit))
     }
 }
 
-/// How far the distance of two rows may have been changed if they were moved by at most `moved` in
-/// all, per modality.
-pub(super) fn reach(metric: &Metric, moved: [f64; 3]) -> f64 {
+/// What squared distances of `modality` are multiplied by, so that they (angles) or their roots
+/// (Euclidean) need only be added; for rows whose distances may have grown by the factor `stretch`.
+/// 0, which is a lower bound too, where single precision could not hold it.
+pub(super) fn factor(metric: &Metric, modality: usize, stretch: f64) -> f64 {
+    let scale = metric.scale[modality];
+    let factor = match metric.kind {
+        Kind::Euclidean => (scale / stretch).powi(2),
+        Kind::Angular => scale / (2.0 * stretch * stretch),
+    };
+    if factor > LEAST_FACTOR { factor } else { 0.0 }
+}
+
+/// Turns the products −2 x·y, with what is to be added to each column and to each row, into
+/// lower bounds.
+pub(super) fn finish(kind: Kind, products: &mut Tensor, columns: &Tensor, rows: &Tensor) {
+    let _ = products.g_add_(columns).g_add_(rows).relu_();
+    if kind == Kind::Euclidean {
+        let _ = products.sqrt_();
+    }
+}
+
+/// A lower bound above this rules out a distance of at most `distance` between rows that were moved
+/// by at most `moved` in all, per modality.
+pub(super) fn limit(metric: &Metric, moved: [f64; 3], distance: f64) -> f32 {
     let scaled = moved.iter().zip(&metric.scale);
-    match metric.kind {
+    let reach: f64 = match metric.kind {
         // |‖x′ − y′‖ − ‖x − y‖| ≤ r.
         Kind::Euclidean => scaled.map(|(r, scale)| r * scale).sum(),
-        // ‖u′ − v′‖² / 2 ≤ (‖u − v‖ + r)² / 2, and ‖u − v‖ ≤ 2.
-        Kind::Angular => scaled.map(|(r, scale)| (2.0 + r) * r * scale).sum(),
-    }
-}
-
-/// The factor of modality `modality` in [`add`], for rows whose distances may have grown by the
-/// factor `stretch`.
-pub(super) fn factor(metric: &Metric, modality: usize, stretch: f64) -> f32 {
-    let scale = metric.scale[modality];
-    match metric.kind {
-        Kind::Euclidean => single(scale / stretch),
-        Kind::Angular => single(scale / (2.0 * stretch * stretch)),
-    }
-}
-
-/// Adds one modality's lower bounds of the scaled distances to `bounds`, one row against many:
-/// `products` are −2 x·y, `squares` those of the many, `square` the one's.
-pub(super) fn add((kind, factor): (Kind, f32), (products, squares, square): (&[f32], &[f32], f32), bounds: &mut [f32]) {
-    let terms = bounds.iter_mut().zip(products.iter().zip(squares));
-    match kind {
-        Kind::Euclidean => terms.for_each(|(bound, (p, y))| *bound += factor * positive(p + y + square).sqrt()),
-        Kind::Angular => terms.for_each(|(bound, (p, y))| *bound += factor * positive(p + y + square)),
-    }
-}
-
-/// A lower bound above this rules out a distance of at most `distance`.
-pub(super) fn limit(distance: f64, reach: f64) -> f32 {
+        // ‖u′ − v′‖² / 2 ≤ (‖u − v‖ + r)² / 2, and scale ‖u − v‖² / 2 ≤ distance.
+        Kind::Angular => scaled.map(|(r, scale)| ((2.0 * distance * scale).sqrt() + r * scale / 2.0) * r).sum(),
+    };
     single((distance + reach) * (1.0 + SLACK)).next_up()
-}
-
-fn positive(x: f32) -> f32 {
-    if x > 0.0 { x } else { 0.0 }
-}
-
-/// ‖row‖².
-fn square(row: &[f32]) -> f64 {
-    let mut lanes = [0f32; 8];
-    let (chunks, rest) = row.as_chunks::<8>();
-    for chunk in chunks {
-        for lane in 0..8 {
-            lanes[lane] += chunk[lane] * chunk[lane];
-        }
-    }
-    for (lane, x) in lanes.iter_mut().zip(rest) {
-        *lane += x * x;
-    }
-    lanes.iter().map(|lane| f64::from(*lane)).sum()
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margins")]

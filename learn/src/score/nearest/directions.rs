@@ -3,10 +3,10 @@
 //! is ruled out; a narrower product is all it costs. Knows nothing of tiles.
 
 use rand::RngExt;
-use tch::{Device, Kind, Tensor};
+use tch::{Kind, Tensor};
 
 use super::bound::{Framed, U};
-use crate::batch::{int, rows, values};
+use crate::batch::int;
 use crate::random::{Purpose, generator};
 
 /// Narrower rows are not worth projecting.
@@ -20,8 +20,8 @@ const SAMPLE: usize = 2048;
 
 /// Some directions of one modality.
 pub(super) struct Directions {
-    /// `[count, d]`, orthonormal but for rounding.
-    basis: Vec<f32>,
+    /// `[d, count]`, orthonormal but for rounding.
+    basis: Tensor,
     count: usize,
     /// At least the most that rounding lets them stretch a row.
     pub(super) stretch: f64,
@@ -30,37 +30,38 @@ pub(super) struct Directions {
 impl Directions {
     /// The principal directions of `framed`; `None` if a narrower product would not pay.
     pub(super) fn principal(framed: &Framed) -> Option<Self> {
-        let count = (framed.width / 8).clamp(32, 128);
-        if framed.width < LEAST_WIDTH || framed.squares.len() < ROWS_A_DIRECTION * count {
+        let (width, rows) = (framed.width(), framed.count());
+        let count = (width / 8).clamp(16, 128);
+        if width < LEAST_WIDTH || rows < ROWS_A_DIRECTION * count {
             return None;
         }
-        let every = framed.squares.len().div_ceil(SAMPLE);
-        let sample: Vec<f32> = framed.rows.chunks_exact(framed.width).step_by(every).flatten().copied().collect();
-        let all = rows(&sample, framed.width, Device::Cpu).to_kind(Kind::Double);
+        let all = framed.rows.slice(0, None, None, int(rows.div_ceil(SAMPLE))).to_kind(Kind::Double);
         // Subspace iteration from any start; how good the directions are changes only the speed.
         let mut rng = generator(0, Purpose::Weights, 0);
-        let start: Vec<f64> = (0..framed.width * count).map(|_| rng.random_range(-1.0..1.0)).collect();
-        let mut basis = Tensor::from_slice(&start).view([int(framed.width), int(count)]);
-        for _ in 0..2 {
+        let start: Vec<f64> = (0..width * count).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let mut basis = Tensor::from_slice(&start).view([int(width), int(count)]);
+        for _ in 0..3 {
             basis = Tensor::linalg_qr(&all.tr().matmul(&all.matmul(&basis)), "reduced").0;
         }
-        let basis = basis.tr().to_kind(Kind::Float).contiguous();
+        let basis = basis.to_kind(Kind::Float).contiguous();
         let exact = basis.to_kind(Kind::Double);
-        let sums = exact.matmul(&exact.tr()).abs().sum_dim_intlist([1i64].as_slice(), false, Kind::Double);
-        // The largest row sum of |B Bᵀ| is at least its largest eigenvalue.
+        let sums = exact.tr().matmul(&exact).abs().sum_dim_intlist([1i64].as_slice(), false, Kind::Double);
+        // The largest row sum of |Bᵀ B| is at least its largest eigenvalue.
         let stretch = sums.max().double_value(&[]).sqrt().max(1.0);
-        (stretch < MOST_STRETCH).then(|| Self { basis: values(&basis), count, stretch })
+        (stretch < MOST_STRETCH).then(|| Self { basis, count, stretch })
+    }
+
+    /// The same for another thread.
+    pub(super) fn share(&self) -> Self {
+        Self { basis: self.basis.shallow_clone(), ..*self }
     }
 
     /// `framed` along these directions.
     pub(super) fn apply(&self, framed: &Framed) -> Framed {
-        let basis = rows(&self.basis, framed.width, Device::Cpu);
-        let projected = values(&rows(&framed.rows, framed.width, Device::Cpu).mm(&basis.tr()));
         // Each of the values errs by at most γ(d) ‖x‖, so all by √count times that.
         #[expect(clippy::cast_precision_loss, reason = "small counts")]
-        let rounding = 1.1 * U * framed.width as f64 * (self.count as f64).sqrt() * self.stretch;
-        Framed::new(projected, self.count, |row, _| {
-            self.stretch * framed.moved[row] + rounding * framed.squares[row].sqrt() * 1.01
-        })
+        let rounding = 1.1 * U * framed.width() as f64 * (self.count as f64).sqrt() * self.stretch;
+        let moved = self.stretch * framed.moved + rounding * framed.longest();
+        Framed::new(framed.rows.mm(&self.basis), |_| moved)
     }
 }

@@ -1,29 +1,30 @@
 //! Exact nearest search over expert segments.
 //!
-//! A single-precision matrix product per modality, ‖x − y‖² = ‖x‖² + ‖y‖² − 2 x·y after centring,
-//! is the filter: it gives a lower bound of the distance with a proven margin. Whatever the bound
-//! cannot rule out is compared again directly in double precision. So the winner and its distance
-//! are exact and do not depend on tiles or threads. The product itself would not do: near zero,
+//! A matrix product per modality, ‖x − y‖² = ‖x‖² + ‖y‖² − 2 x·y after centring, is the filter: it
+//! gives a lower bound of the distance with a proven margin. First a cheap product, of codes of one
+//! byte a value or along few directions, then one in single precision where that leaves too much.
+//! Whatever the bound cannot rule out is compared again directly in double precision. So the winner
+//! and its distance are exact and do not depend on tiles, threads or the processor. The product itself would not do: near zero,
 //! where the best match is, its error exceeds the distance.
 
 mod bound;
 mod directions;
+mod level;
 mod sweep;
 
 use std::sync::Mutex;
 
-use tch::{Device, Tensor};
-
 use super::features::Features;
 use super::similarity::Metric;
-use crate::batch::rows;
 use crate::device;
-use bound::{Frame, Framed, factor};
-use directions::Directions;
+use bound::Frame;
+use level::{Level, View};
 use sweep::Sweep;
 
 /// Fewer pairs than this are not worth another thread.
 const PAIRS_A_THREAD: usize = 1 << 17;
+/// So many times the queries of a tile, and their values leave the cache.
+const MOST_MORE: usize = 4;
 
 /// How much is compared at a time; the result does not depend on it.
 #[derive(Debug, Clone, Copy)]
@@ -33,9 +34,16 @@ pub(crate) struct Tiles {
 }
 
 impl Default for Tiles {
-    /// The products of a tile, their copy and the bounds stay within a core's cache.
+    /// The products of a tile and the bounds stay near a core.
     fn default() -> Self {
         Self { queries: 256, experts: 512 }
+    }
+}
+
+impl Tiles {
+    /// Queries to compare with `experts` at a time: more where those are few.
+    fn queries_of(&self, experts: usize) -> usize {
+        self.queries * (self.experts / experts.max(1)).clamp(1, MOST_MORE)
     }
 }
 
@@ -63,8 +71,8 @@ impl Match {
 /// Some expert episodes' segments, ready to be compared with.
 pub struct Reference {
     experts: Experts,
-    /// Per level −2 × the experts' rows, `[N, d]` per modality.
-    doubled: Vec<[Tensor; 3]>,
+    /// The cheaper first; the last rules out all that can be.
+    levels: Vec<[Level; 3]>,
 }
 
 /// What threads share of it.
@@ -75,35 +83,11 @@ struct Experts {
     /// Where each episode's segments begin, and at last where all end.
     bounds: Vec<usize>,
     metric: Metric,
+    /// The metric with the largest scale as the unit, so that the filter stays in range.
+    relative: Metric,
+    unit: f64,
     tiles: Tiles,
     frame: Frame,
-    /// The cheaper first; the last rules out all that can be.
-    levels: Vec<Level>,
-}
-
-/// How the filter sees the experts on one level.
-struct Level {
-    /// Along which directions; `None` for whole rows.
-    directions: Option<[Directions; 3]>,
-    /// Per modality and segment ‖x‖², as the filter wants it.
-    squares: [Vec<f32>; 3],
-    /// Per modality the most that bringing a segment here may have moved it.
-    moved: [f64; 3],
-    /// Per modality what its bounds are multiplied by.
-    factors: [f32; 3],
-}
-
-impl Level {
-    fn new(framed: &[Framed; 3], directions: Option<[Directions; 3]>, metric: &Metric) -> (Self, [Tensor; 3]) {
-        let stretch = |i: usize| directions.as_ref().map_or(1.0, |directions| directions[i].stretch);
-        let level = Self {
-            squares: framed.each_ref().map(Framed::shrunk),
-            moved: framed.each_ref().map(|framed| framed.moved.iter().fold(0.0, |a: f64, b| a.max(*b))),
-            factors: [0, 1, 2].map(|i| factor(metric, i, stretch(i))),
-            directions,
-        };
-        (level, framed.each_ref().map(|framed| rows(&framed.rows, framed.width, Device::Cpu) * -2.0))
-    }
 }
 
 impl Reference {
@@ -114,6 +98,11 @@ impl Reference {
     }
 
     pub(crate) fn with_tiles(episodes: &[(u32, &Features)], metric: Metric, tiles: Tiles) -> Self {
+        Self::with_views(episodes, metric, tiles, &View::all())
+    }
+
+    /// The filter has the levels of `views` that pay.
+    fn with_views(episodes: &[(u32, &Features)], metric: Metric, tiles: Tiles, views: &[View]) -> Self {
         let widths = episodes.first().map_or([1; 3], |(_, features)| features.widths());
         let mut features = Features::empty(widths);
         let mut bounds = vec![0];
@@ -121,18 +110,18 @@ impl Reference {
             features.append(episode);
             bounds.push(features.count());
         }
+        let largest = metric.scale.iter().fold(0.0, |a: f64, b| a.max(*b));
+        let unit = if largest > 0.0 { largest } else { 1.0 };
+        let relative = Metric { kind: metric.kind, scale: metric.scale.map(|scale| scale / unit) };
         let frame = Frame::new(&features, metric.kind);
         let framed = [0, 1, 2].map(|modality| frame.apply(&features, modality, (0, features.count())));
-        let mut levels = Vec::new();
-        if let [Some(o), Some(m), Some(a)] = framed.each_ref().map(Directions::principal) {
-            let directions = [o, m, a];
-            let projected = std::array::from_fn(|i| directions[i].apply(&framed[i]));
-            levels.push(Level::new(&projected, Some(directions), &metric));
-        }
-        levels.push(Level::new(&framed, None, &metric));
-        let (levels, doubled) = levels.into_iter().unzip();
+        let level = |view: &View| {
+            let [o, m, a] = [0, 1, 2].map(|i| Level::new(&framed[i], *view, (&relative, i)));
+            Some([o?, m?, a?])
+        };
+        let levels = views.iter().filter_map(level).collect();
         let numbers = episodes.iter().map(|(number, _)| *number).collect();
-        Self { experts: Experts { features, numbers, bounds, metric, tiles, frame, levels }, doubled }
+        Self { experts: Experts { features, numbers, bounds, metric, relative, unit, tiles, frame }, levels }
     }
 
     /// Improves `matches`, one per query, by the nearest of these segments, leaving out the episode
@@ -142,10 +131,10 @@ impl Reference {
         let threads = usize::try_from(tch::get_num_threads()).unwrap_or(1);
         let worth = queries.count() * self.experts.features.count() / PAIRS_A_THREAD;
         let ranges = self.experts.ranges(without);
-        let size = self.experts.tiles.queries;
+        let size = self.experts.tiles.queries_of(self.experts.features.count());
         let blocks = Mutex::new(matches.chunks_mut(size).enumerate());
         let sweeps: Vec<Sweep<'_>> = (0..threads.min(worth).max(1))
-            .map(|_| Sweep::new(&self.experts, &self.doubled, queries, &ranges))
+            .map(|_| Sweep::new(&self.experts, &self.levels, (queries, size), &ranges))
             .collect();
         device::side_by_side(sweeps, |mut sweep| {
             // A thread that failed cannot have left the list half taken from.

@@ -1,64 +1,74 @@
-//! One thread's way over the tiles: products, bounds, and a direct comparison of whatever the
-//! bounds cannot rule out.
+//! One thread's way over the tiles: bounds, and a direct comparison of whatever the bounds cannot
+//! rule out.
 
 use tch::{Device, Kind, Tensor};
 
-use super::bound::{Framed, add, limit, reach};
+use super::bound::{Framed, limit};
+use super::level::{Buffers, GROUP, Level, Placed};
 use super::{Experts, Match};
-use crate::batch::{int, rows};
+use crate::batch::int;
 use crate::score::features::Features;
 
-/// Bounds looked through at once.
-const LOOK: usize = 16;
 /// More candidates than this in a row of a tile, and a full product costs less than comparing them.
-const CANDIDATES: usize = 24;
-/// Rows of tiles after which to judge whether the first level pays.
+const CANDIDATES: usize = 32;
+/// Rows of tiles after which to judge whether a level pays.
 const TRIAL: usize = 1024;
 
 /// What one thread works with.
 pub(super) struct Sweep<'a> {
     experts: &'a Experts,
-    /// Per level.
-    doubled: Vec<[Tensor; 3]>,
+    levels: Vec<[Level; 3]>,
     queries: &'a Features,
     ranges: &'a [(usize, usize)],
-    /// The products of a tile, as the library writes them and as we read them.
-    product: Tensor,
-    products: Vec<f32>,
-    /// The lower bounds of a tile.
+    buffers: Buffers,
+    /// The lower bounds of a tile, `[rows, GROUP, groups]` one after the other, and what is least in
+    /// each group: as the library writes them and as we read them.
+    sum: Tensor,
     bounds: Vec<f32>,
-    /// Rows of tiles that the first level has seen, and those it could not settle.
-    tried: usize,
-    failed: usize,
+    lows: Vec<f32>,
+    /// Per level the rows of tiles that it has seen, and those it could not settle.
+    tried: Vec<usize>,
+    failed: Vec<usize>,
 }
 
 /// A block of queries on one level.
 struct Block {
-    /// `[count, d]` per modality.
-    rows: [Tensor; 3],
-    squares: [Vec<f32>; 3],
-    /// How far the distances of each query may have been changed.
-    reach: Vec<f64>,
+    placed: [Placed; 3],
+    /// Per modality how far queries and experts may have been moved in all.
+    moved: [f64; 3],
+}
+
+/// A row's lower bounds to the segments from `from` to `to`.
+struct Row<'a> {
+    from: usize,
+    to: usize,
+    /// Group g holds the bounds at g, g + groups, g + 2 groups, …
+    bounds: &'a [f32],
+    /// The least of each group.
+    lows: &'a [f32],
 }
 
 impl<'a> Sweep<'a> {
+    /// Blocks have at most `rows` queries.
     pub(super) fn new(
         experts: &'a Experts,
-        doubled: &[[Tensor; 3]],
-        queries: &'a Features,
+        levels: &[[Level; 3]],
+        (queries, rows): (&'a Features, usize),
         ranges: &'a [(usize, usize)],
     ) -> Self {
-        let size = experts.tiles.queries.min(queries.count()) * experts.tiles.experts.min(experts.features.count());
+        let widest = ranges.iter().map(|(from, to)| to - from).max().unwrap_or(0);
+        let size = rows.min(queries.count()) * widest.next_multiple_of(GROUP);
         Self {
             experts,
-            doubled: doubled.iter().map(|level| level.each_ref().map(Tensor::shallow_clone)).collect(),
+            levels: levels.iter().map(|level| level.each_ref().map(Level::share)).collect(),
             queries,
             ranges,
-            product: Tensor::zeros([int(size)], (Kind::Float, Device::Cpu)),
-            products: vec![0.0; size],
+            buffers: Buffers::new(size),
+            sum: Tensor::zeros([int(size)], (Kind::Float, Device::Cpu)),
             bounds: vec![0.0; size],
-            tried: 0,
-            failed: 0,
+            lows: vec![0.0; size / GROUP],
+            tried: vec![0; levels.len()],
+            failed: vec![0; levels.len()],
         }
     }
 
@@ -67,17 +77,17 @@ impl<'a> Sweep<'a> {
         let experts = self.experts;
         let framed: [Framed; 3] =
             std::array::from_fn(|i| experts.frame.apply(self.queries, i, (begin, begin + best.len())));
-        let mut blocks: Vec<Option<Block>> = experts.levels.iter().map(|_| None).collect();
+        let mut blocks: Vec<Option<Block>> = self.levels.iter().map(|_| None).collect();
         for range in self.ranges {
             let mut open: Vec<usize> = (0..best.len()).collect();
             for (level, block) in blocks.iter_mut().enumerate().skip(self.first_level()) {
-                let block = block.get_or_insert_with(|| self.place(level, &framed));
-                self.bound((level, block), *range, &open);
-                let last = level + 1 == experts.levels.len();
+                let block = block.get_or_insert_with(|| place(&self.levels[level], &framed));
+                self.bound((level, block), *range, (&open, best.len()));
+                let last = level + 1 == self.levels.len();
                 let most = if last { usize::MAX } else { CANDIDATES };
-                self.tried += if last { 0 } else { open.len() };
-                self.settle((begin, block, most), *range, &mut open, best);
-                self.failed += open.len();
+                self.tried[level] += open.len();
+                self.settle((begin, block.moved, most), *range, &mut open, best);
+                self.failed[level] += open.len();
                 if open.is_empty() {
                     break;
                 }
@@ -85,121 +95,110 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// The level to begin with: not the first if it leaves most rows to the next.
+    /// The level to begin with: none that leaves most rows to the next.
     fn first_level(&self) -> usize {
-        let pays = self.tried < TRIAL || self.failed * 2 < self.tried;
-        if pays { 0 } else { self.experts.levels.len() - 1 }
+        let pays = |level: &usize| self.tried[*level] < TRIAL || self.failed[*level] * 2 < self.tried[*level];
+        let last = self.levels.len() - 1;
+        (0..last).find(pays).unwrap_or(last)
     }
 
-    fn place(&self, level: usize, framed: &[Framed; 3]) -> Block {
-        let level = &self.experts.levels[level];
-        let count = framed[0].squares.len();
-        let projected = level.directions.as_ref().map(|directions| {
-            let project = |i: usize| directions[i].apply(&framed[i]);
-            [0, 1, 2].map(project)
-        });
-        let placed = projected.as_ref().unwrap_or(framed);
-        let moved = |row: usize| std::array::from_fn(|i| placed[i].moved[row] + level.moved[i]);
-        Block {
-            rows: placed.each_ref().map(|framed| rows(&framed.rows, framed.width, Device::Cpu)),
-            reach: (0..count).map(|row| reach(&self.experts.metric, moved(row))).collect(),
-            squares: placed.each_ref().map(Framed::shrunk),
-        }
-    }
-
-    /// Fills `bounds` with the lower bounds of the `open` rows to the segments `from..to`.
-    fn bound(&mut self, (level, block): (usize, &Block), (from, to): (usize, usize), open: &[usize]) {
-        let (width, count) = (to - from, open.len());
-        let (kind, factors) = (self.experts.metric.kind, self.experts.levels[level].factors);
-        self.bounds[..count * width].fill(0.0);
-        let product = self.product.narrow(0, 0, int(count * width)).view([int(count), int(width)]);
-        let some = (count < block.reach.len()).then(|| {
+    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the segments
+    /// `from..to`, and a few more that make the last group whole.
+    fn bound(&mut self, (level, block): (usize, &Block), (from, to): (usize, usize), (open, all): (&[usize], usize)) {
+        let (width, count) = ((to - from).next_multiple_of(GROUP), open.len());
+        let mut sum = self.sum.narrow(0, 0, int(count * width)).view([int(count), int(width)]);
+        let some = (count < all).then(|| {
             let open: Vec<i64> = open.iter().map(|row| int(*row)).collect();
             Tensor::from_slice(&open)
         });
-        for modality in (0..3).filter(|i| factors[*i] > 0.0) {
-            let tile = self.doubled[level][modality].narrow(0, int(from), int(width)).tr();
-            let all = &block.rows[modality];
-            let _ = match &some {
-                Some(open) => all.index_select(0, open).mm_out(&product, &tile),
-                None => all.mm_out(&product, &tile),
-            };
-            product.copy_data(&mut self.products, count * width);
-            let squares = &self.experts.levels[level].squares[modality][from..to];
-            let rows = self.bounds.chunks_exact_mut(width).zip(self.products.chunks_exact(width));
-            for ((bounds, products), row) in rows.zip(open) {
-                let square = block.squares[modality][*row];
-                add((kind, factors[modality]), (products, squares, square), bounds);
-            }
+        let mut first = true;
+        for (level, placed) in self.levels[level].iter().zip(&block.placed).filter(|(level, _)| level.counts()) {
+            let tile = (&self.experts.relative, &self.buffers);
+            level.bound((placed, some.as_ref()), from, (&mut sum, first), tile);
+            first = false;
         }
+        if first {
+            let _ = sum.zero_();
+        }
+        let lows = sum.view([int(count), int(GROUP), -1]).amin([1i64].as_slice(), false);
+        lows.copy_data(&mut self.lows, count * width / GROUP);
+        sum.copy_data(&mut self.bounds, count * width);
     }
 
     /// Leaves in `open` the rows for which the bounds leave more than `most` candidates; improves
     /// the others' `best`.
     fn settle(
         &self,
-        (begin, block, most): (usize, &Block, usize),
+        (begin, moved, most): (usize, [f64; 3], usize),
         (from, to): (usize, usize),
         open: &mut Vec<usize>,
         best: &mut [Option<Match>],
     ) {
-        let mut bounds = self.bounds.chunks_exact(to - from);
+        let width = (to - from).next_multiple_of(GROUP);
+        let mut rows = self.bounds.chunks_exact(width).zip(self.lows.chunks_exact(width / GROUP));
         open.retain(|row| {
-            let query = (begin + row, block.reach[*row]);
-            bounds.next().is_some_and(|bounds| !self.refine(query, (from, bounds), most, &mut best[*row]))
+            rows.next().is_some_and(|(bounds, lows)| {
+                let bounds = Row { from, to, bounds, lows };
+                !self.refine((begin + row, moved), &bounds, most, &mut best[*row])
+            })
         });
     }
 
-    /// Compares query `at` directly with whatever segments from `begin` on `bounds` cannot rule
-    /// out; false if those are more than `most`.
-    fn refine(
-        &self,
-        (at, reach): (usize, f64),
-        (begin, bounds): (usize, &[f32]),
-        most: usize,
-        best: &mut Option<Match>,
-    ) -> bool {
-        let allowed = |best: &Option<Match>| best.as_ref().map_or(f32::INFINITY, |best| limit(best.distance, reach));
-        let lowest = lowest(bounds);
-        if lowest > allowed(best) {
+    /// Compares query `at` directly with whatever segments `row` cannot rule out; false if those
+    /// are more than `most`.
+    fn refine(&self, (at, moved): (usize, [f64; 3]), row: &Row<'_>, most: usize, best: &mut Option<Match>) -> bool {
+        let experts = self.experts;
+        let allowed = |best: &Option<Match>| {
+            best.as_ref().map_or(f32::INFINITY, |best| limit(&experts.relative, moved, best.distance / experts.unit))
+        };
+        let mut most_allowed = allowed(best);
+        if row.lows.iter().all(|low| *low > most_allowed) {
             return true;
         }
         let mut consider = |place: usize| {
-            let found = self.experts.compare((self.queries, at), begin + place);
+            let found = experts.compare((self.queries, at), place);
             if found.beats(best) {
                 *best = Some(found);
             }
             allowed(best)
         };
         // The likeliest winner first: its distance rules out nearly all the others.
-        let likeliest = bounds.iter().position(|bound| *bound == lowest).unwrap_or(0);
-        let mut allowed = consider(likeliest);
-        if most < bounds.len() && bounds.iter().filter(|bound| **bound <= allowed).count() > most {
+        let likeliest = row.likeliest();
+        if let Some(likeliest) = likeliest {
+            most_allowed = most_allowed.min(consider(likeliest));
+        }
+        if row.candidates(most_allowed).nth(most).is_some() {
             return false;
         }
-        for (chunk, bounds) in bounds.chunks(LOOK).enumerate() {
-            if !bounds.iter().fold(false, |any, bound| any | (*bound <= allowed)) {
-                continue;
-            }
-            for (offset, bound) in bounds.iter().enumerate() {
-                if *bound <= allowed {
-                    allowed = consider(chunk * LOOK + offset);
-                }
+        // In order, so that there is no need to look at what the last comparison ruled out.
+        for (place, bound) in row.candidates(most_allowed) {
+            if bound <= most_allowed && Some(place) != likeliest {
+                most_allowed = consider(place);
             }
         }
         true
     }
 }
 
-/// The smallest of `bounds`.
-fn lowest(bounds: &[f32]) -> f32 {
-    let smaller = |a: f32, b: f32| if b < a { b } else { a };
-    let (chunks, rest) = bounds.as_chunks::<LOOK>();
-    let mut lanes = [f32::INFINITY; LOOK];
-    for chunk in chunks {
-        for lane in 0..LOOK {
-            lanes[lane] = smaller(lanes[lane], chunk[lane]);
-        }
+impl Row<'_> {
+    /// The segment with the least bound.
+    fn likeliest(&self) -> Option<usize> {
+        let lowest = self.lows.iter().copied().fold(f32::INFINITY, f32::min);
+        self.candidates(lowest).next().map(|(place, _)| place)
     }
-    lanes.iter().chain(rest).copied().fold(f32::INFINITY, smaller)
+
+    /// The segments, and their bounds, that a bound of more than `allowed` does not rule out.
+    fn candidates(&self, allowed: f32) -> impl Iterator<Item = (usize, f32)> {
+        let groups = self.lows.len();
+        let open = self.lows.iter().enumerate().filter(move |(_, low)| **low <= allowed).map(|(group, _)| group);
+        let members = open.flat_map(move |group| (group..self.bounds.len()).step_by(groups));
+        let bounds = members.map(|offset| (self.from + offset, self.bounds[offset]));
+        bounds.filter(move |(place, bound)| *bound <= allowed && *place < self.to)
+    }
+}
+
+fn place(level: &[Level; 3], framed: &[Framed; 3]) -> Block {
+    let placed: [Placed; 3] = std::array::from_fn(|i| level[i].place(&framed[i]));
+    let moved = std::array::from_fn(|i| placed[i].moved + level[i].moved);
+    Block { placed, moved }
 }

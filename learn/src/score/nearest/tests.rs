@@ -92,7 +92,10 @@ fn found(
     metric: Metric,
     (tiles, without): (Tiles, Option<u32>),
 ) -> Vec<(u32, u32, f64)> {
-    let reference = Reference::with_tiles(&numbered(episodes), metric, tiles);
+    winners(&Reference::with_tiles(&numbered(episodes), metric, tiles), queries, without)
+}
+
+fn winners(reference: &Reference, queries: &Features, without: Option<u32>) -> Vec<(u32, u32, f64)> {
     let matches = reference.nearest(queries, without).unwrap();
     matches.iter().map(|found| (found.episode, found.step, found.distance)).collect()
 }
@@ -125,6 +128,8 @@ fn near_duplicates() -> (Vec<Features>, Features) {
     }
     (episodes, queries)
 }
+
+mod filter;
 
 #[test]
 fn near_and_exact_duplicates_at_large_norms_are_found_exactly() {
@@ -215,40 +220,15 @@ fn tiny_zero_and_huge_values_are_compared_exactly() {
 }
 
 #[test]
-fn the_bound_is_tight_where_rows_are_far_apart() {
-    let (experts, queries) = (features(1, 200, 100.0), features(2, 50, 100.0));
+fn every_view_by_itself_finds_the_same() {
+    let (episodes, queries) = near_duplicates();
     for metric in METRICS {
-        let frame = Frame::new(&experts, metric.kind);
-        let framed =
-            |features| [0, 1, 2].map(|modality| frame.apply(features, modality, (0, Features::count(features))));
-        let (many, few) = (framed(&experts), framed(&queries));
-        let bounds = bounds(&metric, (&few, &many), [1.0; 3]);
-        for (query, bounds) in bounds.chunks(200).enumerate() {
-            let moved = [0, 1, 2].map(|i| few[i].moved[query] + many[i].moved.iter().fold(0.0, |a: f64, b| a.max(*b)));
-            for (expert, bound) in bounds.iter().enumerate() {
-                let distance = metric.distance(metric.parts((&queries, query), (&experts, expert)));
-                assert!(*bound <= bound::limit(distance, bound::reach(&metric, moved)));
-                assert!(f64::from(*bound) > distance * 0.999, "{bound} {distance}");
-            }
+        let expected = brute_force(&episodes, &queries, metric, Some(3));
+        for view in View::all() {
+            let reference = Reference::with_views(&numbered(&episodes), metric, TILES[2], &[view, View::Whole]);
+            assert_eq!(winners(&reference, &queries, Some(3)), expected);
         }
     }
-}
-
-/// The lower bounds of `few` to `many`, row-major.
-fn bounds(metric: &Metric, (few, many): (&[Framed; 3], &[Framed; 3]), stretch: [f64; 3]) -> Vec<f32> {
-    let count = many[0].squares.len();
-    let mut all = vec![0f32; few[0].squares.len() * count];
-    for modality in (0..3).filter(|i| metric.scale[*i] > 0.0) {
-        let (few, many) = (&few[modality], &many[modality]);
-        let rows = few.rows.chunks(few.width).zip(few.shrunk());
-        for (bounds, (row, square)) in all.chunks_mut(count).zip(rows) {
-            let dot = |other: &[f32]| other.iter().zip(row).map(|(x, y)| x * y).sum::<f32>() * -2.0;
-            let products: Vec<f32> = many.rows.chunks(many.width).map(dot).collect();
-            let factor = factor(metric, modality, stretch[modality]);
-            bound::add((metric.kind, factor), (&products, &many.shrunk(), square), bounds);
-        }
-    }
-    all
 }
 
 /// Rows of `width` values around a far-off point that differ along a few directions, and a little
@@ -282,12 +262,13 @@ fn the_cheaper_level_rules_out_nothing_that_is_near() {
         });
         let queries = Features::new(values, [128; 3]).unwrap();
         for metric in [METRICS[0], METRICS[3]] {
-            let reference = Reference::new(&numbered(&episodes), metric);
-            assert_eq!(reference.experts.levels.len(), 2);
             let expected = brute_force(&episodes, &queries, metric, None);
             assert_eq!((expected[0].0, expected[0].1), (1, 17));
-            for tiles in [TILES[0], TILES[2]] {
-                assert_eq!(found(&episodes, &queries, metric, (tiles, None)), expected);
+            for (tiles, view) in View::all().into_iter().flat_map(|view| [(TILES[0], view), (TILES[2], view)]) {
+                let views = [view, View::Whole];
+                let reference = Reference::with_views(&numbered(&episodes), metric, tiles, &views);
+                assert_eq!(reference.levels.len(), 2);
+                assert_eq!(winners(&reference, &queries, None), expected);
             }
         }
     }
