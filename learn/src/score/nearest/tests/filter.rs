@@ -13,12 +13,12 @@ fn bounds_are_below_distances_but_tight_where_rows_are_far_apart() {
         let frame = Frame::new(&experts, metric.kind);
         let mut sum = Tensor::zeros([50, 208], (tch::Kind::Float, Device::Cpu));
         let (buffers, mut moved, mut first) = (Buffers::new(50 * 208), [0.0; 3], true);
-        for modality in 0..3 {
+        for (modality, moved) in moved.iter_mut().enumerate() {
             let framed = |features| frame.apply(features, modality, (0, Features::count(features)));
             // Too few and too narrow for directions.
             let Some(level) = Level::new(&framed(&experts), view, (metric, modality)) else { continue };
             let placed = level.place(&framed(&queries));
-            moved[modality] = level.moved + placed.moved;
+            *moved = level.moved + placed.moved;
             if level.counts() {
                 level.bound((&placed, None), 0, (&mut sum, first), (metric, &buffers));
                 first = false;
