@@ -30,7 +30,7 @@ pub struct Robot {
 }
 
 impl Robot {
-    async fn dial(api: &mut Api) -> Self {
+    pub async fn dial(api: &mut Api) -> Self {
         let (say, said) = mpsc::channel(8);
         let hear = api.policies.session(ReceiverStream::new(said)).await.unwrap().into_inner();
         Self { say, hear }
@@ -45,11 +45,11 @@ impl Robot {
         }
     }
 
-    async fn say(&self, message: Say) {
+    pub async fn say(&self, message: Say) {
         self.say.send(SessionRequest { message: Some(message) }).await.unwrap();
     }
 
-    async fn hear(&mut self) -> Result<Hear, Status> {
+    pub async fn hear(&mut self) -> Result<Hear, Status> {
         Ok(self.hear.message().await?.expect("the session goes on").message.unwrap())
     }
 
@@ -245,4 +245,25 @@ fn walk(dir: &std::path::Path) -> Vec<std::path::PathBuf> {
         if path.is_dir() { files.extend(walk(&path)) } else { files.push(path) }
     }
     files
+}
+
+/// The simulator as a robot in real time: its rate is kept, its actions come from the policy, and it ends by itself.
+#[tokio::test]
+async fn a_robot_is_controlled_at_its_rate() {
+    let shared = shared().await;
+    let client = gleaner_client::Client::connect(shared.server.url(), None).await.unwrap();
+    let config = gleaner_sim::SimConfig { max_steps: 5, ..lab::sim_config() };
+    let mut robot = gleaner_client::robot::SimRobot::new(SimTask::PickCube, config, 99);
+    // Slower than the simulator's own rate, for machines that are busy with other tests.
+    let plan = gleaner_client::robot::ControlPlan::new(NAME, 2.0).unwrap();
+    let begun = std::time::Instant::now();
+    let report = client.control(&mut robot, &plan, std::future::pending()).await.unwrap();
+    assert!(begun.elapsed() >= std::time::Duration::from_secs(2), "five ticks are four periods at least");
+    assert!(robot.sim().done() && report.acted > 0, "{report:?}");
+    assert_eq!(report.acted + report.held, 5, "{report:?}");
+    assert_eq!((report.ticks, report.policy_id.as_str()), (5 + report.rested, shared.policy.as_str()));
+
+    let nowhere = gleaner_client::robot::ControlPlan::new("no@where", 2.0).unwrap();
+    let error = client.control(&mut robot, &nowhere, std::future::pending()).await.unwrap_err();
+    assert!(error.to_string().contains("no@where"), "{error}");
 }
