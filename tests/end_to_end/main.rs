@@ -20,6 +20,7 @@ mod evaluations;
 mod experiment;
 mod face;
 mod happy;
+mod in_time;
 mod lab;
 mod live;
 mod method;

@@ -91,9 +91,7 @@ impl<M: Model> Session<M> {
         outlet: &Outlet,
         stopping: &CancellationToken,
     ) -> Result<()> {
-        let identity = self.engine.identity();
-        let (policy_id, task_id) = (identity.policy_id.clone(), identity.task_id.clone());
-        outlet.send(SessionOutput::Opened { session_id: SessionId::new(), policy_id, task_id }).await?;
+        outlet.send(self.opened()).await?;
         let mut memory = Memory::new();
         let mut busy = pin!(Fuse::terminated());
         let mut close_at = None;
@@ -169,6 +167,12 @@ impl<M: Model> Session<M> {
         let Some(due) = due else { return Ok(()) };
         self.missed += 1;
         outlet.send(due.missed()).await
+    }
+
+    fn opened(&self) -> SessionOutput {
+        let identity = self.engine.identity();
+        let (policy_id, task_id) = (identity.policy_id.clone(), identity.task_id.clone());
+        SessionOutput::Opened { session_id: SessionId::new(), policy_id, task_id }
     }
 
     fn closed(&self) -> SessionOutput {
