@@ -9,7 +9,7 @@ use tonic_reflection::pb::v1::{
 
 use crate::server::TestServer;
 
-const SERVICES: [&str; 9] = [
+const SERVICES: [&str; 10] = [
     "gleaner.v1.TaskService",
     "gleaner.v1.EpisodeService",
     "gleaner.v1.SnapshotService",
@@ -19,6 +19,7 @@ const SERVICES: [&str; 9] = [
     "gleaner.v1.DatasetService",
     "gleaner.v1.PolicyService",
     "gleaner.v1.WorkerService",
+    "inference.GRPCInferenceService",
 ];
 
 #[tokio::test]

@@ -21,6 +21,7 @@ mod experiment;
 mod face;
 mod happy;
 mod in_time;
+mod inference;
 mod lab;
 mod live;
 mod method;
