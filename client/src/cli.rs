@@ -151,6 +151,7 @@ mod tests {
             "gleaner rollback pick_cube@prod",
             "gleaner drive a@b --real-time --deadline-ms 40 --hold-ms 0",
             "gleaner pretrain --max-experts 20 --imperfect-per-expert 3 --rule-seed 1",
+            "gleaner task create --sim pick_cube --image 64",
         ] {
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
         }
@@ -182,6 +183,9 @@ mod tests {
             "gleaner experiment a.toml --report --plan",
             "gleaner pipeline --beta 0.5 --top 0.1",
             "gleaner rollback",
+            "gleaner task create",
+            "gleaner task create a.toml --sim pick_cube",
+            "gleaner task create a.toml --image 64",
             "gleaner drive a@b --deadline-ms 40",
             "gleaner drive a@b --hold-ms 40",
             "gleaner drive a@b --real-time --deadline-ms 0",

@@ -28,15 +28,15 @@ pub(crate) enum TaskCommand {
 }
 
 #[derive(Args, Debug)]
-#[group(required = true, multiple = false, args = ["spec", "sim"])]
 pub(crate) struct CreateArgs {
     /// The specification, as TOML or JSON.
+    #[arg(required_unless_present = "sim", conflicts_with = "sim")]
     spec: Option<PathBuf>,
     /// Create the task of the embedded simulator instead.
     #[arg(long, value_name = "TASK")]
     sim: Option<gleaner_sim::Task>,
     /// With --sim: camera height and width in pixels.
-    #[arg(long, requires = "sim", value_name = "PIXELS")]
+    #[arg(long, requires = "sim", conflicts_with = "spec", value_name = "PIXELS")]
     image: Option<u32>,
 }
 

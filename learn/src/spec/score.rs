@@ -16,7 +16,7 @@ pub enum Scorer {
     /// A baseline: the nearest expert segment in standardised o, m and a themselves; the network
     /// is not run.
     Raw,
-    /// A baseline: a small network that tells experts' segments from imperfect ones.
+    /// A baseline: a small network that tells experts' steps from imperfect ones.
     Classifier,
 }
 

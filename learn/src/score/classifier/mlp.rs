@@ -1,5 +1,5 @@
 //! The classifier's network: one hidden layer, trained by binary cross-entropy on batches that are
-//! half experts' segments and half imperfect ones. Knows nothing of episodes or folds.
+//! half experts' steps and half imperfect ones. Knows nothing of episodes or folds.
 
 use rand::RngExt;
 use tch::{Device, Kind, Tensor, no_grad_guard};
@@ -12,10 +12,10 @@ use crate::score::run::Progress;
 use crate::spec::OptimSpec;
 
 /// Gradient steps.
-pub(super) const STEPS: u64 = 500;
-/// Segments per batch, half of each class.
-pub(super) const BATCH: u32 = 128;
-const HIDDEN: i64 = 128;
+pub(super) const STEPS: u64 = 300;
+/// Steps per batch, half of each class.
+pub(super) const BATCH: u32 = 256;
+const HIDDEN: i64 = 64;
 
 /// One hidden layer; gives log-odds.
 pub(super) struct Mlp {
@@ -24,7 +24,7 @@ pub(super) struct Mlp {
 }
 
 impl Mlp {
-    /// Trains on the segments of `classes`, experts' and imperfect ones, `[N, W]` each. Of `seed` each
+    /// Trains on the steps of `classes`, experts' and imperfect ones, `[N, W]` each. Of `seed` each
     /// `fold` has random numbers of its own.
     pub(super) fn train(
         classes: &[Tensor; 2],

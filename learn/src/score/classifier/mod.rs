@@ -1,6 +1,6 @@
-//! A baseline: how sure a small network is that a segment is an expert's.
+//! A baseline: how sure a small network is that a step is an expert's.
 //!
-//! w(τ) = log p(τ is an expert's), from the observations and actions of all its steps. Episodes are
+//! w(τ) = log p(τ is an expert's), from the last step's observation and action alone. Episodes are
 //! split into two folds and each fold is scored by a network trained on the other, so no episode
 //! is scored by a network that saw it.
 
@@ -20,7 +20,7 @@ use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use mlp::{BATCH, Mlp, STEPS};
 
-/// One episode's segments, ready for the network.
+/// One episode's steps, ready for the network.
 struct Episode<'a> {
     id: &'a str,
     /// `[T, W]`.
@@ -84,7 +84,7 @@ fn gather<'a>(
 ) -> Result<Vec<Episode<'a>>, LearnError> {
     let mut all = Vec::with_capacity(episodes.len());
     for trajectory in episodes {
-        let features = raw::segments(network, trajectory);
+        let features = raw::steps(network, trajectory);
         if !features.sound() {
             return Err(LearnError::invalid(
                 format!("episode {}", trajectory.id),
@@ -104,7 +104,7 @@ fn inputs(network: &Network, features: &Features) -> Tensor {
     Tensor::cat(&[0, 1, 2].map(part), 1)
 }
 
-/// All segments of the episodes in `fold`, `[N, W]`, in the order of ids.
+/// All steps of the episodes in `fold`, `[N, W]`, in the order of ids.
 fn class(episodes: &[Episode<'_>], fold: usize) -> Tensor {
     let mut chosen: Vec<&Episode<'_>> = episodes.iter().filter(|episode| episode.fold == fold).collect();
     chosen.sort_by_key(|episode| episode.id);

@@ -21,7 +21,7 @@ pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) 
 }
 
 /// Standardised o, m and a of every step.
-fn steps(network: &Network, trajectory: &Trajectory) -> Features {
+pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Features {
     let every = Segments::every(&network.shape, &[trajectory]);
     let parts: Vec<[Tensor; 3]> = every.all().chunks(CHUNK).map(|chunk| standard(network, trajectory, chunk)).collect();
     let widths = [0, 1, 2].map(|i| parts.first().map_or(1, |part| usize::try_from(part[i].size()[1]).unwrap_or(1)));
@@ -41,11 +41,6 @@ fn standard(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> [T
         statistics.proprioception.apply(&batch.proprioception),
         statistics.action.apply(&batch.action),
     ]
-}
-
-/// Standardised o, m and a of all the steps of every segment.
-pub(in crate::score) fn segments(network: &Network, trajectory: &Trajectory) -> Features {
-    windows(&steps(network, trajectory), network.spec.window())
 }
 
 /// The last `window` steps one after the other, for every step; places before the episode are

@@ -47,7 +47,8 @@ fn a_session_scores_step_by_step_as_the_episode_does() {
             history.push(embedding, failure.proprioception[step * 3..][..3].to_vec()).unwrap();
             history.set_executed(failure.action[step * 2..][..2].to_vec()).unwrap();
             let now = live.score(&[&history, &history]).unwrap();
-            assert_eq!(now[0], now[1]);
+            // Alike but for the place in the batch.
+            assert!((now[0].w - now[1].w).abs() < 1e-5 * now[0].w.abs(), "{now:?}");
             let (w, q) = (run.imperfect[0].w[step], run.imperfect[0].q[step]);
             assert!((now[0].w - w).abs() < 1e-3 * w.abs().max(1.0), "{spec:?} {step}: {} {w}", now[0].w);
             assert!((now[0].q - q).abs() < 5e-3, "{spec:?} {step}: {} {q}", now[0].q);
