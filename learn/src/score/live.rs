@@ -10,6 +10,7 @@ use super::features::{Features, episode_features, newest_features};
 use super::local::Neighbourhoods;
 use super::nearest::{Match, Reference};
 use super::normaliser::Normaliser;
+use super::run::sound;
 use super::similarity::Metric;
 use super::{EpisodeScores, Opened};
 use crate::error::{LearnError, guard};
@@ -133,7 +134,7 @@ impl LiveScorer {
             let _no_grad = no_grad_guard();
             let stacked = self.layout().stack(histories);
             let features = newest_features(self.opened.encoder(), &stacked, &self.spec);
-            self.judge(&sound(features, "a session")?)
+            self.judge(&sound(features, "now running")?)
         })
     }
 
@@ -201,13 +202,6 @@ fn yardstick(
     let Some(alone) = (0..).zip(experts).map(alone).collect::<Option<Vec<_>>>() else { return Ok(None) };
     let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
     Neighbourhoods::new(experts, Metric::new(spec)).means(&alone, || Ok(())).map(Some)
-}
-
-fn sound(features: Features, of: &str) -> Result<Features, LearnError> {
-    if features.sound() {
-        return Ok(features);
-    }
-    Err(LearnError::Checkpoint(format!("gives features of {of} that are not finite; train the encoder again")))
 }
 
 #[cfg(test)]

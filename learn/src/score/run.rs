@@ -44,6 +44,15 @@ pub(super) fn count<'a>(network: &Network, episodes: impl IntoIterator<Item = &'
     episodes.into_iter().map(|episode| episode.steps(&network.shape) as u64).sum()
 }
 
+/// Features of episode `of` that can be compared.
+pub(super) fn sound(features: Features, of: &str) -> Result<Features, LearnError> {
+    if features.sound() {
+        return Ok(features);
+    }
+    let message = format!("gives features of episode {of} that are not finite; train the encoder again");
+    Err(LearnError::Checkpoint(message))
+}
+
 /// A run under way.
 pub(super) struct Run<'a> {
     pub(super) encoder: Encoder<'a>,
@@ -183,13 +192,7 @@ impl Run<'_> {
     }
 
     fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = episode_features(self.encoder, trajectory, self.spec);
-        if !features.sound() {
-            return Err(LearnError::Checkpoint(format!(
-                "gives features of episode {} that are not finite; train the encoder again",
-                trajectory.id
-            )));
-        }
+        let features = sound(episode_features(self.encoder, trajectory, self.spec), &trajectory.id)?;
         self.progress.advance(features.count())?;
         Ok(features)
     }
