@@ -12,6 +12,7 @@ use mcap::records::{MessageHeader, Metadata};
 
 use crate::channels::Channels;
 use crate::container::{Record, scan};
+use crate::copy::Copier;
 use crate::error::RecordingError;
 use crate::plan::{Plan, plan};
 use crate::spec::TaskSpec;
@@ -50,7 +51,7 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
     let origin = [
         ("source", source),
         ("task", spec.name.clone()),
-        ("mapping", spec.mappings[plan.mapping].name.clone()),
+        ("mapping", plan.report.mapping.clone()),
         ("first_step", kept.first_step.to_string()),
         ("last_step", kept.last_step.to_string()),
     ];
@@ -64,10 +65,8 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
             ticks: steps.clone().map(|step| (plan.clock[step], step)).collect(),
             window: plan.log_times[*steps.start()]..=plan.log_times[*steps.end()],
             kept,
-            schemas: HashMap::new(),
-            copied: HashMap::new(),
             quality,
-            writer,
+            copier: Copier::new(writer),
         };
         copy.run(path, origin)
     })
@@ -121,12 +120,9 @@ struct Copy<'a> {
     /// Log times of the stretch.
     window: RangeInclusive<i64>,
     kept: &'a Kept,
-    /// Identifiers in the source to identifiers in the copy.
-    schemas: HashMap<u16, u16>,
-    copied: HashMap<u16, u16>,
     /// Channel of the q and w.
     quality: u16,
-    writer: mcap::Writer<BufWriter<File>>,
+    copier: Copier,
 }
 
 impl Copy<'_> {
@@ -139,33 +135,11 @@ impl Copy<'_> {
                 return self.quality(topic, at, header);
             }
             channels.learn(&record, &|_| false);
-            self.declare(&record)
+            self.copier.declare(&record)
         })?;
         let origin = Metadata { name: "gleaner".to_owned(), metadata: origin };
-        self.writer.write_metadata(&origin).map_err(RecordingError::Write)?;
-        self.writer.finish().map_err(RecordingError::Write)?;
-        Ok(self.writer.into_inner())
-    }
-
-    fn declare(&mut self, record: &Record<'_>) -> Result<(), RecordingError> {
-        match record {
-            Record::Schema { id, name, encoding, data } if !self.schemas.contains_key(id) => {
-                let copied = self.writer.add_schema(name, encoding, data).map_err(RecordingError::Write)?;
-                self.schemas.insert(*id, copied);
-            }
-            Record::Channel { id, schema_id, topic, encoding, metadata } if !self.copied.contains_key(id) => {
-                let schema = self.schemas.get(schema_id).copied().unwrap_or_default();
-                let copied =
-                    self.writer.add_channel(schema, topic, encoding, metadata).map_err(RecordingError::Write)?;
-                self.copied.insert(*id, copied);
-            }
-            Record::Metadata { name, values } => {
-                let metadata = Metadata { name: (*name).to_owned(), metadata: values.clone() };
-                self.writer.write_metadata(&metadata).map_err(RecordingError::Write)?;
-            }
-            Record::Schema { .. } | Record::Channel { .. } | Record::Header { .. } | Record::Message { .. } => {}
-        }
-        Ok(())
+        self.copier.writer.write_metadata(&origin).map_err(RecordingError::Write)?;
+        self.copier.finish()
     }
 
     fn message(&mut self, topic: &str, at: usize, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {
@@ -175,13 +149,7 @@ impl Copy<'_> {
             Some(messages) => messages.contains(&at),
             None => i64::try_from(header.log_time).is_ok_and(|time| self.window.contains(&time)),
         };
-        match self.copied.get(&header.channel_id) {
-            Some(&channel_id) if wanted => self
-                .writer
-                .write_to_known_channel(&MessageHeader { channel_id, ..header }, data)
-                .map_err(RecordingError::Write),
-            _ => Ok(()),
-        }
+        if wanted { self.copier.message(header, data) } else { Ok(()) }
     }
 
     /// After a kept message of the clock, its step's q and w.
@@ -193,7 +161,7 @@ impl Copy<'_> {
         let within = usize::try_from(self.kept.first_step).map_or(0, |first| step.saturating_sub(first));
         let value = serde_json::json!({"step": step, "q": self.kept.quality[within], "w": self.kept.weight[within]});
         let header = MessageHeader { channel_id: self.quality, ..header };
-        self.writer.write_to_known_channel(&header, value.to_string().as_bytes()).map_err(RecordingError::Write)
+        self.copier.writer.write_to_known_channel(&header, value.to_string().as_bytes()).map_err(RecordingError::Write)
     }
 }
 

@@ -108,6 +108,11 @@ fn codec_of(bytes: &[u8]) -> Option<ImageFormat> {
     }
 }
 
+/// Name of the compression that the first bytes show, such as `jpeg`.
+pub(crate) fn codec_name(bytes: &[u8]) -> Option<&'static str> {
+    codec_of(bytes)?.to_mime_type().strip_prefix("image/")
+}
+
 /// Looks at the size in the image's header first, so that a false one costs nothing.
 fn decode(bytes: &[u8], codec: ImageFormat, height: u32, width: u32) -> Result<DynamicImage, RecordingError> {
     let mend = |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));

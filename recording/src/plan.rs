@@ -2,6 +2,7 @@
 //!
 //! Everything of an episode but its pixels. Findings about the data are made in `inspect`.
 
+mod choice;
 mod clocks;
 mod steps;
 mod streams;
@@ -14,7 +15,7 @@ use crate::error::RecordingError;
 use crate::inspect;
 use crate::picture::Channel;
 use crate::report::{FindingCode, Report, Severity};
-use crate::spec::{Mapping, TaskSpec};
+use crate::spec::TaskSpec;
 use crate::tracks::{Tracks, collect};
 use clocks::Clocks;
 use streams::Source;
@@ -24,8 +25,6 @@ pub(crate) use steps::Steps;
 /// The steps of one recording.
 #[derive(Debug)]
 pub(crate) struct Plan {
-    /// Index of the mapping that fits.
-    pub(crate) mapping: usize,
     pub(crate) profile: String,
     pub(crate) clock_topic: String,
     /// The clock's message of each step, by its index in the topic.
@@ -59,13 +58,10 @@ pub(crate) struct ImageStream {
 /// # Errors
 /// [`RecordingError::Rejected`] when no step can be made; findings that leave steps are in the report.
 pub(crate) fn plan(path: &Path, spec: &TaskSpec) -> Result<Plan, RecordingError> {
-    if spec.mappings.is_empty() {
-        let problem = "the task has none; add one that says where its cameras and fields are in a recording";
-        return Err(RecordingError::Spec { field: "mappings".into(), problem: problem.into() });
-    }
+    let (spec, own) = (&choice::readable(spec), spec.mappings.len());
     let tracks = collect(path, spec)?;
     let mut report = begin_report(&tracks);
-    let at = choose_mapping(&tracks, spec, &mut report)?;
+    let at = choice::choose_mapping(&tracks, spec, own, &mut report)?;
     let mapping = &spec.mappings[at];
     let topics = mapping.topics(spec);
     for entry in &mut report.topics {
@@ -79,7 +75,7 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec) -> Result<Plan, RecordingError>
     };
     let clock_topic = mapping.clock_topic(spec).unwrap_or_default();
     let steps = Steps::new(spec, clocks.timeline(&tracks, clock_topic), streams);
-    let mut plan = assemble(&tracks, at, clock_topic, &steps);
+    let mut plan = assemble(&tracks, clock_topic, &steps);
     plan.proprioception = steps.gather(&spec.proprioception);
     plan.action = steps.gather(&spec.action);
     inspect::steps(&steps, spec, &mut report);
@@ -91,7 +87,7 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec) -> Result<Plan, RecordingError>
 }
 
 /// The plan's bookkeeping: which messages the steps use. Numbers and report are put in after.
-fn assemble(tracks: &Tracks, mapping: usize, clock_topic: &str, steps: &Steps<'_>) -> Plan {
+fn assemble(tracks: &Tracks, clock_topic: &str, steps: &Steps<'_>) -> Plan {
     let clock: Vec<usize> = steps.ticks.iter().map(|&at| steps.clock.order[at]).collect();
     let clock_stamps = tracks.tracks.get(clock_topic).map(|track| track.stamps.as_slice()).unwrap_or_default();
     let mut used = BTreeMap::from([(clock_topic.to_owned(), vec![clock.clone()])]);
@@ -104,7 +100,6 @@ fn assemble(tracks: &Tracks, mapping: usize, clock_topic: &str, steps: &Steps<'_
         }
     }
     Plan {
-        mapping,
         profile: tracks.profile.clone(),
         clock_topic: clock_topic.to_owned(),
         log_times: clock.iter().map(|&message| clock_stamps[message].log).collect(),
@@ -130,30 +125,4 @@ fn begin_report(tracks: &Tracks) -> Report {
         report.add(Severity::Warning, FindingCode::Truncated, "file", None, detail);
     }
     report
-}
-
-/// The mapping with the most topics among those of which all are there.
-fn choose_mapping(tracks: &Tracks, spec: &TaskSpec, report: &mut Report) -> Result<usize, RecordingError> {
-    let missing = |mapping: &Mapping| -> Vec<String> {
-        let topics = mapping.topics(spec);
-        topics.iter().filter(|&&topic| !tracks.tracks.contains_key(topic)).map(|&topic| topic.to_owned()).collect()
-    };
-    let score = |mapping: &Mapping| (missing(mapping).len(), usize::MAX - mapping.topics(spec).len());
-    let Some((at, mapping)) = spec.mappings.iter().enumerate().min_by_key(|(_, mapping)| score(mapping)) else {
-        return Ok(0);
-    };
-    report.mapping.clone_from(&mapping.name);
-    let missing = missing(mapping);
-    if missing.is_empty() {
-        return Ok(at);
-    }
-    for topic in missing {
-        let detail = format!(
-            "mapping `{}` is the nearest but its topic {topic} has no messages in the file; record it, or add a mapping \
-             for the topics that are there",
-            mapping.name
-        );
-        report.add(Severity::Error, FindingCode::MissingTopic, &topic, None, detail);
-    }
-    Err(RecordingError::Rejected(Box::new(std::mem::take(report).sorted())))
 }

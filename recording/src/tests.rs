@@ -5,6 +5,7 @@ mod corpus;
 mod damage;
 mod findings;
 mod golden;
+mod rollouts;
 mod scene;
 mod steps;
 

@@ -1,29 +1,31 @@
 //! Writes an episode as MCAP in the foxglove/protobuf dialect: what the simulator and recorded sessions use.
 //!
-//! Color becomes JPEG in foxglove.CompressedImage, depth stays exact in foxglove.RawImage, and the numbers go
-//! to `/robot/state` and `/robot/action`. [`written_mapping`] reads all of it back.
+//! A whole step's color becomes JPEG in foxglove.CompressedImage and its depth stays exact in foxglove.RawImage; images
+//! that came from elsewhere are kept as they came. The numbers go to `/robot/state` and `/robot/action`.
+//! [`written_mapping`] reads all of it back.
 
+mod images;
 mod mapping;
+mod observed;
 pub(crate) mod schema;
 
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 
 use mcap::records::{MessageHeader, Metadata};
-use prost::Message as _;
 use prost_types::Timestamp;
 
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
-use crate::image::encode_jpeg;
 use crate::picture::Channel;
 use crate::spec::{FieldSpec, TaskSpec};
-use mapping::{ACTION_TOPIC, STATE_TOPIC, color_topic, depth_topic};
-use schema::{CompressedImage, Numbers, RawImage, Schema};
+use images::ImageChannels;
+use mapping::STATE_TOPIC;
+use schema::{Numbers, Schema};
 
+pub(crate) use mapping::ACTION_TOPIC;
 pub use mapping::written_mapping;
-
-const JPEG_QUALITY: u8 = 92;
+pub use observed::{CameraRef, ImageRef, ObservationRef};
 
 /// One step to be written.
 #[derive(Clone, Copy, Debug)]
@@ -40,8 +42,7 @@ pub struct StepRef<'a> {
 pub struct EpisodeWriter<W: Write + Seek> {
     mcap: mcap::Writer<W>,
     spec: TaskSpec,
-    /// Color and depth of each camera.
-    cameras: Vec<(u16, Option<u16>)>,
+    images: ImageChannels,
     /// Absent when the task has no proprioception.
     state: Option<(u16, Numbers)>,
     action: (u16, Numbers),
@@ -57,13 +58,6 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     pub fn create(writer: W, spec: &TaskSpec) -> Result<Self, RecordingError> {
         spec.validate()?;
         let mut mcap = mcap_writer(writer, "")?;
-        let mut cameras = Vec::new();
-        for camera in &spec.cameras {
-            let color = add_channel(&mut mcap, &color_topic(camera), &schema::compressed_image())?;
-            let depth =
-                camera.depth.then(|| add_channel(&mut mcap, &depth_topic(camera), &schema::raw_image())).transpose()?;
-            cameras.push((color, depth));
-        }
         let mut add_numbers = |topic, name, specs: &[FieldSpec]| {
             let schema = schema::numbers(name, specs);
             let wrong = || RecordingError::Spec { field: name.into(), problem: "the fields make no message".into() };
@@ -74,7 +68,8 @@ impl<W: Write + Seek> EpisodeWriter<W> {
             .then(|| add_numbers(STATE_TOPIC, "State", &spec.proprioception))
             .transpose()?;
         let action = add_numbers(ACTION_TOPIC, "Action", &spec.action)?;
-        Ok(Self { mcap, spec: spec.clone(), cameras, state, action, notes: BTreeMap::new(), steps: 0 })
+        let (images, notes) = (ImageChannels::default(), BTreeMap::new());
+        Ok(Self { mcap, spec: spec.clone(), images, state, action, notes, steps: 0 })
     }
 
     /// Writes one step's images, state and action, all with this stamp.
@@ -82,21 +77,13 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// # Errors
     /// [`RecordingError::Step`] when the step does not fit the task, or [`RecordingError::Write`].
     pub fn step(&mut self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
-        self.check(stamp_ns, step)?;
-        let stamp = timestamp(stamp_ns);
+        self.check_step(stamp_ns, step)?;
         let mut rest = step.frames;
         for at in 0..self.spec.cameras.len() {
-            rest = self.images(at, stamp_ns, rest)?;
+            rest = self.frame(at, stamp_ns, rest)?;
         }
-        let state =
-            self.state.as_ref().map(|(channel, numbers)| (*channel, numbers.encode(&stamp, step.proprioception)));
-        let action = Some((self.action.0, self.action.1.encode(&stamp, step.action)));
-        for (channel, bytes) in state.into_iter().chain(action) {
-            let bytes = bytes.ok_or_else(|| self.wrong("the values do not fit the task's fields".to_owned()))?;
-            self.write(channel, stamp_ns, &bytes)?;
-        }
-        self.steps = self.steps.saturating_add(1);
-        Ok(())
+        self.state(stamp_ns, step.proprioception)?;
+        self.action(stamp_ns, step.action)
     }
 
     /// Writes a JSON message that mappings ignore. The topic must not be one of the step's own.
@@ -128,6 +115,14 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata: values }).map_err(RecordingError::Write)
     }
 
+    /// Hands everything so far on to the writer underneath, in a form that reads whole even if nothing follows.
+    ///
+    /// # Errors
+    /// [`RecordingError::Write`].
+    pub fn flush(&mut self) -> Result<(), RecordingError> {
+        self.mcap.flush().map_err(RecordingError::Write)
+    }
+
     /// Ends the file and gives the writer back.
     ///
     /// # Errors
@@ -137,18 +132,23 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         Ok(self.mcap.into_inner())
     }
 
-    fn check(&self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
-        if stamp_ns <= 0 {
-            return Err(self.wrong(format!("the stamp {stamp_ns} is not after 1970; give nanoseconds of Unix time")));
+    fn check_step(&self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
+        self.check_stamp(stamp_ns)?;
+        self.check_size("frames", step.frames.len(), frame_bytes_per_step(&self.spec))?;
+        self.check_size("proprioception", step.proprioception.len(), self.spec.proprioception_size())?;
+        self.check_size("action", step.action.len(), self.spec.action_size())
+    }
+
+    fn check_stamp(&self, stamp_ns: i64) -> Result<(), RecordingError> {
+        if stamp_ns < 0 {
+            return Err(self.wrong(format!("the stamp {stamp_ns} is before the clock's beginning; give one from 0 on")));
         }
-        for (what, found, wanted) in [
-            ("frames", step.frames.len(), frame_bytes_per_step(&self.spec)),
-            ("proprioception", step.proprioception.len(), self.spec.proprioception_size()),
-            ("action", step.action.len(), self.spec.action_size()),
-        ] {
-            if found != wanted {
-                return Err(self.wrong(format!("{what} has {found} elements, the task's steps have {wanted}")));
-            }
+        Ok(())
+    }
+
+    fn check_size(&self, what: &str, found: usize, wanted: usize) -> Result<(), RecordingError> {
+        if found != wanted {
+            return Err(self.wrong(format!("{what} has {found} elements, the task's steps have {wanted}")));
         }
         Ok(())
     }
@@ -158,24 +158,35 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     }
 
     /// Writes the images of one camera from the front of the frames and gives the rest back.
-    fn images<'a>(&mut self, at: usize, stamp_ns: i64, frames: &'a [u8]) -> Result<&'a [u8], RecordingError> {
-        let (camera, (color, depth)) = (&self.spec.cameras[at], self.cameras[at]);
-        let (height, width, frame_id) = (camera.height, camera.width, camera.name.clone());
-        let (rgb, mut rest) = frames.split_at(Channel::Color.bytes(camera));
-        let stamp = Some(timestamp(stamp_ns));
-        let data = encode_jpeg(rgb, height, width, JPEG_QUALITY)?;
-        let image = CompressedImage { timestamp: stamp, data, format: "jpeg".to_owned(), frame_id: frame_id.clone() };
-        let depth_bytes = Channel::Depth.bytes(camera);
-        self.write(color, stamp_ns, &image.encode_to_vec())?;
-        if let Some(depth) = depth {
-            let (data, after) = rest.split_at(depth_bytes);
-            rest = after;
-            let encoding = "16UC1".to_owned();
-            let image =
-                RawImage { timestamp: stamp, width, height, encoding, step: width * 2, data: data.to_vec(), frame_id };
-            self.write(depth, stamp_ns, &image.encode_to_vec())?;
+    fn frame<'a>(&mut self, at: usize, stamp_ns: i64, frames: &'a [u8]) -> Result<&'a [u8], RecordingError> {
+        let camera = &self.spec.cameras[at];
+        let (rgb, rest) = frames.split_at(Channel::Color.bytes(camera));
+        let (depth, rest) = rest.split_at(if camera.depth { Channel::Depth.bytes(camera) } else { 0 });
+        let jpeg = images::jpeg(camera, rgb)?;
+        self.image(at, Channel::Color, stamp_ns, images::Kept::Compressed("jpeg", &jpeg))?;
+        if !depth.is_empty() {
+            self.image(at, Channel::Depth, stamp_ns, images::Kept::Raw(depth))?;
         }
         Ok(rest)
+    }
+
+    fn state(&mut self, stamp_ns: i64, values: &[f32]) -> Result<(), RecordingError> {
+        let Some((channel, numbers)) = &self.state else { return Ok(()) };
+        let (channel, bytes) = (*channel, numbers.encode(&timestamp(stamp_ns), values));
+        self.numbers(channel, stamp_ns, bytes)
+    }
+
+    /// The action ends its step.
+    fn action(&mut self, stamp_ns: i64, values: &[f32]) -> Result<(), RecordingError> {
+        let bytes = self.action.1.encode(&timestamp(stamp_ns), values);
+        self.numbers(self.action.0, stamp_ns, bytes)?;
+        self.steps = self.steps.saturating_add(1);
+        Ok(())
+    }
+
+    fn numbers(&mut self, channel: u16, stamp_ns: i64, bytes: Option<Vec<u8>>) -> Result<(), RecordingError> {
+        let bytes = bytes.ok_or_else(|| self.wrong("the values do not fit the task's fields".to_owned()))?;
+        self.write(channel, stamp_ns, &bytes)
     }
 
     fn write(&mut self, channel_id: u16, stamp_ns: i64, data: &[u8]) -> Result<(), RecordingError> {
@@ -192,6 +203,8 @@ const CHUNK_BYTES: u64 = 64 << 10;
 pub(crate) fn mcap_writer<W: Write + Seek>(writer: W, profile: &str) -> Result<mcap::Writer<W>, RecordingError> {
     let options = mcap::WriteOptions::new()
         .compression_threads(0)
+        // A chunk is then written in one piece, never mended afterwards: what a crash leaves is whole chunks and a tail.
+        .disable_seeking(true)
         .chunk_size(Some(CHUNK_BYTES))
         .profile(profile)
         .library(concat!("gleaner-recording/", env!("CARGO_PKG_VERSION")));

@@ -3,7 +3,7 @@
 use crate::spec::{CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 
 pub(super) const STATE_TOPIC: &str = "/robot/state";
-pub(super) const ACTION_TOPIC: &str = "/robot/action";
+pub(crate) const ACTION_TOPIC: &str = "/robot/action";
 /// Name of the mapping that reads what is written here.
 const MAPPING: &str = "gleaner";
 

@@ -83,6 +83,6 @@ fn a_step_that_does_not_fit_is_refused_by_name() {
     assert!(problem(START, StepRef { frames: &[], ..step }).contains("frames"));
     assert!(problem(START, StepRef { proprioception: &[0.0], ..step }).contains("proprioception"));
     assert!(problem(START, StepRef { action: &[0.0], ..step }).contains("action"));
-    assert!(problem(0, step).contains("1970"));
+    assert!(problem(-1, step).contains("-1"));
     assert!(writer.annotate(STATE_TOPIC, START, &serde_json::Value::Null).is_err());
 }

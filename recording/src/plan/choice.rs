@@ -1,0 +1,78 @@
+//! Which mapping fits a recording: one of the task's own, or the one of what this crate writes itself.
+//!
+//! Recorded sessions of a task are in this crate's dialect, whatever dialects the task's demonstrations come in, so
+//! every task reads it.
+
+use std::borrow::Cow;
+
+use crate::error::RecordingError;
+use crate::report::{FindingCode, Report, Severity};
+use crate::spec::{Mapping, TaskSpec};
+use crate::tracks::Tracks;
+use crate::write::written_mapping;
+
+/// The task with one more mapping at the end, unless it has it: that of what [`crate::EpisodeWriter`] writes.
+pub(super) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {
+    let written = written_mapping(spec);
+    if spec.mappings.contains(&written) {
+        return Cow::Borrowed(spec);
+    }
+    let mut spec = spec.clone();
+    spec.mappings.push(written);
+    Cow::Owned(spec)
+}
+
+/// The mapping with the most topics among those of which all are there. Only the first `own` are the task's: one
+/// beyond is chosen when none of those fits and it does, and is never what a finding speaks of.
+pub(super) fn choose_mapping(
+    tracks: &Tracks,
+    spec: &TaskSpec,
+    own: usize,
+    report: &mut Report,
+) -> Result<usize, RecordingError> {
+    let score = |mapping: &Mapping| (missing(tracks, spec, mapping).len(), usize::MAX - mapping.topics(spec).len());
+    let best = spec.mappings.iter().enumerate().take(own).min_by_key(|(_, mapping)| score(mapping));
+    let fits = |at: usize| fits(tracks, spec, at);
+    if best.is_none_or(|(at, _)| !fits(at))
+        && let Some((at, written)) = spec.mappings.iter().enumerate().skip(own).find(|(at, _)| fits(*at))
+    {
+        report.mapping.clone_from(&written.name);
+        return Ok(at);
+    }
+    let Some((at, mapping)) = best else {
+        let problem = "the task has none; add one that says where its cameras and fields are in a recording";
+        return Err(RecordingError::Spec { field: "mappings".into(), problem: problem.into() });
+    };
+    report.mapping.clone_from(&mapping.name);
+    let missing = missing(tracks, spec, mapping);
+    if missing.is_empty() {
+        return Ok(at);
+    }
+    for topic in missing {
+        let detail = format!(
+            "mapping `{}` is the nearest but its topic {topic} has no messages in the file; record it, or add a mapping \
+             for the topics that are there",
+            mapping.name
+        );
+        report.add(Severity::Error, FindingCode::MissingTopic, &topic, None, detail);
+    }
+    Err(RecordingError::Rejected(Box::new(std::mem::take(report).sorted())))
+}
+
+fn missing(tracks: &Tracks, spec: &TaskSpec, mapping: &Mapping) -> Vec<String> {
+    let topics = mapping.topics(spec);
+    topics.iter().filter(|&&topic| !tracks.tracks.contains_key(topic)).map(|&topic| topic.to_owned()).collect()
+}
+
+/// Whether all its topics are there, and carry all its fields.
+fn fits(tracks: &Tracks, spec: &TaskSpec, at: usize) -> bool {
+    let mapping = &spec.mappings[at];
+    let carried = |source: usize, topic: &str| {
+        tracks.tracks.get(topic).is_some_and(|track| {
+            let mut fields = track.fields.iter().filter(|field| (field.mapping, field.source) == (at, source));
+            track.failure.is_none() && fields.all(|field| !field.messages.is_empty() && field.failure.is_none())
+        })
+    };
+    missing(tracks, spec, mapping).is_empty()
+        && mapping.fields.iter().enumerate().all(|(source, field)| carried(source, &field.topic))
+}
