@@ -1,0 +1,91 @@
+"""The jobs on the server: task, pretraining, scores, dataset, two policies. What was ordered is not ordered again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import gleaner
+from gleaner.types import Dataset, Episode, Job
+from metaworld_example.collect import Demonstration
+from metaworld_example.demonstrator import EXPERT, IMPERFECT
+from metaworld_example.lab import task_name, task_spec
+from metaworld_example.plan import Plan
+from metaworld_example.progress import Progress
+
+WITHOUT, WITH = "experts only", "with gleaned segments"
+
+
+@dataclass(frozen=True)
+class Gleaned:
+    """What the jobs made."""
+
+    encoder: str
+    run: str
+    dataset: Dataset
+    episodes: list[Episode]  # all that were pushed
+    policies: dict[str, str]  # deployment by what it was trained on
+
+
+def push(client: gleaner.Client, plan: Plan, demonstrations: Iterable[Demonstration]) -> Iterator[Episode]:
+    """Sends the recordings, labelled by outcome, with the agent for a cohort; those that are there are not sent."""
+    try:
+        client.tasks.create(task_spec(plan.task, plan.size))
+    except gleaner.AlreadyExists:
+        _same_task(client, plan)
+    for shown in demonstrations:
+        outcome = "success" if shown.success else "failure"
+        yield client.episodes.push(shown.path, task=task_name(plan.task), outcome=outcome, cohort=shown.agent)
+
+
+def _same_task(client: gleaner.Client, plan: Plan) -> None:
+    spec = client.tasks.get(task_name(plan.task)).spec
+    sizes = {(camera.height, camera.width) for camera in spec.cameras}
+    if sizes != {(plan.size, plan.size)}:
+        raise SystemExit(
+            f"--size {plan.size}: the server's task has pictures of {sizes}; use that size, or another server"
+        )
+
+
+def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleaned:
+    """Pretrains, scores, selects, trains twice and deploys; shows how far each job is."""
+    # An imperfect agent's lucky success is still imperfect data: roles go by who showed it, not by how it went.
+    rule = {"expert_cohorts": [EXPERT.name], "imperfect_cohorts": [agent.name for agent in IMPERFECT]}
+    pretrain = _job(
+        client,
+        plan,
+        "pretrain",
+        {"rule": rule, "seed": plan.seed, "optim": {"steps": plan.pretrain_steps, "batch": plan.pretrain_batch}},
+    )
+    score = _job(client, plan, "score", {"encoder_id": pretrain.result_id})
+    dataset = client.datasets.create(score.result_id, top_fraction=plan.keep)
+    learnt_from: dict[str, dict[str, Any]] = {
+        WITHOUT: {"experts_of": pretrain.result_id},
+        WITH: {"dataset_id": dataset.id, "lambda": plan.weight},
+    }
+    policies = {}
+    for name, data in learnt_from.items():
+        optim = {"steps": plan.train_steps, "batch": plan.train_batch}
+        job = _job(client, plan, "train", {**data, "seed": plan.seed, "optim": optim}, name)
+        policies[name] = _deploy(client, f"{task_name(plan.task)}@{name.split()[0]}", job.result_id)
+    return Gleaned(pretrain.result_id, score.result_id, client.datasets.get(dataset.id), episodes, policies)
+
+
+def _job(client: gleaner.Client, plan: Plan, kind: str, spec: dict[str, Any], name: str = "") -> Job:
+    # The key names the work: ordered again, by a run that was stopped too, the first job is the answer.
+    digest = hashlib.sha256(json.dumps(spec, sort_keys=True).encode()).hexdigest()[:16]
+    job = client.jobs.submit(task_name(plan.task), {kind: spec}, key=f"metaworld {kind} {digest}")
+    with Progress(f"{kind} {name}".strip()) as progress:
+        for event in client.jobs.watch(job):
+            progress.at(event.job.done, event.job.total, event.job.message)
+    return client.jobs.wait(job)
+
+
+def _deploy(client: gleaner.Client, name: str, policy_id: str) -> str:
+    deployed = {known.name: known.policy_id for known in client.deployments()}
+    if deployed.get(name) != policy_id:
+        client.deploy(name, policy_id)
+    return name

@@ -1,0 +1,93 @@
+"""One episode as an MCAP file: pictures as foxglove.CompressedImage, numbers as JSON. Knows no simulator."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.writer import CompressionType, Writer
+from mcap_protobuf.schema import build_file_descriptor_set
+from numpy.typing import NDArray
+from PIL import Image
+
+STATE_TOPIC = "/arm/state"
+ACTION_TOPIC = "/arm/action"
+# Episodes of a simulator have no date: a fixed one, so that the same seed is the same file.
+BEGIN_NS = 1_700_000_000_000_000_000
+
+Numbers = Mapping[str, NDArray[np.float32]]
+
+
+def camera_topic(camera: str) -> str:
+    """Where a camera's pictures are."""
+    return f"/camera/{camera}"
+
+
+class Recorder:
+    """Writes steps as they come. The file is there once it is kept, whole, or not at all."""
+
+    def __init__(self, part: Path, rate_hz: float, about: Mapping[str, str]) -> None:
+        self._part = part
+        self._period_ns = round(1e9 / rate_hz)
+        self._steps = 0
+        self._file = self._part.open("wb")
+        # Pictures are compressed already.
+        self._mcap = Writer(self._file, compression=CompressionType.NONE)
+        self._mcap.start(library="gleaner metaworld example")
+        self._mcap.add_metadata("episode", dict(about))
+        self._channels: dict[str, int] = {}
+
+    def step(self, images: Mapping[str, NDArray[np.uint8]], state: Numbers, action: Numbers) -> None:
+        """One step: what was seen and felt, then what was done."""
+        stamp_ns = BEGIN_NS + self._steps * self._period_ns
+        for camera, image in images.items():
+            self._picture(camera_topic(camera), stamp_ns, image)
+        self._numbers(STATE_TOPIC, stamp_ns, state)
+        self._numbers(ACTION_TOPIC, stamp_ns, action)
+        self._steps += 1
+
+    def keep(self, path: Path) -> None:
+        """Ends the recording and gives it its name."""
+        self._mcap.finish()
+        self._file.close()
+        self._part.replace(path)
+
+    def _picture(self, topic: str, stamp_ns: int, image: NDArray[np.uint8]) -> None:
+        if topic not in self._channels:
+            schema = self._mcap.register_schema(
+                CompressedImage.DESCRIPTOR.full_name,
+                "protobuf",
+                build_file_descriptor_set(CompressedImage).SerializeToString(),
+            )
+            self._channels[topic] = self._mcap.register_channel(topic, "protobuf", schema)
+        # PNG keeps every pixel, so that the policy learns from just what it will see.
+        coded = io.BytesIO()
+        Image.fromarray(image).save(coded, "PNG")
+        stamp = Timestamp()
+        stamp.FromNanoseconds(stamp_ns)
+        message = CompressedImage(timestamp=stamp, data=coded.getvalue(), format="png", frame_id=topic)
+        self._write(topic, stamp_ns, message.SerializeToString())
+
+    def _numbers(self, topic: str, stamp_ns: int, values: Numbers) -> None:
+        if topic not in self._channels:
+            schema = self._mcap.register_schema(topic.strip("/"), "jsonschema", b'{"type": "object"}')
+            self._channels[topic] = self._mcap.register_channel(topic, "json", schema)
+        sec, nsec = divmod(stamp_ns, 10**9)
+        message = {"timestamp": {"sec": sec, "nsec": nsec}, **{name: row.tolist() for name, row in values.items()}}
+        self._write(topic, stamp_ns, json.dumps(message).encode())
+
+    def _write(self, topic: str, stamp_ns: int, data: bytes) -> None:
+        self._mcap.add_message(self._channels[topic], stamp_ns, data, stamp_ns)
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._file.close()
+        self._part.unlink(missing_ok=True)

@@ -1,0 +1,63 @@
+"""The stages, in order."""
+
+from __future__ import annotations
+
+import gleaner
+from gleaner.types import Episode
+from metaworld_example.collect import Demonstration, collect
+from metaworld_example.demonstrator import IMPERFECT
+from metaworld_example.gleaning import glean, push
+from metaworld_example.plan import Plan, parse
+from metaworld_example.progress import Progress
+from metaworld_example.report import write
+from metaworld_example.simulator import MetaWorld
+from metaworld_example.trials import trials
+
+STAGES = ("collect", "push", "glean", "evaluate", "all")
+
+
+def main(about: str) -> None:
+    """What the command line asks for."""
+    until, plan = parse(STAGES, about)
+    plan.folder.mkdir(parents=True, exist_ok=True)
+    env = MetaWorld(plan.task, plan.size)
+    try:
+        shown = _collect(env, plan)
+        if until != "collect":
+            with gleaner.connect(plan.server, plan.token or None) as client:
+                _with_server(client, plan, env, shown, until)
+    finally:
+        env.close()
+
+
+def _with_server(client: gleaner.Client, plan: Plan, env: MetaWorld, shown: list[Demonstration], until: str) -> None:
+    episodes = _push(client, plan, shown)
+    if until == "push":
+        return
+    gleaned = glean(client, plan, episodes)
+    if until == "glean":
+        return
+    results = {name: trials(client, env, plan, deployment) for name, deployment in gleaned.policies.items()}
+    for name, result in results.items():
+        print(f"{name}: {result}")
+    if until == "all":
+        print(write(client, plan, env, gleaned, results))
+
+
+def _collect(env: MetaWorld, plan: Plan) -> list[Demonstration]:
+    total = plan.experts + len(IMPERFECT) * plan.imperfect
+    shown = []
+    with Progress("collect") as progress:
+        for demonstration in collect(env, plan.task, plan.folder / "episodes", plan.experts, plan.imperfect):
+            shown.append(demonstration)
+            progress.at(len(shown), total, demonstration.agent)
+    return shown
+
+
+def _push(client: gleaner.Client, plan: Plan, shown: list[Demonstration]) -> list[Episode]:
+    pushed = []
+    with Progress("push") as progress:
+        for episode in push(client, plan, shown):
+            pushed.append(episode)
+            progress.at(len(pushed), len(shown))
+    return pushed

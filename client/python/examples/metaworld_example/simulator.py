@@ -1,0 +1,89 @@
+"""A task of Meta-World as a Gymnasium environment at 40 Hz, with cameras that are fast on a CPU. Knows no server."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import mujoco
+import numpy as np
+from metaworld.env_dict import ALL_V3_ENVIRONMENTS
+from numpy.typing import NDArray
+
+# The task's name for a camera, and Meta-World's. Both move with the hand: with where the hand is, which is felt, they
+# show where the object is.
+CAMERAS = {"behind": "behindGripper", "wrist": "gripperPOV"}
+RATE_HZ = 40.0
+# Meta-World moves at 80 Hz.
+REPEAT = 2
+
+Frames = dict[str, NDArray[np.uint8]]
+State = NDArray[np.float64]
+
+
+class MetaWorld(gymnasium.Env[State, NDArray[np.float32]]):
+    """One task, `pick-place-v3` for example. A seed is a placement of object and goal.
+
+    An observation is Meta-World's own state of 39 numbers: 0:3 hand, 3 gripper opening, 4:11 object, 36:39 goal.
+    An action is four numbers in [-1, 1]: hand motion in x, y, z (1 is 1 cm in a step of 80 Hz) and closing.
+    """
+
+    def __init__(self, task: str, size: int = 64, max_steps: int = 90) -> None:
+        if task not in ALL_V3_ENVIRONMENTS:
+            raise ValueError(f"task {task}: Meta-World has none of this name; it has {', '.join(ALL_V3_ENVIRONMENTS)}")
+        env: Any = ALL_V3_ENVIRONMENTS[task]()
+        # Placements come from our seed, and the goal is part of the state: the scripted expert needs it.
+        env._partially_observable = False
+        env._freeze_rand_vec = False
+        env.seeded_rand_vec = True
+        env._set_task_called = True
+        del env.sawyer_observation_space
+        self._env = env
+        self.observation_space = env.sawyer_observation_space
+        self.action_space = env.action_space
+        self._max_steps = min(max_steps, env.max_path_length // REPEAT)
+        self._steps = 0
+        # Multisampling, shadows and reflections cost ten times the rest on a CPU.
+        env.model.vis.quality.offsamples = 0
+        self._renderer = mujoco.Renderer(env.model, size, size)
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._renderer.scene.flags[flag] = 0
+        arm = [f"right_j{joint}" for joint in range(7)]
+        self._arm = [int(env.model.joint(name).qposadr[0]) for name in arm]
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
+        """Begins the episode of a seed: the same seed is the same episode, whatever came before."""
+        super().reset(seed=seed)
+        if seed is not None:
+            self._env.seed(seed)
+        self._steps = 0
+        state, _ = self._env.reset()
+        return state, {"success": False}
+
+    def step(self, action: NDArray[np.float32]) -> tuple[State, float, bool, bool, dict[str, Any]]:
+        """Moves for one control period, or until the task is solved."""
+        action = np.clip(np.asarray(action, np.float32), -1.0, 1.0)
+        for _ in range(REPEAT):
+            state, reward, _, _, info = self._env.step(action)
+            if info["success"] > 0:
+                break
+        self._steps += 1
+        success = bool(info["success"] > 0)
+        return state, float(reward), success, self._steps >= self._max_steps, {"success": success}
+
+    def images(self) -> Frames:
+        """What the cameras see now: size × size × RGB each."""
+        seen = {}
+        for name, camera in CAMERAS.items():
+            self._renderer.update_scene(self._env.data, camera)
+            seen[name] = self._renderer.render().copy()
+        return seen
+
+    def joints(self) -> NDArray[np.float64]:
+        """The arm's seven angles, in radians."""
+        angles: NDArray[np.float64] = self._env.data.qpos[self._arm].copy()
+        return angles
+
+    def close(self) -> None:
+        """Frees the renderer."""
+        self._renderer.close()

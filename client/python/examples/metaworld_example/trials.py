@@ -1,0 +1,49 @@
+"""Closed-loop episodes over gRPC, kept one by one: a run that was stopped goes on with the next."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import gleaner
+from metaworld_example.lab import MetaWorldAdapter
+from metaworld_example.plan import Plan
+from metaworld_example.progress import Progress
+from metaworld_example.simulator import MetaWorld
+
+# Far from every demonstration's.
+SEED = 10_000_000
+
+
+def trials(client: gleaner.Client, env: MetaWorld, plan: Plan, deployment: str) -> gleaner.Trials:
+    """The plan's episodes of a deployment, those in the file counted; the server keeps the result with the policy."""
+    file = plan.folder / "trials.jsonl"
+    policy_id = next(known.policy_id for known in client.deployments() if known.name == deployment)
+    done = _read(file, policy_id)[: plan.episodes]
+    missing = plan.episodes - len(done)
+    if missing == 0:
+        return gleaner.Trials(SEED, tuple(done), policy_id)
+    with (
+        gleaner.Policy(client, deployment) as policy,
+        Progress(f"evaluate {deployment}") as progress,
+        file.open("a") as out,
+    ):
+
+        def on_trial(trial: gleaner.Trial) -> None:
+            out.write(json.dumps({"policy": policy_id, **asdict(trial)}) + "\n")
+            out.flush()
+            done.append(trial)
+            progress.at(len(done), plan.episodes, f"{sum(trial.success for trial in done)} solved")
+
+        gleaner.evaluate(env, policy, MetaWorldAdapter(), missing, SEED + len(done), on_trial=on_trial)
+    result = gleaner.Trials(SEED, tuple(done), policy_id)
+    result.report(client, f"metaworld/{plan.task}")
+    return result
+
+
+def _read(file: Path, policy_id: str) -> list[gleaner.Trial]:
+    if not file.exists():
+        return []
+    rows = [json.loads(line) for line in file.read_text().splitlines()]
+    return [gleaner.Trial(row["seed"], row["success"], row["steps"]) for row in rows if row["policy"] == policy_id]
