@@ -31,6 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .bytes(".gleaner.v1.DownloadEpisodeResponse.data")
         .bytes(".gleaner.v1.DownloadExportFileResponse.data")
         .bytes(".gleaner.v1.Image.data")
+        .bytes(".gleaner.v1.ScoreRecordingRequest.data")
         .bytes(".inference.ModelInferRequest.raw_input_contents")
         .bytes(".inference.InferTensorContents.bytes_contents")
         .compile_fds(descriptors)?;

@@ -2,7 +2,12 @@
 //!
 //! Knows no status code: `wire::status` holds that table. A message is for the caller; a source is for the log.
 
-use std::error::Error as StdError;
+use std::{
+    error::Error as StdError,
+    panic::{AssertUnwindSafe, catch_unwind},
+};
+
+use gleaner_learn::LearnError;
 
 /// What a caller can do about an error. One row each in `wire::status`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +89,18 @@ impl Error {
         Self { kind: Kind::Internal, message: doing.into(), source: Some(source.into()) }
     }
 
+    /// What an error of `learn` means to who asked for it. `doing` says what was being done.
+    pub fn learned(doing: &str, error: LearnError) -> Self {
+        match error {
+            LearnError::Version { .. } | LearnError::Checkpoint(_) => Self::precondition(error.to_string()),
+            LearnError::Invalid { ref field, ref message } => Self::invalid(field, message),
+            LearnError::Cancelled => Self::cancelled(error.to_string()),
+            LearnError::Diverged { .. } | LearnError::Monitor { .. } | LearnError::Torch(_) => {
+                Self::internal(doing, error)
+            }
+        }
+    }
+
     fn new(kind: Kind, message: impl Into<String>) -> Self {
         Self { kind, message: message.into(), source: None }
     }
@@ -113,4 +130,20 @@ impl StdError for Error {
     fn source(&self) -> Option<&(dyn StdError + 'static)> {
         self.source.as_deref().map(|source| source as _)
     }
+}
+
+/// Runs `work` and turns a panic into an error: a fault of one call must not end the thread that serves all.
+///
+/// # Errors
+/// What `work` says; Internal when it panics.
+pub(crate) fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    // What the work had borrowed is only read, so nothing half-written is seen after a panic.
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let text = panic
+            .downcast_ref::<String>()
+            .map(String::as_str)
+            .or_else(|| panic.downcast_ref::<&str>().copied())
+            .unwrap_or("a panic without a message");
+        Err(Error::internal(doing, text))
+    })
 }

@@ -1,6 +1,6 @@
 //! The gleaner server. `run` builds the rooms, hands each what it needs, and serves until told to stop.
 //!
-//! Floors: `service` and `wire` over `ingest`, `jobs` and `policies` over `store` and `blobs` over `domain` and
+//! Floors: `service` and `wire` over `ingest`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain` and
 //! `error`. Calls go down, never up. `worker` is the other process of this binary: a client of this server.
 
 pub mod blobs;
@@ -11,6 +11,8 @@ pub mod ingest;
 pub mod jobs;
 pub mod lock;
 pub mod policies;
+pub mod rollouts;
+mod scorers;
 pub mod service;
 pub mod shutdown;
 pub mod store;

@@ -63,7 +63,7 @@ async fn deployments_roll_back_and_sessions_drain() {
         policies.push(api.succeed(lab::TASK, order).await.result_id);
     }
     for policy_id in &policies {
-        let request = DeployRequest { name: "arm@prod".into(), policy_id: policy_id.clone() };
+        let request = DeployRequest { name: "arm@prod".into(), policy_id: policy_id.clone(), ..Default::default() };
         api.policies.deploy(request).await.unwrap();
     }
     let back = |name: &str| RollBackRequest { name: name.into() };

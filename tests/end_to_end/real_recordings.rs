@@ -72,7 +72,10 @@ async fn both_dialects_are_one_task() {
     assert!(api.scores.get_histogram(request).await.unwrap().into_inner().segments > 100);
 
     let policy = api.succeed(&task, lab::train(train_spec::Data::ExpertsOf(encoder), 2)).await.result_id;
-    api.policies.deploy(DeployRequest { name: "real@test".into(), policy_id: policy }).await.unwrap();
+    api.policies
+        .deploy(DeployRequest { name: "real@test".into(), policy_id: policy, ..Default::default() })
+        .await
+        .unwrap();
     let request = ActRequest { deployment: "real@test".into(), observations: replayed(&spec) };
     let acted = api.policies.act(request).await.unwrap().into_inner();
     assert_eq!(acted.actions[0].values.len(), 7);

@@ -39,7 +39,10 @@ pub async fn shared() -> Arc<Shared> {
     let encoder = pretrain.result_id;
     let run = api.succeed(lab::TASK, lab::score(&encoder)).await.result_id;
     let policy = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder.clone()), 3)).await.result_id;
-    api.policies.deploy(DeployRequest { name: NAME.into(), policy_id: policy.clone() }).await.unwrap();
+    api.policies
+        .deploy(DeployRequest { name: NAME.into(), policy_id: policy.clone(), ..Default::default() })
+        .await
+        .unwrap();
     let shared = Arc::new(Shared { server, episodes, snapshot: spec.snapshot_id, encoder, run, policy });
     *held = Arc::downgrade(&shared);
     shared

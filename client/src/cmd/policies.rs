@@ -50,11 +50,14 @@ pub(crate) struct DeployArgs {
     /// The policy it shall point at.
     #[arg(long)]
     policy: String,
+    /// A score run of the same task, to score what sessions do while they run.
+    #[arg(long, default_value = "", hide_default_value = true, value_name = "RUN")]
+    score_run: String,
 }
 
 impl DeployArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let request = DeployRequest { name: self.name, policy_id: self.policy };
+        let request = DeployRequest { name: self.name, policy_id: self.policy, score_run_id: self.score_run };
         let reply = context.client().await?.policies().deploy(request).await?.into_inner();
         let deployment = present(reply.deployment.as_ref(), "a deployment")?;
         context.output.result(|| json::value(&reply), || pointed(deployment))?;
@@ -81,7 +84,9 @@ impl RollbackArgs {
 }
 
 fn pointed(deployment: &Deployment) -> String {
-    format!("{} now points at {}", deployment.name, deployment.policy_id)
+    let Deployment { name, policy_id, score_run_id: run, .. } = deployment;
+    let scored = if run.is_empty() { String::new() } else { format!(", scored by {run}") };
+    format!("{name} now points at {policy_id}{scored}")
 }
 
 #[derive(Args, Debug)]
@@ -95,12 +100,13 @@ impl DeploymentsArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let request = ListDeploymentsRequest { task: self.task };
         let reply = context.client().await?.policies().list_deployments(request).await?.into_inner();
-        let columns = [Left("NAME"), Left("POLICY"), Left("SINCE"), Right("CHANGES")];
+        let columns = [Left("NAME"), Left("POLICY"), Left("SCORED BY"), Left("SINCE"), Right("CHANGES")];
         let row = |deployment: &Deployment| {
             let since = deployment.history.last().and_then(|change| change.deploy_time.as_ref());
             [
                 deployment.name.clone(),
                 deployment.policy_id.clone(),
+                if deployment.score_run_id.is_empty() { "-".to_owned() } else { deployment.score_run_id.clone() },
                 words::moment(since),
                 deployment.history.len().to_string(),
             ]

@@ -21,6 +21,9 @@ pub struct PoliciesConfig {
     /// unloaded until their next use.
     #[arg(long, env = "GLEANER_POLICY_MEMORY_BYTES", default_value_t = 4 << 30)]
     pub policy_memory_bytes: u64,
+    /// Score runs to keep ready for live scores when no session uses them; beyond, the least recently used are unloaded.
+    #[arg(long, env = "GLEANER_LIVE_SCORERS", default_value_t = 2, value_name = "N")]
+    pub live_scorers: usize,
     /// Seconds after which a session whose robot says nothing, or reads nothing, is over.
     #[arg(long, env = "GLEANER_SESSION_IDLE_SECONDS", default_value_t = 60)]
     pub session_idle_seconds: u64,

@@ -1,7 +1,7 @@
 //! Policies and the names they are deployed under.
 
 use super::{
-    id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, TaskId},
+    id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, TaskId},
     time::Millis,
 };
 
@@ -26,6 +26,17 @@ pub struct Policy {
     pub created_at: Millis,
 }
 
+/// What a name pointed at from some time on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DeploymentChange {
+    /// The policy that acts.
+    pub policy_id: PolicyId,
+    /// The run that scores what it does, if any.
+    pub score_run_id: Option<ScoreRunId>,
+    /// From when on.
+    pub since: Millis,
+}
+
 /// A name that points at a policy, with history (oldest first, never empty).
 #[derive(Debug, Clone)]
 pub struct Deployment {
@@ -33,13 +44,18 @@ pub struct Deployment {
     pub name: String,
     /// The task all its policies share.
     pub task_id: TaskId,
-    /// What it pointed at, and from when on; the last one is in force.
-    pub history: Vec<(PolicyId, Millis)>,
+    /// What it pointed at; the last one is in force.
+    pub history: Vec<DeploymentChange>,
 }
 
 impl Deployment {
     /// The policy in force.
     pub fn policy_id(&self) -> Option<&PolicyId> {
-        self.history.last().map(|(policy, _)| policy)
+        self.history.last().map(|change| &change.policy_id)
+    }
+
+    /// The score run in force: what its sessions are scored by.
+    pub fn score_run_id(&self) -> Option<&ScoreRunId> {
+        self.history.last().and_then(|change| change.score_run_id.as_ref())
     }
 }

@@ -83,6 +83,21 @@ pub struct EpisodeScores {
     pub distances: Vec<[f32; 3]>,
 }
 
+/// The score of one segment of an episode that is not stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SegmentScored {
+    /// The stamp of the segment's last observation.
+    pub stamp_ns: i64,
+    /// The highest similarity to an expert segment, at most 0.
+    pub w: f64,
+    /// w normalised to [0, 1].
+    pub q: f32,
+    /// The expert episode that matched.
+    pub match_episode: EpisodeId,
+    /// The step at which the matched expert segment ends.
+    pub match_step: u32,
+}
+
 /// What one threshold keeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KeptCount {

@@ -18,3 +18,8 @@ impl Millis {
         Self(self.0.saturating_add(i64::try_from(time.as_millis()).unwrap_or(i64::MAX)))
     }
 }
+
+/// Nanoseconds as seconds; 0 for less than nothing.
+pub fn seconds(nanoseconds: i64) -> f64 {
+    std::time::Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0)).as_secs_f64()
+}

@@ -6,8 +6,10 @@
 mod claim;
 mod inspect;
 mod inspector;
+mod keep;
 mod limits;
 mod part;
+mod passing;
 mod recover;
 #[cfg(test)]
 mod testing;
@@ -22,10 +24,13 @@ use std::{
 };
 
 use gleaner_recording::{Episode as Frames, TaskSpec};
+use tokio::sync::Semaphore;
 
 pub use self::inspect::inspect;
 use self::{claim::Claims, inspector::Inspector};
 pub(crate) use self::{
+    keep::NewRecording,
+    passing::Declared,
     upload::{NewUpload, Started},
     write::Chunk,
 };
@@ -44,6 +49,8 @@ pub struct Ingest {
     blobs: Blobs,
     claims: Claims,
     inspector: Arc<Inspector>,
+    /// One for each recording that is looked at and not kept.
+    passing: Arc<Semaphore>,
     data_dir: Arc<Path>,
     max_upload_bytes: u64,
 }
@@ -61,6 +68,7 @@ impl Ingest {
             blobs,
             claims: Claims::default(),
             inspector: Arc::new(Inspector::new(&config.data_dir, &config.limits)?),
+            passing: Arc::new(Semaphore::new(passing::AT_ONCE)),
             data_dir,
             max_upload_bytes: config.limits.max_upload_bytes,
         })

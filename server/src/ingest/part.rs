@@ -81,7 +81,7 @@ pub(super) fn create(path: &Path) -> Result<()> {
     path.parent().map_or(Ok(()), sync_folder)
 }
 
-fn refused(doing: &str, path: &Path, error: io::Error) -> Error {
+pub(super) fn refused(doing: &str, path: &Path, error: io::Error) -> Error {
     if matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) {
         return Error::exhausted("the server's disk is full; free some space there and go on with the upload");
     }

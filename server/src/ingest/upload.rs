@@ -6,7 +6,7 @@ use crate::{
     domain::{
         episode::{Episode, InspectedEpisode, Outcome, Upload},
         id::{BlobId, EpisodeId, TaskId, UploadId},
-        time::Millis,
+        time::{Millis, seconds},
     },
     error::{Error, Kind, Result},
 };
@@ -175,10 +175,6 @@ impl Upload {
             created_at: Millis::now(),
         }
     }
-}
-
-fn seconds(nanoseconds: i64) -> f64 {
-    std::time::Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0)).as_secs_f64()
 }
 
 /// The episode itself, if it has this label.

@@ -1,9 +1,8 @@
 //! What a model thread runs, behind a small seam: `learn`'s policies, or in tests anything.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
 use gleaner_learn::{Ensemble, History, LearnError, Policy, TaskShape};
 
+pub(super) use crate::error::guarded;
 use crate::error::{Error, Result};
 
 /// One step of an observation, checked and decoded.
@@ -112,27 +111,7 @@ fn ensembled(mut memory: Memory, mut actions: Vec<Vec<f32>>) -> Result<Advanced<
 
 /// What an error of `learn` means to who asked for a policy.
 pub(super) fn learned(error: LearnError) -> Error {
-    match error {
-        LearnError::Version { .. } | LearnError::Checkpoint(_) => Error::precondition(error.to_string()),
-        LearnError::Invalid { ref field, ref message } => Error::invalid(field, message),
-        LearnError::Cancelled => Error::cancelled(error.to_string()),
-        LearnError::Diverged { .. } | LearnError::Monitor { .. } | LearnError::Torch(_) => {
-            Error::internal("running a policy", error)
-        }
-    }
-}
-
-/// Runs `work` and turns a panic into an error: a fault of one batch must not end the thread that serves all.
-pub(super) fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
-    // What the work had borrowed is only read, so nothing half-written is seen after a panic.
-    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
-        let text = panic
-            .downcast_ref::<String>()
-            .map(String::as_str)
-            .or_else(|| panic.downcast_ref::<&str>().copied())
-            .unwrap_or("a panic without a message");
-        Err(Error::internal(doing, text))
-    })
+    Error::learned("running a policy", error)
 }
 
 /// Answers a batch and checks what came: one entry for each turn, every value finite.

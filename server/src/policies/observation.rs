@@ -1,6 +1,8 @@
 //! Observations to steps: checks everything against the task's shape and decodes the images. Blocking work: never on
 //! the runtime, never on a model's thread.
 
+use std::sync::Arc;
+
 use gleaner_learn::{CameraShape, TaskShape};
 use gleaner_recording::{PixelFormat, decode_color, decode_depth};
 
@@ -90,7 +92,7 @@ fn pixel_format(format: ImageFormat, raw: PixelFormat) -> PixelFormat {
 }
 
 /// Checks a list of numbers.
-fn vector(field: &str, values: &[f32], length: usize) -> Result<()> {
+pub(crate) fn vector(field: &str, values: &[f32], length: usize) -> Result<()> {
     if values.len() != length {
         return Err(Error::invalid(field, format!("has {} values, the task has {length}", values.len())));
     }
@@ -104,6 +106,14 @@ fn vector(field: &str, values: &[f32], length: usize) -> Result<()> {
 
 fn names(shape: &TaskShape) -> String {
     shape.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", ")
+}
+
+/// Images as models take them, of an observation that no policy is asked about.
+///
+/// # Errors
+/// Invalid, naming the field from `path` on.
+pub(crate) async fn frames(shape: Arc<TaskShape>, path: &'static str, observation: Observation) -> Result<Vec<u8>> {
+    decode(move || step(&shape, path, &observation).map(|step| step.frame)).await
 }
 
 /// Runs decoding beside the runtime, which it would hold up.

@@ -7,6 +7,7 @@ mod job;
 mod policy;
 mod schedule;
 mod score;
+mod scoring;
 mod segment;
 mod serve;
 mod snapshot;
@@ -19,7 +20,8 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, policies::Policies, store::Store,
+    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, policies::Policies, rollouts::Rollouts, scorers::Scorers,
+    store::Store,
 };
 
 /// Every room a service may call, built once.
@@ -31,6 +33,8 @@ pub struct Rooms {
     pub(crate) ingest: Ingest,
     pub(crate) jobs: Jobs,
     pub(crate) policies: Policies,
+    pub(crate) rollouts: Rollouts,
+    pub(crate) scorers: Scorers,
     /// Cancelled when the server begins to stop: streams that would stay open end then.
     pub(crate) stopping: CancellationToken,
 }
@@ -46,14 +50,18 @@ impl Rooms {
         let store = Store::open(&config.data_dir.join("gleaner.db")).await?;
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
         let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;
-        let policies = Policies::new(&config, store.clone(), blobs.clone());
-        Ok(Self { config, store, blobs, ingest, jobs, policies, stopping: CancellationToken::new() })
+        let scorers = Scorers::new(config.policies.live_scorers, store.clone(), blobs.clone(), ingest.clone());
+        let rollouts = Rollouts::open(&config, store.clone(), ingest.clone())?;
+        let policies = Policies::new(&config, store.clone(), blobs.clone(), scorers.clone(), rollouts.clone());
+        Ok(Self { config, store, blobs, ingest, jobs, policies, rollouts, scorers, stopping: CancellationToken::new() })
     }
 
     /// Stops workers and models, then closes the database.
     pub async fn close(&self) {
         self.jobs.stop().await;
         self.policies.stop().await;
+        self.rollouts.stop().await;
+        self.scorers.stop().await;
         self.store.close().await;
     }
 }

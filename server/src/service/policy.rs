@@ -26,8 +26,8 @@ impl PoliciesFace {
     }
 
     async fn point(&self, request: v1::DeployRequest) -> Result<v1::DeployResponse> {
-        let (name, policy) = wire::policy::deploy_request(request)?;
-        let deployment = self.0.policies.deploy(&name, &policy).await?;
+        let (name, policy, score_run) = wire::policy::deploy_request(request)?;
+        let deployment = self.0.policies.deploy(&name, &policy, score_run.as_ref()).await?;
         Ok(v1::DeployResponse { deployment: Some(wire::policy::deployment(deployment)) })
     }
 
@@ -136,11 +136,11 @@ impl PolicyService for PoliciesFace {
     ) -> tonic::Result<Response<Self::SessionStream>> {
         let inputs = request
             .into_inner()
-            .map(|message| message.map_err(from_peer).and_then(wire::policy::session_input))
+            .map(|message| message.map_err(from_peer).and_then(wire::session::session_input))
             .boxed();
         let answers = self.0.policies.session(inputs, self.0.stopping.clone());
         let stream =
-            ReceiverStream::new(answers).map(|answer| answer.map(wire::policy::session_response).map_err(from_error));
+            ReceiverStream::new(answers).map(|answer| answer.map(wire::session::session_response).map_err(from_error));
         Ok(Response::new(stream.boxed()))
     }
 }

@@ -1,7 +1,8 @@
 //! ScoreService: views of what score runs found.
 
+use futures::stream::BoxStream;
 use gleaner_proto::v1::{self, score_service_server::ScoreService};
-use tonic::{Request, Response};
+use tonic::{Request, Response, Streaming};
 
 use super::Rooms;
 use crate::{
@@ -79,6 +80,23 @@ impl ScoreService for Scores {
         request: Request<v1::GetHistogramRequest>,
     ) -> tonic::Result<Response<v1::GetHistogramResponse>> {
         self.histogram(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    type ScoreStepsStream = BoxStream<'static, tonic::Result<v1::ScoreStepsResponse>>;
+
+    #[tracing::instrument(name = "score_recording", skip_all)]
+    async fn score_recording(
+        &self,
+        request: Request<Streaming<v1::ScoreRecordingRequest>>,
+    ) -> tonic::Result<Response<v1::ScoreRecordingResponse>> {
+        self.0.score_recording(request.into_inner()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn score_steps(
+        &self,
+        request: Request<Streaming<v1::ScoreStepsRequest>>,
+    ) -> tonic::Result<Response<Self::ScoreStepsStream>> {
+        Ok(Response::new(self.0.score_steps(request.into_inner())))
     }
 
     async fn count_kept(

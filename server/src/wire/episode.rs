@@ -30,19 +30,19 @@ pub(crate) fn upload_id(text: &str) -> Result<UploadId> {
 }
 
 /// Reads an outcome; `None` when unspecified.
-fn outcome_from_proto(outcome: i32) -> Result<Option<Outcome>> {
+pub(crate) fn outcome_from_proto(field: &str, outcome: i32) -> Result<Option<Outcome>> {
     match v1::Outcome::try_from(outcome) {
         Ok(v1::Outcome::Unspecified) => Ok(None),
         Ok(v1::Outcome::Success) => Ok(Some(Outcome::Success)),
         Ok(v1::Outcome::Failure) => Ok(Some(Outcome::Failure)),
         Ok(v1::Outcome::Unknown) => Ok(Some(Outcome::Unknown)),
-        Err(_) => Err(Error::invalid("outcome", "is none of success, failure and unknown")),
+        Err(_) => Err(Error::invalid(field, "is none of success, failure and unknown")),
     }
 }
 
 /// An outcome that must be said.
 fn said_outcome(outcome: i32) -> Result<Outcome> {
-    outcome_from_proto(outcome)?
+    outcome_from_proto("outcome", outcome)?
         .ok_or_else(|| Error::invalid("outcome", "say how it ended: success, failure or unknown"))
 }
 
@@ -121,7 +121,7 @@ pub(crate) fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) ->
         })?),
     };
     let cohort = (!cohort.is_empty()).then_some(cohort);
-    let filter = EpisodeFilter { task_id, outcome: outcome_from_proto(outcome)?, cohort };
+    let filter = EpisodeFilter { task_id, outcome: outcome_from_proto("outcome", outcome)?, cohort };
     Ok(Listing { filter, after, size: field::page_size(page_size)? })
 }
 
@@ -179,7 +179,7 @@ pub(crate) fn inspected(inspected: InspectedEpisode) -> (v1::Episode, v1::Report
     (episode(inspected.episode), report(inspected.report, duration_s))
 }
 
-fn report(report: Report, duration_s: f64) -> v1::Report {
+pub(crate) fn report(report: Report, duration_s: f64) -> v1::Report {
     let Report { mapping, messages, steps, duration_ns: _, rate_hz, dropped_ticks: _, topics: _, findings } = report;
     v1::Report { findings: findings.into_iter().map(finding).collect(), mapping, messages, steps, duration_s, rate_hz }
 }

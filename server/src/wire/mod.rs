@@ -12,6 +12,8 @@ pub(crate) mod order;
 pub(crate) mod policy;
 pub(crate) mod schedule;
 pub(crate) mod score;
+pub(crate) mod scoring;
+pub(crate) mod session;
 pub(crate) mod snapshot;
 pub(crate) mod status;
 pub(crate) mod task;

@@ -2,13 +2,16 @@
 
 use std::{path::PathBuf, sync::Arc};
 
-use gleaner_learn::{CameraShape, TaskShape, Trajectory, WeightedSegments};
+use gleaner_learn::{TaskShape, Trajectory, WeightedSegments};
 use gleaner_recording::{Episode, TaskSpec};
 
 use super::failure::Failure;
 use crate::{
     blobs::Blobs,
-    domain::work::{InputEpisode, KeptInput},
+    domain::{
+        task,
+        work::{InputEpisode, KeptInput},
+    },
     ingest::frames_path,
 };
 
@@ -25,21 +28,7 @@ pub(super) struct Episodes<'a> {
 impl Episodes<'_> {
     /// What one step holds.
     pub(super) fn shape(&self) -> TaskShape {
-        TaskShape {
-            cameras: self
-                .task
-                .cameras
-                .iter()
-                .map(|camera| CameraShape {
-                    name: camera.name.clone(),
-                    height: camera.height,
-                    width: camera.width,
-                    depth: camera.depth,
-                })
-                .collect(),
-            proprioception: self.task.proprioception_size(),
-            action: self.task.action_size(),
-        }
+        task::shape(self.task)
     }
 
     /// Every episode, in this order.

@@ -174,7 +174,7 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     }
     let encoder = results::encoder(&bench.store, &task).await;
     let mine = results::policy(&bench.store, &task, &encoder, blake3::hash(b"mine").into()).await;
-    bench.store.deploy("cube@prod", &task.id, &mine.id).await.unwrap();
+    bench.store.deploy("cube@prod", &task.id, &mine.id, None).await.unwrap();
     let submit = async |subject| bench.jobs.submit(&task.id, evaluate(subject, ""), Queueing::default()).await;
     let stranger = submit(Subject::Policy(policy.id)).await.unwrap_err();
     assert!(stranger.message().starts_with("spec.evaluate.policy_id: "), "{stranger}");

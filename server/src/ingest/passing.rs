@@ -1,0 +1,111 @@
+//! Recordings that are looked at and not kept: the same inspection as an upload's, and nothing left afterwards. What a
+//! crash leaves lies in `tmp`, which the next start empties.
+
+use std::path::Path;
+
+use bytes::Bytes;
+use futures::{Stream, StreamExt as _};
+use gleaner_recording::{Episode as Frames, Report, TaskSpec};
+use tokio::{fs::File, io::AsyncWriteExt as _};
+
+use super::{Ingest, off_runtime, open_frames, part::refused};
+use crate::error::{Error, Result};
+
+/// Most such recordings at once: each may take as much disk as the largest upload.
+pub(super) const AT_ONCE: usize = 4;
+
+/// What a client says of a recording that it is going to send.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Declared {
+    /// For messages; may be empty.
+    pub(crate) file_name: String,
+    /// `None`: not known beforehand.
+    pub(crate) size_bytes: Option<u64>,
+}
+
+/// What was found in a recording that is gone again.
+#[derive(Debug)]
+pub(crate) struct Passing {
+    /// Its steps: memory that is mapped from a file without a name.
+    pub(crate) frames: Frames,
+    /// What the inspection said.
+    pub(crate) report: Report,
+}
+
+impl Ingest {
+    /// Inspects a recording as an upload would be, and forgets it.
+    ///
+    /// # Errors
+    /// Invalid when the task cannot use it, or it has another size than was declared; Exhausted when it is too large
+    /// or too many are looked at; what broke the stream.
+    pub(crate) async fn pass(
+        &self,
+        task: &TaskSpec,
+        declared: Declared,
+        chunks: impl Stream<Item = Result<Bytes>> + Unpin,
+    ) -> Result<Passing> {
+        let _one = self.passing.try_acquire().map_err(|_| {
+            Error::exhausted(format!("{AT_ONCE} recordings are being looked at already; send it again later"))
+        })?;
+        self.within_limit(declared.size_bytes.unwrap_or(0))?;
+        let tmp = self.data_dir.join("tmp");
+        let folder = off_runtime("making room for a recording", move || {
+            let made = tempfile::Builder::new().prefix("passing-").tempdir_in(tmp);
+            made.map_err(|error| Error::internal("making room for a recording", error))
+        })
+        .await?;
+        let recording = folder.path().join("recording.mcap");
+        self.receive(&recording, &declared, chunks).await?;
+        let shown = if declared.file_name.is_empty() { "the recording" } else { &declared.file_name };
+        let inspected = self.inspector.inspect(&recording, task, shown).await?;
+        let frames = open_frames(inspected.frames_path()).await?;
+        let report = inspected.report.clone();
+        off_runtime("forgetting a recording", move || {
+            drop((folder, inspected));
+            Ok(())
+        })
+        .await?;
+        Ok(Passing { frames, report })
+    }
+
+    /// Writes what comes to a file, not to outlive this call.
+    async fn receive(
+        &self,
+        path: &Path,
+        declared: &Declared,
+        mut chunks: impl Stream<Item = Result<Bytes>> + Unpin,
+    ) -> Result<()> {
+        let fault = |error| refused("writing", path, error);
+        let mut file = File::create_new(path).await.map_err(fault)?;
+        let mut size = 0_u64;
+        while let Some(chunk) = chunks.next().await.transpose()? {
+            size = size.saturating_add(chunk.len() as u64);
+            self.within_limit(size)?;
+            if declared.size_bytes.is_some_and(|declared| size > declared) {
+                break;
+            }
+            file.write_all(&chunk).await.map_err(fault)?;
+        }
+        file.flush().await.map_err(fault)?;
+        match declared.size_bytes {
+            Some(declared) if size != declared => Err(Error::invalid(
+                "open.size_bytes",
+                format!(
+                    "is {declared}, but {} came; send the whole file",
+                    if size > declared { "more" } else { "less" }
+                ),
+            )),
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    fn within_limit(&self, size: u64) -> Result<()> {
+        if size <= self.max_upload_bytes {
+            return Ok(());
+        }
+        Err(Error::exhausted(format!(
+            "the recording is above this server's limit of {} bytes (--max-upload-bytes)",
+            self.max_upload_bytes
+        )))
+    }
+}

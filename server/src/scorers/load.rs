@@ -1,0 +1,86 @@
+//! What a run was made with, found again: its encoder, its experts, its settings and its normaliser.
+
+use std::{collections::HashMap, sync::Weak};
+
+use gleaner_learn::{LiveScorer, Normaliser, ScoreSpec, Scorer as Kind, Trajectory};
+
+use super::{Ready, engine::Engine, shelf::Shelf, trajectory};
+use crate::{
+    blobs::Blobs,
+    domain::{
+        episode::Episode,
+        id::ScoreRunId,
+        job::JobSpec,
+        score::ScoreRun,
+        snapshot::Role,
+        task::{Task, shape},
+    },
+    error::{Error, Kind as Fault, Result},
+    ingest::Ingest,
+    store::Store,
+};
+
+/// Loads a run.
+///
+/// # Errors
+/// As [`super::Scorers::load`].
+pub(super) async fn ready(
+    store: &Store,
+    blobs: &Blobs,
+    ingest: &Ingest,
+    id: &ScoreRunId,
+    shelf: Weak<Shelf<LiveScorer>>,
+) -> Result<Ready> {
+    let run = store.score_run(id).await?;
+    let spec = settings(store, &run).await?;
+    let task = store.task_by_id(&run.task_id).await?;
+    let experts = experts(store, ingest, &task, &run).await?;
+    let checkpoint = store.encoder(&run.encoder_id).await?.checkpoint;
+    let (lo, hi) = (run.lo, run.hi);
+    let normaliser = Normaliser { kind: spec.normaliser, lo, hi, quantiles: run.quantiles };
+    let blobs = blobs.clone();
+    let load = move || {
+        let encoder = blobs.get(&checkpoint)?;
+        LiveScorer::load(&encoder, &experts, &spec, normaliser)
+            .map_err(|error| Error::learned("loading a scorer", error))
+    };
+    let engine = Engine::start(id, load).await.map_err(|error| match error.kind() {
+        // The caller named a run, not what is wrong in it.
+        Fault::Invalid => Error::precondition(format!("{id} cannot score live: {error}; make another run")),
+        _ => error,
+    })?;
+    Ok(Ready { task, experts: run.expert_ids, engine, shelf })
+}
+
+/// The settings of a run that can score what is not stored; on this machine's processor, one thread.
+async fn settings(store: &Store, run: &ScoreRun) -> Result<ScoreSpec> {
+    let JobSpec::Score { spec, .. } = store.job(&run.job_id).await?.spec else {
+        return Err(Error::internal("reading a score run's settings", "its job is no scoring"));
+    };
+    if spec.scorer != Kind::Ssdf {
+        return Err(Error::precondition(format!(
+            "{} is a run of the {} scorer, which cannot score what is not stored; use a run of {}",
+            run.id,
+            spec.scorer.as_str(),
+            Kind::Ssdf.as_str()
+        )));
+    }
+    Ok(ScoreSpec { device: gleaner_learn::Device::Cpu, threads: Some(1), ..spec })
+}
+
+/// The run's experts, in its order.
+async fn experts(store: &Store, ingest: &Ingest, task: &Task, run: &ScoreRun) -> Result<Vec<Trajectory>> {
+    let members = store.recordings(&run.snapshot_id).await?;
+    let experts = members.into_iter().filter(|(_, role)| *role == Role::Expert);
+    let mut by_id: HashMap<_, Episode> = experts.map(|(episode, _)| (episode.id.clone(), episode)).collect();
+    let shape = shape(&task.spec);
+    let mut trajectories = Vec::with_capacity(run.expert_ids.len());
+    for id in &run.expert_ids {
+        let missing = || Error::internal("loading a scorer", format!("{id} is no expert of {}", run.snapshot_id));
+        let episode = by_id.remove(id).ok_or_else(missing)?;
+        let steps = ingest.frames(&task.spec, &episode.recording).await?;
+        let expert = trajectory(&shape, id.as_str(), &steps);
+        trajectories.push(expert.map_err(|error| Error::internal("loading a scorer", error))?);
+    }
+    Ok(trajectories)
+}

@@ -1,0 +1,153 @@
+//! An episode's steps scored while it happens: in order, none left out, each as soon as it came. Who reads no answers
+//! holds up nobody but himself.
+
+use std::{sync::Arc, time::Duration};
+
+use futures::{Stream, StreamExt as _};
+use tokio::{sync::mpsc, time::Instant};
+use tokio_util::sync::CancellationToken;
+
+use super::{Ready, Seen, Watch, model::Scorer};
+use crate::{
+    domain::{score::SegmentScored, time::Millis},
+    error::{Error, Result},
+};
+
+/// Answers that may wait to be read.
+const UNREAD: usize = 16;
+
+/// What holds for such a stream from its beginning to its end.
+#[derive(Debug, Clone)]
+pub(crate) struct Terms {
+    /// How long its client may say nothing, or read nothing.
+    pub(crate) idle: Duration,
+    /// How long it may go on once the server begins to stop.
+    pub(crate) drain: Duration,
+    /// Cancelled when the server begins to stop.
+    pub(crate) stopping: CancellationToken,
+}
+
+/// What such a stream answers.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Output {
+    /// The score of a step's segment.
+    Scored(SegmentScored),
+    /// The server is stopping and will end the stream then.
+    Draining {
+        /// When.
+        close_at: Millis,
+    },
+}
+
+/// Scores the steps of one episode until they end. `start` gives the run and the steps: what was seen with what was
+/// done. An error is the last answer.
+pub(crate) fn score_steps<S, F, I>(
+    start: impl FnOnce() -> F + Send + 'static,
+    terms: Terms,
+) -> mpsc::Receiver<Result<Output>>
+where
+    S: Scorer,
+    F: Future<Output = Result<(Arc<Ready<S>>, I)>> + Send,
+    I: Stream<Item = Result<(Seen, Vec<f32>)>> + Send + Unpin,
+{
+    // One place is kept for the error that ends it.
+    let (outputs, answers) = mpsc::channel(UNREAD + 1);
+    tokio::spawn(async move {
+        let Ok(last) = outputs.clone().reserve_owned().await else { return };
+        let ended = async {
+            let (ready, steps) = tokio::time::timeout(terms.idle, start()).await.map_err(|_| terms.silent())??;
+            Scoring { watch: ready.watch(), terms, outputs }.run(steps).await
+        };
+        if let Err(error) = ended.await {
+            last.send(Err(error));
+        }
+    });
+    answers
+}
+
+/// One such stream.
+struct Scoring<S: Scorer> {
+    watch: Watch<S>,
+    terms: Terms,
+    outputs: mpsc::Sender<Result<Output>>,
+}
+
+impl<S: Scorer> Scoring<S> {
+    async fn run(mut self, mut steps: impl Stream<Item = Result<(Seen, Vec<f32>)>> + Unpin) -> Result<()> {
+        let (mut close_at, mut stamp_ns) = (None, None);
+        loop {
+            let next = tokio::select! {
+                biased;
+                () = self.outputs.closed() => return Err(gone()),
+                () = self.terms.stopping.cancelled(), if close_at.is_none() => {
+                    close_at = Some(Instant::now() + self.terms.drain);
+                    self.say(Output::Draining { close_at: Millis::now().after(self.terms.drain) }).await?;
+                    continue;
+                }
+                () = passed(close_at) => return Err(Error::unavailable("the server is stopping; open the stream again")),
+                next = tokio::time::timeout(self.terms.idle, steps.next()) => next.map_err(|_| self.terms.silent())?,
+            };
+            let Some(step) = next else {
+                return match stamp_ns {
+                    Some(_) => Ok(()),
+                    None => Err(Error::invalid("step", "none came; send the episode's steps after open")),
+                };
+            };
+            let (seen, action) = step?;
+            if let Some(before) = stamp_ns.replace(seen.stamp_ns)
+                && seen.stamp_ns < before
+            {
+                let mend =
+                    format!("is {}, before the {before} of the step before; stamps must not go back", seen.stamp_ns);
+                return Err(Error::invalid("step.observation.stamp_ns", mend));
+            }
+            self.step(seen, &action).await?;
+        }
+    }
+
+    async fn step(&mut self, seen: Seen, action: &[f32]) -> Result<()> {
+        self.watch.saw(seen);
+        self.watch.executed(action);
+        self.watch.settle().await;
+        if let Some(fault) = self.watch.take_fault() {
+            return Err(fault);
+        }
+        let scored = self.watch.take_scored();
+        if scored.is_empty() {
+            return Err(Error::unavailable("the server is stopping; open the stream again"));
+        }
+        for segment in scored {
+            self.say(Output::Scored(segment)).await?;
+        }
+        Ok(())
+    }
+
+    async fn say(&self, output: Output) -> Result<()> {
+        match self.outputs.send_timeout(Ok(output), self.terms.idle).await {
+            Ok(()) => Ok(()),
+            Err(mpsc::error::SendTimeoutError::Closed(_)) => Err(gone()),
+            Err(mpsc::error::SendTimeoutError::Timeout(_)) => Err(Error::late(format!(
+                "{UNREAD} answers were not read for {} s; open the stream again and read them",
+                self.terms.idle.as_secs()
+            ))),
+        }
+    }
+}
+
+impl Terms {
+    /// The error of a client that says nothing.
+    pub(crate) fn silent(&self) -> Error {
+        Error::late(format!("nothing came for {} s; open the stream again", self.idle.as_secs()))
+    }
+}
+
+fn gone() -> Error {
+    Error::cancelled("the client has gone")
+}
+
+async fn passed(time: Option<Instant>) {
+    match time {
+        Some(time) => tokio::time::sleep_until(time).await,
+        None => std::future::pending().await,
+    }
+}

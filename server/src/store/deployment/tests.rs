@@ -1,0 +1,111 @@
+//! Tests of deployments: what a name remembers, and what rolling back brings.
+
+#![allow(clippy::unwrap_used)]
+
+use super::*;
+use crate::{
+    domain::episode::Outcome,
+    error::Kind,
+    store::testing::{self, results},
+};
+
+#[tokio::test]
+async fn a_deployment_remembers_what_it_pointed_at() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let blob = || blake3::hash(b"policy").into();
+    let first = results::policy(&store, &task, &encoder, blob()).await.id;
+    let second = results::policy(&store, &task, &encoder, blob()).await.id;
+
+    assert_eq!(store.deployment("arm@prod").await.unwrap_err().kind(), Kind::NotFound);
+    for policy in [&first, &second, &second, &first] {
+        store.deploy("arm@prod", &task.id, policy, None).await.unwrap();
+    }
+    store.deploy("arm@test", &task.id, &second, None).await.unwrap();
+
+    let deployment = store.deployment("arm@prod").await.unwrap();
+    let history: Vec<_> = deployment.history.iter().map(|change| change.policy_id.clone()).collect();
+    assert_eq!(history, [first.clone(), second.clone(), first.clone()], "deploying it again is no change");
+    assert_eq!(deployment.policy_id(), Some(&first));
+    let all = store.deployments(None).await.unwrap();
+    assert_eq!(all.iter().map(|one| one.name.as_str()).collect::<Vec<_>>(), ["arm@prod", "arm@test"]);
+    assert_eq!(store.deployments(Some(&task.id)).await.unwrap().len(), 2);
+    assert!(store.deployments(Some(&TaskId::new())).await.unwrap().is_empty());
+    let newest_first: Vec<_> = store.policies(&task.id).await.unwrap().into_iter().map(|one| one.id).collect();
+    assert_eq!(newest_first, [second, first]);
+}
+
+#[tokio::test]
+async fn a_name_stays_with_its_task() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;
+    store.deploy("arm@prod", &task.id, &policy.id, None).await.unwrap();
+    let mut spec = testing::spec();
+    spec.name = "other".into();
+    let other = store.insert_task(&spec).await.unwrap();
+
+    let error = store.deploy("arm@prod", &other.id, &policy.id, None).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert_eq!(store.deployment("arm@prod").await.unwrap().history.len(), 1, "nothing was written");
+}
+
+#[tokio::test]
+async fn rolling_back_walks_what_was_deployed() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let mut made = Vec::new();
+    for _ in 0..4 {
+        made.push(results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id);
+    }
+    let back = async || store.roll_back("arm").await.map(|deployment| deployment.policy_id().cloned().unwrap());
+
+    assert_eq!(back().await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(store.before("arm").await.unwrap_err().kind(), Kind::NotFound);
+    for policy in &made[..3] {
+        store.deploy("arm", &task.id, policy, None).await.unwrap();
+    }
+    assert_eq!(store.before("arm").await.unwrap(), (made[1].clone(), None));
+    assert_eq!(back().await.unwrap(), made[1]);
+    assert_eq!(back().await.unwrap(), made[0], "twice goes two back, not to and fro");
+    assert_eq!(back().await.unwrap_err().kind(), Kind::Precondition);
+    assert_eq!(store.before("arm").await.unwrap_err().kind(), Kind::Precondition);
+
+    store.deploy("arm", &task.id, &made[3], None).await.unwrap();
+    assert_eq!(back().await.unwrap(), made[0], "what is deployed anew goes on from there");
+    let history = store.deployment("arm").await.unwrap().history;
+    let kept: Vec<_> = history.into_iter().map(|change| change.policy_id).collect();
+    assert_eq!(kept, [0, 1, 2, 1, 0, 3, 0].map(|index: usize| made[index].clone()), "nothing is forgotten");
+}
+
+#[tokio::test]
+async fn a_score_run_comes_and_goes_with_its_policy() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id;
+    let run = results::run(&store, &task, &encoder, &[]).await.id;
+    let deploy = async |run| store.deploy("arm", &task.id, &policy, run).await.unwrap();
+
+    assert_eq!(deploy(None).await.score_run_id(), None);
+    assert_eq!(deploy(Some(&run)).await.score_run_id(), Some(&run), "another run is a change");
+    assert_eq!(deploy(Some(&run)).await.history.len(), 2, "the same is none");
+    assert_eq!(deploy(None).await.score_run_id(), None);
+    assert_eq!(store.before("arm").await.unwrap(), (policy.clone(), Some(run.clone())));
+    let back = store.roll_back("arm").await.unwrap();
+    assert_eq!((back.policy_id(), back.score_run_id()), (Some(&policy), Some(&run)));
+    let kept: Vec<_> = back.history.iter().map(|change| change.score_run_id.as_ref()).collect();
+    assert_eq!(kept, [None, Some(&run), None, Some(&run)]);
+    assert_eq!(store.deployments(None).await.unwrap()[0].score_run_id(), Some(&run));
+}

@@ -1,0 +1,114 @@
+//! Scores of what is not stored, on the wire: recordings and steps in, scores out.
+
+use bytes::Bytes;
+use gleaner_proto::v1::{self, score_recording_request, score_steps_request, score_steps_response};
+
+use super::{episode, field, policy};
+use crate::{
+    domain::{
+        id::{EpisodeId, ScoreRunId},
+        observation::Observation,
+        score::SegmentScored,
+        time::seconds,
+    },
+    error::{Error, Result},
+    ingest::Declared,
+    scorers::Output,
+};
+
+const OPEN_TWICE: &str = "the stream is open already; send one for each episode";
+
+/// The first message of a recording; `None`: there was none.
+pub(crate) fn recording_open(first: Option<v1::ScoreRecordingRequest>) -> Result<(ScoreRunId, Declared)> {
+    match first.and_then(|first| first.message) {
+        Some(score_recording_request::Message::Open(open)) => {
+            let v1::ScoreRecordingOpen { score_run_id, file_name, size_bytes } = open;
+            let run = ScoreRunId::parse("open.score_run_id", &score_run_id)?;
+            let file_name = field::tag("open.file_name", file_name)?;
+            Ok((run, Declared { file_name, size_bytes: (size_bytes > 0).then_some(size_bytes) }))
+        }
+        Some(score_recording_request::Message::Data(_)) | None => Err(open_first()),
+    }
+}
+
+/// The next bytes of a recording.
+pub(crate) fn recording_data(request: v1::ScoreRecordingRequest) -> Result<Bytes> {
+    match field::required("message", request.message)? {
+        score_recording_request::Message::Data(data) => Ok(data),
+        score_recording_request::Message::Open(_) => Err(Error::invalid("open", OPEN_TWICE)),
+    }
+}
+
+/// The first message of an episode's steps; `None`: there was none.
+pub(crate) fn steps_open(first: Option<v1::ScoreStepsRequest>) -> Result<ScoreRunId> {
+    match first.and_then(|first| first.message) {
+        Some(score_steps_request::Message::Open(v1::ScoreStepsOpen { score_run_id })) => {
+            ScoreRunId::parse("open.score_run_id", &score_run_id)
+        }
+        Some(score_steps_request::Message::Step(_)) | None => Err(open_first()),
+    }
+}
+
+/// The next step: what was seen, and what was done.
+pub(crate) fn step(request: v1::ScoreStepsRequest) -> Result<(Observation, Vec<f32>)> {
+    let v1::ScoreStep { observation, action } = match field::required("message", request.message)? {
+        score_steps_request::Message::Step(step) => step,
+        score_steps_request::Message::Open(_) => return Err(Error::invalid("open", OPEN_TWICE)),
+    };
+    let path = "step.observation";
+    let seen = policy::observation(path, field::required(path, observation)?)?;
+    if !seen.executed_action.is_empty() {
+        let mend = "belongs to sessions; leave it out, and say in step.action what was done at this step";
+        return Err(Error::invalid("step.observation.executed_action", mend));
+    }
+    if seen.deadline.is_some() {
+        let mend = "belongs to sessions; leave it out: every step is scored";
+        return Err(Error::invalid("step.observation.deadline_us", mend));
+    }
+    Ok((seen, action))
+}
+
+pub(crate) fn recording_response(
+    scores: gleaner_learn::EpisodeScores,
+    experts: &[EpisodeId],
+    report: gleaner_recording::Report,
+) -> v1::ScoreRecordingResponse {
+    let gleaner_learn::EpisodeScores { id: _, w, q, match_episode, match_step, distances } = scores;
+    let distance = |modality: usize| distances.iter().map(|all| all[modality]).collect();
+    let scores = v1::EpisodeScores {
+        episode_id: String::new(),
+        role: v1::Role::Unspecified.into(),
+        w,
+        q,
+        match_episode,
+        match_step,
+        distance_o: distance(0),
+        distance_m: distance(1),
+        distance_a: distance(2),
+        expert_ids: experts.iter().map(ToString::to_string).collect(),
+    };
+    let duration_s = seconds(report.duration_ns);
+    v1::ScoreRecordingResponse { scores: Some(scores), report: Some(episode::report(report, duration_s)) }
+}
+
+pub(crate) fn steps_response(output: Output) -> v1::ScoreStepsResponse {
+    let message = match output {
+        Output::Scored(segment) => score_steps_response::Message::Score(live_score(segment)),
+        Output::Draining { close_at } => {
+            let close_time = Some(field::timestamp(close_at));
+            score_steps_response::Message::Draining(v1::SessionDraining { close_time })
+        }
+    };
+    v1::ScoreStepsResponse { message: Some(message) }
+}
+
+/// The score of a segment of a running episode.
+pub(crate) fn live_score(segment: SegmentScored) -> v1::LiveScore {
+    let SegmentScored { stamp_ns, w, q, match_episode, match_step } = segment;
+    let (q, match_episode_id) = (q.into(), match_episode.into());
+    v1::LiveScore { w, q, match_episode_id, match_step, observation_stamp_ns: stamp_ns }
+}
+
+fn open_first() -> Error {
+    Error::invalid("open", "must be the first message: it names the score run")
+}
