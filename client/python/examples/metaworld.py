@@ -1,7 +1,7 @@
 """Gleans failed demonstrations of a Meta-World task, from the first recording to closed-loop success rates.
 
-A server must be running (gleaner-server serve). Every stage can be stopped and started again: what is done is not
-done again. Everything is in OUT/TASK, the report in OUT/TASK/report.md.
+With a server that runs (gleaner-server serve), or one of its own (--server-bin). Every stage can be stopped and
+started again: what is done is not done again. Everything is in OUT/TASK, the report in OUT/TASK/report.md.
 """
 
 import sys

@@ -1,26 +1,98 @@
-"""The README's five lines, as they stand there, against a real server."""
+"""The README's programs, as they stand there, against a real server."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
+import gymnasium
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import gleaner
+from conftest import IMAGE
+from gleaner.observation import size
 from test_policy import Reach, ReachAdapter
 
 README = Path(__file__).parents[1] / "README.md"
 
 
+def block(beginning: str, server: str, deployment: str) -> str:
+    """The README's first program that has this in it, made to run here and shorter."""
+    blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
+    code: str = next(code for code in blocks if beginning in code)
+    return code.replace("127.0.0.1:7400", server).replace("pick_cube@prod", deployment).replace("=50", "=2")
+
+
 def test_the_five_lines_work(
     client: gleaner.Client, server: str, deployment: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)[0]
+    code = block("import gleaner\n\nwith", server, deployment)
     assert len([line for line in code.splitlines() if line]) == 4
-    code = code.replace("127.0.0.1:7400", server).replace("pick_cube@prod", deployment).replace("=50", "=2")
     exec(code, {"env": Reach(), "adapter": ReachAdapter()})
     said = capsys.readouterr().out
     assert said.startswith("1 of 2 solved: 0.50")
     evaluation = client.policies.evaluation(said.split()[-1])
     assert evaluation.simulation == "mysim/pick-v0"
+
+
+class MySim(gymnasium.Env[Any, NDArray[np.float32]]):
+    """Keeps its cameras and its feelings as the README's simulator does; solved on the fourth step of an even seed."""
+
+    def __init__(self, fields: dict[str, int], actions: int) -> None:
+        self.fields = fields
+        spaces: dict[str, gymnasium.Space[Any]] = {
+            name: gymnasium.spaces.Box(-np.inf, np.inf, (count,), np.float64) for name, count in fields.items()
+        }
+        self.observation_space = gymnasium.spaces.Dict(spaces)
+        self.action_space = gymnasium.spaces.Box(-0.01, 0.01, (actions,), np.float32)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any]]:
+        super().reset(seed=seed)
+        assert seed is not None
+        self.solvable, self.steps = seed % 2 == 0, 0
+        return self._felt(), {}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[dict[str, NDArray[np.float64]], float, bool, bool, dict[str, Any]]:
+        assert self.action_space.contains(action), "the adapter has clipped it"
+        self.steps += 1
+        return self._felt(), 0.0, False, self.steps == 6, {"success": self.solvable and self.steps == 4}
+
+    def render_camera(self, name: str, width: int) -> NDArray[np.uint8]:
+        assert name
+        return self.np_random.integers(0, 256, (width, width, 3), np.uint8)
+
+    def render_depth(self, name: str, width: int) -> NDArray[np.uint16]:
+        assert name
+        return self.np_random.integers(0, 900, (width, width), np.uint16)
+
+    def _felt(self) -> dict[str, NDArray[np.float64]]:
+        return {name: self.np_random.normal(size=count) for name, count in self.fields.items()}
+
+
+def test_a_simulator_of_ones_own_takes_twenty_lines(
+    client: gleaner.Client, server: str, deployment: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = block("class MySim", server, deployment)
+    adapter, _, _ = code.partition("env = gymnasium.make")
+    assert len([line for line in adapter.splitlines() if line]) <= 20
+    with gleaner.Policy(client, deployment) as policy:
+        spec = policy.spec
+    fields = {field.name: field.size for field in spec.proprioception}
+    actions = size(spec.action)
+    gymnasium.register("MySim-v0", f"{__name__}:MySim", kwargs={"fields": fields, "actions": actions})
+    assert {(camera.height, camera.width) for camera in spec.cameras} == {(IMAGE, IMAGE)}
+    exec(code, {})
+    said = capsys.readouterr().out
+    assert said.startswith("1 of 2 solved: 0.50")
+    kept = [client.episodes.get(name) for name in re.findall(r"'(\w+)'", said)]
+    assert [(gleaner.word(one, "outcome"), one.cohort, one.steps) for one in kept] == [
+        ("success", "mysim", 4),
+        ("failure", "mysim", 6),
+    ]

@@ -26,6 +26,7 @@ class Play:
     answer: Answer
     opened: list[pb.SessionOpen] = field(default_factory=list)
     heard: list[pb.Observation] = field(default_factory=list)
+    outcomes: list[str] = field(default_factory=list)
 
     def session(
         self, requests: Iterator[pb.SessionRequest], context: grpc.ServicerContext
@@ -34,7 +35,9 @@ class Play:
         yield pb.SessionResponse(opened=pb.SessionOpened(policy_id=f"pol_{len(self.opened)}"))
         for number, request in enumerate(requests):
             if request.HasField("close"):
-                yield pb.SessionResponse(closed=pb.SessionClosed(observations=number))
+                self.outcomes.append(gleaner.word(request.close, "outcome"))
+                kept = f"ep_{len(self.outcomes)}" if self.opened[-1].record else ""
+                yield pb.SessionResponse(closed=pb.SessionClosed(observations=number, episode_id=kept))
                 return
             self.heard.append(request.observation)
             response = self.answer(number, request.observation)
@@ -139,6 +142,67 @@ def test_dropped_and_draining_are_seen(play: Start) -> None:
         policy(SEEN)
         assert policy.policy_id == "pol_2"
     assert len(shown.opened) == 2
+
+
+def test_each_answer_carries_the_newest_score(play: Start) -> None:
+    def scored(number: int, seen: pb.Observation) -> pb.SessionResponse:
+        response = action(1.0)(number, seen)
+        if number > 0:
+            response.action.score.CopyFrom(
+                pb.LiveScore(w=-0.5, q=0.25, match_episode_id="ep_9", match_step=3, observation_stamp_ns=7)
+            )
+        return response
+
+    _, client = play(scored)
+    with gleaner.Policy(client, "d") as policy:
+        policy(SEEN)
+        assert policy.score is None
+        policy(SEEN)
+        assert policy.score == gleaner.LiveScore(stamp_ns=7, w=-0.5, q=0.25, match_episode="ep_9", match_step=3)
+        assert policy.last is not None
+        assert policy.last.score == policy.score
+        policy.reset()
+        assert policy.score is None
+
+
+def test_a_recorded_episode_is_labelled_at_its_end(play: Start) -> None:
+    shown, client = play(action(1.0))
+    with gleaner.Policy(client, "d", record=True, cohort="tuesday") as policy:
+        assert policy.reset("success") == "", "nothing was done yet"
+        policy(SEEN)
+        policy(SEEN)
+        assert policy.reset("success") == "ep_1"
+        policy(SEEN)
+        with pytest.raises(gleaner.InvalidArgument, match="'good' is none of success, failure, unknown"):
+            policy.close("good")
+        assert policy.close("failure") == "ep_2"
+        policy(SEEN)
+    assert shown.outcomes == ["success", "failure", "unknown"]
+    assert {(opened.record, opened.cohort) for opened in shown.opened} == {(True, "tuesday")}
+    # A recording has a date, and its steps are a period apart.
+    first, second = (seen.stamp_ns for seen in shown.heard[:2])
+    assert first > 1_600_000_000_000_000_000
+    assert second - first == 100_000_000
+
+
+def test_what_could_not_be_kept_is_said_but_not_over_what_went_wrong_before(play: Start) -> None:
+    lost = pb.SessionResponse(closed=pb.SessionClosed())
+    _, client = play(lambda number, seen: lost if number == 1 else action(1.0)(number, seen))
+    for record in (True, False):
+        policy = gleaner.Policy(client, "d", record=record)
+        policy(SEEN)
+        assert policy._session is not None
+        policy._session._stream.end()
+        if record:
+            with pytest.raises(gleaner.Cancelled):
+                policy.close("success")
+        else:
+            assert policy.close("success") == ""
+    with pytest.raises(ZeroDivisionError), gleaner.Policy(client, "d", record=True) as policy:  # noqa: PT012
+        policy(SEEN)
+        assert policy._session is not None
+        policy._session._stream.end()
+        raise ZeroDivisionError
 
 
 def test_a_lost_session_is_said_and_not_quietly_begun_anew(play: Start) -> None:

@@ -12,7 +12,7 @@ import gleaner
 from gleaner.types import Dataset, Episode, Job
 from metaworld_example.collect import Demonstration
 from metaworld_example.demonstrator import EXPERT, IMPERFECT
-from metaworld_example.lab import task_name, task_spec
+from metaworld_example.lab import task_spec
 from metaworld_example.plan import Plan
 from metaworld_example.progress import Progress
 
@@ -33,16 +33,16 @@ class Gleaned:
 def push(client: gleaner.Client, plan: Plan, demonstrations: Iterable[Demonstration]) -> Iterator[Episode]:
     """Sends the recordings, labelled by outcome, with the agent for a cohort; those that are there are not sent."""
     try:
-        client.tasks.create(task_spec(plan.task, plan.size))
+        client.tasks.create(task_spec(plan.server_task, plan.size))
     except gleaner.AlreadyExists:
         _same_task(client, plan)
     for shown in demonstrations:
         outcome = "success" if shown.success else "failure"
-        yield client.episodes.push(shown.path, task=task_name(plan.task), outcome=outcome, cohort=shown.agent)
+        yield client.episodes.push(shown.path, task=plan.server_task, outcome=outcome, cohort=shown.agent)
 
 
 def _same_task(client: gleaner.Client, plan: Plan) -> None:
-    spec = client.tasks.get(task_name(plan.task)).spec
+    spec = client.tasks.get(plan.server_task).spec
     sizes = {(camera.height, camera.width) for camera in spec.cameras}
     if sizes != {(plan.size, plan.size)}:
         raise SystemExit(
@@ -52,6 +52,12 @@ def _same_task(client: gleaner.Client, plan: Plan) -> None:
 
 def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleaned:
     """Pretrains, scores, selects, trains twice and deploys; shows how far each job is."""
+    there = sum(1 for _ in client.episodes.list(plan.server_task))
+    if there != len(episodes):
+        raise SystemExit(
+            f"the server's task {plan.server_task} holds {there} episodes, not the {len(episodes)} of this run; "
+            "give the run a --label of its own"
+        )
     # An imperfect agent's lucky success is still imperfect data: roles go by who showed it, not by how it went.
     rule = {"expert_cohorts": [EXPERT.name], "imperfect_cohorts": [agent.name for agent in IMPERFECT]}
     pretrain = _job(
@@ -70,14 +76,14 @@ def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleane
     for name, data in learnt_from.items():
         optim = {"steps": plan.train_steps, "batch": plan.train_batch}
         job = _job(client, plan, "train", {**data, "seed": plan.seed, "optim": optim}, name)
-        policies[name] = _deploy(client, f"{task_name(plan.task)}@{name.split()[0]}", job.result_id)
+        policies[name] = _deploy(client, f"{plan.server_task}@{name.split()[0]}", job.result_id)
     return Gleaned(pretrain.result_id, score.result_id, client.datasets.get(dataset.id), episodes, policies)
 
 
 def _job(client: gleaner.Client, plan: Plan, kind: str, spec: dict[str, Any], name: str = "") -> Job:
     # The key names the work: ordered again, by a run that was stopped too, the first job is the answer.
     digest = hashlib.sha256(json.dumps(spec, sort_keys=True).encode()).hexdigest()[:16]
-    job = client.jobs.submit(task_name(plan.task), {kind: spec}, key=f"metaworld {kind} {digest}")
+    job = client.jobs.submit(plan.server_task, {kind: spec}, key=f"metaworld {kind} {digest}")
     with Progress(f"{kind} {name}".strip()) as progress:
         for event in client.jobs.watch(job):
             progress.at(event.job.done, event.job.total, event.job.message)

@@ -16,12 +16,7 @@ PROPRIOCEPTION = {"joints": 7, "hand": 3, "gripper": 1, "goal": 3}
 ACTION = {"motion": 3, "closing": 1}
 
 
-def task_name(task: str) -> str:
-    """Of a Meta-World task on the server: `pick-place-v3` is `metaworld_pick_place_v3`."""
-    return f"metaworld_{task.replace('-', '_')}"
-
-
-def task_spec(task: str, size: int) -> dict[str, Any]:
+def task_spec(name: str, size: int) -> dict[str, Any]:
     """The task as the server is told of it."""
     fields = [(STATE_TOPIC, name) for name in PROPRIOCEPTION] + [(ACTION_TOPIC, name) for name in ACTION]
     mapping = {
@@ -31,7 +26,7 @@ def task_spec(task: str, size: int) -> dict[str, Any]:
         "fields": [{"field": name, "topic": topic, "paths": [name]} for topic, name in fields],
     }
     return {
-        "name": task_name(task),
+        "name": name,
         "rate_hz": RATE_HZ,
         "cameras": [{"name": camera, "height": size, "width": size} for camera in CAMERAS],
         "proprioception": [{"name": name, "size": count} for name, count in PROPRIOCEPTION.items()],

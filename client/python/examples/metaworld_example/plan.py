@@ -1,4 +1,4 @@
-"""Everything that can be chosen about a run, with defaults that take about an hour on two processor cores."""
+"""Everything that can be chosen about a run, with defaults that take half an hour on two processor cores."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from pathlib import Path
 
 SAID = {
     "task": "a task of Meta-World",
-    "server": "address of a gleaner server",
+    "label": "tells apart runs of one task that differ in their demonstrations",
+    "server": "address of a gleaner server that runs",
+    "server_bin": "gleaner-server to start for this run instead, over OUT/server; empty: none",
     "out": "folder for recordings, trials, pictures and the report",
     "size": "height and width of the cameras' pictures",
     "experts": "demonstrations of the expert",
@@ -30,25 +32,37 @@ class Plan:
     """A run."""
 
     task: str = "pick-place-v3"
+    label: str = ""
     server: str = "127.0.0.1:7400"
+    server_bin: str = ""
     out: Path = Path("metaworld-runs")
     size: int = 64
-    experts: int = 60
+    experts: int = 20
     imperfect: int = 50
-    pretrain_steps: int = 2000
+    pretrain_steps: int = 1500
     pretrain_batch: int = 32
-    train_steps: int = 2000
+    train_steps: int = 1500
     train_batch: int = 32
     keep: float = 0.2
     weight: float = 1.0
     seed: int = 0
-    episodes: int = 50
+    episodes: int = 100
     token: str = ""
 
     @property
+    def name(self) -> str:
+        """Of this run: the task's, and the label."""
+        return "-".join(filter(None, (self.task, self.label)))
+
+    @property
     def folder(self) -> Path:
-        """Of this task."""
-        return self.out / self.task
+        """Of this run."""
+        return self.out / self.name
+
+    @property
+    def server_task(self) -> str:
+        """The task's name on the server: `pick-place-v3` is `metaworld_pick_place_v3`."""
+        return f"metaworld_{self.name.replace('-', '_')}"
 
 
 def parse(stages: tuple[str, ...], about: str) -> tuple[str, Plan]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+
 import gleaner
 from gleaner.types import Episode
 from metaworld_example.collect import Demonstration, collect
 from metaworld_example.demonstrator import IMPERFECT
 from metaworld_example.gleaning import glean, push
+from metaworld_example.own_server import own_server
 from metaworld_example.plan import Plan, parse
 from metaworld_example.progress import Progress
 from metaworld_example.report import write
@@ -24,10 +28,16 @@ def main(about: str) -> None:
     try:
         shown = _collect(env, plan)
         if until != "collect":
-            with gleaner.connect(plan.server, plan.token or None) as client:
+            with _server(plan) as address, gleaner.connect(address, plan.token or None) as client:
                 _with_server(client, plan, env, shown, until)
     finally:
         env.close()
+
+
+def _server(plan: Plan) -> AbstractContextManager[str]:
+    if plan.server_bin:
+        return own_server(Path(plan.server_bin), plan.out / "server")
+    return nullcontext(plan.server)
 
 
 def _with_server(client: gleaner.Client, plan: Plan, env: MetaWorld, shown: list[Demonstration], until: str) -> None:

@@ -24,6 +24,7 @@ from gleaner.jobs import Curve, JobEvent
 from gleaner.observation import Observation
 from gleaner.policy import Chunk, Policy
 from gleaner.scores import EpisodeScores, Histogram
+from gleaner.scoring import LiveScore, ScoredRecording, StepScores
 from gleaner.statistics import wilson
 from gleaner.types import word
 
@@ -43,14 +44,17 @@ __all__ = [
     "InvalidArgument",
     "JobEvent",
     "JobFailed",
+    "LiveScore",
     "Missed",
     "NotFound",
     "Observation",
     "Policy",
     "Rejected",
     "ResourceExhausted",
+    "ScoredRecording",
     "Segment",
     "ServerError",
+    "StepScores",
     "Trial",
     "Trials",
     "Unauthorized",

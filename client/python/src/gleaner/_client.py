@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 from types import TracebackType
 
 from gleaner._rpc import Rpc
@@ -10,6 +13,7 @@ from gleaner.episodes import Episodes
 from gleaner.jobs import Jobs
 from gleaner.policies import Policies
 from gleaner.scores import Scores
+from gleaner.scoring import LiveScore, ScoredRecording, Scoring, Step, StepScores
 from gleaner.snapshots import Snapshots
 from gleaner.tasks import Tasks
 from gleaner.types import Deployment
@@ -27,10 +31,32 @@ class Client:
         self.scores = Scores(self._rpc)
         self.datasets = Datasets(self._rpc, (address, token, timeout))
         self.policies = Policies(self._rpc)
+        self._scoring = Scoring(self._rpc)
 
-    def deploy(self, name: str, policy_id: str) -> Deployment:
-        """Points a deployment's name at a policy; running sessions keep the policy they began with."""
-        return self.policies.deploy(name, policy_id)
+    def score_recording(
+        self, run: str, path: str | os.PathLike[str], *, progress: Callable[[int], object] = lambda sent: None
+    ) -> ScoredRecording:
+        """Scores a recording (MCAP) as a score run scores its own, and keeps nothing of it on the server.
+
+        Raises `InvalidArgument` when it does not fit the task, `FailedPrecondition` when the run is not finished or
+        scores only what is stored (those of ssdf score anything).
+        """
+        return self._scoring.recording(run, Path(path), progress)
+
+    def score_steps(self, run: str, steps: Iterable[Step]) -> StepScores:
+        """Scores an episode's steps, pairs of observation and action, without a recording; as arrays."""
+        return self._scoring.steps(run, steps)
+
+    def stream_scores(self, run: str, steps: Iterable[Step]) -> Iterator[LiveScore]:
+        """As `score_steps`, while the episode happens: each step's score comes before the next step is taken."""
+        return self._scoring.stream(run, steps)
+
+    def deploy(self, name: str, policy_id: str, *, score_run: str = "") -> Deployment:
+        """Points a deployment's name at a policy; running sessions keep the policy they began with.
+
+        With a score run each answer says how well the session's newest segment fits what experts do.
+        """
+        return self.policies.deploy(name, policy_id, score_run=score_run)
 
     def rollback(self, name: str) -> Deployment:
         """Points a deployment's name back at what it pointed at before."""

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from gleaner._client import Client
 from gleaner.errors import invalid
 from gleaner.observation import Observation
+from gleaner.policy import Policy
 from gleaner.statistics import wilson
 from gleaner.types import Evaluation, SeedResult, TaskSpec
 
@@ -32,7 +33,7 @@ class Acting(Protocol):
     def __call__(self, observation: Observation, /) -> NDArray[np.float32]:
         """The action for now."""
 
-    def reset(self) -> None:
+    def reset(self) -> object:
         """Ends the episode."""
 
 
@@ -72,6 +73,7 @@ class Trial:
     seed: int
     success: bool
     steps: int
+    episode_id: str = ""  # of what the server recorded of it
 
 
 @dataclass(frozen=True)
@@ -132,7 +134,8 @@ def evaluate(
     """Runs episodes one after the other; episode i starts from seed + i, so that two policies meet the same ones.
 
     An episode ends solved as soon as the adapter says so, else when the environment ends it, or unsolved after
-    `max_steps`. An exception of the policy, a missed deadline too, ends the evaluation.
+    `max_steps`. An exception of the policy, a missed deadline too, ends the evaluation. What a `Policy` records is
+    labelled by how the episode ended.
     """
     if episodes < 1:
         raise invalid("episodes", "must be at least 1")
@@ -169,5 +172,7 @@ def _trial(env: Env, policy: Acting, adapter: Adapter, seed: int, max_steps: int
         steps += 1
         success = adapter.success(env, info)
         over = bool(terminated) or bool(truncated) or steps == max_steps
+    if isinstance(policy, Policy):
+        return Trial(seed, success, steps, policy.close("success" if success else "failure"))
     policy.reset()
     return Trial(seed, success, steps)

@@ -15,9 +15,12 @@ class Policies:
     def __init__(self, rpc: Rpc) -> None:
         self._rpc = rpc
 
-    def deploy(self, name: str, policy_id: str) -> Deployment:
-        """Points a deployment's name at a policy, once it is loaded and warmed up."""
-        request = pb.DeployRequest(name=name, policy_id=policy_id)
+    def deploy(self, name: str, policy_id: str, *, score_run: str = "") -> Deployment:
+        """Points a deployment's name at a policy, once it is loaded and warmed up.
+
+        Sessions are then scored by the score run, a finished one of the same task and of ssdf; empty: not at all.
+        """
+        request = pb.DeployRequest(name=name, policy_id=policy_id, score_run_id=score_run)
         return self._rpc.unary("PolicyService/Deploy", request, pb.DeployResponse).deployment
 
     def rollback(self, name: str) -> Deployment:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gleaner._client import Client
+from gleaner._messages import number
 from gleaner._proto.v1 import policy_pb2 as pb
 from gleaner._retry import patiently
 from gleaner._session import Session
 from gleaner.errors import GleanerError, Missed, NotFound, Rejected, invalid
 from gleaner.observation import Observation, size, to_wire
+from gleaner.scoring import LiveScore
 from gleaner.types import TaskSpec, Timings
 
 # Of a rate and of times; the wire has no room for deadlines over an hour or so.
@@ -32,6 +34,7 @@ class Chunk:
     actions: NDArray[np.float32]  # k × values
     timings: Timings  # where the time went, in the server
     dropped: int  # observations passed over since the last answer
+    score: LiveScore | None = None  # of the newest segment scored, where the deployment names a score run
 
 
 class Policy:
@@ -39,6 +42,9 @@ class Policy:
 
     `rate_hz` is the control rate (None: the task's), `deadline` how many seconds after its arrival at the server an
     observation may be answered (None: whenever), `timeout` how long to wait for any answer at all.
+
+    With `record` the server keeps each episode as a recording of the task, under `cohort` (empty: the deployment's
+    name) and the outcome that `close` or `reset` tells; one that ends without is kept as unknown.
 
     The session opens with the first call, again and again while there is no connection; once open it is not
     mended, because its history would be lost in the middle of an episode: `reset()` begins anew.
@@ -52,6 +58,8 @@ class Policy:
         rate_hz: float | None = None,
         deadline: float | None = None,
         timeout: float = 60.0,
+        record: bool = False,
+        cohort: str = "",
     ) -> None:
         for name, value in (("rate_hz", rate_hz), ("deadline", deadline), ("timeout", timeout)):
             if value is not None and not 0 < value <= _MOST:
@@ -61,7 +69,11 @@ class Policy:
         self.spec = _spec(client, deployment)
         self.rate_hz = rate_hz if rate_hz is not None else self.spec.rate_hz
         self._open = pb.SessionOpen(
-            deployment=deployment, control_rate_hz=rate_hz or 0.0, deadline_us=math.ceil((deadline or 0.0) * 1e6)
+            deployment=deployment,
+            control_rate_hz=rate_hz or 0.0,
+            deadline_us=math.ceil((deadline or 0.0) * 1e6),
+            record=record,
+            cohort=cohort,
         )
         self._timeout = timeout
         self._session: Session | None = None
@@ -107,32 +119,52 @@ class Policy:
             self.missed += 1
             raise Missed(f"deployment {self.deployment}: no action by the deadline")
         actions = np.array([step.values for step in answer.actions], np.float32)
-        self.last = Chunk(stamp_ns, actions.reshape(-1, size(self.spec.action)), answer.timings, answer.dropped)
+        score = LiveScore.of(answer.score) if answer.HasField("score") else None
+        self.last = Chunk(stamp_ns, actions.reshape(-1, size(self.spec.action)), answer.timings, answer.dropped, score)
         return self.last
 
-    def reset(self) -> None:
-        """Ends the episode; the next call begins another, with the policy that is deployed then."""
+    def reset(self, outcome: str = "unknown") -> str:
+        """Ends the episode; the next call begins another, with the policy that is deployed then.
+
+        The id of the episode that was recorded is returned; empty without `record`, or without a single step.
+        `outcome` is its label: success, failure or unknown. Raises when the server could not keep it.
+        """
+        wire = number(pb.SessionClose, "outcome", outcome)
         session, self._session = self._session, None
         self._begin()
-        if session is not None:
-            # The episode is over either way; what could fail here is telling so.
-            with contextlib.suppress(GleanerError):
-                session.close()
+        if session is None:
+            return ""
+        try:
+            return session.close(wire).episode_id
+        except GleanerError:
+            # The episode is over either way; unless it was to be kept, what failed is but telling so.
+            if self._open.record:
+                raise
+            return ""
+
+    @property
+    def score(self) -> LiveScore | None:
+        """The newest score of this episode: when q falls, it leaves what experts do."""
+        return self.last.score if self.last is not None else None
 
     @property
     def draining(self) -> bool:
         """The server is stopping: finish or `reset()` soon, or be closed."""
         return self._session is not None and self._session.draining
 
-    def close(self) -> None:
-        """Ends the episode."""
-        self.reset()
+    def close(self, outcome: str = "unknown") -> str:
+        """Ends the episode, as `reset` does."""
+        return self.reset(outcome)
 
     def __enter__(self) -> Policy:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self.close()
+        if error is None:
+            self.close()
+        else:
+            # What went wrong already matters more; what was recorded is kept without an outcome.
+            self._abandon()
 
     def _begin(self) -> None:
         # What belongs to one episode; policy_id stays until the next session opens.
@@ -153,7 +185,10 @@ class Policy:
     def _stamp(self, observation: Observation) -> int:
         if observation.stamp_ns is not None:
             return observation.stamp_ns
-        return 0 if self._stamp_ns is None else self._stamp_ns + self._period_ns
+        if self._stamp_ns is not None:
+            return self._stamp_ns + self._period_ns
+        # A recording has a date.
+        return time.time_ns() if self._open.record else 0
 
     def _late(self) -> NDArray[np.float32] | None:
         if self.last is None or self._stamp_ns is None:

@@ -20,8 +20,8 @@ from gleaner.types import KeptBySelection, ScoreRun
 class EpisodeScores:
     """One episode's scores. Every array has one entry a step: the segment that ends there."""
 
-    episode_id: str
-    role: str  # expert or imperfect; experts' scores leave their own episode out
+    episode_id: str  # empty when it is not stored
+    role: str  # expert or imperfect; experts' scores leave their own episode out; unspecified when it is not stored
     q: NDArray[np.float32]  # quality in [0, 1]
     w: NDArray[np.float64]  # the highest similarity to an expert segment
     match_episode: NDArray[np.str_]  # the expert episode matched; empty for the classifier, as are the rest
@@ -75,7 +75,7 @@ class Scores:
     def episode(self, run: str, episode: str) -> EpisodeScores:
         """One episode's scores. Raises `NotFound` when the run has no such episode."""
         request = pb.GetEpisodeScoresRequest(score_run_id=run, episode_id=episode)
-        return _scores(self._rpc.safe("ScoreService/GetEpisodeScores", request, pb.GetEpisodeScoresResponse).scores)
+        return from_wire(self._rpc.safe("ScoreService/GetEpisodeScores", request, pb.GetEpisodeScoresResponse).scores)
 
     def all(self, run: str, role: str | None = None) -> Iterator[EpisodeScores]:
         """Every episode's scores, or those of one role (expert, imperfect), fetched as they are read."""
@@ -89,7 +89,8 @@ class Scores:
         return [*self._rpc.safe("ScoreService/ListScoreRuns", request, pb.ListScoreRunsResponse).score_runs]
 
 
-def _scores(scores: pb.EpisodeScores) -> EpisodeScores:
+def from_wire(scores: pb.EpisodeScores) -> EpisodeScores:
+    """Scores as arrays."""
     experts = np.array([*scores.expert_ids], np.str_)
     return EpisodeScores(
         episode_id=scores.episode_id,

@@ -1,0 +1,29 @@
+"""A server for one run, over a folder of the run's own: started on a free port, stopped at the end."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_STOPPING_S = 40.0
+
+
+@contextmanager
+def own_server(program: Path, data: Path) -> Iterator[str]:
+    """The server's address. What it holds is there again when it is started over the same folder."""
+    command = [str(program), "serve", "--listen", "127.0.0.1:0", "--data-dir", str(data), "--log", "warn"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            # Its first line names the address, once it listens.
+            line = process.stdout.readline() if process.stdout is not None else ""
+            if not line.startswith("listening on "):
+                raise SystemExit(f"--server-bin {program}: it ended before it listened; what it said is above")
+            yield line.removeprefix("listening on ").strip()
+        finally:
+            process.terminate()
+            try:
+                process.wait(_STOPPING_S)
+            except subprocess.TimeoutExpired:
+                process.kill()

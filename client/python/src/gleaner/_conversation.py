@@ -1,0 +1,74 @@
+"""A stream both ways that can be waited for: messages out at any time, answers with a time limit. Knows no message."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from collections.abc import Callable, Iterator
+from typing import Generic, TypeVar
+
+import grpc
+from google.protobuf.message import Message
+
+from gleaner._rpc import Rpc
+from gleaner.errors import DeadlineExceeded, Rejected, Unavailable, from_rpc
+
+Request = TypeVar("Request", bound=Message)
+Reply = TypeVar("Reply", bound=Message)
+
+
+class Conversation(Generic[Request, Reply]):
+    """One call. For one thread.
+
+    Replies that `aside` takes (it says so with True) are nobody's answer; it is called by another thread, at once.
+    """
+
+    def __init__(
+        self, rpc: Rpc, method: str, reply: type[Reply], patience: float, aside: Callable[[Reply], bool]
+    ) -> None:
+        self._patience = patience
+        self._aside = aside
+        self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
+        self._replies: queue.SimpleQueue[Reply | Rejected] = queue.SimpleQueue()
+        self._call = rpc.converse(method, self._outgoing(), reply)
+        # grpc's own iterator cannot stop waiting, so a thread reads and this one waits for it, for a time.
+        threading.Thread(target=self._read, name="gleaner-conversation", daemon=True).start()
+
+    def send(self, request: Request) -> None:
+        """Sends, without waiting."""
+        self._requests.put(request)
+
+    def no_more(self) -> None:
+        """Says that nothing else will be sent."""
+        self._requests.put(None)
+
+    def receive(self) -> Reply:
+        """The next answer. Raises what ended the call, again and again, or `DeadlineExceeded`."""
+        try:
+            reply = self._replies.get(timeout=self._patience)
+        except queue.Empty:
+            raise DeadlineExceeded(f"the server did not answer within {self._patience:g} s") from None
+        if isinstance(reply, Rejected):
+            # Whoever asks again hears the same.
+            self._replies.put(reply)
+            raise reply
+        return reply
+
+    def end(self) -> None:
+        """Ends the call, whatever is still on its way."""
+        self._requests.put(None)
+        self._call.cancel()
+
+    def _outgoing(self) -> Iterator[Request]:
+        while (request := self._requests.get()) is not None:
+            yield request
+
+    def _read(self) -> None:
+        try:
+            for reply in self._call:
+                if not self._aside(reply):
+                    self._replies.put(reply)
+        except grpc.RpcError as error:
+            self._replies.put(from_rpc(error))
+        else:
+            self._replies.put(Unavailable("the server ended the stream"))
