@@ -1,10 +1,11 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-python lint-python fmt lint doc deny check bench peers
+.PHONY: demo build test test-python lint-python metaworld fmt lint doc deny check bench bench-serving peers peers-serving
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
 PYTHON ?= python3
 PYTHON_ENV = target/python
+METAWORLD_ENV = target/metaworld
 BENCH_PROFILE ?= bench
 
 # The main job, start to end, on an embedded database: a table at the end, a report in $(DEMO_DIR). The
@@ -31,7 +32,17 @@ lint-python: $(PYTHON_ENV)
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
 
-$(PYTHON_ENV):
+# Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in metaworld-runs/$(TASK).
+# Fetches MuJoCo and Meta-World (about 110 MB) the first time; needs libosmesa6, or a GPU and MUJOCO_GL=egl.
+TASK ?= pick-place-v3
+metaworld: .libtorch $(METAWORLD_ENV)
+	$(CARGO) build --locked --bin gleaner-server
+	$(METAWORLD_ENV)/bin/pip install -q --require-hashes -r client/python/examples/requirements.lock
+	$(METAWORLD_ENV)/bin/pip install -q --no-deps client/python
+	$(METAWORLD_ENV)/bin/python client/python/examples/metaworld.py all --task $(TASK) \
+		--server-bin target/debug/gleaner-server $(METAWORLD_ARGS)
+
+$(PYTHON_ENV) $(METAWORLD_ENV):
 	$(PYTHON) -m venv $@
 
 fmt:
@@ -54,6 +65,14 @@ bench: .libtorch
 # The pretraining step beside eager PyTorch's. Fetches PyTorch (about 3 GB) the first time.
 peers: .libtorch
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/peers/run.sh
+
+# Serving under load from another process, beside the model alone and beside a training job.
+bench-serving: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/serving/run.sh
+
+# The same load on servers in Python that run the same network. Fetches PyTorch (about 3 GB) the first time.
+peers-serving: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/peers/serving.sh
 
 # What CI runs.
 check: fmt lint test doc deny

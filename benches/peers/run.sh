@@ -5,12 +5,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 
-venv="${PEERS_VENV:-${XDG_CACHE_HOME:-$HOME/.cache}/gleaner/peers}"
-python="$venv/bin/python"
-[ -e "$python" ] || python3 -m venv "$venv"
-echo "peers: PyTorch in $venv (the first time about 3 GB)" >&2
-"$python" -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary=:all: \
-  -r benches/peers/requirements.lock
+. benches/peers/environment.sh
 
 program=$("${CARGO:-cargo}" bench --locked -p gleaner-learn --bench steps --profile "${BENCH_PROFILE:-bench}" \
   --no-run --message-format json-render-diagnostics |

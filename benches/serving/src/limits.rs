@@ -1,0 +1,107 @@
+//! What many do that ask for nothing, and what one does that does not read.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use futures::StreamExt as _;
+use gleaner_proto::v1::policy_service_client::PolicyServiceClient;
+use gleaner_proto::v1::session_request::Message;
+use gleaner_proto::v1::{Observation, SessionOpen, SessionRequest};
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Code, Status};
+use tonic::transport::Endpoint;
+
+use crate::Result;
+use crate::cli::Options;
+use crate::door::{Address, Door};
+use crate::prepare::{self, Prepared, serve};
+use crate::process::Program;
+use crate::report::{Asked, Report, say};
+use crate::scene::{Images, observe};
+
+const MEGABYTE: f64 = 1e6;
+/// Of the server, for all idle sessions, in megabytes.
+const IDLE: f64 = 100.0;
+/// What an unread session may hold: a few observations on their way, within HTTP/2's windows.
+const UNREAD: f64 = 32.0;
+/// Seconds that the server in question waits for a silent robot.
+const PATIENCE: u64 = 2;
+/// HTTP/2's own default; with a larger window more answers wait unread on this side.
+const WINDOW: u32 = 65_535;
+
+/// Opens sessions, each on a connection of its own, that then say nothing.
+pub(crate) async fn idle(
+    options: &Options,
+    server: &Program,
+    prepared: &Prepared,
+    report: &mut Report,
+) -> Result<()> {
+    let count = options.idle_sessions;
+    let before = server.memory()?;
+    let doors = Door::open_many(&prepared.address, usize::try_from(count)?).await?;
+    let grown = megabytes(server.memory()?, before);
+    say(&format!("{} idle sessions: {grown:.1} MB", doors.len()));
+    report.target(Asked::most(&format!("MB of {count} idle sessions"), IDLE), grown);
+    Ok(())
+}
+
+/// Asks and asks and reads nothing, on a server with little patience.
+pub(crate) async fn unread(
+    options: &Options,
+    folder: &Path,
+    prepared: &Prepared,
+    report: &mut Report,
+) -> Result<()> {
+    let server = serve(options, folder, &["--session-idle-seconds", &PATIENCE.to_string()]).await?;
+    let address = prepare::address(server.url());
+    // Loads the policy, so that its memory is not counted.
+    let observation = observe(&prepared.spec, prepared.steps.first().ok_or("no step")?, Images::Raw)?;
+    Door::open(&address).await?.act(&observation).await?;
+    let before = server.memory()?;
+    let (ended, most) = flood(&address, &observation, &server).await?;
+    let grown = megabytes(most, before);
+    say(&format!("an unread session held {grown:.1} MB at most and ended: {}", ended.message()));
+    if ended.code() != Code::DeadlineExceeded {
+        return Err(format!("the unread session ended as {:?}, not as DeadlineExceeded", ended.code()).into());
+    }
+    report.target(Asked::most("MB of a session that is not read", UNREAD), grown);
+    server.stop().await
+}
+
+/// Sends one observation after the other until the server takes no more, gives it more time than its patience is long,
+/// and only then reads; how the session had ended, and the most memory the server held.
+async fn flood(address: &Address, observation: &Observation, server: &Program) -> Result<(Status, u64)> {
+    let Address::Session { url, deployment } = address else { return Err("not a session".into()) };
+    let endpoint = Endpoint::from_shared(url.clone())?.initial_stream_window_size(WINDOW);
+    let mut policies = PolicyServiceClient::new(endpoint.connect().await?);
+    let (requests, outgoing) = mpsc::channel(1);
+    let send = |message| requests.send(SessionRequest { message: Some(message) });
+    send(Message::Open(SessionOpen { deployment: deployment.clone(), ..SessionOpen::default() })).await?;
+    let mut answers = policies.session(ReceiverStream::new(outgoing)).await?.into_inner();
+    let (mut most, mut looked, mut taken) = (0, Instant::now(), Instant::now());
+    for stamp_ns in 1.. {
+        if looked.elapsed() > Duration::from_millis(50) {
+            (looked, most) = (Instant::now(), most.max(server.memory()?));
+        }
+        let next = send(Message::Observation(Observation { stamp_ns, ..observation.clone() }));
+        match tokio::time::timeout(Duration::from_millis(100), next).await {
+            Ok(Ok(())) => taken = Instant::now(),
+            Ok(Err(_)) => break,
+            Err(_) if taken.elapsed() > Duration::from_secs(2 * PATIENCE) => break,
+            Err(_) => {}
+        }
+    }
+    loop {
+        match answers.next().await {
+            Some(Ok(_)) => {}
+            Some(Err(status)) => return Ok((status, most)),
+            None => return Err("the unread session ended as if it had been closed".into()),
+        }
+    }
+}
+
+#[expect(clippy::cast_precision_loss, reason = "far below 2^52 bytes")]
+fn megabytes(after: u64, before: u64) -> f64 {
+    after.saturating_sub(before) as f64 / MEGABYTE
+}

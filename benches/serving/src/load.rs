@@ -1,0 +1,164 @@
+//! A closed loop: each session sends its next observation when the reply to the one before is there. And what came of
+//! it, in numbers.
+
+use std::time::{Duration, Instant};
+
+use futures::future::try_join_all;
+use gleaner_proto::v1::{Observation, Timings};
+use serde::Serialize;
+
+use crate::Result;
+use crate::door::Door;
+
+/// What was measured, round after round.
+#[derive(Default)]
+pub(crate) struct Load {
+    samples: Vec<Sample>,
+    wall: Duration,
+}
+
+struct Sample {
+    round_trip: Duration,
+    timings: Option<Timings>,
+}
+
+/// A load in numbers; times in milliseconds.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Summary {
+    pub(crate) p50: f64,
+    pub(crate) p99: f64,
+    pub(crate) p999: f64,
+    pub(crate) actions_per_second: f64,
+    pub(crate) served: Option<Served>,
+}
+
+/// What only a server that tells its timings lets one know.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Served {
+    /// Part of all round trips' time in which the model ran.
+    pub(crate) model_share: f64,
+    pub(crate) model_p50: f64,
+    pub(crate) decode_p50: f64,
+    pub(crate) queue_p50: f64,
+    pub(crate) gather_p50: f64,
+    /// Round trip without the model.
+    pub(crate) extra_p50: f64,
+    pub(crate) extra_p99: f64,
+    pub(crate) mean_batch: f64,
+}
+
+impl Load {
+    /// Adds one measurement: every door at once, for `slice`, after a quarter of it to warm up.
+    pub(crate) async fn add(&mut self, doors: &mut [Door], scene: &[Observation], slice: Duration) -> Result<()> {
+        let from = Instant::now() + slice / 4;
+        let until = from + slice;
+        let every = doors.iter_mut().enumerate().map(|(at, door)| keep_asking(door, scene, at, (from, until)));
+        self.samples.extend(try_join_all(every).await?.into_iter().flatten());
+        self.wall += slice;
+        Ok(())
+    }
+
+    pub(crate) fn summary(&self) -> Summary {
+        let round_trips = times(self.samples.iter().map(|sample| sample.round_trip));
+        Summary {
+            p50: quantile(&round_trips, 0.5),
+            p99: quantile(&round_trips, 0.99),
+            p999: quantile(&round_trips, 0.999),
+            actions_per_second: count(round_trips.len()) / self.wall.as_secs_f64(),
+            served: self.served(),
+        }
+    }
+
+    fn served(&self) -> Option<Served> {
+        let told: Vec<(Duration, Timings)> =
+            self.samples.iter().filter_map(|sample| Some((sample.round_trip, sample.timings?))).collect();
+        let stage = |of: fn(&Timings) -> u64| times(told.iter().map(|(_, told)| Duration::from_micros(of(told))));
+        let model = stage(|timings| timings.model_us);
+        let round_trips: f64 = told.iter().map(|(round_trip, _)| milliseconds(*round_trip)).sum();
+        let without = told.iter().map(|(all, told)| all.saturating_sub(Duration::from_micros(told.model_us)));
+        let extra = times(without);
+        let batches: f64 = told.iter().map(|(_, timings)| f64::from(timings.batch_size)).sum();
+        (!told.is_empty()).then(|| Served {
+            model_share: model.iter().sum::<f64>() / round_trips,
+            model_p50: quantile(&model, 0.5),
+            decode_p50: quantile(&stage(|timings| timings.decode_us), 0.5),
+            queue_p50: quantile(&stage(|timings| timings.queue_us), 0.5),
+            gather_p50: quantile(&stage(|timings| timings.batch_us), 0.5),
+            extra_p50: quantile(&extra, 0.5),
+            extra_p99: quantile(&extra, 0.99),
+            mean_batch: batches / count(told.len()),
+        })
+    }
+}
+
+/// One session's requests that began within the time.
+async fn keep_asking(
+    door: &mut Door,
+    scene: &[Observation],
+    first: usize,
+    (from, until): (Instant, Instant),
+) -> Result<Vec<Sample>> {
+    let mut samples = Vec::new();
+    for observation in scene.iter().cycle().skip(first) {
+        let begun = Instant::now();
+        if begun >= until {
+            break;
+        }
+        let answer = door.act(observation).await?;
+        if begun >= from {
+            samples.push(Sample { round_trip: answer.round_trip, timings: answer.timings });
+        }
+    }
+    Ok(samples)
+}
+
+/// In milliseconds, sorted.
+pub(crate) fn times(all: impl Iterator<Item = Duration>) -> Vec<f64> {
+    let mut times: Vec<f64> = all.map(milliseconds).collect();
+    times.sort_by(f64::total_cmp);
+    times
+}
+
+/// Of sorted times: the smallest that at least this part is not above. Not a number when there are none.
+pub(crate) fn quantile(sorted: &[f64], part: f64) -> f64 {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in a list, not below 0")]
+    let place = (count(sorted.len()) * part).ceil() as usize;
+    sorted.get(place.saturating_sub(1)).copied().unwrap_or(f64::NAN)
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+fn count(all: usize) -> f64 {
+    f64::from(u32::try_from(all).unwrap_or(u32::MAX))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn quantiles_are_measured_values() {
+        let sorted = times((1..=1000).rev().map(Duration::from_millis));
+        let [middle, tail, end] = [0.5, 0.99, 0.999].map(|part| quantile(&sorted, part));
+        assert!((middle - 500.0).abs() < 1e-9 && (tail - 990.0).abs() < 1e-9 && (end - 999.0).abs() < 1e-9);
+        assert!(quantile(&[], 0.5).is_nan());
+        assert!((quantile(&[7.0], 0.999) - 7.0).abs() < f64::EPSILON);
+    }
+
+    #[test]
+    fn what_is_not_the_model_is_extra() {
+        let timings = Timings { model_us: 600, batch_size: 2, decode_us: 50, ..Timings::default() };
+        let sample = || Sample { round_trip: Duration::from_millis(1), timings: Some(timings) };
+        let load = Load { samples: vec![sample(), sample()], wall: Duration::from_secs(1) };
+        let summary = load.summary();
+        let served = summary.served.unwrap();
+        assert!((summary.actions_per_second - 2.0).abs() < 1e-9);
+        assert!((served.model_share - 0.6).abs() < 1e-9 && (served.extra_p99 - 0.4).abs() < 1e-9);
+        assert!((served.mean_batch - 2.0).abs() < 1e-9);
+        let silent = Load { samples: vec![Sample { timings: None, ..sample() }], wall: Duration::from_secs(1) };
+        assert!(silent.summary().served.is_none());
+    }
+}

@@ -1,0 +1,122 @@
+//! A server with a deployed policy, made as anybody would: a task, recordings, a pretraining, a training.
+
+use std::fs::File;
+use std::path::Path;
+
+use gleaner_client::{Client, PushItem, UploadLabel, spec as wire};
+use gleaner_learn::CheckpointKind;
+use gleaner_proto::v1::job_spec::Spec;
+use gleaner_proto::v1::train_spec::Data;
+use gleaner_proto::v1::{CreateTaskRequest, DeployRequest, Job, Outcome, OptimSpec, Preset, TrainSpec};
+use gleaner_recording::{EpisodeWriter, StepRef, TaskSpec};
+use tokio::process::Command;
+
+use crate::cli::Options;
+use crate::door::Address;
+use crate::process::Program;
+use crate::scene::{self, Step};
+use crate::train::{self, submit};
+use crate::{Result, report};
+
+const DEPLOYMENT: &str = "serving@bench";
+/// Of each outcome.
+const EPISODES: u64 = 2;
+const STEPS: usize = 30;
+/// Enough for weights that are not those of the beginning; what an inference costs does not depend on them.
+const OPTIMISER_STEPS: u32 = 4;
+/// The first recorded stamp: some time after 1970.
+const BEGIN_NS: i64 = 1_700_000_000_000_000_000;
+
+/// What there is to measure.
+pub(crate) struct Prepared {
+    pub(crate) spec: TaskSpec,
+    /// Steps as they are sent, over and over.
+    pub(crate) steps: Vec<Step>,
+    pub(crate) client: Client,
+    /// Where sessions of the policy are opened.
+    pub(crate) address: Address,
+    pub(crate) preset: Preset,
+    /// The policy's checkpoint.
+    pub(crate) checkpoint: Vec<u8>,
+}
+
+/// Starts a server on a data folder, with further flags.
+pub(crate) async fn serve(options: &Options, folder: &Path, flags: &[&str]) -> Result<Program> {
+    let mut command = Command::new(&options.server_bin);
+    command
+        .args(["serve", "--listen", "127.0.0.1:0", "--worker-threads", &options.worker_threads.to_string()])
+        .args(flags)
+        .arg("--data-dir")
+        .arg(folder.join("data"))
+        .env("GLEANER_LOG", "warn");
+    Program::start(command, &folder.join("server.log")).await
+}
+
+/// Where a server has sessions of the policy that was deployed.
+pub(crate) fn address(url: &str) -> Address {
+    Address::Session { url: url.to_owned(), deployment: DEPLOYMENT.to_owned() }
+}
+
+/// A server with a policy deployed.
+pub(crate) async fn prepare(options: &Options, folder: &Path) -> Result<(Program, Prepared)> {
+    let server = serve(options, folder, &[]).await?;
+    let client = Client::connect(server.url(), None).await?;
+    let (spec, preset) = (scene::task(), options.preset.into());
+    client.tasks().create_task(CreateTaskRequest { spec: Some(wire::to_proto(&spec)) }).await?;
+    push(&client, &spec, folder).await?;
+    let encoder = succeed(&client, &spec, train::pretraining(preset, OPTIMISER_STEPS)).await?;
+    let policy_id = succeed(&client, &spec, finetuning(encoder)).await?;
+    client.policies().deploy(DeployRequest { name: DEPLOYMENT.to_owned(), policy_id, ..Default::default() }).await?;
+    let checkpoint = checkpoint(&folder.join("data/blobs"))?;
+    let steps = scene::steps(99, 16);
+    let prepared = Prepared { spec, steps, client, address: address(server.url()), preset, checkpoint };
+    Ok((server, prepared))
+}
+
+async fn push(client: &Client, spec: &TaskSpec, folder: &Path) -> Result<()> {
+    let mut items = Vec::new();
+    for (seed, outcome) in (0..2 * EPISODES).zip([Outcome::Success, Outcome::Failure].into_iter().cycle()) {
+        let path = folder.join(format!("{seed}.mcap"));
+        let mut writer = EpisodeWriter::create(File::create(&path)?, spec)?;
+        for (stamp, step) in (BEGIN_NS..).step_by(50_000_000).zip(scene::steps(seed, STEPS)) {
+            let Step { frames, proprioception, action } = &step;
+            writer.step(stamp, StepRef { frames, proprioception, action })?;
+        }
+        writer.finish()?;
+        let label = UploadLabel { outcome, cohort: String::new(), author: "bench".to_owned() };
+        items.push(PushItem { path, task: spec.name.clone(), label });
+    }
+    let pushed = client.push(items, 1, |_| ()).await;
+    match pushed.failures().next() {
+        Some((item, error)) => Err(format!("{}: {error}", item.path.display()).into()),
+        None => Ok(()),
+    }
+}
+
+fn finetuning(encoder: String) -> Spec {
+    Spec::Train(TrainSpec {
+        data: Some(Data::ExpertsOf(encoder)),
+        optim: Some(OptimSpec { steps: Some(OPTIMISER_STEPS), batch: Some(8), ..OptimSpec::default() }),
+        ..TrainSpec::default()
+    })
+}
+
+/// Runs a job and gives what it made.
+async fn succeed(client: &Client, task: &TaskSpec, spec: Spec) -> Result<String> {
+    let Job { id, kind, .. } = submit(client, task, spec).await?;
+    report::say(&format!("running job {id} of kind {kind} ..."));
+    Ok(client.wait(&id, |_| ()).await?.result_id)
+}
+
+/// The one policy among the blobs.
+fn checkpoint(blobs: &Path) -> Result<Vec<u8>> {
+    for folder in blobs.read_dir()? {
+        for blob in folder?.path().read_dir()? {
+            let bytes = std::fs::read(blob?.path())?;
+            if gleaner_learn::inspect(&bytes).is_ok_and(|info| info.kind == CheckpointKind::Policy && info.finished) {
+                return Ok(bytes);
+            }
+        }
+    }
+    Err("the server keeps no policy".into())
+}

@@ -1,0 +1,186 @@
+//! What was found: rows of loads, targets met or missed, as a table and as JSON.
+#![expect(clippy::print_stdout, reason = "a command's output")]
+
+use std::path::Path;
+
+use comfy_table::{CellAlignment, Table, presets::ASCII_MARKDOWN};
+use serde::Serialize;
+
+use crate::Result;
+use crate::cli::{Options, Part, Size};
+use crate::load::Summary;
+use crate::scene::Images;
+
+/// Everything that was found.
+#[derive(Debug, Serialize)]
+pub(crate) struct Report {
+    conditions: Conditions,
+    pub(crate) rows: Vec<Row>,
+    pub(crate) peers: Vec<PeerRow>,
+    targets: Vec<Target>,
+}
+
+/// On what it was measured.
+#[derive(Debug, Serialize)]
+struct Conditions {
+    preset: Size,
+    parts: Vec<Part>,
+    processors: usize,
+    /// Of one model, ours and each peer's alike.
+    model_threads: u32,
+    load_threads: u32,
+    /// Of the training job beside.
+    worker_threads: u32,
+    load_average: String,
+}
+
+/// One load on our server; times in milliseconds.
+#[derive(Debug, Serialize)]
+pub(crate) struct Row {
+    pub(crate) images: Images,
+    pub(crate) sessions: usize,
+    pub(crate) beside_training: bool,
+    /// Median of the same request on the same weights in this process.
+    pub(crate) model_alone: f64,
+    pub(crate) load: Summary,
+}
+
+/// The same load on one of several servers.
+#[derive(Debug, Serialize)]
+pub(crate) struct PeerRow {
+    pub(crate) server: &'static str,
+    pub(crate) sessions: usize,
+    pub(crate) load: Summary,
+}
+
+/// A figure that is asked for.
+#[derive(Debug, Serialize)]
+pub(crate) struct Asked {
+    what: String,
+    bound: f64,
+    at_least: bool,
+}
+
+#[derive(Debug, Serialize)]
+struct Target {
+    asked: Asked,
+    found: f64,
+    met: bool,
+}
+
+impl Asked {
+    pub(crate) fn most(what: &str, bound: f64) -> Self {
+        Self { what: what.to_owned(), bound, at_least: false }
+    }
+
+    pub(crate) fn least(what: &str, bound: f64) -> Self {
+        Self { what: what.to_owned(), bound, at_least: true }
+    }
+}
+
+impl Report {
+    pub(crate) fn begin(options: &Options) -> Self {
+        let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+        let conditions = Conditions {
+            preset: options.preset,
+            parts: options.parts.clone(),
+            processors: std::thread::available_parallelism().map_or(0, usize::from),
+            model_threads: 1,
+            load_threads: 1,
+            worker_threads: options.worker_threads,
+            load_average: load.split_whitespace().take(3).collect::<Vec<_>>().join(" "),
+        };
+        Self { conditions, rows: Vec::new(), peers: Vec::new(), targets: Vec::new() }
+    }
+
+    /// Holds a figure against what is asked. What is no number misses.
+    pub(crate) fn target(&mut self, asked: Asked, found: f64) {
+        let met = if asked.at_least { found >= asked.bound } else { found <= asked.bound };
+        self.targets.push(Target { asked, found, met });
+    }
+
+    /// Prints the tables and writes the file; says whether every target was met.
+    pub(crate) fn finish(&self, out: Option<&Path>) -> Result<bool> {
+        let Conditions { preset, processors, worker_threads, load_average, .. } = &self.conditions;
+        println!(
+            "\npreset {}, 2 x 128 x 128 RGB, {processors} processors, load average {load_average} at the beginning",
+            format!("{preset:?}").to_lowercase()
+        );
+        println!("threads: 1 for each model, 1 for the load, {worker_threads} for the training job; times in ms\n");
+        if !self.rows.is_empty() {
+            println!("{}\n", self.loads());
+        }
+        if !self.peers.is_empty() {
+            println!("{}\n", self.beside_peers());
+        }
+        println!("{}", self.verdicts());
+        if let Some(out) = out {
+            std::fs::write(out, serde_json::to_string_pretty(self)?)?;
+        }
+        Ok(self.targets.iter().all(|target| target.met))
+    }
+
+    fn loads(&self) -> Table {
+        let mut table = numbers(&[
+            "images", "sessions", "p50", "p99", "p99.9", "actions/s", "in model", "batch", "model", "decode", "queue",
+            "gather", "extra p50", "extra p99", "model alone",
+        ]);
+        for Row { images, sessions, beside_training, model_alone, load } in &self.rows {
+            let images = format!("{images:?}{}", if *beside_training { ", training beside" } else { "" });
+            let mut cells = vec![images, sessions.to_string()];
+            cells.extend(first_cells(load));
+            if let Some(served) = &load.served {
+                cells.push(format!("{:.0} %", served.model_share * 100.0));
+                cells.push(format!("{:.1}", served.mean_batch));
+                let times = [served.model_p50, served.decode_p50, served.queue_p50, served.gather_p50];
+                cells.extend(times.map(time));
+                cells.extend([served.extra_p50, served.extra_p99].map(time));
+            }
+            cells.push(time(*model_alone));
+            table.add_row(cells);
+        }
+        table
+    }
+
+    fn beside_peers(&self) -> Table {
+        let mut table = numbers(&["server", "sessions", "p50", "p99", "p99.9", "actions/s"]);
+        for PeerRow { server, sessions, load } in &self.peers {
+            let mut cells = vec![(*server).to_owned(), sessions.to_string()];
+            cells.extend(first_cells(load));
+            table.add_row(cells);
+        }
+        table
+    }
+
+    fn verdicts(&self) -> Table {
+        let mut table = Table::new();
+        table.load_style(ASCII_MARKDOWN).set_header(["target", "asked", "found", ""]);
+        for Target { asked: Asked { what, bound, at_least }, found, met } in &self.targets {
+            let asked = format!("{} {bound}", if *at_least { "at least" } else { "at most" });
+            table.add_row([what.as_str(), &asked, &time(*found), if *met { "met" } else { "MISSED" }]);
+        }
+        table
+    }
+}
+
+/// What goes on, for who waits.
+pub(crate) fn say(line: &str) {
+    println!("{line}");
+}
+
+fn numbers(header: &[&str]) -> Table {
+    let mut table = Table::new();
+    table.load_style(ASCII_MARKDOWN).set_header(header);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+fn first_cells(load: &Summary) -> [String; 4] {
+    [time(load.p50), time(load.p99), time(load.p999), format!("{:.0}", load.actions_per_second)]
+}
+
+fn time(milliseconds: f64) -> String {
+    format!("{milliseconds:.2}")
+}

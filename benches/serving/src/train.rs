@@ -1,0 +1,59 @@
+//! Training jobs: the short ones that make a policy, and one without end that keeps the machine busy.
+
+use gleaner_client::Client;
+use gleaner_proto::v1::job_spec::Spec;
+use gleaner_proto::v1::{CancelJobRequest, Job, JobSpec, OptimSpec, Preset, PretrainSpec, SubmitJobRequest, WatchJobRequest};
+use gleaner_recording::TaskSpec;
+
+use crate::Result;
+
+/// More steps than any measurement lasts.
+const ENDLESS: u32 = 1_000_000;
+
+pub(crate) fn pretraining(preset: Preset, steps: u32) -> Spec {
+    Spec::Pretrain(PretrainSpec {
+        preset: preset.into(),
+        optim: Some(OptimSpec { steps: Some(steps), batch: Some(16), ..OptimSpec::default() }),
+        ..PretrainSpec::default()
+    })
+}
+
+pub(crate) async fn submit(client: &Client, task: &TaskSpec, spec: Spec) -> Result<Job> {
+    let request = SubmitJobRequest {
+        task: task.name.clone(),
+        spec: Some(JobSpec { spec: Some(spec) }),
+        ..SubmitJobRequest::default()
+    };
+    client.jobs().submit_job(request).await?.into_inner().job.ok_or_else(|| "the reply has no job".into())
+}
+
+/// A training job that runs until it is told to stop.
+pub(crate) struct Busy<'a> {
+    client: &'a Client,
+    job: String,
+}
+
+impl<'a> Busy<'a> {
+    /// Begins one and waits until it has taken a step.
+    pub(crate) async fn begin(client: &'a Client, task: &TaskSpec, preset: Preset) -> Result<Self> {
+        let job = submit(client, task, pretraining(preset, ENDLESS)).await?.id;
+        let mut events = client.jobs().watch_job(WatchJobRequest { job_id: job.clone() }).await?.into_inner();
+        while let Some(event) = events.message().await? {
+            if !event.metrics.is_empty() {
+                return Ok(Self { client, job });
+            }
+        }
+        Err("the training job ended before its first step".into())
+    }
+
+    /// Steps it has taken.
+    pub(crate) async fn done(&self) -> Result<u64> {
+        let request = gleaner_proto::v1::GetJobRequest { job_id: self.job.clone() };
+        Ok(self.client.jobs().get_job(request).await?.into_inner().job.map_or(0, |job| job.done))
+    }
+
+    pub(crate) async fn end(self) -> Result<()> {
+        self.client.jobs().cancel_job(CancelJobRequest { job_id: self.job }).await?;
+        Ok(())
+    }
+}
