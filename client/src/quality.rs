@@ -16,12 +16,10 @@ pub(crate) const BINS: usize = 20;
 const RESAMPLING_SEED: u64 = 0;
 
 /// What the simulator knows of an attempt and learning must not.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Mark {
     /// The first step at which it did other than the expert would; `None` when it never did.
     pub(crate) went_wrong: Option<u32>,
-    /// How far each step's action is from the expert's in the same state.
-    pub(crate) departure: Vec<f32>,
 }
 
 impl Mark {
@@ -34,7 +32,7 @@ impl Mark {
 
 impl From<&RecordedEpisode> for Mark {
     fn from(episode: &RecordedEpisode) -> Self {
-        Self { went_wrong: episode.went_wrong, departure: episode.departure.clone() }
+        Self { went_wrong: episode.went_wrong }
     }
 }
 
@@ -188,7 +186,7 @@ mod tests {
             id: "ep".into(),
             cohort: cohort.into(),
             success: went_wrong.is_none(),
-            mark: Mark { went_wrong, departure: Vec::new() },
+            mark: Mark { went_wrong },
             q: q.to_vec(),
             w: q.iter().map(|q| f64::from(*q) - 1.0).collect(),
         };

@@ -11,6 +11,9 @@ use super::task::sim_config;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 
+/// Evaluation jobs try seed s on the simulator's attempts 2³² · (s + 1) and on.
+const EVALUATED: u64 = 1 << 32;
+
 /// An agent and how many episodes it records: `[NAME=]KIND[:GRADE]:COUNT`.
 #[derive(Clone, Debug)]
 pub(crate) struct CohortArg(Cohort);
@@ -45,7 +48,7 @@ pub(crate) struct RecordArgs {
     /// episodes' cohort, by default the agent's kind.
     #[arg(long = "agent", required = true, value_name = "[NAME=]KIND[:GRADE]:COUNT")]
     agents: Vec<CohortArg>,
-    /// Seed of everything random.
+    /// The first recording's seed; the others count up from it.
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Camera height and width in pixels.
@@ -82,9 +85,30 @@ pub(crate) struct RecordSet {
     pub(crate) seed: u64,
 }
 
+impl RecordSet {
+    /// Fails if a recorded attempt could be one of an evaluation's, which begin at 2³²: a policy would be tried on what
+    /// it was trained on.
+    pub(crate) fn check_seed(&self) -> std::result::Result<(), String> {
+        let attempts = self.total();
+        let most = EVALUATED.saturating_sub(attempts);
+        if self.seed <= most {
+            return Ok(());
+        }
+        let seed = self.seed;
+        Err(format!(
+            "seed: {seed} is too high; with {attempts} recordings give at most {most}, evaluations begin there"
+        ))
+    }
+
+    fn total(&self) -> u64 {
+        self.cohorts.iter().map(|cohort| cohort.count as u64).fold(0, u64::saturating_add)
+    }
+}
+
 /// Records with a progress bar.
 pub(crate) async fn record(context: &Context, folder: &Path, set: RecordSet) -> Result<Vec<RecordedEpisode>> {
-    let total = set.cohorts.iter().map(|cohort| cohort.count as u64).sum();
+    set.check_seed().map_err(Failure::told)?;
+    let total = set.total();
     let bar = context.progress.count("record", total);
     let (drawn, folder) = (bar.clone(), folder.to_owned());
     let work = move || {
@@ -119,6 +143,20 @@ fn document(folder: &Path, recorded: &[RecordedEpisode]) -> Value {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+
+    #[test]
+    fn no_recording_is_an_attempt_of_an_evaluation() {
+        let cohorts = vec![Cohort::from((AgentSpec::EXPERT, 3)), Cohort::from((AgentSpec::EXPERT, 2))];
+        let check = |seed| {
+            let config = SimConfig::default();
+            RecordSet { task: Task::PickCube, config, cohorts: cohorts.clone(), seed }.check_seed()
+        };
+        assert!(check(0).is_ok() && check((1 << 32) - 5).is_ok());
+        for seed in [(1 << 32) - 4, 1 << 32, u64::MAX] {
+            let said = check(seed).unwrap_err();
+            assert!(said.starts_with("seed: ") && said.contains("at most 4294967291"), "{said}");
+        }
+    }
 
     #[test]
     fn an_agents_cohort_is_its_kind_or_as_named() {

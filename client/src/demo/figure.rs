@@ -68,7 +68,7 @@ mod tests {
             id: "ep".into(),
             cohort: cohort.into(),
             success: went_wrong.is_none(),
-            mark: Mark { went_wrong, departure: Vec::new() },
+            mark: Mark { went_wrong },
             q: vec![1.0, 0.5, 0.0],
             w: vec![0.0; 3],
         };

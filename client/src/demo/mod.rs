@@ -51,7 +51,8 @@ impl DemoArgs {
         };
         fresh(&self.dir)?;
         let log = self.dir.join("server.log");
-        let server = ServerProcess::start(&self.server_bin, &self.dir.join(DATA), &log, &[]).await?;
+        // One for each policy; every stage before has one job alone.
+        let server = ServerProcess::start(&self.server_bin, &self.dir.join(DATA), &log, &["--workers", "2"]).await?;
         context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
         let work = async {
             let client = Client::connect(server.url(), None).await?;

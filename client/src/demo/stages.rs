@@ -52,15 +52,11 @@ impl<'a> Stages<'a> {
         let histogram = self.histogram(&run).await?;
         let episodes = self.marked_episodes(&run, &recorded, &episode_ids).await?;
         let dataset = self.dataset(&run).await?;
-        let trainings = [
-            ("experts", "experts alone (SSDF-base)", Data::ExpertsOf(encoder)),
-            ("gleaned", "experts and gleaned segments", Data::DatasetId(dataset)),
+        let [base, gleaned] = self.train([Data::ExpertsOf(encoder), Data::DatasetId(dataset)]).await?;
+        let policies = vec![
+            self.evaluate("experts", "experts alone (SSDF-base)", base).await?,
+            self.evaluate("gleaned", "experts and gleaned segments", gleaned).await?,
         ];
-        let mut policies = Vec::new();
-        for (name, trained_on, data) in trainings {
-            let policy = self.train(name, data).await?;
-            policies.push(self.evaluate(name, trained_on, policy).await?);
-        }
         let report = Report {
             recorded: recorded_counts(&recorded),
             separation: separations(&episodes),
@@ -201,25 +197,30 @@ impl<'a> Stages<'a> {
         Ok(dataset.id)
     }
 
-    async fn train(&mut self, name: &str, data: Data) -> Result<String> {
+    // Both policies side by side, each by a worker of its own.
+    async fn train(&mut self, data: [Data; 2]) -> Result<[String; 2]> {
         let began = Instant::now();
-        let job = self
-            .job(Spec::Train(TrainSpec {
+        let [base, gleaned] = data.map(|data| {
+            self.job(Spec::Train(TrainSpec {
                 data: Some(data),
                 optim: Some(optim(self.plan.train_steps, self.plan.train_batch)),
                 lambda: Some(self.plan.lambda),
                 seed: self.plan.train_seed,
                 ..TrainSpec::default()
             }))
-            .await?;
-        self.done(&format!("train {name}"), began, format!("{} steps", self.plan.train_steps));
-        Ok(job.result_id)
+        });
+        let (base, gleaned) = tokio::try_join!(base, gleaned)?;
+        let [of_base, of_gleaned] =
+            [&base, &gleaned].map(|job| words::between(job.start_time.as_ref(), job.end_time.as_ref()));
+        let steps = self.plan.train_steps;
+        self.done("train both", began, format!("{steps} steps each, on experts {of_base}, with gleaned {of_gleaned}"));
+        Ok([base.result_id, gleaned.result_id])
     }
 
     async fn evaluate(&mut self, name: &str, trained_on: &str, policy_id: String) -> Result<Evaluation> {
         let began = Instant::now();
         let deployment = format!("{}@{name}", self.task);
-        let request = DeployRequest { name: deployment.clone(), policy_id };
+        let request = DeployRequest { name: deployment.clone(), policy_id, ..DeployRequest::default() };
         self.client.policies().deploy(request).await?;
         let plan = DrivePlan {
             deployment,
@@ -229,6 +230,7 @@ impl<'a> Stages<'a> {
             seed: self.plan.evaluation_seed,
             sessions: self.plan.sessions,
             real_time: None,
+            record: None,
         };
         let driven = drive::drive(self.context, &self.client, &plan).await?;
         let success_rate = words::success_rate(&driven);

@@ -9,6 +9,9 @@ use crate::choice::{
     FeatureScaleWord, NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord, YardstickWord,
 };
 
+// The server's evaluations take no higher ones, so that no two seeds share an attempt.
+const HIGHEST_SEED: u64 = u32::MAX as u64 - 1;
+
 /// A method by the paper's name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -140,6 +143,9 @@ impl CellSettings {
         }
         if (1..self.seeds.len()).any(|index| self.seeds[..index].contains(&self.seeds[index])) {
             return Err("seeds: each may be given once".into());
+        }
+        if let Some(seed) = self.seeds.iter().find(|seed| **seed > HIGHEST_SEED) {
+            return Err(format!("seeds: {seed} is too high; evaluations take at most {HIGHEST_SEED}"));
         }
         if self.objectives.is_empty() {
             return Err("objectives: give at least one of mtp, tr, aa".into());

@@ -151,7 +151,9 @@ fn recordings(file: &ExperimentFile) -> std::result::Result<RecordSet, String> {
     if cohorts.len() == 1 {
         return Err("data.cohorts: give at least one imperfect agent".into());
     }
-    Ok(RecordSet { task: file.task, config, cohorts, seed: data.seed })
+    let set = RecordSet { task: file.task, config, cohorts, seed: data.seed };
+    set.check_seed().map_err(|problem| format!("data.{problem}"))?;
+    Ok(set)
 }
 
 fn data_key(task: Task, data: &DataSettings) -> std::result::Result<String, String> {
@@ -211,6 +213,11 @@ mod tests {
                 text("", &DATA.replace("{ agent", "{ name = \"expert\", agent"), STUDY),
                 ["data.cohorts[0].name", "experts'"],
             ),
+            (
+                text("", &DATA.replace("experts", "seed = 4294967296\nexperts"), STUDY),
+                ["data.seed: ", "at most 4294967291"],
+            ),
+            (text("[base]\nseeds = [1, 4294967295]\n", DATA, STUDY), ["base: seeds: ", "4294967295 is too high"]),
             (text("", DATA, "[[study]]\ntable = \"gamma\"\n"), ["line 7", "unknown variant `gamma`"]),
             (text("", DATA, &[STUDY, STUDY].concat()), ["study \"Quality score", "twice"]),
             (

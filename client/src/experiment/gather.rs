@@ -8,6 +8,7 @@ use gleaner_proto::v1::{
     CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetScoreRunRequest, GetSnapshotRequest, Role,
 };
 
+use super::difference::differences;
 use super::file::{Experiment, Study};
 use super::follow::seconds;
 use super::order;
@@ -76,6 +77,7 @@ impl<'a> Gatherer<'a> {
         Ok(StudyReport {
             name: study.name.clone(),
             table: study.table,
+            differences: differences(study.table, &cells),
             cells,
             machine_seconds: stages.iter().filter_map(took).sum(),
             stages: stages.len(),
@@ -141,7 +143,7 @@ impl<'a> Gatherer<'a> {
             id: episode_id,
             cohort: recording.cohort.clone(),
             success: recording.success,
-            mark: recording.mark.clone(),
+            mark: recording.mark,
             q: scores.q,
             w: scores.w,
         })

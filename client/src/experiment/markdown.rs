@@ -21,7 +21,8 @@ pub(crate) fn markdown(report: &Report) -> String {
         line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete. {said}**"));
     }
     if failed > 0 {
-        line(&mut text, format_args!("\n**{failed} of {cells} cells failed: see Problems.**"));
+        line(&mut text, format_args!("\n**{failed} of {cells} cells lack seeds that failed: see Problems.**\n"));
+        text.push_str(&lacking(report));
     }
     recorded(report, &mut text);
     for (number, study) in (1..).zip(&report.studies) {
@@ -30,6 +31,31 @@ pub(crate) fn markdown(report: &Report) -> String {
     time(report, &mut text);
     problems(report, &mut text);
     text
+}
+
+// Which cells lack which failed seeds, and what is left of them; those of a study that lack the same are one line.
+fn lacking(report: &Report) -> String {
+    let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
+    for study in &report.studies {
+        for cell in &study.cells {
+            let failed = cell.seeds.iter().filter(|seed| seed.problem.is_some());
+            let failed: Vec<String> = failed.map(|seed| seed.seed.to_string()).collect();
+            if failed.is_empty() {
+                continue;
+            }
+            let left = match (cell.complete_seeds(), cell.seeds.len()) {
+                (0, _) => "no seed is complete".to_owned(),
+                (complete, all) => format!("means are over {complete} of {all} seeds"),
+            };
+            let seeds = if failed.len() == 1 { "seed" } else { "seeds" };
+            let lacks = format!("- {}, without {seeds} {} ({left}): ", study.name, failed.join(", "));
+            match lines.iter_mut().find(|line| line.0 == lacks) {
+                Some(line) => line.1.push(&cell.label),
+                None => lines.push((lacks, vec![&cell.label])),
+            }
+        }
+    }
+    lines.iter().map(|(lacks, cells)| format!("{lacks}{}\n", cells.join(", "))).collect()
 }
 
 fn recorded(report: &Report, text: &mut String) {
@@ -66,6 +92,14 @@ fn section(report: &Report, number: usize, study: &StudyReport, text: &mut Strin
         ),
     );
     text.push_str(&tables::summary(report, study));
+    if let Some(table) = tables::differences(study) {
+        line(
+            text,
+            "\nDifferences of success between methods under the same seeds: the same recordings, encoders and \
+             attempts.\n",
+        );
+        text.push_str(&table);
+    }
     for plot in plots::names(number, study) {
         line(text, format_args!("\n![{}]({plot})", study.name));
     }
@@ -130,19 +164,40 @@ fn line(text: &mut String, line: impl std::fmt::Display) {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
+    use crate::experiment::report::CellReport;
     use crate::experiment::report::tests::report;
 
     #[test]
     fn a_report_of_a_part_says_so_and_what_is_missing() {
         let mut report = report();
-        let seed = &mut report.studies[0].cells[1].seeds[1];
+        let seed = &mut report.studies[0].cells[2].seeds[1];
         (seed.problem, seed.unfinished) = (None, true);
         let (studies, stages) = (report.studies.clone(), report.stages.clone());
         let text = markdown(&report.found(studies, stages));
-        assert!(text.contains("**Unfinished: 1 of 2 cells are complete"), "{text}");
+        assert!(text.contains("**Unfinished: 2 of 3 cells are complete"), "{text}");
         assert!(!text.contains("failed") && !text.contains("## Problems"), "{text}");
-        assert!(text.contains("| | BC | SSDF (1 of 2 seeds) |"), "{text}");
+        assert!(text.contains("| | BC | SSDF-base | SSDF (1 of 2 seeds) |"), "{text}");
         assert!(text.contains("| SSDF | 1 | not yet | - |"), "{text}");
+    }
+
+    #[test]
+    fn the_head_says_which_seeds_are_missing_and_what_is_left() {
+        let mut report = report();
+        let again = report.studies[0].cells[2].clone();
+        report.studies[0].cells.push(CellReport { label: "other".into(), ..again.clone() });
+        let seeds = again.seeds.into_iter().map(|seed| SeedReport { problem: Some("no memory".into()), ..seed });
+        let none = CellReport { label: "none".into(), seeds: seeds.collect(), ..report.studies[0].cells[0].clone() };
+        report.studies[0].cells.push(none);
+        let (studies, stages) = (report.studies.clone(), report.stages.clone());
+        let text = markdown(&report.found(studies, stages));
+        let head = text.split("\n## ").next().unwrap();
+        for line in [
+            "**3 of 5 cells lack seeds that failed: see Problems.**",
+            "- Methods, without seed 1 (means are over 1 of 2 seeds): SSDF, other",
+            "- Methods, without seeds 0, 1 (no seed is complete): none",
+        ] {
+            assert!(head.lines().any(|shown| shown == line), "{line} in {head}");
+        }
     }
 
     #[test]

@@ -1,17 +1,19 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
-//! `file`, `study`, `grid` and `cell` are what is asked for; `stage` makes of it a graph in which nothing is done twice;
+//! `file`, `study`, `grid`, `cell` and `used` are what is asked for; `stage` makes of it a graph in which nothing is done twice;
 //! `course` has it done by `recordings`, `submit` and `follow`; `existing` looks up what was done, and `standing` says
-//! how far it is; `gather` fetches what was found, `pool` sums it up, and `report`, `markdown`, `tables`, `plots` and
+//! how far it is; `gather` fetches what was found, `pool`, `interval` and `difference` sum it up, and `report`, `markdown`, `tables`, `plots` and
 //! `reporter` say it.
 
 mod cell;
 mod course;
+mod difference;
 mod existing;
 mod file;
 mod follow;
 mod gather;
 mod grid;
+mod interval;
 mod markdown;
 mod order;
 mod plots;
@@ -25,6 +27,7 @@ mod state;
 mod study;
 mod submit;
 mod tables;
+mod used;
 
 use std::path::{Path, PathBuf};
 

@@ -1,5 +1,6 @@
 //! A cell's seeds as one: counts added up, the rest averaged.
 
+use super::interval::{deviation, student};
 use super::report::{Pooled, PooledAuroc, Rate, SeedReport};
 use crate::quality::{Selected, Separation, mean};
 
@@ -18,6 +19,7 @@ pub(crate) fn pool(seeds: &[SeedReport]) -> Pooled {
         success: (!rates.is_empty()).then(|| Rate::new(total(|rate| rate.successes), total(|rate| rate.episodes))),
         mean_of_seeds: mean(&shares),
         deviation_of_seeds: deviation(&shares),
+        interval_of_seeds: student(&shares).map(|(low, high)| (low.max(0.0), high.min(1.0))),
         kept: over(kept),
         precision: over(|selected| selected.precision),
         recall: over(|selected| selected.recall),
@@ -43,13 +45,6 @@ fn pool_auroc(seeds: &[SeedReport]) -> Vec<PooledAuroc> {
     cohorts.into_iter().filter_map(of).collect()
 }
 
-#[expect(clippy::cast_precision_loss, reason = "there are few seeds")]
-fn deviation(values: &[f64]) -> Option<f64> {
-    let centre = mean(values).filter(|_| values.len() > 1)?;
-    let squares: f64 = values.iter().map(|value| (value - centre).powi(2)).sum();
-    Some((squares / (values.len() - 1) as f64).sqrt())
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -65,6 +60,8 @@ mod tests {
         assert_eq!((success.low, success.high), wilson(6, 20));
         assert!((pooled.mean_of_seeds.unwrap() - 0.3).abs() < 1e-12);
         assert!((pooled.deviation_of_seeds.unwrap() - 0.02_f64.sqrt()).abs() < 1e-12);
+        // 0.3 ± 12.7 · 0.141 / √2, as far as a rate can be.
+        assert_eq!(pooled.interval_of_seeds, Some((0.0, 1.0)));
         assert_eq!((pooled.kept, pooled.precision), (Some(31.0), Some(0.9)));
         let all = &pooled.auroc[0];
         assert!((all.mean - 0.955).abs() < 1e-12);
@@ -76,7 +73,7 @@ mod tests {
     fn seeds_without_a_result_are_no_part_of_the_pool() {
         let pooled = pool(&[seed(0, Some(8), None), seed(1, None, None)]);
         assert_eq!(pooled.success.map(|rate| rate.episodes), Some(10));
-        assert_eq!((pooled.deviation_of_seeds, pooled.kept), (None, None));
+        assert_eq!((pooled.deviation_of_seeds, pooled.interval_of_seeds, pooled.kept), (None, None, None));
         assert_eq!(pool(&[]), Pooled::default());
     }
 }

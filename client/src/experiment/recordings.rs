@@ -25,8 +25,6 @@ struct Row {
     file: String,
     success: bool,
     went_wrong: Option<u32>,
-    #[serde(default)]
-    departure: String,
 }
 
 /// One recording that the server holds.
@@ -67,7 +65,7 @@ impl Recordings {
             let row = marks.get(&file);
             let row =
                 row.ok_or_else(|| Failure::told(format!("{file} has no row in {}", folder.join(MARKS).display())))?;
-            let mark = Mark { went_wrong: row.went_wrong, departure: departure(&row.departure) };
+            let mark = Mark { went_wrong: row.went_wrong };
             by_episode.insert(id, Recording { cohort, success: row.success, steps, mark });
         }
         Ok(Self { by_episode })
@@ -145,10 +143,6 @@ fn marks(folder: &Path) -> Result<HashMap<String, Row>> {
     rows.collect::<std::result::Result<_, _>>().map_err(wrong)
 }
 
-fn departure(text: &str) -> Vec<f32> {
-    text.split_whitespace().map(|value| value.parse().unwrap_or(f32::NAN)).collect()
-}
-
 /// The recording of an episode that a job saw.
 pub(crate) fn of_episode<'a>(recordings: &'a Recordings, episode_id: &str) -> Result<&'a Recording> {
     present(recordings.by_episode.get(episode_id), "an episode that this experiment recorded")
@@ -167,7 +161,6 @@ mod tests {
         std::fs::write(folder.path().join(MARKS), text).unwrap();
         let marks = marks(folder.path()).unwrap();
         assert_eq!((marks["a.mcap"].went_wrong, marks["b.mcap"].went_wrong), (None, Some(3)));
-        assert_eq!(departure(&marks["b.mcap"].departure), [0.0, 0.5, 2.0]);
-        assert!(marks["a.mcap"].success && departure(&marks["a.mcap"].departure).is_empty());
+        assert!(marks["a.mcap"].success && !marks["b.mcap"].success);
     }
 }

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::cell::CellSettings;
+use super::difference::Difference;
 use super::recordings::CohortCount;
 use super::standing::Progress;
 use super::study::TableKind;
@@ -31,6 +32,8 @@ pub(crate) struct StudyReport {
     pub(crate) name: String,
     pub(crate) table: TableKind,
     pub(crate) cells: Vec<CellReport>,
+    /// Of a study of methods: one's success less another's.
+    pub(crate) differences: Vec<Difference>,
     /// Of all its stages' jobs; those that it shares with another study count in each.
     pub(crate) machine_seconds: f64,
     pub(crate) stages: usize,
@@ -89,6 +92,8 @@ pub(crate) struct Pooled {
     pub(crate) mean_of_seeds: Option<f64>,
     /// Standard deviation of the seeds' success rates; of two seeds or more.
     pub(crate) deviation_of_seeds: Option<f64>,
+    /// Student's 95 % interval of their mean, within [0, 1]; of two seeds or more that are not all the same.
+    pub(crate) interval_of_seeds: Option<(f64, f64)>,
     /// Means over the seeds.
     pub(crate) kept: Option<f64>,
     pub(crate) precision: Option<f64>,
@@ -152,6 +157,7 @@ pub(super) mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::cell::Method;
+    use crate::experiment::difference::differences;
     use crate::experiment::pool::pool;
     use serde_json::json;
 
@@ -188,6 +194,7 @@ pub(super) mod tests {
         let with = |method| CellSettings { method, seeds: vec![0, 1], episodes: 10, ..CellSettings::default() };
         let cells = vec![
             cell("BC", with(Method::Bc), vec![seed(0, Some(2), None), seed(1, Some(4), None)]),
+            cell("SSDF-base", with(Method::SsdfBase), vec![seed(0, Some(5), None), seed(1, Some(6), None)]),
             cell("SSDF", with(Method::Ssdf), vec![seed(0, Some(8), Some(30)), seed(1, None, Some(32))]),
         ];
         let stage = |kind: &str, seconds, problem: Option<&str>| StageReport {
@@ -210,6 +217,7 @@ pub(super) mod tests {
         let studies = vec![StudyReport {
             name: "Methods".into(),
             table: TableKind::Methods,
+            differences: differences(TableKind::Methods, &cells),
             cells,
             machine_seconds: 95.0,
             stages: 9,
@@ -242,13 +250,13 @@ pub(super) mod tests {
             (report().stages, &report().studies[0].cells[0].settings)
         );
         let shown: Value = serde_json::from_str(&text).unwrap();
-        let seed = &shown["studies"][0]["cells"][1]["seeds"][0];
+        let seed = &shown["studies"][0]["cells"][2]["seeds"][0];
         assert_eq!(
             (&seed["seed"], &seed["success"]["successes"], &seed["success"]["episodes"]),
             (&json!(0), &json!(8), &json!(10))
         );
         assert!(seed["success"]["low"].as_f64() > Some(0.49) && seed["success"]["high"].as_f64() < Some(0.95));
-        assert_eq!(report().progress, Progress { cells: 2, complete: 1, failed: 1 });
+        assert_eq!(report().progress, Progress { cells: 3, complete: 2, failed: 1 });
         assert!(!report().progress.unfinished());
     }
 }

@@ -180,10 +180,11 @@ struct Place {
 
 // A cell's works, each on the result of the one before.
 fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work> {
+    let cell = &cell.used();
     let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.clone() }];
     let policy = cell.method.policy();
     let finetunes = policy == PolicyWord::Finetune;
-    if finetunes || cell.method.gleans() {
+    if cell.method.pretrains() {
         works.push(Work::Pretrain {
             preset: cell.preset,
             segment_length: cell.segment_length,

@@ -162,6 +162,7 @@ impl StudySettings {
             if settings.top.is_some() && varied.iter().any(|(key, _)| key == "beta") {
                 return Err(here("beta: has no effect while top is set; leave top out".into()));
             }
+            settings.check_varied(varied.iter().map(|(key, _)| key.as_str())).map_err(here)?;
             let varied = varied.into_iter().map(|(key, value)| Ok((key, serde_json::to_value(value)?)));
             let varied = varied.collect::<Result<_, serde_json::Error>>().map_err(|error| error.to_string())?;
             cells.push(Cell { label, varied, settings });
@@ -252,6 +253,10 @@ mod tests {
             ("table = \"beta\"\naxes = { beta = 0.5 }", ["axes.beta", "a list"]),
             ("table = \"beta\"\naxes = { beta = [0.5, 0.5] }", ["cell \"0.5\"", "twice"]),
             ("table = \"cells\"", ["no cells", "axes"]),
+            (
+                "table = \"scoring\"\naxes = { scorer = [\"ssdf\", \"raw\"], feature_scale = [\"plain\"] }",
+                ["cell \"plain raw\"", "feature_scale: has no effect"],
+            ),
             ("table = \"cells\"\naxes = { rule.experts = [-1] }", ["cell \"-1\"", "u32"]),
         ] {
             let said = cells(study).unwrap_err();

@@ -30,8 +30,11 @@ pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
         row("behaviour success, %", &|cell| behaviour(report, cell).map(percent));
     }
     row("success, %", &|cell| cell.pooled.mean_of_seeds.map(percent));
-    row("95 % interval over episodes", &|cell| {
+    row("95 % Wilson interval over episodes", &|cell| {
         cell.pooled.success.map(|rate| span(rate.low * 100.0, rate.high * 100.0, 1))
+    });
+    row("95 % t-interval over seeds", &|cell| {
+        cell.pooled.interval_of_seeds.map(|(low, high)| span(low * 100.0, high * 100.0, 1))
     });
     row("successes", &|cell| cell.pooled.success.map(|rate| format!("{} of {}", rate.successes, rate.episodes)));
     row("deviation of seeds, %", &|cell| cell.pooled.deviation_of_seeds.map(percent));
@@ -96,10 +99,31 @@ pub(crate) fn mild(report: &Report, study: &StudyReport) -> Option<String> {
     (!mild.is_empty()).then(|| format!("`{ALL}` counts cohorts of a low grade too: {}.", mild.join(", ")))
 }
 
+/// One method's success less another's, when there are pairs.
+pub(crate) fn differences(study: &StudyReport) -> Option<String> {
+    let mut text =
+        String::from("| | mean, % points | 95 % t-interval over seeds | seed by seed |\n|---|---:|---:|---|\n");
+    for pair in &study.differences {
+        let points = |share: f64| format!("{:+.1}", share * 100.0);
+        let interval = pair.interval.map(|(low, high)| format!("{} to {}", points(low), points(high)));
+        let seeds: Vec<String> =
+            pair.seeds.iter().map(|seed| format!("{}: {}", seed.seed, points(seed.difference))).collect();
+        text.push_str(&format!(
+            "| {} − {} | {} | {} | {} |\n",
+            pair.cell,
+            pair.less,
+            points(pair.mean),
+            interval.unwrap_or_else(|| GAP.into()),
+            seeds.join(", ")
+        ));
+    }
+    (!study.differences.is_empty()).then_some(text)
+}
+
 /// One line for each cell and seed.
 pub(crate) fn seeds(study: &StudyReport) -> String {
     let mut text = String::from(
-        "| cell | seed | successes | 95 % interval | reserved | precision | recall | AUROC of q |\n\
+        "| cell | seed | successes | 95 % Wilson interval | reserved | precision | recall | AUROC of q |\n\
          |---|---:|---|---|---:|---:|---:|---|\n",
     );
     for cell in &study.cells {
@@ -180,7 +204,7 @@ mod tests {
     use crate::experiment::report::tests::{cell, report, seed};
 
     fn study(table: TableKind, cells: Vec<CellReport>) -> StudyReport {
-        StudyReport { name: "x".into(), table, cells, machine_seconds: 0.0, stages: 0 }
+        StudyReport { name: "x".into(), table, cells, differences: Vec::new(), machine_seconds: 0.0, stages: 0 }
     }
 
     #[test]

@@ -68,4 +68,22 @@ fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
     };
     assert_eq!(trains("lambda = 0.1"), trains("lambda = 0.9\nbeta = 0.2\nsimilarity = \"last_cosine\""));
     assert_ne!(trains("segment_length = 6"), trains("segment_length = 5"));
+    // Without a history l means nothing; nor does a feature scale to raw observations.
+    let last = |base: &str| graph(&format!("[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"methods\"\n"));
+    let bc = |graph: &Graph| graph.stages[*graph.chains[0][0][0].stages.last().unwrap()].key.clone();
+    assert_eq!(bc(&last("segment_length = 6")), bc(&last("segment_length = 5\nobjectives = [\"tr\"]")));
+    let scored = |base: &str| graph(&format!("[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"scoring\"\n"));
+    let of = |graph: &Graph, cell: usize| graph.stages[graph.chains[0][cell][0].score.unwrap()].key.clone();
+    let (plain, cosine) = (scored(""), scored("similarity = \"last_cosine\"\nscale = [1, 2, 3]"));
+    assert_eq!(of(&plain, 6), of(&cosine, 6), "the classifier compares nothing");
+    assert_ne!(of(&plain, 2), of(&cosine, 2));
+}
+
+/// Experiments under way find their stages by these keys: should they change, all of them would begin anew.
+#[test]
+fn keys_stay_from_version_to_version() {
+    let graph = graph("[base]\nseeds = [7]\n[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"scoring\"\n");
+    let keys: Vec<&str> = graph.stages.iter().map(|stage| stage.key.as_str()).collect();
+    let all = blake3::hash(keys.concat().as_bytes()).to_hex();
+    assert_eq!((keys.len(), &all[..16]), (22, "76fdb7db11935eb0"));
 }
