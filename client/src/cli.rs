@@ -5,7 +5,7 @@ use gleaner_client::Token;
 
 use crate::cmd::{
     dataset, drive, episodes, evaluate, evaluations, export, jobs, label, pipeline, policies, push, record, schedule,
-    scores, snapshot, submit, task, what_if,
+    score_recording, scores, snapshot, submit, task, what_if,
 };
 use crate::{demo, experiment};
 
@@ -88,6 +88,8 @@ pub(crate) enum Command {
     Runs(scores::RunsArgs),
     /// Chart one episode's quality, step by step.
     Scores(scores::ScoresArgs),
+    /// Score a recording without storing it.
+    ScoreRecording(score_recording::ScoreRecordingArgs),
     /// Show how quality is spread and what each threshold would keep.
     Histogram(scores::HistogramArgs),
     /// Count what datasets would hold, per cohort and episode, without making any.
@@ -149,6 +151,8 @@ mod tests {
             "gleaner schedule create --name n --after-labels 50 --top 0.1 --until dataset",
             "gleaner score --encoder enc_1 --feature-scale plain --yardstick none",
             "gleaner rollback pick_cube@prod",
+            "gleaner deploy a@b --policy pol_1 --score-run run_1",
+            "gleaner score-recording run_1 a.mcap --matches --beta 0.5",
             "gleaner drive a@b --real-time --deadline-ms 40 --hold-ms 0",
             "gleaner pretrain --max-experts 20 --imperfect-per-expert 3 --rule-seed 1",
             "gleaner task create --sim pick_cube --image 64",
@@ -183,6 +187,7 @@ mod tests {
             "gleaner experiment a.toml --report --plan",
             "gleaner pipeline --beta 0.5 --top 0.1",
             "gleaner rollback",
+            "gleaner score-recording run_1",
             "gleaner task create",
             "gleaner task create a.toml --sim pick_cube",
             "gleaner task create a.toml --image 64",

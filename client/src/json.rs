@@ -38,6 +38,7 @@ described! {
     Job, GetJobResponse, ListJobsResponse, CancelJobResponse, SubmitPipelineResponse, WatchJobResponse,
     CreateScheduleResponse, ListSchedulesResponse, PauseScheduleResponse,
     ListScoreRunsResponse, GetEpisodeScoresResponse, GetHistogramResponse, CountKeptResponse,
+    ScoreRecordingResponse,
     CreateDatasetResponse, GetDatasetResponse, ListDatasetsResponse, Segment, ListExportFilesResponse,
     ListPoliciesResponse, DeployResponse, RollBackResponse, ListDeploymentsResponse,
     ListEvaluationsResponse, GetEvaluationResponse, ReportEvaluationResponse,

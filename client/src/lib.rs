@@ -2,7 +2,7 @@
 //!
 //! [`Client`] is the connection. Plain calls go through the generated service clients it hands out
 //! (`client.tasks()`, `client.jobs()`, ...); what needs a loop or a rule is a method of its own:
-//! [`Client::upload`] and [`Client::push`], [`Client::watch`] and [`Client::wait`], the downloads,
+//! [`Client::upload`] and [`Client::push`], [`Client::score_recording`] and [`StepScorer`], [`Client::watch`] and [`Client::wait`], the downloads,
 //! [`Client::control`] for robots ([`robot`]), [`Session`] for simulators whose time waits, and [`Client::drive`] for
 //! closed-loop evaluation in the embedded one.
 //!
@@ -14,9 +14,11 @@ mod download;
 mod drive;
 mod error;
 mod labels;
+mod lowest;
 mod push;
 mod retry;
 pub mod robot;
+mod scoring;
 mod session;
 pub mod spec;
 mod token;
@@ -24,10 +26,12 @@ mod upload;
 mod watch;
 
 pub use connection::{Authorize, Client, Transport};
-pub use drive::{DrivePlan, Driven, DrivenEpisode, RealTime};
+pub use drive::{DrivePlan, Driven, DrivenEpisode, RealTime, Recorded};
 pub use error::{ClientError, Result};
 pub use labels::{LabelledFile, find_recordings, outcome_from_word, read_labels};
+pub use lowest::LowestScore;
 pub use push::{PushEvent, PushItem, PushResult, Pushed};
+pub use scoring::StepScorer;
 pub use session::{Session, observation};
 pub use token::Token;
 pub use upload::{UploadLabel, Uploaded};

@@ -5,8 +5,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use futures::StreamExt as _;
 use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
-use gleaner_proto::v1::{Episode, FinishUploadRequest, GetUploadRequest, Outcome, Report, StartUploadRequest};
+use gleaner_proto::v1::{
+    Episode, FinishUploadRequest, GetUploadRequest, Outcome, Report, StartUploadRequest, WriteUploadRequest,
+};
 use tonic::Code;
 
 use crate::connection::{Client, Transport};
@@ -15,7 +18,7 @@ use crate::error::{ClientError, Result};
 use crate::retry::Patience;
 use pieces::{Pieces, ReadFailure};
 
-mod pieces;
+pub(crate) mod pieces;
 
 /// The label an episode is uploaded with.
 #[derive(Clone, Debug)]
@@ -40,7 +43,7 @@ pub struct Uploaded {
 }
 
 // Called with the bytes sent so far, from the file's beginning.
-type Progress = Arc<dyn Fn(u64) + Send + Sync>;
+pub(crate) type Progress = Arc<dyn Fn(u64) + Send + Sync>;
 
 impl Client {
     /// Uploads a recording (MCAP) to a task (name or id) under a label. `progress` is called with the bytes
@@ -160,14 +163,14 @@ impl Upload {
     async fn write(&mut self, id: String, committed: u64) -> Result<Step> {
         let failure = ReadFailure::default();
         let pieces = Pieces {
-            upload_id: id.clone(),
             offset: committed,
             end: self.start.size_bytes,
             progress: Arc::clone(&self.progress),
             failure: failure.clone(),
         };
-        let pieces = pieces.of(&self.path).await?;
-        let reply = self.service.write_upload(pieces).await;
+        let upload_id = id.clone();
+        let message = move |(offset, data)| WriteUploadRequest { upload_id: upload_id.clone(), offset, data };
+        let reply = self.service.write_upload(pieces.of(&self.path).await?.map(message)).await;
         if let Some(source) = failure.take() {
             return Err(ClientError::Io { path: self.path.clone(), source });
         }

@@ -15,6 +15,7 @@ pub(crate) mod policies;
 pub(crate) mod push;
 pub(crate) mod record;
 pub(crate) mod schedule;
+pub(crate) mod score_recording;
 pub(crate) mod scores;
 pub(crate) mod snapshot;
 pub(crate) mod submit;
@@ -49,6 +50,7 @@ pub(crate) async fn run(command: Command, context: &Context) -> Result<()> {
         Command::Cancel(args) => args.run(context).await,
         Command::Runs(args) => args.run(context).await,
         Command::Scores(args) => args.run(context).await,
+        Command::ScoreRecording(args) => args.run(context).await,
         Command::Histogram(args) => args.run(context).await,
         Command::WhatIf(args) => args.run(context).await,
         Command::Dataset(command) => command.run(context).await,

@@ -80,7 +80,8 @@ impl ScoresArgs {
         let reply = context.client().await?.scores().get_episode_scores(request).await?.into_inner();
         let scores = present(reply.scores.as_ref(), "scores")?;
         let text = || {
-            let mut text = drawing(scores, self.beta, terminal_width());
+            let what = format!("{} ({})", scores.episode_id, words::role(scores.role()));
+            let mut text = drawing(&what, scores, self.beta, terminal_width());
             if self.matches {
                 text.push_str("\n\n");
                 text.push_str(&matches(scores));
@@ -97,7 +98,8 @@ impl ScoresArgs {
     }
 }
 
-fn drawing(scores: &EpisodeScores, beta: f64, width: usize) -> String {
+/// The curve of q over the steps of what was scored, and the facts of it.
+pub(super) fn drawing(what: &str, scores: &EpisodeScores, beta: f64, width: usize) -> String {
     let q = &scores.q;
     let kept = q.iter().filter(|&&q| f64::from(q) > beta).count();
     let (mut low, mut high, mut sum) = (f32::INFINITY, f32::NEG_INFINITY, 0.0_f64);
@@ -110,15 +112,14 @@ fn drawing(scores: &EpisodeScores, beta: f64, width: usize) -> String {
     let mean = sum / q.len().max(1) as f64;
     let spread = if q.is_empty() { "no steps".into() } else { format!("mean {mean:.3}, min {low:.3}, max {high:.3}") };
     format!(
-        "q of {} ({}), {} steps: {spread}; {kept} steps above β = {beta}\n{}",
-        scores.episode_id,
-        words::role(scores.role()),
+        "q of {what}, {} steps: {spread}; {kept} steps above β = {beta}\n{}",
         q.len(),
         chart::curve(q, width, CHART_ROWS, Some(beta))
     )
 }
 
-fn matches(scores: &EpisodeScores) -> String {
+/// Each step with its nearest expert step.
+pub(super) fn matches(scores: &EpisodeScores) -> String {
     let columns = [
         Right("STEP"),
         Right("Q"),
@@ -244,7 +245,7 @@ mod tests {
 
     #[test]
     fn an_episode_is_drawn_with_its_facts() {
-        let drawn = drawing(&scores(), 0.9, 80);
+        let drawn = drawing("ep_7 (imperfect)", &scores(), 0.9, 80);
         let first = drawn.lines().next();
         assert_eq!(
             first,
@@ -263,7 +264,7 @@ mod tests {
 
     #[test]
     fn an_episode_without_steps_is_no_panic() {
-        let drawn = drawing(&EpisodeScores::default(), 0.9, 80);
+        let drawn = drawing("ep_7", &EpisodeScores::default(), 0.9, 80);
         assert!(drawn.contains("no steps"), "{drawn}");
         assert!(matches(&EpisodeScores::default()).contains("NEAREST EXPERT"));
     }

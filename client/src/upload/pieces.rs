@@ -1,11 +1,10 @@
-//! A file's bytes as upload messages, read as the connection takes them.
+//! A file's bytes as messages, read as the connection takes them.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use bytes::BytesMut;
+use bytes::{Bytes, BytesMut};
 use futures::Stream;
-use gleaner_proto::v1::WriteUploadRequest;
 use tokio::io::{AsyncReadExt as _, AsyncSeekExt as _};
 
 use super::Progress;
@@ -15,19 +14,18 @@ use crate::error::{ClientError, Result};
 pub(super) const PIECE: usize = 1 << 20;
 
 /// Which bytes to send, and where.
-pub(super) struct Pieces {
-    pub(super) upload_id: String,
+pub(crate) struct Pieces {
     /// From here ...
-    pub(super) offset: u64,
+    pub(crate) offset: u64,
     /// ... up to here, or to the file's end if that comes first.
-    pub(super) end: u64,
-    pub(super) progress: Progress,
-    pub(super) failure: ReadFailure,
+    pub(crate) end: u64,
+    pub(crate) progress: Progress,
+    pub(crate) failure: ReadFailure,
 }
 
 impl Pieces {
-    /// Opens the file and turns it into messages.
-    pub(super) async fn of(self, path: &Path) -> Result<impl Stream<Item = WriteUploadRequest> + Send + 'static> {
+    /// Opens the file and turns it into pieces, each with where it lies.
+    pub(crate) async fn of(self, path: &Path) -> Result<impl Stream<Item = (u64, Bytes)> + Send + use<>> {
         let open = async {
             let mut file = tokio::fs::File::open(path).await?;
             file.seek(std::io::SeekFrom::Start(self.offset)).await?;
@@ -35,12 +33,12 @@ impl Pieces {
         };
         let file = open.await.map_err(ClientError::io(path))?;
         Ok(futures::stream::unfold((self, file), |(mut pieces, mut file)| async move {
-            let message = pieces.next(&mut file).await?;
-            Some((message, (pieces, file)))
+            let piece = pieces.next(&mut file).await?;
+            Some((piece, (pieces, file)))
         }))
     }
 
-    async fn next(&mut self, file: &mut tokio::fs::File) -> Option<WriteUploadRequest> {
+    async fn next(&mut self, file: &mut tokio::fs::File) -> Option<(u64, Bytes)> {
         let data = match read_piece(file, self.end.saturating_sub(self.offset)).await {
             Ok(data) if data.is_empty() => return None,
             Ok(data) => data.freeze(),
@@ -52,7 +50,7 @@ impl Pieces {
         let offset = self.offset;
         self.offset += data.len() as u64;
         (self.progress)(self.offset);
-        Some(WriteUploadRequest { upload_id: self.upload_id.clone(), offset, data })
+        Some((offset, data))
     }
 }
 
@@ -72,14 +70,14 @@ async fn read_piece(file: &mut tokio::fs::File, left: u64) -> std::io::Result<By
 
 // A stream of requests cannot carry an error, so a failed read is left here and found after the call.
 #[derive(Clone, Default)]
-pub(super) struct ReadFailure(Arc<Mutex<Option<std::io::Error>>>);
+pub(crate) struct ReadFailure(Arc<Mutex<Option<std::io::Error>>>);
 
 impl ReadFailure {
     fn set(&self, error: std::io::Error) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
     }
 
-    pub(super) fn take(&self) -> Option<std::io::Error> {
+    pub(crate) fn take(&self) -> Option<std::io::Error> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take()
     }
 }

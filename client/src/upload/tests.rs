@@ -11,7 +11,7 @@ use gleaner_proto::v1::episode_service_server::{EpisodeService, EpisodeServiceSe
 use gleaner_proto::v1::{
     DownloadEpisodeRequest, DownloadEpisodeResponse, FinishUploadResponse, GetEpisodeRequest, GetEpisodeResponse,
     GetUploadResponse, LabelEpisodesRequest, LabelEpisodesResponse, ListEpisodesRequest, ListEpisodesResponse,
-    ListLabelsRequest, ListLabelsResponse, StartUploadResponse, WriteUploadRequest, WriteUploadResponse,
+    ListLabelsRequest, ListLabelsResponse, StartUploadResponse, WriteUploadResponse,
 };
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::{Request, Response, Status, Streaming};

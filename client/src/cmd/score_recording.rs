@@ -1,0 +1,59 @@
+//! `score-recording`: how good each step of a recording is that the server shall not keep.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use gleaner_proto::v1::{Finding, Severity};
+
+use super::scores::{drawing, matches};
+use crate::context::Context;
+use crate::failure::{Result, present};
+use crate::json;
+use crate::output::terminal_width;
+
+#[derive(Args, Debug)]
+pub(crate) struct ScoreRecordingArgs {
+    /// The score run: what the recording is compared with, and how.
+    run: String,
+    /// The recording (MCAP).
+    file: PathBuf,
+    /// The threshold that is drawn as a line.
+    #[arg(long, default_value_t = 0.9)]
+    beta: f64,
+    /// Also list each step's nearest expert step and the distances to it.
+    #[arg(long)]
+    matches: bool,
+}
+
+impl ScoreRecordingArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let bar = context.progress.bytes("send", std::fs::metadata(&self.file).map_or(0, |file| file.len()));
+        let drawn = bar.clone();
+        let reply = client.score_recording(&self.run, &self.file, move |sent| drawn.set_position(sent)).await;
+        bar.finish_and_clear();
+        let reply = reply?;
+        let scores = present(reply.scores.as_ref(), "scores")?;
+        let findings = reply.report.iter().flat_map(|report| &report.findings);
+        for finding in findings.filter(|finding| finding.severity() != Severity::Note) {
+            context.output.note(found(finding));
+        }
+        let text = || {
+            let what = format!("{} (not stored)", self.file.display());
+            let mut text = drawing(&what, scores, self.beta, terminal_width());
+            if self.matches {
+                text.push_str("\n\n");
+                text.push_str(&matches(scores));
+            }
+            text
+        };
+        context.output.result(|| json::value(&reply), text)?;
+        context.output.next(format_args!("gleaner push {} (keeps it as an episode)", self.file.display()));
+        Ok(())
+    }
+}
+
+fn found(finding: &Finding) -> String {
+    let at = finding.first_step.map(|step| format!(" at step {step}")).unwrap_or_default();
+    format!("{} {}{at}: {}", finding.code, finding.subject, finding.detail)
+}
