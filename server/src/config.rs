@@ -143,6 +143,9 @@ pub struct InspectConfig {
     /// Where to put the decoded frames.
     #[arg(long)]
     pub frames: PathBuf,
+    /// Copy what is whole of the recording to here, instead of inspecting it.
+    #[arg(long)]
+    pub salvage: Option<PathBuf>,
     /// Most memory to take, in bytes.
     #[arg(long)]
     pub memory_bytes: u64,

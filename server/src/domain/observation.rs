@@ -5,7 +5,9 @@
 use std::time::Duration;
 
 use super::{
-    id::{PolicyId, SessionId, TaskId},
+    episode::Outcome,
+    id::{EpisodeId, PolicyId, SessionId, TaskId},
+    score::SegmentScored,
     time::Millis,
 };
 
@@ -98,11 +100,16 @@ pub enum SessionInput {
         control_rate_hz: f64,
         /// The deadline of observations that name none themselves.
         deadline: Option<Duration>,
+        /// The cohort of the episode to keep it as; `None`: it is not recorded.
+        record: Option<String>,
     },
     /// What it sees now.
     Observation(Observation),
     /// Last.
-    Close,
+    Close {
+        /// How it ended, for the recorded episode.
+        outcome: Outcome,
+    },
 }
 
 /// What a session answers.
@@ -123,6 +130,8 @@ pub enum SessionOutput {
         acted: Acted,
         /// Observations passed over since the last answer.
         dropped: u64,
+        /// Of the newest segment that has been scored.
+        score: Option<SegmentScored>,
     },
     /// No action for an observation: it would have come too late.
     Missed {
@@ -146,5 +155,7 @@ pub enum SessionOutput {
         dropped: u64,
         /// Observations that could not be answered in time.
         missed: u64,
+        /// What was recorded.
+        episode_id: Option<EpisodeId>,
     },
 }

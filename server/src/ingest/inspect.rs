@@ -2,7 +2,7 @@
 //!
 //! Nothing here may be trusted to return: hostile bytes can abort this process, and that is what it is for.
 
-use gleaner_recording::{RecordingError, Report, TaskSpec, read_episode};
+use gleaner_recording::{RecordingError, Report, TaskSpec, read_episode, salvage};
 
 use super::limits;
 use crate::{
@@ -16,13 +16,15 @@ use crate::{
 pub(super) enum Verdict {
     /// The task can use the recording; its frames are written.
     Usable(Report),
+    /// What is whole of it was copied, with so many actions.
+    Salvaged(u64),
     /// It cannot; why, and the mend.
     Refused(String),
     /// Not the recording's fault.
     Fault(String),
 }
 
-/// Inspects one recording under limits that this process takes upon itself. It is Ok once a verdict is written,
+/// Inspects, or salvages, one recording under limits that this process takes upon itself. It is Ok once a verdict is written,
 /// whatever the verdict.
 ///
 /// # Errors
@@ -34,15 +36,25 @@ pub fn inspect(config: &InspectConfig) -> Result<()> {
 
 /// Reads the recording and writes the verdict.
 fn judge(config: &InspectConfig) -> Result<()> {
-    let spec = std::fs::read(&config.spec).map_err(|error| Error::internal("reading the spec", error))?;
-    let spec: TaskSpec = serde_json::from_slice(&spec).map_err(|error| Error::internal("reading the spec", error))?;
-    let read = read_episode(&config.recording, &spec)
-        .and_then(|reading| reading.episode.write_cache(&config.frames).map(|()| reading.report));
+    let read = match &config.salvage {
+        Some(out) => salvage(&config.recording, out).map(Verdict::Salvaged),
+        None => {
+            let spec = spec(config)?;
+            read_episode(&config.recording, &spec).and_then(|reading| {
+                reading.episode.write_cache(&config.frames).map(|()| Verdict::Usable(reading.report))
+            })
+        }
+    };
     let verdict = match read {
-        Ok(report) => Verdict::Usable(report),
-        Err(error @ RecordingError::Io { .. }) => Verdict::Fault(error.to_string()),
+        Ok(verdict) => verdict,
+        Err(error @ (RecordingError::Io { .. } | RecordingError::Write(_))) => Verdict::Fault(error.to_string()),
         Err(error) => Verdict::Refused(error.to_string()),
     };
     let json = serde_json::to_vec(&verdict).map_err(|error| Error::internal("writing the verdict", error))?;
     std::fs::write(&config.report, json).map_err(|error| Error::internal("writing the verdict", error))
+}
+
+fn spec(config: &InspectConfig) -> Result<TaskSpec> {
+    let spec = std::fs::read(&config.spec).map_err(|error| Error::internal("reading the spec", error))?;
+    serde_json::from_slice(&spec).map_err(|error| Error::internal("reading the spec", error))
 }

@@ -1,7 +1,7 @@
 //! Starts inspections: child processes of this very program, so many at once, each with limits and a deadline.
 
 use std::{
-    ffi::OsString,
+    ffi::{OsStr, OsString},
     os::unix::process::ExitStatusExt as _,
     path::{Path, PathBuf},
     process::{ExitStatus, Stdio},
@@ -10,7 +10,11 @@ use std::{
 
 use gleaner_recording::{Report, TaskSpec};
 use tempfile::TempDir;
-use tokio::{io::AsyncReadExt as _, process::Command, sync::Semaphore};
+use tokio::{
+    io::AsyncReadExt as _,
+    process::Command,
+    sync::{Semaphore, SemaphorePermit},
+};
 
 use super::{inspect::Verdict, off_runtime, sync_folder};
 use crate::{
@@ -66,28 +70,58 @@ impl Inspector {
     /// Invalid when the task cannot use the recording, or reading it broke a limit; Internal when the inspection
     /// itself failed.
     pub(super) async fn inspect(&self, recording: &Path, spec: &TaskSpec, shown: &str) -> Result<Inspected> {
-        let _permit =
-            self.permits.acquire().await.map_err(|error| Error::internal("waiting for an inspection", error))?;
-        let (tmp, spec) = (self.tmp.clone(), spec.clone());
-        let folder = off_runtime("preparing an inspection", move || prepare(&tmp, &spec)).await?;
-        let (status, said) = self.run(recording, folder.path()).await?;
-        let report = folder.path().join(REPORT);
+        let _permit = self.permit().await?;
+        let folder = self.prepare(Some(spec)).await?;
+        match self.verdict(recording, folder.path(), &[], shown).await? {
+            Verdict::Usable(report) => Ok(Inspected { report, folder }),
+            other => Err(Error::internal("inspecting a recording", format!("{other:?}"))),
+        }
+    }
+
+    /// Copies what is whole of a torn recording to `out`, under the same limits, and says how many actions it has.
+    ///
+    /// # Errors
+    /// Invalid when it has not even a beginning, or reading it broke a limit; Internal.
+    pub(super) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
+        let _permit = self.permit().await?;
+        let folder = self.prepare(None).await?;
+        match self.verdict(torn, folder.path(), &["--salvage".as_ref(), out.as_ref()], "the recording").await? {
+            Verdict::Salvaged(actions) => Ok(actions),
+            other => Err(Error::internal("mending a recording", format!("{other:?}"))),
+        }
+    }
+
+    async fn permit(&self) -> Result<SemaphorePermit<'_>> {
+        self.permits.acquire().await.map_err(|error| Error::internal("waiting for an inspection", error))
+    }
+
+    async fn prepare(&self, spec: Option<&TaskSpec>) -> Result<TempDir> {
+        let (tmp, spec) = (self.tmp.clone(), spec.cloned());
+        off_runtime("preparing an inspection", move || prepare(&tmp, spec.as_ref())).await
+    }
+
+    /// What the child found, if it found nothing wrong.
+    async fn verdict(&self, recording: &Path, folder: &Path, extra: &[&OsStr], shown: &str) -> Result<Verdict> {
+        let (status, said) = self.run(recording, folder, extra).await?;
+        let report = folder.join(REPORT);
         let verdict = off_runtime("reading an inspection's report", move || Ok(std::fs::read(report).ok())).await?;
         let verdict = verdict.and_then(|json| serde_json::from_slice(&json).ok());
         match verdict {
-            Some(Verdict::Usable(report)) if status.success() => Ok(Inspected { report, folder }),
+            Some(found @ (Verdict::Usable(_) | Verdict::Salvaged(_))) if status.success() => Ok(found),
             Some(Verdict::Refused(why)) if status.success() => {
                 // The caller does not know our paths.
                 let why = why.replace(&recording.display().to_string(), shown);
                 Err(Error::invalid("recording", shortened(&why)))
             }
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
-            Some(Verdict::Usable(_) | Verdict::Refused(_)) | None => Err(self.broken(status, &said)),
+            Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Refused(_)) | None => {
+                Err(self.broken(status, &said))
+            }
         }
     }
 
     /// Runs the child to its end, or to the deadline's.
-    async fn run(&self, recording: &Path, folder: &Path) -> Result<(ExitStatus, String)> {
+    async fn run(&self, recording: &Path, folder: &Path, extra: &[&OsStr]) -> Result<(ExitStatus, String)> {
         let fault = |error: std::io::Error| Error::internal("running an inspection", error);
         let (program, first) = self.command.split_first().ok_or_else(|| fault(std::io::ErrorKind::NotFound.into()))?;
         let mut child = Command::new(program)
@@ -105,6 +139,7 @@ impl Inspector {
             .arg("--frames")
             .arg(folder.join(FRAMES))
             .args(["--memory-bytes", &self.memory_bytes.to_string(), "--seconds", &self.seconds.to_string()])
+            .args(extra)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
@@ -175,9 +210,14 @@ const PANICKED: i32 = 101;
 const BROKE_READER: &str = "the file is damaged in a way that breaks the reader; record the episode again";
 
 impl Inspected {
+    /// Where the decoded frames are, until this is dropped.
+    pub(super) fn frames_path(&self) -> PathBuf {
+        self.folder.path().join(FRAMES)
+    }
+
     /// Moves the decoded frames to their place in the cache.
     pub(super) async fn keep_frames(&self, place: &Path) -> Result<()> {
-        let (from, place) = (self.folder.path().join(FRAMES), place.to_owned());
+        let (from, place) = (self.frames_path(), place.to_owned());
         off_runtime("keeping decoded frames", move || {
             let fault = |error| Error::internal(format!("keeping {}", place.display()), error);
             std::fs::File::open(&from).and_then(|file| file.sync_all()).map_err(fault)?;
@@ -188,11 +228,13 @@ impl Inspected {
     }
 }
 
-fn prepare(tmp: &Path, spec: &TaskSpec) -> Result<TempDir> {
+fn prepare(tmp: &Path, spec: Option<&TaskSpec>) -> Result<TempDir> {
     let fault = |error| Error::internal("preparing an inspection", error);
     let folder = tempfile::Builder::new().prefix("inspect-").tempdir_in(tmp).map_err(fault)?;
-    let json = serde_json::to_vec(spec).map_err(|error| Error::internal("writing a spec", error))?;
-    std::fs::write(folder.path().join(SPEC), json).map_err(fault)?;
+    if let Some(spec) = spec {
+        let json = serde_json::to_vec(spec).map_err(|error| Error::internal("writing a spec", error))?;
+        std::fs::write(folder.path().join(SPEC), json).map_err(fault)?;
+    }
     Ok(folder)
 }
 

@@ -12,7 +12,7 @@ mod part;
 mod passing;
 mod recover;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 #[cfg(test)]
 mod tests;
 mod upload;

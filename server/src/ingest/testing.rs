@@ -32,13 +32,13 @@ pub(super) const REFUSING: &str = r#"printf '{"refused":"%s holds no /joints; re
 const MISBEHAVIOUR: &str = "GLEANER_TEST_MISBEHAVIOUR";
 const ARGUMENTS: &str = "GLEANER_TEST_INSPECT";
 
-pub(super) struct Fixture {
-    pub(super) dir: TempDir,
-    pub(super) store: Store,
-    pub(super) task: Task,
-    pub(super) ingest: Ingest,
+pub(crate) struct Fixture {
+    pub(crate) dir: TempDir,
+    pub(crate) store: Store,
+    pub(crate) task: Task,
+    pub(crate) ingest: Ingest,
     command: Vec<OsString>,
-    config: Arc<ServeConfig>,
+    pub(crate) config: Arc<ServeConfig>,
 }
 
 /// An ingest whose inspector is this shell script. It finds `$recording`, `$report` and `$frames`.
@@ -51,7 +51,7 @@ pub(super) async fn playing(script: &str) -> Fixture {
 }
 
 /// An ingest whose inspector is the real one, in a child of this test binary.
-pub(super) async fn real(misbehaviour: &str, flags: &[&str]) -> Fixture {
+pub(crate) async fn real(misbehaviour: &str, flags: &[&str]) -> Fixture {
     fixture(child(misbehaviour), flags).await
 }
 
@@ -125,7 +125,7 @@ impl Fixture {
     }
 
     /// The names of the files in these folders of the data directory, blobs and all.
-    pub(super) fn files(&self, folders: &[&str]) -> Vec<PathBuf> {
+    pub(crate) fn files(&self, folders: &[&str]) -> Vec<PathBuf> {
         let mut waiting: Vec<PathBuf> = folders.iter().map(|folder| self.dir.path().join(folder)).collect();
         let mut files = Vec::new();
         while let Some(path) = waiting.pop() {

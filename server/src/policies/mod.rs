@@ -3,14 +3,16 @@
 //! A policy is loaded when it is deployed or first asked for, and kept while a deployment points at it or a session
 //! holds it. Knows no wire type and no SQL.
 
+mod attend;
 mod batch;
 mod due;
 mod engine;
 mod model;
-mod observation;
+pub(crate) mod observation;
 mod once;
 mod outlet;
 mod pace;
+mod record;
 mod sequences;
 mod session;
 mod shelf;
@@ -26,27 +28,24 @@ use std::{
     time::Duration,
 };
 
-use futures::{Stream, StreamExt as _};
 use gleaner_learn::Policy as Model;
-use tokio_util::sync::CancellationToken;
-use tracing::Instrument as _;
 
 use self::{
     engine::{Engine, Identity, lock},
-    outlet::{Answers, Outlet},
     sequences::Sequences,
-    session::{Session, Terms},
     shelf::Shelf,
 };
 use crate::{
     blobs::Blobs,
     config::ServeConfig,
     domain::{
-        id::PolicyId,
-        observation::{Acted, Observation, SessionInput},
+        id::{PolicyId, ScoreRunId},
+        observation::{Acted, Observation},
         policy::{Deployment, Policy},
     },
-    error::{Error, Kind, Result},
+    error::{Error, Result},
+    rollouts::Rollouts,
+    scorers::{Ready, Scorers},
     store::Store,
 };
 
@@ -58,6 +57,8 @@ struct Inner {
     config: Arc<ServeConfig>,
     store: Store,
     blobs: Blobs,
+    scorers: Scorers,
+    rollouts: Rollouts,
     shelf: Mutex<Shelf<Model>>,
     sequences: Sequences<Model>,
     /// Held while a policy is loaded or a name is moved, so that a slow first use cannot undo a deployment.
@@ -66,11 +67,13 @@ struct Inner {
 
 impl Policies {
     /// Loads nothing yet.
-    pub fn new(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Self {
+    pub fn new(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, scorers: Scorers, rollouts: Rollouts) -> Self {
         Self(Arc::new(Inner {
             config: Arc::clone(config),
             store,
             blobs,
+            scorers,
+            rollouts,
             shelf: Mutex::new(Shelf::new(config.policies.policy_memory_bytes)),
             sequences: Sequences::default(),
             moving: tokio::sync::Mutex::default(),
@@ -87,28 +90,38 @@ impl Policies {
         }
     }
 
-    /// Points a name at a policy, once it is loaded and has answered. Running sessions keep theirs.
+    /// Points a name at a policy, once it is loaded and has answered, and at the run that scores what it does, if one
+    /// is named, once that is ready. Running sessions keep theirs.
     ///
     /// # Errors
-    /// NotFound; Precondition when the policy is not finished, its checkpoint cannot be read by this version, or the
-    /// name belongs to another task.
-    pub(crate) async fn deploy(&self, name: &str, policy: &PolicyId) -> Result<Deployment> {
+    /// NotFound; Invalid when the run is another task's; Precondition when the policy or the run is not finished,
+    /// cannot be used by this version, the run cannot score live, or the name belongs to another task.
+    pub(crate) async fn deploy(
+        &self,
+        name: &str,
+        policy: &PolicyId,
+        score_run: Option<&ScoreRunId>,
+    ) -> Result<Deployment> {
         let policy = self.0.store.policy(policy).await?;
+        let _scorer = self.scorer(&policy, score_run).await?;
         let _moving = self.0.moving.lock().await;
         let engine = self.load(&policy).await?;
-        let deployment = self.0.store.deploy(name, &policy.task_id, &policy.id).await?;
+        let deployment = self.0.store.deploy(name, &policy.task_id, &policy.id, score_run).await?;
         lock(&self.0.shelf).point(name, &engine);
         tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");
         Ok(deployment)
     }
 
-    /// Points a name back at the policy it pointed at before, once that is loaded and has answered.
+    /// Points a name back at the policy it pointed at before, and its score run, once both are loaded.
     ///
     /// # Errors
     /// NotFound; Precondition when there is nothing before, or its checkpoint cannot be read by this version.
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
+        // Before anything is held: a scorer takes long to load.
+        let (policy, score_run) = self.0.store.before(name).await?;
+        let _scorer = self.scorer(&self.0.store.policy(&policy).await?, score_run.as_ref()).await?;
         let _moving = self.0.moving.lock().await;
-        let policy = self.0.store.policy(&self.0.store.before(name).await?).await?;
+        let policy = self.0.store.policy(&self.0.store.before(name).await?.0).await?;
         let engine = self.load(&policy).await?;
         let deployment = self.0.store.roll_back(name).await?;
         lock(&self.0.shelf).point(name, &engine);
@@ -125,64 +138,15 @@ impl Policies {
         once::once(&engine, observations).await
     }
 
-    /// Starts a session: the first input opens it. Answers come from the receiver; an error is the last.
-    pub(crate) fn session(
-        &self,
-        inputs: impl Stream<Item = Result<SessionInput>> + Send + Unpin + 'static,
-        stopping: CancellationToken,
-    ) -> Answers {
-        let (outlet, answers) = Outlet::new(self.0.config.policies.session_idle());
-        let policies = self.clone();
-        tokio::spawn(async move {
-            let ended = policies.attend(inputs, &outlet, &stopping).await;
-            // What only it held may go.
-            lock(&policies.0.shelf).make_room(0);
-            if let Err(error) = ended {
-                outlet.fail(error);
-            }
-        });
-        answers
-    }
-
-    async fn attend(
-        &self,
-        mut inputs: impl Stream<Item = Result<SessionInput>> + Send + Unpin,
-        outlet: &Outlet,
-        stopping: &CancellationToken,
-    ) -> Result<()> {
-        let idle = self.0.config.policies.session_idle();
-        let first = tokio::select! {
-            first = inputs.next() => first,
-            () = tokio::time::sleep(idle) => return Err(Error::late("nothing came to open the session with; try again")),
-            () = outlet.closed() => return Ok(()),
-            () = stopping.cancelled() => return Err(Error::unavailable("the server is stopping; try again")),
-        };
-        let Some(SessionInput::Open { deployment, control_rate_hz, deadline }) = first.transpose()? else {
-            return Err(Error::invalid("open", "must be the first message of a session"));
-        };
-        let engine = self.deployed(&deployment).await?;
-        let terms = Terms {
-            period: (control_rate_hz > 0.0)
-                .then(|| Duration::try_from_secs_f64(1.0 / control_rate_hz).unwrap_or(Duration::MAX)),
-            deadline,
-            idle,
-            drain: Duration::from_secs(self.0.config.drain_seconds),
-        };
-        let span = tracing::info_span!(
-            "session", deployment.name = %deployment, policy.id = %engine.identity().policy_id, control.rate_hz = control_rate_hz
-        );
-        async {
-            tracing::debug!("session opened");
-            let ended = Session::new(engine, terms).run(inputs, outlet, stopping).await;
-            match &ended {
-                Ok(()) => tracing::debug!("session closed"),
-                Err(error) if error.kind() == Kind::Cancelled => tracing::debug!(%error, "session broken off"),
-                Err(error) => tracing::info!(%error, "session ended by an error"),
-            }
-            ended
+    /// The run that is to score what a policy does, ready.
+    async fn scorer(&self, policy: &Policy, score_run: Option<&ScoreRunId>) -> Result<Option<Arc<Ready>>> {
+        let Some(run) = score_run else { return Ok(None) };
+        let task = self.0.store.score_run(run).await?.task_id;
+        if task != policy.task_id {
+            let of = &policy.task_id;
+            return Err(Error::invalid("score_run_id", format!("{run} belongs to {task}, the policy to {of}")));
         }
-        .instrument(span)
-        .await
+        self.0.scorers.load(run).await.map(Some)
     }
 
     /// The policy that a name points at, loaded now if it is not yet.

@@ -9,16 +9,19 @@ use gleaner_learn::{
     pretrain, train_policy,
 };
 use tempfile::TempDir;
+use tokio_util::sync::CancellationToken;
 
-use super::*;
+use super::{outlet::Answers, *};
 use crate::{
     config::{Cli, Command},
     domain::{
         episode::Outcome,
-        observation::{CameraFrame, Image, ImageFormat, SessionOutput},
+        observation::{CameraFrame, Image, ImageFormat, SessionInput, SessionOutput},
         score::Encoder,
         task::Task,
     },
+    error::Kind,
+    ingest::Ingest,
     store::testing::{self, results},
 };
 
@@ -28,6 +31,8 @@ struct Lab {
     config: Arc<ServeConfig>,
     store: Store,
     blobs: Blobs,
+    scorers: Scorers,
+    rollouts: Rollouts,
     task: Task,
     encoder: Encoder,
 }
@@ -46,12 +51,17 @@ impl Lab {
         testing::episode(&store, &task, Outcome::Failure, "").await;
         let encoder = results::encoder(&store, &task).await;
         let blobs = Blobs::open(dir.path()).unwrap();
-        Self { config: Arc::from(config), dir, store, blobs, task, encoder }
+        let config: Arc<ServeConfig> = Arc::from(config);
+        let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await.unwrap();
+        let scorers = Scorers::new(1, store.clone(), blobs.clone(), ingest.clone());
+        let rollouts = Rollouts::open(&config, ingest).unwrap();
+        Self { config, dir, store, blobs, scorers, rollouts, task, encoder }
     }
 
     /// The room as after a start.
     fn policies(&self) -> Policies {
-        Policies::new(&self.config, self.store.clone(), self.blobs.clone())
+        let (scorers, rollouts) = (self.scorers.clone(), self.rollouts.clone());
+        Policies::new(&self.config, self.store.clone(), self.blobs.clone(), scorers, rollouts)
     }
 
     async fn policy(&self, checkpoint: &[u8]) -> PolicyId {
@@ -114,7 +124,12 @@ impl Robot {
     }
 
     fn opens(&self, deployment: &str) {
-        self.says(SessionInput::Open { deployment: deployment.into(), control_rate_hz: 0.0, deadline: None });
+        self.says(SessionInput::Open {
+            deployment: deployment.into(),
+            control_rate_hz: 0.0,
+            deadline: None,
+            record: None,
+        });
     }
 
     async fn hears(&mut self) -> Result<SessionOutput> {
@@ -134,21 +149,24 @@ async fn a_deployment_moves_on_while_sessions_keep_their_policy() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
-    policies.deploy("arm", &old).await.unwrap();
+    policies.deploy("arm", &old, None).await.unwrap();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     assert!(matches!(robot.hears().await, Ok(SessionOutput::Opened { policy_id, .. }) if policy_id == old));
     let before = robot.acts(observation(1, &[])).await;
 
-    let deployment = policies.deploy("arm", &new).await.unwrap();
+    let deployment = policies.deploy("arm", &new, None).await.unwrap();
     assert_eq!(deployment.policy_id(), Some(&new));
     let acted = policies.act("arm", vec![observation(1, &[])]).await.unwrap();
     assert_eq!(acted.policy_id, new);
     assert_ne!(acted.actions, before.actions);
     assert_eq!(robot.acts(observation(2, &[])).await.policy_id, old);
 
-    robot.says(SessionInput::Close);
-    assert!(matches!(robot.hears().await, Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0 })));
+    robot.says(SessionInput::Close { outcome: Outcome::Unknown });
+    assert!(matches!(
+        robot.hears().await,
+        Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0, episode_id: None })
+    ));
     assert!(robot.hears.recv().await.is_none());
     assert!(!policies.has(&old), "nobody needs it any more");
 }
@@ -164,7 +182,7 @@ async fn a_session_and_a_window_of_observations_agree() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
-    policies.deploy("arm", &policy).await.unwrap();
+    policies.deploy("arm", &policy, None).await.unwrap();
     // As after a restart: the name is known, the policy not loaded.
     let policies = lab.policies();
     let mut robot = Robot::new(&policies);
@@ -192,13 +210,13 @@ async fn a_checkpoint_that_cannot_be_read_is_not_deployed() {
     let good = lab.policy(&trained(1)).await;
     let torn = lab.policy(b"no checkpoint").await;
     let policies = lab.policies();
-    policies.deploy("arm", &good).await.unwrap();
-    let error = policies.deploy("arm", &torn).await.unwrap_err();
+    policies.deploy("arm", &good, None).await.unwrap();
+    let error = policies.deploy("arm", &torn, None).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition, "{error}");
     let acted = policies.act("arm", vec![observation(1, &[])]).await.unwrap();
     assert_eq!(acted.policy_id, good);
     let gone = results::policy(&lab.store, &lab.task, &lab.encoder, blake3::hash(b"gone").into()).await;
-    assert_eq!(policies.deploy("arm", &gone.id).await.unwrap_err().kind(), Kind::Internal);
+    assert_eq!(policies.deploy("arm", &gone.id, None).await.unwrap_err().kind(), Kind::Internal);
 }
 
 #[tokio::test]
@@ -206,12 +224,12 @@ async fn what_is_not_there_is_not_found_and_a_session_begins_with_open() {
     let lab = Lab::new().await;
     let policies = lab.policies();
     assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::NotFound);
-    assert_eq!(policies.deploy("arm", &PolicyId::new()).await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(policies.deploy("arm", &PolicyId::new(), None).await.unwrap_err().kind(), Kind::NotFound);
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     assert_eq!(robot.hears().await.unwrap_err().kind(), Kind::NotFound);
     let mut robot = Robot::new(&policies);
-    robot.says(SessionInput::Close);
+    robot.says(SessionInput::Close { outcome: Outcome::Unknown });
     let error = robot.hears().await.unwrap_err();
     assert!(error.kind() == Kind::Invalid && error.message().starts_with("open: "), "{error}");
 }
@@ -221,8 +239,8 @@ async fn rolling_back_serves_the_policy_before() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
-    policies.deploy("arm", &old).await.unwrap();
-    policies.deploy("arm", &new).await.unwrap();
+    policies.deploy("arm", &old, None).await.unwrap();
+    policies.deploy("arm", &new, None).await.unwrap();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     robot.hears().await.unwrap();
@@ -243,8 +261,8 @@ async fn policies_over_the_memory_budget_are_loaded_again_when_used() {
     // Enough for one.
     config.policies.policy_memory_bytes = u64::try_from(trained(1).len()).unwrap() * 3 / 2;
     let policies = lab.policies();
-    policies.deploy("one", &first).await.unwrap();
-    policies.deploy("two", &second).await.unwrap();
+    policies.deploy("one", &first, None).await.unwrap();
+    policies.deploy("two", &second, None).await.unwrap();
     assert!(!policies.has(&first), "the budget is for one");
     let mut robot = Robot::new(&policies);
     robot.opens("one");
@@ -252,7 +270,7 @@ async fn policies_over_the_memory_budget_are_loaded_again_when_used() {
     assert!(policies.has(&first) && !policies.has(&second));
     assert_eq!(policies.act("two", vec![observation(1, &[])]).await.unwrap().policy_id, second);
     assert_eq!(robot.acts(observation(1, &[])).await.policy_id, first, "a session never loses its own");
-    robot.says(SessionInput::Close);
+    robot.says(SessionInput::Close { outcome: Outcome::Unknown });
     robot.hears().await.unwrap();
     assert!(robot.hears.recv().await.is_none());
     assert!(!policies.has(&first) && policies.has(&second), "the least recently used went");
@@ -263,7 +281,7 @@ async fn a_stop_unloads_and_refuses() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
-    policies.deploy("arm", &policy).await.unwrap();
+    policies.deploy("arm", &policy, None).await.unwrap();
     policies.stop().await;
     assert!(lock(&policies.0.shelf).named("arm").is_none());
     assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::Unavailable);

@@ -8,8 +8,9 @@ use super::{
     engine::{Ask, Engine},
     model::{Model, Turn},
     observation,
+    record::show,
 };
-use crate::{domain::observation::Observation, error::Result};
+use crate::{domain::observation::Observation, error::Result, scorers::Watch};
 
 /// What a session remembers from one observation to the next.
 pub(super) struct Memory<H> {
@@ -18,15 +19,17 @@ pub(super) struct Memory<H> {
     pub(super) given: Option<Vec<f32>>,
     /// Control steps since the newest in the history that the model did not see.
     pub(super) unseen: u64,
+    /// Scores what is done.
+    pub(super) watch: Option<Watch>,
 }
 
 impl<H> Memory<H> {
-    pub(super) fn new() -> Self {
-        Self { history: None, given: None, unseen: 0 }
+    pub(super) fn new(watch: Option<Watch>) -> Self {
+        Self { history: None, given: None, unseen: 0, watch }
     }
 
     pub(super) fn take(&mut self) -> Self {
-        std::mem::replace(self, Self::new())
+        std::mem::replace(self, Self::new(None))
     }
 }
 
@@ -41,11 +44,11 @@ pub(super) async fn turn<M: Model>(
     observation: Observation,
     due: Due,
 ) -> Result<(Memory<M::History>, Option<Vec<Vec<f32>>>)> {
-    let Memory { history, given, unseen } = memory;
+    let Memory { history, given, unseen, mut watch } = memory;
     let skipped = unseen + due.dropped;
-    let unrun = |history, given| (Memory { history, given, unseen: skipped + 1 }, None);
+    let unrun = |history, given, watch| (Memory { history, given, unseen: skipped + 1, watch }, None);
     if due.is_late() {
-        return Ok(unrun(history, given));
+        return Ok(unrun(history, given, watch));
     }
     let shape = engine.shape();
     let begun = Instant::now();
@@ -53,11 +56,14 @@ pub(super) async fn turn<M: Model>(
     due.stages.decoded(begun.elapsed());
     // The first step of a history has nothing before it.
     step.executed = step.executed.or_else(|| given.clone()).filter(|_| history.is_some());
+    if let Some(watch) = &mut watch {
+        show(watch, due.stamp_ns, &step, skipped > 0);
+    }
     let turn = Turn { history, skipped, steps: vec![step] };
     Ok(match engine.ask_by(Ask { turn, stages: due.stages, deadline: due.deadline }).await? {
-        Turned::Late(history) => unrun(history, given),
+        Turned::Late(history) => unrun(history, given, watch),
         Turned::Advanced(advanced) => {
-            (Memory { history: Some(advanced.history), given, unseen: 0 }, Some(advanced.actions))
+            (Memory { history: Some(advanced.history), given, unseen: 0, watch }, Some(advanced.actions))
         }
     })
 }

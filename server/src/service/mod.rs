@@ -20,8 +20,8 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, policies::Policies, rollouts::Rollouts, scorers::Scorers,
-    store::Store,
+    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, policies::Policies,
+    rollouts::Rollouts, scorers::Scorers, store::Store,
 };
 
 /// Every room a service may call, built once.
@@ -51,7 +51,7 @@ impl Rooms {
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
         let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;
         let scorers = Scorers::new(config.policies.live_scorers, store.clone(), blobs.clone(), ingest.clone());
-        let rollouts = Rollouts::open(&config, store.clone(), ingest.clone())?;
+        let rollouts = Rollouts::open(&config, ingest.clone())?;
         let policies = Policies::new(&config, store.clone(), blobs.clone(), scorers.clone(), rollouts.clone());
         Ok(Self { config, store, blobs, ingest, jobs, policies, rollouts, scorers, stopping: CancellationToken::new() })
     }

@@ -1,15 +1,15 @@
-//! Policies, deployments, observations and sessions on the wire.
+//! Policies, deployments and observations on the wire.
 
 use std::time::Duration;
 
-use gleaner_proto::v1::{self, session_request, session_response};
+use gleaner_proto::v1;
 
 use super::field;
 use crate::{
     domain::{
-        id::PolicyId,
-        observation::{Acted, CameraFrame, Image, ImageFormat, Observation, SessionInput, SessionOutput, Timings},
-        policy::{Deployment, Policy},
+        id::{PolicyId, ScoreRunId},
+        observation::{Acted, CameraFrame, Image, ImageFormat, Observation, Timings},
+        policy::{Deployment, DeploymentChange, Policy},
     },
     error::{Error, Result},
 };
@@ -28,9 +28,10 @@ pub(crate) fn deployment_name(field: &str, name: String) -> Result<String> {
     Ok(name)
 }
 
-pub(crate) fn deploy_request(request: v1::DeployRequest) -> Result<(String, PolicyId)> {
-    let v1::DeployRequest { name, policy_id } = request;
-    Ok((deployment_name("name", name)?, PolicyId::parse("policy_id", &policy_id)?))
+pub(crate) fn deploy_request(request: v1::DeployRequest) -> Result<(String, PolicyId, Option<ScoreRunId>)> {
+    let v1::DeployRequest { name, policy_id, score_run_id } = request;
+    let score_run = (!score_run_id.is_empty()).then(|| ScoreRunId::parse("score_run_id", &score_run_id)).transpose()?;
+    Ok((deployment_name("name", name)?, PolicyId::parse("policy_id", &policy_id)?, score_run))
 }
 
 pub(crate) fn roll_back_request(request: v1::RollBackRequest) -> Result<String> {
@@ -44,34 +45,12 @@ pub(crate) fn act_request(request: v1::ActRequest) -> Result<(String, Vec<Observ
     Ok((deployment, observations.into_iter().enumerate().map(read).collect::<Result<_>>()?))
 }
 
-pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput> {
-    let v1::SessionRequest { message } = request;
-    match field::required("message", message)? {
-        session_request::Message::Open(v1::SessionOpen { deployment, control_rate_hz, deadline_us }) => {
-            Ok(SessionInput::Open {
-                deployment: deployment_name("open.deployment", deployment)?,
-                control_rate_hz: control_rate("open.control_rate_hz", control_rate_hz)?,
-                deadline: deadline(deadline_us),
-            })
-        }
-        session_request::Message::Observation(sent) => Ok(SessionInput::Observation(observation("observation", sent)?)),
-        session_request::Message::Close(v1::SessionClose {}) => Ok(SessionInput::Close),
-    }
-}
-
-fn control_rate(field: &str, hertz: f64) -> Result<f64> {
-    if (0.0..=10_000.0).contains(&hertz) {
-        return Ok(hertz);
-    }
-    Err(Error::invalid(field, format!("is {hertz}, must be between 0 (the task's rate) and 10000")))
-}
-
 /// 0 is none.
-fn deadline(micros: u32) -> Option<Duration> {
+pub(super) fn deadline(micros: u32) -> Option<Duration> {
     (micros > 0).then(|| Duration::from_micros(micros.into()))
 }
 
-fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
+pub(crate) fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
     let v1::Observation { stamp_ns, cameras, proprioception, executed_action, deadline_us } = sent;
     let read = |(index, frame)| camera_frame(&format!("{path}.cameras[{index}]"), frame);
     Ok(Observation {
@@ -122,12 +101,18 @@ pub(crate) fn policy(policy: Policy) -> v1::Policy {
 
 pub(crate) fn deployment(deployment: Deployment) -> v1::Deployment {
     let policy_id = deployment.policy_id().map(ToString::to_string).unwrap_or_default();
+    let score_run_id = deployment.score_run_id().map(ToString::to_string).unwrap_or_default();
     let Deployment { name, task_id, history } = deployment;
-    let history = history.into_iter().map(|(policy, since)| v1::DeploymentChange {
-        policy_id: policy.into(),
-        deploy_time: Some(field::timestamp(since)),
-    });
-    v1::Deployment { name, task_id: task_id.into(), policy_id, history: history.collect() }
+    let change = |change| {
+        let DeploymentChange { policy_id, score_run_id, since } = change;
+        v1::DeploymentChange {
+            policy_id: policy_id.into(),
+            deploy_time: Some(field::timestamp(since)),
+            score_run_id: score_run_id.map(Into::into).unwrap_or_default(),
+        }
+    };
+    let history = history.into_iter().map(change).collect();
+    v1::Deployment { name, task_id: task_id.into(), policy_id, history, score_run_id }
 }
 
 pub(crate) fn act_response(acted: Acted) -> v1::ActResponse {
@@ -140,46 +125,11 @@ pub(crate) fn act_response(acted: Acted) -> v1::ActResponse {
     }
 }
 
-pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
-    let message = match output {
-        SessionOutput::Opened { session_id, policy_id, task_id } => {
-            session_response::Message::Opened(v1::SessionOpened {
-                session_id: session_id.into(),
-                policy_id: policy_id.into(),
-                task_id: task_id.into(),
-            })
-        }
-        SessionOutput::Action { acted, dropped } => {
-            let Acted { stamp_ns, actions, policy_id: _, timings: spent } = acted;
-            session_response::Message::Action(v1::SessionAction {
-                observation_stamp_ns: stamp_ns,
-                actions: action_steps(actions),
-                dropped,
-                timings: Some(timings(spent)),
-            })
-        }
-        SessionOutput::Missed { stamp_ns, dropped, timings: spent } => {
-            session_response::Message::Missed(v1::SessionMissed {
-                observation_stamp_ns: stamp_ns,
-                dropped,
-                timings: Some(timings(spent)),
-            })
-        }
-        SessionOutput::Draining { close_at } => {
-            session_response::Message::Draining(v1::SessionDraining { close_time: Some(field::timestamp(close_at)) })
-        }
-        SessionOutput::Closed { observations, dropped, missed } => {
-            session_response::Message::Closed(v1::SessionClosed { observations, dropped, missed })
-        }
-    };
-    v1::SessionResponse { message: Some(message) }
-}
-
-fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
+pub(super) fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
     actions.into_iter().map(|values| v1::ActionStep { values }).collect()
 }
 
-fn timings(spent: Timings) -> v1::Timings {
+pub(super) fn timings(spent: Timings) -> v1::Timings {
     let Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size } = spent;
     v1::Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size }
 }
@@ -204,14 +154,5 @@ mod tests {
         let observations = vec![v1::Observation { cameras: vec![frame], ..Default::default() }];
         let error = act_request(v1::ActRequest { deployment: "d".into(), observations }).unwrap_err();
         assert!(error.message().starts_with("observations[0].cameras[0].color.format: "), "{error}");
-    }
-
-    #[test]
-    fn a_session_message_must_say_something() {
-        assert!(session_input(v1::SessionRequest { message: None }).is_err());
-        let open = v1::SessionOpen { deployment: "d".into(), control_rate_hz: f64::NAN, deadline_us: 0 };
-        let message = Some(session_request::Message::Open(open));
-        let error = session_input(v1::SessionRequest { message }).unwrap_err();
-        assert!(error.message().starts_with("open.control_rate_hz: "), "{error}");
     }
 }

@@ -18,7 +18,7 @@ const DRAIN: Duration = Duration::from_secs(5);
 const SOON: Duration = Duration::from_millis(20);
 
 fn terms() -> Terms {
-    Terms { period: None, deadline: None, idle: IDLE, drain: DRAIN }
+    Terms { id: SessionId::new(), period: None, deadline: None, idle: IDLE, drain: DRAIN }
 }
 
 /// A robot's end of a session.
@@ -36,7 +36,7 @@ impl Robot {
     async fn open_under(terms: Terms, engine: &Arc<Engine<Parrot>>, stopping: &CancellationToken) -> Self {
         let (says, inputs) = unbounded();
         let (outlet, hears) = Outlet::new(IDLE);
-        let (session, stopping) = (Session::new(Arc::clone(engine), terms), stopping.clone());
+        let (session, stopping) = (Session::new(Arc::clone(engine), terms, Record::new(None), None), stopping.clone());
         tokio::spawn(async move {
             if let Err(error) = session.run(inputs, &outlet, &stopping).await {
                 outlet.fail(error);
@@ -55,7 +55,7 @@ impl Robot {
     /// The stamp answered, the action and the dropped count.
     async fn acts(&mut self) -> (i64, Vec<f32>, u64) {
         match self.hears.recv().await {
-            Some(Ok(SessionOutput::Action { mut acted, dropped })) => {
+            Some(Ok(SessionOutput::Action { mut acted, dropped, score: None })) => {
                 (acted.stamp_ns, acted.actions.pop().unwrap(), dropped)
             }
             other => panic!("{other:?}"),
@@ -79,9 +79,11 @@ impl Robot {
 
     /// Closes and gives what was answered, what was dropped and what was missed.
     async fn closes(&mut self) -> (u64, u64, u64) {
-        self.says.unbounded_send(Ok(SessionInput::Close)).unwrap();
+        self.says.unbounded_send(Ok(SessionInput::Close { outcome: Outcome::Unknown })).unwrap();
         match self.hears.recv().await {
-            Some(Ok(SessionOutput::Closed { observations, dropped, missed })) => (observations, dropped, missed),
+            Some(Ok(SessionOutput::Closed { observations, dropped, missed, episode_id: None })) => {
+                (observations, dropped, missed)
+            }
             other => panic!("{other:?}"),
         }
     }
@@ -138,7 +140,7 @@ async fn a_bad_session_ends_alone() {
     assert_eq!(error.kind(), Kind::Invalid);
     assert!(error.message().starts_with("observation.proprioception[0]: "), "{error}");
     let mut twice = Robot::open(&engine, &stopping).await;
-    let open = SessionInput::Open { deployment: "again".into(), control_rate_hz: 0.0, deadline: None };
+    let open = SessionInput::Open { deployment: "again".into(), control_rate_hz: 0.0, deadline: None, record: None };
     twice.says.unbounded_send(Ok(open)).unwrap();
     assert!(twice.fails().await.message().starts_with("open: "));
 
@@ -147,7 +149,7 @@ async fn a_bad_session_ends_alone() {
     drop(good.says);
     assert!(matches!(
         good.hears.recv().await,
-        Some(Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0 }))
+        Some(Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0, episode_id: None }))
     ));
 }
 

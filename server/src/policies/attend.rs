@@ -1,0 +1,149 @@
+//! A session from its opening to its end: what it is given, and what is said of it in the log.
+
+use std::{sync::Arc, time::Duration};
+
+use futures::{Stream, StreamExt as _};
+use gleaner_learn::Policy as Model;
+use tokio_util::sync::CancellationToken;
+use tracing::Instrument as _;
+
+use super::{
+    Policies,
+    engine::{Engine, lock},
+    outlet::{Answers, Outlet},
+    record::Record,
+    session::{Session, Terms},
+};
+use crate::{
+    domain::{
+        id::{ScoreRunId, SessionId},
+        observation::SessionInput,
+    },
+    error::{Error, Kind, Result},
+    rollouts::About,
+    scorers::Watch,
+};
+
+/// How a robot opens a session.
+struct Opening {
+    deployment: String,
+    control_rate_hz: f64,
+    deadline: Option<Duration>,
+    /// The cohort to record it for.
+    record: Option<String>,
+}
+
+impl Policies {
+    /// Starts a session: the first input opens it. Answers come from the receiver; an error is the last.
+    pub(crate) fn session(
+        &self,
+        inputs: impl Stream<Item = Result<SessionInput>> + Send + Unpin + 'static,
+        stopping: CancellationToken,
+    ) -> Answers {
+        let (outlet, answers) = Outlet::new(self.0.config.policies.session_idle());
+        let policies = self.clone();
+        tokio::spawn(async move {
+            let ended = policies.attend(inputs, &outlet, &stopping).await;
+            // What only it held may go.
+            lock(&policies.0.shelf).make_room(0);
+            if let Err(error) = ended {
+                outlet.fail(error);
+            }
+        });
+        answers
+    }
+
+    async fn attend(
+        &self,
+        mut inputs: impl Stream<Item = Result<SessionInput>> + Send + Unpin,
+        outlet: &Outlet,
+        stopping: &CancellationToken,
+    ) -> Result<()> {
+        let idle = self.0.config.policies.session_idle();
+        let first = tokio::select! {
+            first = inputs.next() => first,
+            () = tokio::time::sleep(idle) => return Err(Error::late("nothing came to open the session with; try again")),
+            () = outlet.closed() => return Ok(()),
+            () = stopping.cancelled() => return Err(Error::unavailable("the server is stopping; try again")),
+        };
+        let Some(SessionInput::Open { deployment, control_rate_hz, deadline, record }) = first.transpose()? else {
+            return Err(Error::invalid("open", "must be the first message of a session"));
+        };
+        let opening = Opening { deployment, control_rate_hz, deadline, record };
+        let (id, session) = self.begin(&opening).await?;
+        let span = tracing::info_span!(
+            "session", session.id = %id, deployment.name = %opening.deployment,
+            policy.id = %session.policy_id(), control.rate_hz = control_rate_hz
+        );
+        async {
+            tracing::debug!("session opened");
+            let ended = session.run(inputs, outlet, stopping).await;
+            match &ended {
+                Ok(()) => tracing::debug!("session closed"),
+                Err(error) if error.kind() == Kind::Cancelled => tracing::debug!(%error, "session broken off"),
+                Err(error) => tracing::info!(%error, "session ended by an error"),
+            }
+            ended
+        }
+        .instrument(span)
+        .await
+    }
+
+    /// A session with everything it was promised: its policy, its recording, its live score.
+    async fn begin(&self, opening: &Opening) -> Result<(SessionId, Session<Model>)> {
+        let Opening { deployment, control_rate_hz, deadline, record } = opening;
+        let (engine, score_run) = self.pointed(deployment).await?;
+        let watch = self.watch(deployment, score_run.as_ref()).await?;
+        let id = SessionId::new();
+        let recorder = match record {
+            None => None,
+            Some(cohort) => {
+                let identity = engine.identity();
+                let task = self.0.store.task_by_id(&identity.task_id).await?;
+                let about = About {
+                    session_id: id.clone(),
+                    task_id: identity.task_id.clone(),
+                    deployment: deployment.clone(),
+                    policy_id: identity.policy_id.clone(),
+                    score_run_id: score_run,
+                    control_rate_hz: if *control_rate_hz > 0.0 { *control_rate_hz } else { task.spec.rate_hz },
+                    cohort: cohort.clone(),
+                };
+                Some(self.0.rollouts.begin(about, &task))
+            }
+        };
+        let terms = Terms {
+            id: id.clone(),
+            period: (*control_rate_hz > 0.0)
+                .then(|| Duration::try_from_secs_f64(1.0 / control_rate_hz).unwrap_or(Duration::MAX)),
+            deadline: *deadline,
+            idle: self.0.config.policies.session_idle(),
+            drain: Duration::from_secs(self.0.config.drain_seconds),
+        };
+        Ok((id, Session::new(engine, terms, Record::new(recorder), watch)))
+    }
+
+    /// What a deployment points at: its policy, loaded, and its score run, both of one moment.
+    async fn pointed(&self, name: &str) -> Result<(Arc<Engine<Model>>, Option<ScoreRunId>)> {
+        loop {
+            let engine = self.deployed(name).await?;
+            let deployment = self.0.store.deployment(name).await?;
+            // Otherwise it was moved meanwhile.
+            if deployment.policy_id() == Some(&engine.identity().policy_id) {
+                return Ok((engine, deployment.score_run_id().cloned()));
+            }
+            tokio::task::yield_now().await;
+        }
+    }
+
+    async fn watch(&self, deployment: &str, score_run: Option<&ScoreRunId>) -> Result<Option<Watch>> {
+        let Some(run) = score_run else { return Ok(None) };
+        match self.0.scorers.load(run).await {
+            Ok(ready) => Ok(Some(ready.watch())),
+            Err(error) => {
+                tracing::warn!(%error, deployment.name = deployment, score_run.id = %run, "a deployment's score run cannot be loaded");
+                Err(error)
+            }
+        }
+    }
+}

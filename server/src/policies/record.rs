@@ -1,0 +1,105 @@
+//! What goes along with a session beside its policy: its recording and its live score. Neither holds the session up.
+
+use bytes::Bytes;
+
+use super::model::Step;
+use crate::{
+    domain::{
+        episode::Outcome,
+        id::EpisodeId,
+        observation::{Acted, Observation},
+        score::SegmentScored,
+    },
+    error::{Error, Result},
+    rollouts::{Recorder, Tally},
+    scorers::{Seen, Watch},
+};
+
+/// A session's recording, if it asked for one.
+pub(super) struct Record(Option<Recorder>);
+
+impl Record {
+    pub(super) fn new(recorder: Option<Recorder>) -> Self {
+        Self(recorder)
+    }
+
+    /// An observation has come. What a recording needs beyond what a session needs is asked for here.
+    ///
+    /// # Errors
+    /// Invalid for a stamp that no recording can have.
+    pub(super) fn observed(&mut self, observation: &Observation, before_ns: Option<i64>) -> Result<()> {
+        let Some(recorder) = &mut self.0 else { return Ok(()) };
+        let stamp_ns = observation.stamp_ns;
+        if stamp_ns < 0 || before_ns == Some(stamp_ns) {
+            let mend =
+                format!("is {stamp_ns}; in a recorded session stamps are not below 0 and rise with each observation");
+            return Err(Error::invalid("observation.stamp_ns", mend));
+        }
+        recorder.observed(observation);
+        Ok(())
+    }
+
+    /// The observation of this stamp goes to the model.
+    pub(super) fn asks(&mut self, stamp_ns: i64) {
+        if let Some(recorder) = &mut self.0 {
+            recorder.asks(stamp_ns);
+        }
+    }
+
+    /// What the model had is back; `sound` says that it was decoded.
+    pub(super) fn turned(&mut self, sound: bool) {
+        if let Some(recorder) = &mut self.0 {
+            recorder.turned(sound);
+        }
+    }
+
+    /// The robot was given these actions.
+    pub(super) fn commanded(&mut self, acted: &Acted) {
+        if let Some(recorder) = &mut self.0 {
+            recorder.commanded(acted);
+        }
+    }
+
+    /// Takes what has been scored meanwhile; gives the newest.
+    pub(super) fn scored(&mut self, watch: Option<&mut Watch>) -> Option<SegmentScored> {
+        let watch = watch?;
+        for scored in watch.take_scored() {
+            if let Some(recorder) = &mut self.0 {
+                recorder.scored(&scored);
+            }
+        }
+        watch.newest()
+    }
+
+    /// The session is over as its robot wished; waits until its episode is stored.
+    ///
+    /// # Errors
+    /// When it cannot be kept.
+    pub(super) async fn close(&mut self, outcome: Outcome, how: &str, tally: Tally) -> Result<Option<EpisodeId>> {
+        match self.0.take() {
+            Some(recorder) => recorder.finish(outcome, how, tally).await,
+            None => Ok(None),
+        }
+    }
+
+    /// The session is over by an error; its episode is stored in its own time.
+    pub(super) fn break_off(&mut self, error: &Error, tally: Tally) {
+        if let Some(recorder) = self.0.take() {
+            // Nobody waits for it.
+            drop(recorder.end(Outcome::Unknown, &error.to_string(), tally));
+        }
+    }
+
+    pub(super) fn is_on(&self) -> bool {
+        self.0.is_some()
+    }
+}
+
+/// Shows a watch the step that the model is about to see. Over a gap nothing is scored: experts have none.
+pub(super) fn show(watch: &mut Watch, stamp_ns: i64, step: &Step, gap: bool) {
+    if let (false, Some(executed)) = (gap, &step.executed) {
+        watch.executed(executed);
+    }
+    let frames = Bytes::copy_from_slice(&step.frame);
+    watch.saw(Seen { stamp_ns, frames, proprioception: step.proprioception.clone() });
+}

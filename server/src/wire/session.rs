@@ -1,0 +1,137 @@
+//! Sessions on the wire: what a robot says and hears.
+
+use gleaner_proto::v1::{self, session_request, session_response};
+
+use super::{
+    episode::outcome_from_proto,
+    field,
+    policy::{action_steps, deadline, deployment_name, observation, timings},
+    scoring::live_score,
+};
+use crate::{
+    domain::{
+        episode::Outcome,
+        observation::{Acted, SessionInput, SessionOutput},
+    },
+    error::{Error, Result},
+};
+
+pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput> {
+    let v1::SessionRequest { message } = request;
+    match field::required("message", message)? {
+        session_request::Message::Open(sent) => open(sent),
+        session_request::Message::Observation(sent) => Ok(SessionInput::Observation(observation("observation", sent)?)),
+        session_request::Message::Close(v1::SessionClose { outcome }) => {
+            let outcome = outcome_from_proto("close.outcome", outcome)?;
+            Ok(SessionInput::Close { outcome: outcome.unwrap_or(Outcome::Unknown) })
+        }
+    }
+}
+
+fn open(sent: v1::SessionOpen) -> Result<SessionInput> {
+    let v1::SessionOpen { deployment, control_rate_hz, deadline_us, record, cohort } = sent;
+    let deployment = deployment_name("open.deployment", deployment)?;
+    let cohort = field::tag("open.cohort", cohort)?;
+    if !record && !cohort.is_empty() {
+        return Err(Error::invalid("open.cohort", "is of the recorded episode; set record too, or leave it out"));
+    }
+    let cohort = if cohort.is_empty() { deployment.clone() } else { cohort };
+    Ok(SessionInput::Open {
+        control_rate_hz: control_rate("open.control_rate_hz", control_rate_hz)?,
+        deadline: deadline(deadline_us),
+        record: record.then_some(cohort),
+        deployment,
+    })
+}
+
+fn control_rate(field: &str, hertz: f64) -> Result<f64> {
+    if (0.0..=10_000.0).contains(&hertz) {
+        return Ok(hertz);
+    }
+    Err(Error::invalid(field, format!("is {hertz}, must be between 0 (the task's rate) and 10000")))
+}
+
+pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
+    let message = match output {
+        SessionOutput::Opened { session_id, policy_id, task_id } => {
+            session_response::Message::Opened(v1::SessionOpened {
+                session_id: session_id.into(),
+                policy_id: policy_id.into(),
+                task_id: task_id.into(),
+            })
+        }
+        SessionOutput::Action { acted, dropped, score } => {
+            let Acted { stamp_ns, actions, policy_id: _, timings: spent } = acted;
+            session_response::Message::Action(v1::SessionAction {
+                observation_stamp_ns: stamp_ns,
+                actions: action_steps(actions),
+                dropped,
+                timings: Some(timings(spent)),
+                score: score.map(live_score),
+            })
+        }
+        SessionOutput::Missed { stamp_ns, dropped, timings: spent } => {
+            session_response::Message::Missed(v1::SessionMissed {
+                observation_stamp_ns: stamp_ns,
+                dropped,
+                timings: Some(timings(spent)),
+            })
+        }
+        SessionOutput::Draining { close_at } => {
+            session_response::Message::Draining(v1::SessionDraining { close_time: Some(field::timestamp(close_at)) })
+        }
+        SessionOutput::Closed { observations, dropped, missed, episode_id } => {
+            let episode_id = episode_id.map(Into::into).unwrap_or_default();
+            session_response::Message::Closed(v1::SessionClosed { observations, dropped, missed, episode_id })
+        }
+    };
+    v1::SessionResponse { message: Some(message) }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+    use super::*;
+
+    fn opened(open: v1::SessionOpen) -> Result<SessionInput> {
+        session_input(v1::SessionRequest { message: Some(session_request::Message::Open(open)) })
+    }
+
+    fn record(cohort: &str, record: bool) -> v1::SessionOpen {
+        v1::SessionOpen { deployment: "arm@prod".into(), record, cohort: cohort.into(), ..Default::default() }
+    }
+
+    #[test]
+    fn a_session_message_must_say_something() {
+        assert!(session_input(v1::SessionRequest { message: None }).is_err());
+        let error = opened(v1::SessionOpen { control_rate_hz: f64::NAN, ..record("", false) }).unwrap_err();
+        assert!(error.message().starts_with("open.control_rate_hz: "), "{error}");
+    }
+
+    #[test]
+    fn a_recorded_sessions_cohort_is_the_deployments_name_unless_it_is_said() {
+        for (open, expected) in
+            [(record("", true), Some("arm@prod")), (record("night", true), Some("night")), (record("", false), None)]
+        {
+            let SessionInput::Open { record, .. } = opened(open).unwrap() else { panic!("not open") };
+            assert_eq!(record.as_deref(), expected);
+        }
+        let error = opened(record("night", false)).unwrap_err();
+        assert!(error.message().starts_with("open.cohort: "), "{error}");
+    }
+
+    #[test]
+    fn a_close_without_an_outcome_says_that_nobody_knows() {
+        let close = |outcome| {
+            let message = Some(session_request::Message::Close(v1::SessionClose { outcome }));
+            session_input(v1::SessionRequest { message })
+        };
+        let outcome = |sent: v1::Outcome| match close(sent.into()).unwrap() {
+            SessionInput::Close { outcome } => outcome,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(outcome(v1::Outcome::Unspecified), Outcome::Unknown);
+        assert_eq!(outcome(v1::Outcome::Failure), Outcome::Failure);
+        assert!(close(77).unwrap_err().message().starts_with("close.outcome: "));
+    }
+}
