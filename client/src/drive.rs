@@ -2,18 +2,24 @@
 //!
 //! One simulated episode is one session. By default in lock step: simulated time waits for the policy, so that the
 //! result says how good the policy is on any machine. In real time the episode is a robot in the control loop, and what
-//! is late is late. Knows nothing of training or scores.
+//! is late is late. Knows nothing of training.
+
+mod driven;
 
 use std::time::{Duration, Instant};
 
 use futures::{StreamExt as _, TryStreamExt as _};
+use gleaner_proto::v1::{Outcome, SessionOpen};
 use gleaner_recording::TaskSpec;
-use gleaner_sim::{Sim, SimConfig, statistics};
+use gleaner_sim::{Sim, SimConfig};
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
+use crate::lowest::Lowest;
 use crate::robot::{ControlCause, ControlPlan, ControlReport, SimRobot};
 use crate::session::{Session, observation};
+
+pub use driven::{Driven, DrivenEpisode};
 
 // Far longer than any policy takes; an evaluation must not wait for ever.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -35,6 +41,15 @@ pub struct DrivePlan {
     pub sessions: usize,
     /// Run in real time; else in lock step.
     pub real_time: Option<RealTime>,
+    /// Have the server keep the episodes, labelled by the simulator's verdict.
+    pub record: Option<Recorded>,
+}
+
+/// How the server keeps what it records.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Recorded {
+    /// The cohort of the episodes; empty: the deployment's name.
+    pub cohort: String,
 }
 
 /// How patient a robot in real time is; unset: the [`ControlPlan`]'s own.
@@ -44,75 +59,6 @@ pub struct RealTime {
     pub deadline: Option<Duration>,
     /// How long the robot holds when no action is due before it is stopped.
     pub hold_for: Option<Duration>,
-}
-
-/// One simulated episode.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DrivenEpisode {
-    /// The simulator's seed.
-    pub seed: u64,
-    /// Whether the task was solved.
-    pub success: bool,
-    /// Steps taken.
-    pub steps: u32,
-}
-
-/// How an evaluation went.
-#[derive(Clone, Debug)]
-pub struct Driven {
-    /// In the order of their seeds.
-    pub episodes: Vec<DrivenEpisode>,
-    /// The policy that acted.
-    pub policy_id: String,
-    /// From observation sent to action received, sorted; none in real time, where nobody waits for them.
-    pub latencies: Vec<Duration>,
-    /// Of the whole evaluation.
-    pub wall: Duration,
-    /// What happened in real time, over all episodes.
-    pub control: Option<ControlReport>,
-}
-
-impl Driven {
-    /// Episodes that were solved.
-    #[must_use]
-    pub fn successes(&self) -> u32 {
-        self.episodes.iter().map(|episode| u32::from(episode.success)).sum()
-    }
-
-    /// Share of episodes that were solved, 0 when there were none.
-    #[must_use]
-    pub fn success_rate(&self) -> f64 {
-        f64::from(self.successes()) / f64::from(self.total().max(1))
-    }
-
-    /// 95 % Wilson interval of the success rate.
-    #[must_use]
-    pub fn interval(&self) -> (f64, f64) {
-        statistics::wilson(self.successes(), self.total())
-    }
-
-    /// Steps over all episodes.
-    #[must_use]
-    pub fn steps(&self) -> u64 {
-        self.episodes.iter().map(|episode| u64::from(episode.steps)).sum()
-    }
-
-    /// The latency that a share (0 to 1) of the steps does not exceed (nearest rank).
-    #[must_use]
-    pub fn latency(&self, share: f64) -> Duration {
-        #[expect(
-            clippy::cast_possible_truncation,
-            clippy::cast_sign_loss,
-            clippy::cast_precision_loss,
-            reason = "a share of a length is an index; the cast saturates"
-        )]
-        let rank = (share.clamp(0.0, 1.0) * self.latencies.len() as f64).ceil() as usize;
-        self.latencies.get(rank.saturating_sub(1)).copied().unwrap_or_default()
-    }
-
-    fn total(&self) -> u32 {
-        u32::try_from(self.episodes.len()).unwrap_or(u32::MAX)
-    }
 }
 
 struct Run {
@@ -172,8 +118,14 @@ impl Client {
 
 async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u64) -> Result<Run> {
     let mut sim = Sim::new(plan.task, plan.config, seed);
-    let mut session = Session::open(client, &plan.deployment).await?;
-    let mut latencies = Vec::new();
+    let open = SessionOpen {
+        deployment: plan.deployment.clone(),
+        record: plan.record.is_some(),
+        cohort: plan.record.clone().unwrap_or_default().cohort,
+        ..SessionOpen::default()
+    };
+    let mut session = Session::open_with(client, open).await?;
+    let (mut latencies, mut lowest) = (Vec::new(), Lowest::default());
     while !sim.done() {
         let seen = sim.observe();
         let observation = observation(spec, seen.stamp_ns, seen.frames, seen.proprioception)?;
@@ -186,6 +138,7 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
             ))
         })??;
         latencies.push(sent.elapsed());
+        lowest.heard(answer.observation_stamp_ns, answer.score.as_ref());
         let first = answer.actions.first().ok_or(ClientError::Contract { missing: "an action" })?;
         let action = first.values.as_slice().try_into().map_err(|_| {
             ClientError::Invalid(format!(
@@ -197,8 +150,10 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
         sim.step(action);
     }
     let policy_id = session.opened().policy_id.clone();
-    session.close().await?;
-    let episode = DrivenEpisode { seed, success: sim.success(), steps: sim.steps() };
+    let closed = session.close_as(if sim.success() { Outcome::Success } else { Outcome::Failure }).await?;
+    let episode_ids = Some(closed.episode_id).filter(|id| !id.is_empty()).into_iter().collect();
+    let lowest = lowest.found();
+    let episode = DrivenEpisode { seed, success: sim.success(), steps: sim.steps(), episode_ids, lowest };
     Ok(Run { episode, policy_id, latencies, control: None })
 }
 
@@ -207,6 +162,9 @@ fn control_plan(plan: &DrivePlan, spec: &TaskSpec, pace: RealTime) -> Result<Con
     control.deadline = pace.deadline.unwrap_or(control.deadline);
     control.lost_after = control.lost_after.max(control.deadline.saturating_mul(2));
     control.hold_for = pace.hold_for.unwrap_or(control.hold_for);
+    if let Some(Recorded { cohort }) = plan.record.clone() {
+        (control.record, control.cohort) = (true, cohort);
+    }
     Ok(control)
 }
 
@@ -217,7 +175,8 @@ async fn run_in_real_time(client: &Client, plan: &DrivePlan, control: ControlPla
             ControlCause::Robot(error) | ControlCause::Stop(error) | ControlCause::Client(error) => error,
         })?;
     let sim = robot.sim();
-    let episode = DrivenEpisode { seed, success: sim.success(), steps: sim.steps() };
+    let (episode_ids, lowest) = (report.episode_ids.clone(), report.lowest.clone());
+    let episode = DrivenEpisode { seed, success: sim.success(), steps: sim.steps(), episode_ids, lowest };
     Ok(Run { episode, policy_id: report.policy_id.clone(), latencies: Vec::new(), control: Some(report) })
 }
 
@@ -225,16 +184,6 @@ async fn run_in_real_time(client: &Client, plan: &DrivePlan, control: ControlPla
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-
-    fn driven(outcomes: &[bool], latencies_ms: &[u64]) -> Driven {
-        Driven {
-            episodes: (0..).zip(outcomes).map(|(seed, &success)| DrivenEpisode { seed, success, steps: 10 }).collect(),
-            policy_id: String::new(),
-            latencies: latencies_ms.iter().map(|&ms| Duration::from_millis(ms)).collect(),
-            wall: Duration::ZERO,
-            control: None,
-        }
-    }
 
     #[test]
     fn a_real_robots_times_are_the_tasks_unless_said() {
@@ -246,33 +195,15 @@ mod tests {
             seed: 0,
             sessions: 1,
             real_time: None,
+            record: Some(Recorded { cohort: "night".into() }),
         };
         let spec = gleaner_sim::task_spec(plan.task, &plan.config);
         let own = control_plan(&plan, &spec, RealTime::default()).unwrap();
         assert_eq!((own.period, own.deadline), (Duration::from_millis(100), Duration::from_millis(100)));
+        assert_eq!((own.record, own.cohort.as_str()), (true, "night"));
         let said = RealTime { deadline: Some(Duration::from_secs(5)), hold_for: Some(Duration::ZERO) };
         let said = control_plan(&plan, &spec, said).unwrap();
         assert_eq!((said.deadline, said.hold_for), (Duration::from_secs(5), Duration::ZERO));
         assert!(said.lost_after > said.deadline);
-    }
-
-    #[test]
-    fn rates_and_percentiles_are_of_what_happened() {
-        let result = driven(&[true, false, true, true], &(1..=100).collect::<Vec<_>>());
-        assert_eq!((result.successes(), result.steps()), (3, 40));
-        assert!((result.success_rate() - 0.75).abs() < 1e-12);
-        let (low, high) = result.interval();
-        assert!(low < 0.75 && 0.75 < high);
-        assert_eq!(result.latency(0.5), Duration::from_millis(50));
-        assert_eq!(result.latency(0.99), Duration::from_millis(99));
-        assert_eq!(result.latency(1.0), Duration::from_millis(100));
-    }
-
-    #[test]
-    fn nothing_driven_is_no_division_by_nothing() {
-        let result = driven(&[], &[]);
-        assert!(result.success_rate().abs() < f64::EPSILON);
-        assert_eq!(result.latency(0.99), Duration::ZERO);
-        assert_eq!(result.interval(), (0.0, 1.0));
     }
 }

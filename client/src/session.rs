@@ -5,7 +5,7 @@ use futures::StreamExt as _;
 use gleaner_proto::v1::session_request::Message as Request;
 use gleaner_proto::v1::session_response::Message as Response;
 use gleaner_proto::v1::{
-    CameraFrame, Image, ImageFormat, Observation, SessionAction, SessionClose, SessionClosed, SessionOpen,
+    CameraFrame, Image, ImageFormat, Observation, Outcome, SessionAction, SessionClose, SessionClosed, SessionOpen,
     SessionOpened, SessionRequest, SessionResponse,
 };
 use gleaner_recording::{TaskSpec, frame_bytes_per_step};
@@ -37,7 +37,7 @@ impl Session {
         Self::open_with(client, SessionOpen { deployment: deployment.to_owned(), ..SessionOpen::default() }).await
     }
 
-    /// Opens a session as the message says.
+    /// Opens a session as the message says: at which rate, with which deadline, recorded or not, for which cohort.
     ///
     /// # Errors
     /// As [`Session::open`]; also for a control rate that makes no sense.
@@ -87,12 +87,21 @@ impl Session {
         }
     }
 
-    /// Ends the episode.
+    /// Ends the episode; how it went, nobody knows.
     ///
     /// # Errors
-    /// [`ClientError::Rejected`] when the session broke.
-    pub async fn close(mut self) -> Result<SessionClosed> {
-        send(&self.requests, Request::Close(SessionClose::default())).await;
+    /// As [`Session::close_as`].
+    pub async fn close(self) -> Result<SessionClosed> {
+        self.close_as(Outcome::Unknown).await
+    }
+
+    /// Ends the episode, and says how it went. One that was to be recorded is stored when this returns, and named by
+    /// its id, unless it has less than two steps.
+    ///
+    /// # Errors
+    /// [`ClientError::Rejected`] when the session broke, or its recording can't be kept.
+    pub async fn close_as(mut self, outcome: Outcome) -> Result<SessionClosed> {
+        send(&self.requests, Request::Close(SessionClose { outcome: outcome.into() })).await;
         match self.answer().await? {
             Response::Closed(closed) => Ok(closed),
             Response::Opened(_) | Response::Action(_) | Response::Missed(_) | Response::Draining(_) => {

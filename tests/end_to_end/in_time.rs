@@ -16,7 +16,7 @@ async fn a_late_answer_is_a_miss_and_never_an_action() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let mut robot = Robot::dial(&mut api).await;
-    robot.say(Say::Open(SessionOpen { deployment: NAME.into(), control_rate_hz: 0.0, deadline_us: 1 })).await;
+    robot.say(Say::Open(SessionOpen { deployment: NAME.into(), deadline_us: 1, ..SessionOpen::default() })).await;
     let Hear::Opened(_) = robot.hear().await.unwrap() else { panic!("not opened") };
     let observation = observe(&start_sim());
     robot.say(Say::Observation(observation.clone())).await;
@@ -28,7 +28,7 @@ async fn a_late_answer_is_a_miss_and_never_an_action() {
     let timings = robot.act(minute).await.unwrap().timings.unwrap();
     assert_eq!(timings.batch_size, 1);
     assert!(timings.decode_us + timings.queue_us + timings.batch_us + timings.model_us <= timings.total_us);
-    robot.say(Say::Close(SessionClose {})).await;
+    robot.say(Say::Close(SessionClose::default())).await;
     let Hear::Closed(closed) = robot.hear().await.unwrap() else { panic!("not closed") };
     assert_eq!((closed.observations, closed.dropped, closed.missed), (1, 0, 1));
 

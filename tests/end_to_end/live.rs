@@ -38,7 +38,7 @@ impl Robot {
 
     pub async fn open(api: &mut Api, name: &str) -> Result<Self, Status> {
         let mut robot = Self::dial(api).await;
-        robot.say(Say::Open(SessionOpen { deployment: name.into(), control_rate_hz: 0.0, deadline_us: 0 })).await;
+        robot.say(Say::Open(SessionOpen { deployment: name.into(), ..SessionOpen::default() })).await;
         match robot.hear().await? {
             Hear::Opened(_) => Ok(robot),
             other => panic!("{other:?}"),
@@ -91,7 +91,7 @@ async fn a_session_and_act_agree() {
         last.clone_from(&action.actions[0].values);
         sim.step(last.as_slice().try_into().unwrap());
     }
-    robot.say(Say::Close(SessionClose {})).await;
+    robot.say(Say::Close(SessionClose::default())).await;
     let Hear::Closed(closed) = robot.hear().await.unwrap() else { panic!("not closed") };
     assert_eq!((closed.observations, closed.dropped), (6, 0));
     assert!(robot.hear.message().await.unwrap().is_none());
@@ -170,7 +170,7 @@ async fn sessions_that_begin_wrong() {
     let error = early.act(observe(&start_sim())).await.unwrap_err();
     assert_eq!(error.code(), Code::InvalidArgument, "{error}");
     let mut twice = Robot::open(&mut api, NAME).await.unwrap();
-    twice.say(Say::Open(SessionOpen { deployment: NAME.into(), control_rate_hz: 0.0, deadline_us: 0 })).await;
+    twice.say(Say::Open(SessionOpen { deployment: NAME.into(), ..SessionOpen::default() })).await;
     assert_eq!(twice.hear().await.unwrap_err().code(), Code::InvalidArgument);
     let empty = ActRequest { deployment: NAME.into(), observations: vec![] };
     assert_eq!(api.policies.act(empty).await.unwrap_err().code(), Code::InvalidArgument);
@@ -185,9 +185,13 @@ async fn deployments_that_cannot_be() {
     let policy = policies[0].id.clone();
     let slash = DeployRequest { name: "../prod".into(), policy_id: policy.clone() };
     assert_eq!(api.policies.deploy(slash).await.unwrap_err().code(), Code::InvalidArgument);
-    let unknown = DeployRequest { name: "x@prod".into(), policy_id: "pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into() };
+    let unknown = DeployRequest {
+        name: "x@prod".into(),
+        policy_id: "pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into(),
+        ..Default::default()
+    };
     assert_eq!(api.policies.deploy(unknown).await.unwrap_err().code(), Code::NotFound);
-    let again = DeployRequest { name: "x@prod".into(), policy_id: policy.clone() };
+    let again = DeployRequest { name: "x@prod".into(), policy_id: policy.clone(), ..Default::default() };
     let deployment = api.policies.deploy(again).await.unwrap().into_inner().deployment.unwrap();
     assert_eq!(deployment.policy_id, policy);
 }
@@ -204,7 +208,11 @@ async fn a_checkpoint_of_another_version() {
     make_checkpoints_newer(server.data_dir());
     server.start_again().await;
     let mut api = Api::connect(&server).await;
-    let error = api.policies.deploy(DeployRequest { name: "old@prod".into(), policy_id: policy }).await.unwrap_err();
+    let error = api
+        .policies
+        .deploy(DeployRequest { name: "old@prod".into(), policy_id: policy, ..Default::default() })
+        .await
+        .unwrap_err();
     assert_eq!(error.code(), Code::FailedPrecondition, "{error}");
     assert!(error.message().contains("version") && error.message().contains('9'), "{error}");
     let job = api.submit(lab::TASK, lab::score(&encoder)).await.unwrap();

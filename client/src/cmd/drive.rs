@@ -1,10 +1,11 @@
 //! `drive`: the simulator as a client of the policy endpoint.
 
+use std::cmp::Ordering::Equal;
 use std::time::Duration;
 
 use clap::Args;
 use gleaner_client::robot::ControlReport;
-use gleaner_client::{Client, DrivePlan, Driven, RealTime};
+use gleaner_client::{Client, DrivePlan, Driven, DrivenEpisode, RealTime, Recorded};
 use serde_json::{Value, json};
 
 use super::task::sim_config;
@@ -41,6 +42,12 @@ pub(crate) struct DriveArgs {
     /// How long the robot holds when no action is due before it is stopped; by default five control periods.
     #[arg(long, value_name = "MS", requires = "real_time", value_parser = clap::value_parser!(u64).range(..=600_000))]
     hold_ms: Option<u64>,
+    /// Have the server keep each run as an episode of the task, labelled success or failure by the simulator.
+    #[arg(long)]
+    record: bool,
+    /// The recorded episodes' cohort; by default the deployment's name.
+    #[arg(long, value_name = "TAG", requires = "record")]
+    cohort: Option<String>,
 }
 
 impl DriveArgs {
@@ -56,11 +63,16 @@ impl DriveArgs {
                 deadline: self.deadline_ms.map(Duration::from_millis),
                 hold_for: self.hold_ms.map(Duration::from_millis),
             }),
+            record: self.record.then(|| Recorded { cohort: self.cohort.unwrap_or_default() }),
         };
         let client = context.client().await?;
         let driven = drive(context, &client, &plan).await?;
         context.output.result(|| Ok(document(&plan, &driven)), || summary(&plan, &driven))?;
-        context.output.next("gleaner deployments");
+        match plan.record {
+            None => context.output.next("gleaner deployments"),
+            // The simulator's task has the name of the task on the server, unless somebody chose another.
+            Some(_) => context.output.next(&format!("gleaner episodes {}", plan.task)),
+        }
         Ok(())
     }
 }
@@ -89,14 +101,32 @@ fn summary(plan: &DrivePlan, driven: &Driven) -> String {
         driven.steps(),
         words::duration(driven.wall)
     );
-    match &driven.control {
+    let pace = match &driven.control {
         None => format!(
-            "{steps}; latency p50 {}, p99 {}",
+            "; latency p50 {}, p99 {}",
             words::milliseconds(driven.latency(0.5)),
             words::milliseconds(driven.latency(0.99))
         ),
-        Some(control) => format!("{steps}, in real time\n{}", told(control)),
-    }
+        Some(control) => format!(", in real time\n{}", told(control)),
+    };
+    let recorded = match (&plan.record, driven.recorded()) {
+        (None, _) => String::new(),
+        (Some(_), count) => format!("\n{count} episodes recorded"),
+    };
+    format!("{steps}{pace}{recorded}{}", lowest(driven))
+}
+
+/// Where the runs left most what experts do.
+fn lowest(driven: &Driven) -> String {
+    let scored = driven.episodes.iter().filter_map(|episode| Some((episode, episode.lowest.as_ref()?)));
+    let Some((episode, lowest)) = scored.min_by(|(_, a), (_, b)| (a.q, a.w).partial_cmp(&(b.q, b.w)).unwrap_or(Equal))
+    else {
+        return String::new();
+    };
+    format!(
+        "\nlowest live score: q {:.3} (w {:.3}) at {:.1} s of seed {}, nearest to step {} of {}",
+        lowest.q, lowest.w, lowest.seconds, episode.seed, lowest.match_step, lowest.match_episode_id
+    )
 }
 
 fn told(control: &ControlReport) -> String {
@@ -131,7 +161,28 @@ pub(crate) fn document(plan: &DrivePlan, driven: &Driven) -> Value {
         "latency_p50_ms": latency_ms(0.5),
         "latency_p99_ms": latency_ms(0.99),
         "real_time": driven.control.as_ref().map(counts),
+        "episodes_recorded": plan.record.as_ref().map(|_| driven.recorded()),
+        "runs": driven.episodes.iter().map(run).collect::<Vec<_>>(),
         "failed_seeds": driven.episodes.iter().filter(|e| !e.success).map(|e| e.seed).collect::<Vec<_>>(),
+    })
+}
+
+fn run(episode: &DrivenEpisode) -> Value {
+    let lowest = episode.lowest.as_ref().map(|lowest| {
+        json!({
+            "q": lowest.q,
+            "w": lowest.w,
+            "seconds": lowest.seconds,
+            "match_episode_id": lowest.match_episode_id,
+            "match_step": lowest.match_step,
+        })
+    });
+    json!({
+        "seed": episode.seed,
+        "success": episode.success,
+        "steps": episode.steps,
+        "episode_ids": episode.episode_ids,
+        "lowest_score": lowest,
     })
 }
 
@@ -154,8 +205,7 @@ fn counts(control: &ControlReport) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use gleaner_client::DrivenEpisode;
-    use std::time::Duration;
+    use gleaner_client::LowestScore;
 
     #[test]
     fn an_evaluation_reads_and_has_stable_names() {
@@ -167,12 +217,17 @@ mod tests {
             seed: 5,
             sessions: 1,
             real_time: None,
+            record: None,
+        };
+        let run = |seed, success, steps| DrivenEpisode {
+            seed,
+            success,
+            steps,
+            episode_ids: vec![format!("ep_{seed}")],
+            lowest: None,
         };
         let mut driven = Driven {
-            episodes: vec![
-                DrivenEpisode { seed: 5, success: true, steps: 30 },
-                DrivenEpisode { seed: 6, success: false, steps: 60 },
-            ],
+            episodes: vec![run(5, true, 30), run(6, false, 60)],
             policy_id: "pol_1".into(),
             latencies: vec![Duration::from_millis(2), Duration::from_millis(4)],
             wall: Duration::from_secs(3),
@@ -186,6 +241,16 @@ mod tests {
         let shown = document(&plan, &driven);
         assert_eq!((&shown["successes"], &shown["failed_seeds"]), (&json!(1), &json!([6])));
         assert_eq!((&shown["latency_p99_ms"], &shown["real_time"]), (&json!(4.0), &Value::Null));
+
+        let lowest = LowestScore { q: 0.25, w: -7.5, seconds: 2.3, match_episode_id: "ep_e".into(), match_step: 11 };
+        driven.episodes[1].lowest = Some(lowest);
+        let recording = DrivePlan { record: Some(Recorded::default()), ..plan.clone() };
+        let said = summary(&recording, &driven);
+        let expected = "\n2 episodes recorded\n\
+                        lowest live score: q 0.250 (w -7.500) at 2.3 s of seed 6, nearest to step 11 of ep_e";
+        assert!(said.ends_with(expected), "{said}");
+        let shown = document(&recording, &driven);
+        assert_eq!((&shown["episodes_recorded"], &shown["runs"][1]["lowest_score"]["q"]), (&json!(2), &json!(0.25)));
 
         let mut control = ControlReport::default();
         (control.ticks, control.acted, control.held) = (90, 85, 5);

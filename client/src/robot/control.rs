@@ -12,6 +12,7 @@ use super::ticks::{Clock, Ticks};
 use super::{ActionBuffer, ControlCause, ControlError, ControlPlan, ControlReport, Link, Robot};
 use crate::connection::Client;
 use crate::error::ClientError;
+use crate::lowest::Lowest;
 
 impl Client {
     /// Lets a deployed policy control a robot until `until` completes, the robot has nothing more to see, or
@@ -60,9 +61,12 @@ pub async fn control<R: Robot, L: Link>(
                 () = until => Ok(()),
                 ended = run.ticks() => ended,
             };
+            let lowest = run.lowest;
             // Before the server is told: nothing that takes time comes before the robot's rest.
             let stopped = robot.stop();
-            courier.close().await;
+            let closed = courier.close(robot.outcome()).await;
+            report.lowest = lowest.found();
+            report.episode_ids.extend(closed.map(|closed| closed.episode_id).filter(|id| !id.is_empty()));
             end(ended, stopped)
         }
         Err(error) => end(Err(error.into()), robot.stop()),
@@ -100,6 +104,7 @@ struct Run<'a, 'r, R: Robot> {
     /// What was commanded last, and the tick that last had an action from the policy.
     commanded: Option<Vec<f32>>,
     acted_at: Instant,
+    lowest: Lowest,
 }
 
 impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
@@ -125,6 +130,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
             answered_ns,
             commanded,
             acted_at,
+            lowest: Lowest::default(),
         }
     }
 
@@ -208,6 +214,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
         let stamp_ns = action.observation_stamp_ns;
         self.report.dropped += action.dropped;
         self.answered_ns = Some(stamp_ns);
+        self.lowest.heard(stamp_ns, action.score.as_ref());
         if std::mem::take(&mut self.anew) {
             // Another history, perhaps another policy: what was foreseen before no longer counts.
             self.buffer.clear();

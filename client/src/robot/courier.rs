@@ -7,7 +7,9 @@ use std::time::Duration;
 use futures::StreamExt as _;
 use gleaner_proto::v1::session_request::Message as Request;
 use gleaner_proto::v1::session_response::Message as Response;
-use gleaner_proto::v1::{Observation, SessionAction, SessionClose, SessionMissed, SessionOpen, SessionOpened};
+use gleaner_proto::v1::{
+    Observation, Outcome, SessionAction, SessionClose, SessionClosed, SessionMissed, SessionOpen, SessionOpened,
+};
 use tokio::sync::{mpsc, oneshot};
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, sleep_until, timeout};
@@ -23,6 +25,8 @@ use crate::retry::Patience;
 const OPEN_WITHIN: Duration = Duration::from_secs(30);
 // The robot rests already; nothing but the server's bookkeeping waits for this.
 const CLOSE_WITHIN: Duration = Duration::from_secs(1);
+// The recording is looked through and stored before the server says so.
+const STORE_WITHIN: Duration = Duration::from_secs(60);
 // More than can come in a period; a server that sends more has to wait.
 const EVENTS: usize = 64;
 
@@ -43,8 +47,8 @@ pub(super) enum Event {
 pub(super) struct Courier {
     slot: Arc<Slot>,
     events: mpsc::Receiver<Event>,
-    closing: oneshot::Sender<()>,
-    task: JoinHandle<()>,
+    closing: oneshot::Sender<Outcome>,
+    task: JoinHandle<Option<SessionClosed>>,
 }
 
 impl Courier {
@@ -74,11 +78,13 @@ impl Courier {
         self.events.recv().await.unwrap_or_else(ended)
     }
 
-    /// Closes the session and waits a little for the server to know.
-    pub(super) async fn close(self) {
-        drop((self.closing, self.events));
+    /// Closes the session with this outcome and waits a little for the server to know; gives what it said.
+    pub(super) async fn close(self, outcome: Outcome) -> Option<SessionClosed> {
+        // In vain when the task has ended.
+        let _ = self.closing.send(outcome);
+        drop(self.events);
         // It ends by itself, or by a panic that has been reported.
-        let _ = self.task.await;
+        self.task.await.ok().flatten()
     }
 }
 
@@ -93,16 +99,17 @@ struct Carrier<L> {
 }
 
 impl<L: Link> Carrier<L> {
-    async fn run(mut self, closed: oneshot::Receiver<()>) {
-        tokio::select! {
+    async fn run(mut self, closed: oneshot::Receiver<Outcome>) -> Option<SessionClosed> {
+        let outcome = tokio::select! {
             biased;
-            _ = closed => {}
-            () = self.keep_open() => {}
-        }
-        if let Some(line) = self.line.take() {
-            // In vain or not: whoever does not hear of it in time finds the stream ended.
-            let _ = timeout(CLOSE_WITHIN, close(line)).await;
-        }
+            // The loop was dropped: nobody knows.
+            outcome = closed => outcome.unwrap_or(Outcome::Unknown),
+            () = self.keep_open() => Outcome::Unknown,
+        };
+        let line = self.line.take()?;
+        let within = if self.open.record { STORE_WITHIN } else { CLOSE_WITHIN };
+        // In vain or not: whoever does not hear of it in time finds the stream ended.
+        timeout(within, close(line, outcome)).await.ok().flatten()
     }
 
     /// Opens the session again whenever it is lost, with waits that grow until something is answered.
@@ -207,11 +214,12 @@ async fn tell(events: &mpsc::Sender<Event>, event: Event) {
     let _ = events.send(event).await;
 }
 
-async fn close(mut line: Line) {
-    let _ = line.requests.send(Request::Close(SessionClose::default())).await;
+async fn close(mut line: Line, outcome: Outcome) -> Option<SessionClosed> {
+    let _ = line.requests.send(Request::Close(SessionClose { outcome: outcome.into() })).await;
     while let Some(Ok(response)) = line.responses.next().await {
-        if matches!(response, Response::Closed(_)) {
-            break;
+        if let Response::Closed(closed) = response {
+            return Some(closed);
         }
     }
+    None
 }

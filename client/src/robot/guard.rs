@@ -1,6 +1,6 @@
 //! The guard around a robot: whatever becomes of the loop (an error, a panic, being dropped), the robot is stopped.
 
-use gleaner_proto::v1::Observation;
+use gleaner_proto::v1::{Observation, Outcome};
 
 use super::Robot;
 
@@ -23,6 +23,10 @@ impl<'a, R: Robot> Guarded<'a, R> {
 
     pub(super) fn observe(&mut self) -> Result<Option<Observation>, R::Error> {
         self.robot.observe()
+    }
+
+    pub(super) fn outcome(&self) -> Outcome {
+        self.robot.outcome()
     }
 
     pub(super) fn hold_action(&self, last: &[f32]) -> Vec<f32> {

@@ -16,7 +16,7 @@ mod sim;
 mod slot;
 mod ticks;
 
-use gleaner_proto::v1::Observation;
+use gleaner_proto::v1::{Observation, Outcome};
 
 pub use buffer::{ActionBuffer, Ensembling};
 pub use control::control;
@@ -55,6 +55,12 @@ pub trait Robot {
     /// # Errors
     /// The robot's own.
     fn stop(&mut self) -> Result<(), Self::Error>;
+
+    /// How the attempt has gone, asked when the run is over: the label of the recorded episode. Unknown, unless the
+    /// robot knows.
+    fn outcome(&self) -> Outcome {
+        Outcome::Unknown
+    }
 
     /// The action that holds the robot where it is while it waits for the policy, given what was commanded last. That
     /// action again, unless the robot says otherwise: one whose actions are displacements must, or it moves on.

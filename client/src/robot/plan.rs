@@ -31,6 +31,11 @@ pub struct ControlPlan {
     pub give_up_after: Duration,
     /// Who makes one action of many chunks' opinions.
     pub ensembling: Ensembling,
+    /// Have the server keep each session as an episode of the task, labelled as [`Robot::outcome`](super::Robot) says.
+    /// A session that was lost in the middle is an episode of its own, of which nobody knows how it went.
+    pub record: bool,
+    /// The cohort of these episodes; empty: the deployment's name.
+    pub cohort: String,
 }
 
 impl ControlPlan {
@@ -53,6 +58,8 @@ impl ControlPlan {
             lost_after: Duration::from_secs(2).max(period.saturating_mul(10)),
             give_up_after: Duration::from_secs(60),
             ensembling: Ensembling::default(),
+            record: false,
+            cohort: String::new(),
         };
         plan.check()?;
         Ok(plan)
@@ -73,6 +80,9 @@ impl ControlPlan {
         if self.deadline_us().is_none() {
             return refuse(format!("deadline {:?}: must be from 1 µs to an hour", self.deadline));
         }
+        if !self.record && !self.cohort.is_empty() {
+            return refuse(format!("cohort {:?}: is of the recorded episodes; set record too", self.cohort));
+        }
         if self.lost_after < self.deadline {
             return refuse(format!(
                 "lost_after {:?}: must not be below the deadline {:?}",
@@ -88,6 +98,8 @@ impl ControlPlan {
             deployment: self.deployment.clone(),
             control_rate_hz: 1.0 / self.period.as_secs_f64(),
             deadline_us: self.deadline_us().unwrap_or_default(),
+            record: self.record,
+            cohort: self.cohort.clone(),
         }
     }
 
@@ -122,6 +134,7 @@ mod tests {
             (ControlPlan { deadline: Duration::ZERO, ..good.clone() }, "deadline"),
             (ControlPlan { deadline: Duration::from_secs(4000), ..good.clone() }, "deadline"),
             (ControlPlan { period: Duration::ZERO, ..good.clone() }, "period"),
+            (ControlPlan { cohort: "night".into(), ..good.clone() }, "cohort"),
             (ControlPlan { lost_after: Duration::from_millis(1), ..good }, "lost_after"),
         ];
         for (plan, name) in times {

@@ -1,9 +1,10 @@
 //! How a control loop went, and what ended it.
 
 use crate::error::ClientError;
+use crate::lowest::{LowestScore, lower};
 
 /// What happened in a run.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct ControlReport {
     /// The policy of the last session.
@@ -30,12 +31,18 @@ pub struct ControlReport {
     pub overruns: u64,
     /// Times the server said that it is stopping.
     pub drains: u64,
+    /// The episodes that were recorded and stored, as far as the server could still say so.
+    pub episode_ids: Vec<String>,
+    /// The lowest live score, if the deployment names a score run. Its time is that within its session.
+    pub lowest: Option<LowestScore>,
 }
 
 impl ControlReport {
     /// Adds another run's counts; the policy is the other's.
     pub fn add(&mut self, other: &Self) {
         self.policy_id.clone_from(&other.policy_id);
+        self.episode_ids.extend_from_slice(&other.episode_ids);
+        self.lowest = lower(self.lowest.take(), other.lowest.clone());
         let pairs = [
             (&mut self.ticks, other.ticks),
             (&mut self.acted, other.acted),

@@ -1,6 +1,6 @@
 //! The embedded simulator as a robot. Its time goes on by commands: between them the world stands still.
 
-use gleaner_proto::v1::Observation;
+use gleaner_proto::v1::{Observation, Outcome};
 use gleaner_recording::TaskSpec;
 use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task};
 
@@ -56,6 +56,15 @@ impl Robot for SimRobot {
         Ok(())
     }
 
+    /// The simulator's verdict, once the attempt is done.
+    fn outcome(&self) -> Outcome {
+        match (self.sim.done(), self.sim.success()) {
+            (false, _) => Outcome::Unknown,
+            (true, true) => Outcome::Success,
+            (true, false) => Outcome::Failure,
+        }
+    }
+
     /// Stays where it is, with the gripper as it was: all but the gripper are displacements.
     fn hold_action(&self, last: &[f32]) -> Vec<f32> {
         let gripper = ACTION_SIZE - 1;
@@ -76,11 +85,12 @@ mod tests {
         let action = [0.5, 0.5, 0.5, 0.0, 0.0, 0.1, -1.0];
         robot.command(&action).unwrap();
         robot.stop().unwrap();
-        assert_eq!(robot.sim().steps(), 1);
+        assert_eq!((robot.sim().steps(), robot.outcome()), (1, Outcome::Unknown));
         let hold = robot.hold_action(&action);
         assert_eq!(hold, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0]);
         robot.command(&hold).unwrap();
         assert!(robot.observe().unwrap().is_none());
+        assert_eq!(robot.outcome(), Outcome::Failure);
         assert!(robot.command(&[1.0]).unwrap_err().to_string().contains("1 action values"));
     }
 }
