@@ -32,9 +32,7 @@ class Policy:
         task, model = header["shape"], header["model"]
         self.cameras = [camera["name"] for camera in task["cameras"]]
         camera = task["cameras"][0]
-        self.shape = Shape(
-            camera["height"], camera["depth"], len(self.cameras), task["proprioception"], task["action"]
-        )
+        self.shape = Shape(camera["height"], camera["depth"], len(self.cameras), task["proprioception"], task["action"])
         self.window = model["segment_length"] + 1
         self.learner = Learner(self.shape, SIZES[model["preset"]], self.window).eval()
         self.learner.load_state_dict(load_file(checkpoint), strict=True)

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 fn sources() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let mut files = Vec::new();
-    for room in ["proto", "recording", "learn", "sim", "server", "client", "tests"] {
+    for room in ["proto", "recording", "learn", "sim", "server", "client", "tests", "benches"] {
         collect(&root.join(room), &mut files);
     }
     assert!(files.len() > 60, "the walk found too little");
@@ -47,7 +47,10 @@ fn each_crate_is_named_in_its_room_only() {
         ("sqlx", &["server/src/store/"]),
         ("mcap", &["recording/"]),
         ("image", &["recording/"]),
-        ("gleaner_proto", &["server/src/wire/", "server/src/service/", "server/src/worker/", "client/", "tests/"]),
+        (
+            "gleaner_proto",
+            &["server/src/wire/", "server/src/service/", "server/src/worker/", "client/", "tests/", "benches/"],
+        ),
         ("axum", &["server/src/web/"]),
         (
             "gleaner_sim",

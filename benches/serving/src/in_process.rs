@@ -1,14 +1,16 @@
 //! The model alone, in this process, on the very checkpoint that the server serves: what a request would cost if
-//! serving it cost nothing.
+//! serving it cost nothing. Raw images are there already; JPEG must be decoded here too.
 
 use std::time::{Duration, Instant};
 
 use gleaner_learn::{History, Policy, set_threads};
+use gleaner_proto::v1::Observation;
+use gleaner_recording::{PixelFormat, decode_color};
 
 use crate::Result;
 use crate::load::{quantile, times};
 use crate::prepare::Prepared;
-use crate::scene::Step;
+use crate::scene::{Images, SIDE, Step};
 
 /// A policy and one session's history.
 pub(crate) struct InProcess {
@@ -26,15 +28,23 @@ impl InProcess {
         Ok(Self { policy, history, taken: Vec::new() })
     }
 
-    /// Answers requests for `slice`, after a quarter of it to warm up.
-    pub(crate) fn add(&mut self, steps: &[Step], slice: Duration) -> Result<()> {
+    /// Answers requests for `slice`, after a quarter of it to warm up: `steps`, which are sent as `scene`.
+    pub(crate) fn add(
+        &mut self,
+        steps: &[Step],
+        (images, scene): (Images, &[Observation]),
+        slice: Duration,
+    ) -> Result<()> {
         let from = Instant::now() + slice / 4;
-        for step in steps.iter().cycle() {
+        for (step, observation) in steps.iter().zip(scene).cycle() {
             let begun = Instant::now();
             if begun >= from + slice {
                 break;
             }
-            self.answer(step)?;
+            match images {
+                Images::Raw => self.answer(step, &step.frames)?,
+                Images::Jpeg => self.answer(step, &decode(observation)?)?,
+            }
             if begun >= from {
                 self.taken.push(begun.elapsed());
             }
@@ -48,10 +58,19 @@ impl InProcess {
     }
 
     /// One request: its frame is encoded, then one pass over the history.
-    fn answer(&mut self, step: &Step) -> Result<()> {
-        let embedding = self.policy.embed(&[&step.frames])?.pop().ok_or("no embedding")?;
+    fn answer(&mut self, step: &Step, frames: &[u8]) -> Result<()> {
+        let embedding = self.policy.embed(&[frames])?.pop().ok_or("no embedding")?;
         self.history.push(embedding, step.proprioception.clone())?;
         let action = self.policy.act(&[&self.history])?.pop().and_then(|chunk| chunk.into_iter().next());
         Ok(self.history.set_executed(action.ok_or("no action")?)?)
     }
+}
+
+/// The pixels of both cameras.
+fn decode(observation: &Observation) -> Result<Vec<u8>> {
+    let mut pixels = Vec::new();
+    for image in observation.cameras.iter().filter_map(|camera| camera.color.as_ref()) {
+        pixels.extend(decode_color(&image.data, PixelFormat::Jpeg, SIDE, SIDE)?);
+    }
+    Ok(pixels)
 }

@@ -7,7 +7,7 @@ use gleaner_client::{Client, PushItem, UploadLabel, spec as wire};
 use gleaner_learn::CheckpointKind;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
-use gleaner_proto::v1::{CreateTaskRequest, DeployRequest, Job, Outcome, OptimSpec, Preset, TrainSpec};
+use gleaner_proto::v1::{CreateTaskRequest, DeployRequest, Job, OptimSpec, Outcome, Preset, TrainSpec};
 use gleaner_recording::{EpisodeWriter, StepRef, TaskSpec};
 use tokio::process::Command;
 

@@ -64,7 +64,9 @@ impl Program {
     pub(crate) async fn stop(mut self) -> Result<()> {
         let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).and_then(Pid::from_raw);
         kill_process(pid.ok_or("it has ended by itself")?, Signal::TERM)?;
-        tokio::time::timeout(PATIENCE, self.child.wait()).await.map_err(|_| "a program did not end when asked to")??;
+        tokio::time::timeout(PATIENCE, self.child.wait())
+            .await
+            .map_err(|_| "a program did not end when asked to")??;
         Ok(())
     }
 }

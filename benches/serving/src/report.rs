@@ -40,8 +40,8 @@ pub(crate) struct Row {
     pub(crate) images: Images,
     pub(crate) sessions: usize,
     pub(crate) beside_training: bool,
-    /// Median of the same request on the same weights in this process.
-    pub(crate) model_alone: f64,
+    /// Median of the same request on the same weights in this process: the model, and for JPEG the decoding.
+    pub(crate) alone: f64,
     pub(crate) load: Summary,
 }
 
@@ -122,10 +122,23 @@ impl Report {
 
     fn loads(&self) -> Table {
         let mut table = numbers(&[
-            "images", "sessions", "p50", "p99", "p99.9", "actions/s", "in model", "batch", "model", "decode", "queue",
-            "gather", "extra p50", "extra p99", "model alone",
+            "images",
+            "sessions",
+            "p50",
+            "p99",
+            "p99.9",
+            "actions/s",
+            "in model",
+            "batch",
+            "model",
+            "decode",
+            "queue",
+            "gather",
+            "extra p50",
+            "extra p99",
+            "alone",
         ]);
-        for Row { images, sessions, beside_training, model_alone, load } in &self.rows {
+        for Row { images, sessions, beside_training, alone, load } in &self.rows {
             let images = format!("{images:?}{}", if *beside_training { ", training beside" } else { "" });
             let mut cells = vec![images, sessions.to_string()];
             cells.extend(first_cells(load));
@@ -136,7 +149,7 @@ impl Report {
                 cells.extend(times.map(time));
                 cells.extend([served.extra_p50, served.extra_p99].map(time));
             }
-            cells.push(time(*model_alone));
+            cells.push(time(*alone));
             table.add_row(cells);
         }
         table

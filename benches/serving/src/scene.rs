@@ -7,7 +7,8 @@ use gleaner_recording::{Alignment, CameraSpec, FieldSpec, TaskSpec, encode_jpeg,
 
 use crate::Result;
 
-const SIDE: u32 = 128;
+/// Pixels a side.
+pub(crate) const SIDE: u32 = 128;
 const CAMERAS: [&str; 2] = ["top", "hand"];
 const PROPRIOCEPTION: u32 = 38;
 const ACTION: u32 = 7;

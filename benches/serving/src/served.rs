@@ -11,7 +11,7 @@ use crate::report::{Asked, Report, Row};
 use crate::scene::{Images, observe};
 use crate::train::Busy;
 
-/// Round trip's median with one session, in medians of the model alone.
+/// Round trip's median with one session, in medians of the same request in process.
 const ROUND_TRIP: f64 = 1.25;
 /// What all but the model may add for one session of raw images, in milliseconds.
 const EXTRA: f64 = 0.5;
@@ -30,8 +30,8 @@ pub(crate) async fn alone(
         let rows = take_turns(options, prepared, model, (images, &options.sessions)).await?;
         let of = |sessions: usize| rows.iter().find(|row| row.sessions == sessions);
         if let Some(one) = of(1) {
-            let ratio = one.load.p50 / one.model_alone;
-            report.target(Asked::most(&name("round trip p50 / model alone, 1 session", images), ROUND_TRIP), ratio);
+            let ratio = one.load.p50 / one.alone;
+            report.target(Asked::most(&name("round trip p50 / alone, 1 session", images), ROUND_TRIP), ratio);
         }
         if let (Images::Raw, Some(served)) = (images, of(1).and_then(|row| row.load.served.as_ref())) {
             report.target(Asked::most("p99 of what is not the model, ms, raw, 1 session", EXTRA), served.extra_p99);
@@ -86,17 +86,17 @@ async fn take_turns(
         loads.push((Door::open_many(&prepared.address, count).await?, Load::default()));
     }
     for _ in 0..options.rounds {
-        model.add(&prepared.steps, options.slice() / 2)?;
+        model.add(&prepared.steps, (images, &scene), options.slice() / 2)?;
         for (doors, load) in &mut loads {
             load.add(doors, &scene, options.slice()).await?;
         }
     }
-    let model_alone = model.take_median();
+    let alone = model.take_median();
     let row = |(doors, load): (Vec<Door>, Load)| Row {
         images,
         sessions: doors.len(),
         beside_training: false,
-        model_alone,
+        alone,
         load: load.summary(),
     };
     Ok(loads.into_iter().map(row).collect())

@@ -2,7 +2,9 @@
 
 use gleaner_client::Client;
 use gleaner_proto::v1::job_spec::Spec;
-use gleaner_proto::v1::{CancelJobRequest, Job, JobSpec, OptimSpec, Preset, PretrainSpec, SubmitJobRequest, WatchJobRequest};
+use gleaner_proto::v1::{
+    CancelJobRequest, Job, JobSpec, OptimSpec, Preset, PretrainSpec, SubmitJobRequest, WatchJobRequest,
+};
 use gleaner_recording::TaskSpec;
 
 use crate::Result;
