@@ -2,7 +2,8 @@
 //!
 //! [`Client`] is the connection. Plain calls go through the generated service clients it hands out
 //! (`client.tasks()`, `client.jobs()`, ...); what needs a loop or a rule is a method of its own:
-//! [`Client::upload`] and [`Client::push`], [`Client::score_recording`] and [`StepScorer`], [`Client::watch`] and [`Client::wait`], the downloads,
+//! [`Client::upload`] and [`Client::push`], [`Client::watch`] and [`Client::wait`], the downloads,
+//! [`Client::score_recording`] and [`StepScorer`] for what is not stored,
 //! [`Client::control`] for robots ([`robot`]), [`Session`] for simulators whose time waits, and [`Client::drive`] for
 //! closed-loop evaluation in the embedded one.
 //!

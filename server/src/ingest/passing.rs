@@ -109,3 +109,6 @@ impl Ingest {
         )))
     }
 }
+
+#[cfg(test)]
+mod tests;

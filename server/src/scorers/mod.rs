@@ -9,6 +9,10 @@ mod load;
 mod model;
 mod shelf;
 mod steps;
+#[cfg(test)]
+mod testing;
+#[cfg(test)]
+mod tests;
 mod watch;
 
 use std::sync::{Arc, Weak};

@@ -1,0 +1,85 @@
+//! Tests of recordings that only pass: what is found, and that nothing stays.
+
+#![allow(clippy::unwrap_used)]
+
+use futures::stream;
+
+use super::*;
+use crate::{
+    error::Kind,
+    ingest::testing::{Fixture, REFUSING, playing, real, recording},
+};
+
+const FOLDERS: [&str; 4] = ["blobs", "uploads", "cache", "tmp"];
+
+async fn pass(f: &Fixture, size: Option<u64>, chunks: Vec<Result<Bytes>>) -> Result<Passing> {
+    let declared = Declared { file_name: "reach.mcap".into(), size_bytes: size };
+    f.ingest.pass(&f.task.spec, declared, stream::iter(chunks)).await
+}
+
+fn chunks(bytes: &[u8]) -> Vec<Result<Bytes>> {
+    bytes.chunks(100).map(|chunk| Ok(Bytes::copy_from_slice(chunk))).collect()
+}
+
+#[tokio::test]
+async fn a_recording_is_read_and_gone() {
+    let f = real("none", &[]).await;
+    let bytes = recording(&f.task, 12);
+    let passing = pass(&f, Some(bytes.len() as u64), chunks(&bytes)).await.unwrap();
+    assert_eq!((passing.report.steps, passing.frames.steps()), (12, 12));
+    assert_eq!(passing.frames.action()[3], -3.0, "what was mapped outlives its file");
+    assert!(f.files(&FOLDERS).is_empty(), "{:?}", f.files(&FOLDERS));
+    assert!(pass(&f, None, chunks(&bytes)).await.is_ok(), "its size need not be known");
+}
+
+#[tokio::test]
+async fn what_cannot_be_used_is_said_and_gone() {
+    let f = playing(REFUSING).await;
+    let refused = pass(&f, None, chunks(b"recording")).await.unwrap_err();
+    assert!(refused.kind() == Kind::Invalid && refused.message().contains("reach.mcap holds no"), "{refused}");
+    for (declared, word) in [(8, "more"), (10, "less")] {
+        let lied = pass(&f, Some(declared), chunks(b"recording")).await.unwrap_err();
+        assert!(lied.message().starts_with("open.size_bytes: ") && lied.message().contains(word), "{lied}");
+    }
+    let broken = pass(&f, None, vec![Ok("reco".into()), Err(Error::cancelled("gone"))]).await.unwrap_err();
+    assert_eq!(broken.kind(), Kind::Cancelled);
+    assert!(f.files(&FOLDERS).is_empty(), "{:?}", f.files(&FOLDERS));
+}
+
+#[tokio::test]
+async fn more_than_the_limit_is_refused_as_soon_as_it_shows() {
+    let f = real("none", &["--max-upload-bytes", "8"]).await;
+    for declared in [None, Some(9)] {
+        let refused = pass(&f, declared, chunks(b"recording")).await.unwrap_err();
+        assert!(refused.kind() == Kind::Exhausted && refused.message().contains("--max-upload-bytes"), "{refused}");
+    }
+    let endless = stream::repeat_with(|| Ok(Bytes::from_static(b"123456")));
+    let refused = f.ingest.pass(&f.task.spec, Declared::default(), endless).await.unwrap_err();
+    assert_eq!(refused.kind(), Kind::Exhausted);
+    assert!(f.files(&FOLDERS).is_empty());
+}
+
+#[tokio::test]
+async fn only_so_many_pass_at_once() {
+    let f = playing(REFUSING).await;
+    let waits = || f.ingest.pass(&f.task.spec, Declared::default(), stream::pending().boxed());
+    let mut waiting = Vec::new();
+    for _ in 0..AT_ONCE {
+        let mut one = Box::pin(waits());
+        assert!(futures::poll!(&mut one).is_pending());
+        waiting.push(one);
+    }
+    assert_eq!(waits().await.unwrap_err().kind(), Kind::Exhausted);
+    waiting.pop();
+    assert_eq!(pass(&f, None, chunks(b"recording")).await.unwrap_err().kind(), Kind::Invalid, "there is room again");
+}
+
+#[tokio::test]
+async fn what_a_crash_leaves_is_gone_after_the_next_start() {
+    let mut f = playing(REFUSING).await;
+    let folder = f.dir.path().join("tmp/passing-x");
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join("recording.mcap"), b"half").unwrap();
+    f.reopen().await;
+    assert!(f.files(&["tmp"]).is_empty() && !folder.exists());
+}

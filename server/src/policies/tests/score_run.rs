@@ -1,0 +1,33 @@
+//! Deployments that name a score run which cannot score what they do.
+
+use super::*;
+
+#[tokio::test]
+async fn a_run_that_cannot_score_a_deployment_leaves_it_as_it_was() {
+    let lab = Lab::new().await;
+    let policy = lab.policy(&trained(1)).await;
+    let policies = lab.policies();
+    policies.deploy("arm", &policy, None).await.unwrap();
+    let mut spec = testing::spec();
+    spec.name = "other".into();
+    let other = lab.store.insert_task(&spec).await.unwrap();
+    testing::episode(&lab.store, &other, Outcome::Success, "").await;
+    testing::episode(&lab.store, &other, Outcome::Failure, "").await;
+    let foreign = results::encoder(&lab.store, &other).await;
+    let foreign = results::run(&lab.store, &other, &foreign, &[]).await.id;
+    let raw = gleaner_learn::ScoreSpec { scorer: gleaner_learn::Scorer::Raw, ..Default::default() };
+    let raw = results::run_of(&lab.store, &lab.task, &lab.encoder, raw, &[]).await.id;
+    let (_, unfinished) = results::scoring(&lab.store, &lab.task, &lab.encoder).await;
+
+    for (run, kind, words) in [
+        (foreign, Kind::Invalid, ["score_run_id: ", "belongs to"]),
+        (raw, Kind::Precondition, ["raw", "ssdf"]),
+        (unfinished, Kind::Precondition, ["job_", ""]),
+        (ScoreRunId::new(), Kind::NotFound, ["score run", ""]),
+    ] {
+        let error = policies.deploy("arm", &policy, Some(&run)).await.unwrap_err();
+        assert_eq!(error.kind(), kind, "{error}");
+        assert!(words.iter().all(|word| error.message().contains(word)), "{error}");
+    }
+    assert_eq!(lab.store.deployment("arm").await.unwrap().history.len(), 1);
+}

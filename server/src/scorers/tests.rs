@@ -1,0 +1,130 @@
+//! Tests of watches: what is scored, what is left out, and that nobody waits for anybody.
+
+#![allow(clippy::unwrap_used, clippy::panic)]
+
+mod shelf;
+mod steps;
+
+use super::testing::{FAILS, PANICS, ready, scored, seen, step};
+
+#[tokio::test]
+async fn each_step_is_scored_with_those_before_it() {
+    let (ready, control) = ready().await;
+    drop(control.gate);
+    let mut watch = ready.watch();
+    assert_eq!(watch.newest(), None);
+    for stamp in 1..=4 {
+        step(&mut watch, stamp);
+        watch.settle().await;
+        assert_eq!(watch.newest().unwrap().stamp_ns, i64::from(stamp));
+    }
+    let newest = watch.newest().unwrap();
+    assert_eq!((&newest.match_episode, newest.match_step), (&ready.experts()[0], 7));
+    assert_eq!(scored(&mut watch), [(1, -1.0), (2, -102.0), (3, -10203.0), (4, -20304.0)]);
+    assert!(scored(&mut watch).is_empty(), "taken once");
+    assert_eq!(watch.left_out(), 0);
+}
+
+#[tokio::test]
+async fn what_is_seen_has_no_score_until_it_is_known_what_was_done() {
+    let (ready, control) = ready().await;
+    drop(control.gate);
+    let mut watch = ready.watch();
+    watch.executed(&[9.0]);
+    watch.saw(seen(1, 0.0));
+    watch.settle().await;
+    assert_eq!(watch.newest(), None);
+    watch.executed(&[1.0]);
+    watch.executed(&[2.0]);
+    watch.settle().await;
+    assert_eq!(scored(&mut watch), [(1, -1.0)]);
+}
+
+/// The segment of a busy scorer's newest score is whole and of steps that follow one another.
+#[tokio::test]
+async fn a_busy_scorer_leaves_out_the_older_ones() {
+    let (ready, mut control) = ready().await;
+    let mut watch = ready.watch();
+    step(&mut watch, 1);
+    assert_eq!(control.begun.recv().await, Some(1));
+    for stamp in 2..=20 {
+        step(&mut watch, stamp);
+    }
+    drop(control.gate);
+    watch.settle().await;
+    let found = scored(&mut watch);
+    assert_eq!((found[0], *found.last().unwrap()), ((1, -1.0), (20, -181_920.0)));
+    assert!(found.iter().skip(1).all(|&(stamp, w)| {
+        let stamp = f64::from(i32::try_from(stamp).unwrap());
+        w == -((stamp - 2.0) * 10_000.0 + (stamp - 1.0) * 100.0 + stamp)
+    }));
+    assert_eq!(found.len() as u64 + watch.left_out(), 20, "{found:?}");
+    assert!(found.len() <= 6, "no more wait than twice a segment's steps: {found:?}");
+}
+
+#[tokio::test]
+async fn a_gap_is_in_no_segment() {
+    let (ready, control) = ready().await;
+    drop(control.gate);
+    let mut watch = ready.watch();
+    step(&mut watch, 1);
+    watch.saw(seen(2, 0.0));
+    for stamp in 3..=6 {
+        step(&mut watch, stamp);
+        watch.settle().await;
+    }
+    assert_eq!(scored(&mut watch), [(1, -1.0), (5, -30405.0), (6, -40506.0)]);
+    assert_eq!(watch.left_out(), 2);
+}
+
+#[tokio::test]
+async fn who_waits_together_is_scored_together_and_only_the_one_at_fault_fails() {
+    for fault in [PANICS, FAILS] {
+        let (ready, mut control) = ready().await;
+        let (mut first, mut good, mut bad) = (ready.watch(), ready.watch(), ready.watch());
+        step(&mut first, 1);
+        assert_eq!(control.begun.recv().await, Some(1));
+        step(&mut good, 1);
+        bad.saw(seen(1, fault));
+        bad.executed(&[1.0]);
+        drop(control.gate);
+        good.settle().await;
+        bad.settle().await;
+        assert_eq!(control.begun.recv().await, Some(2));
+        assert_eq!((scored(&mut good), scored(&mut bad)), (vec![(1, -1.0)], vec![]));
+        assert!(bad.take_fault().unwrap().to_string().contains("told to") && good.take_fault().is_none());
+        for stamp in 2..=4 {
+            step(&mut bad, stamp);
+            bad.settle().await;
+        }
+        assert_eq!(scored(&mut bad), [(4, -20304.0)], "it begins anew");
+        assert!(bad.take_fault().is_none());
+    }
+}
+
+#[tokio::test]
+async fn nobody_works_for_a_watch_that_has_gone() {
+    let (ready, mut control) = ready().await;
+    let (mut first, mut gone) = (ready.watch(), ready.watch());
+    step(&mut first, 1);
+    assert_eq!(control.begun.recv().await, Some(1));
+    step(&mut gone, 1);
+    drop(gone);
+    step(&mut first, 2);
+    control.gate.send(()).unwrap();
+    assert_eq!(control.begun.recv().await, Some(1));
+}
+
+#[tokio::test]
+async fn a_scorer_that_closes_keeps_nobody_waiting() {
+    let (ready, control) = ready().await;
+    let mut watch = ready.watch();
+    step(&mut watch, 1);
+    drop(control.gate);
+    let closing = std::sync::Arc::clone(&ready);
+    tokio::task::spawn_blocking(move || closing.engine.close()).await.unwrap();
+    assert_eq!(scored(&mut watch), [(1, -1.0)], "what waited is scored");
+    step(&mut watch, 2);
+    watch.settle().await;
+    assert_eq!((scored(&mut watch).len(), watch.left_out()), (0, 1));
+}
