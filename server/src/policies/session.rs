@@ -31,6 +31,9 @@ use crate::{
 /// Most observations looked at before the newest is answered, so that a flood cannot stop the answers.
 const LOOK_AHEAD: usize = 256;
 
+/// How long the close of a recorded session may wait for its last scores.
+const SCORED_WITHIN: Duration = Duration::from_secs(10);
+
 /// What holds for a session from its beginning to its end.
 #[derive(Debug, Clone)]
 pub(super) struct Terms {
@@ -215,7 +218,8 @@ impl<M: Model> Session<M> {
         if let (0, Some(given)) = (memory.unseen, &memory.given) {
             watch.executed(given);
         }
-        watch.settle().await;
+        // Whoever closes waits for the last scores, but not for a scorer that is stuck.
+        let _ = tokio::time::timeout(SCORED_WITHIN, watch.settle()).await;
         self.tally.unscored = watch.left_out();
         self.record.scored(Some(watch));
     }

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+mod score_run;
+
 use clap::Parser as _;
 use futures::channel::mpsc::{UnboundedSender, unbounded};
 use gleaner_learn::{

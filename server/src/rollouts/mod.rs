@@ -188,7 +188,7 @@ fn write(mut tape: Tape, events: Vec<Event>) -> (Tape, Option<Ended>) {
     for event in events {
         match event {
             Event::Step(step) => tape.step(&step),
-            Event::Note(note) => tape.note(&note),
+            Event::Note(note) => tape.note(note),
             Event::End(ending, tell) => return (tape, Some((ending, tell))),
         }
     }

@@ -41,6 +41,8 @@ pub(super) struct Tape {
     limits: Limits,
     /// Made with the first step, so that a session without any leaves nothing.
     file: Option<Open>,
+    /// What came before the first step.
+    early: Vec<Note>,
     steps: u64,
     /// Observations that do not fit the task.
     malformed: u64,
@@ -63,7 +65,8 @@ impl Tape {
     /// Nothing is on disk yet.
     pub(super) fn new(place: Place, slip: Slip, spec: TaskSpec, limits: Limits) -> Self {
         let (file, steps, malformed, beyond) = (None, 0, 0, 0);
-        Self { place, slip, spec, limits, file, steps, malformed, beyond, full: false, broken: false }
+        let (early, full, broken) = (Vec::new(), false, false);
+        Self { place, slip, spec, limits, file, early, steps, malformed, beyond, full, broken }
     }
 
     /// When to sync next; `None` while there is nothing to.
@@ -99,9 +102,13 @@ impl Tape {
         }
     }
 
-    /// Writes something beside the steps. Before the first of them there is nothing to write beside.
-    pub(super) fn note(&mut self, note: &Note) {
-        let (Some(file), false) = (&mut self.file, self.broken) else { return };
+    /// Writes something beside the steps. Before the first of them it waits: without any there is to be no file.
+    pub(super) fn note(&mut self, note: Note) {
+        if self.full || self.broken {
+            self.beyond += 1;
+            return;
+        }
+        let Some(file) = &mut self.file else { return self.early.push(note) };
         let written = file.writer.annotate(note.topic, note.stamp_ns, &note.value);
         file.sync_at.get_or_insert_with(|| Instant::now() + SYNC_AFTER);
         if let Err(error) = written {
@@ -138,6 +145,9 @@ impl Tape {
                 .metadata(METADATA_AT_END, values)
                 .and_then(|()| file.writer.finish())
                 .map_err(|error| Error::internal("ending a recording", error))
+                .and_then(|buffered| {
+                    buffered.into_inner().map_err(|error| Error::internal("ending a recording", error))
+                })
                 .and_then(|_| file.handle.sync_all().map_err(fault("syncing", &self.place.recording())));
             match ended {
                 Ok(()) => self.slip.steps = Some(self.steps),
@@ -166,6 +176,7 @@ impl Tape {
     fn open(&mut self) -> Result<()> {
         if self.file.is_none() {
             self.file = Some(create(&self.place, &self.slip, &self.spec)?);
+            std::mem::take(&mut self.early).into_iter().for_each(|note| self.note(note));
         }
         Ok(())
     }
