@@ -171,6 +171,35 @@ impl ScoreSpec {
         validate_run(1, self.threads)
     }
 
+    /// Fails if a setting is other than its default though the scorer never looks at it. For what a caller asks; what an
+    /// earlier version kept stays valid.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] naming the field.
+    pub fn refuse_unused(&self) -> Result<(), LearnError> {
+        let default = Self::default();
+        let compares = [
+            ("similarity", self.similarity != default.similarity),
+            ("feature_scale", self.feature_scale != default.feature_scale),
+            ("yardstick", self.yardstick != default.yardstick),
+            ("modality_scale", self.scale() != default.scale()),
+        ];
+        let (unused, why): (&[&str], _) = match self.scorer {
+            Scorer::Ssdf => (&[], ""),
+            Scorer::Raw => (&["feature_scale"], "compares observations, not features"),
+            Scorer::Classifier => {
+                (&["similarity", "feature_scale", "yardstick", "modality_scale"], "compares no segments")
+            }
+        };
+        match compares.iter().find(|(field, set)| *set && unused.contains(field)) {
+            Some((field, _)) => {
+                let scorer = self.scorer.as_str();
+                Err(LearnError::invalid(*field, format!("has no effect: the scorer {scorer} {why}; leave it out")))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// Factors of the o, m and a distances.
     pub(crate) fn scale(&self) -> [f64; 3] {
         self.modality_scale.unwrap_or([1.0; 3])
@@ -186,6 +215,30 @@ mod tests {
     fn a_scale_that_counts_nothing_is_refused() {
         let spec = ScoreSpec { modality_scale: Some([0.0; 3]), ..ScoreSpec::default() };
         assert!(spec.validate().is_err());
+    }
+
+    #[test]
+    fn what_a_scorer_never_looks_at_is_refused() {
+        let classifier = || ScoreSpec { scorer: Scorer::Classifier, ..ScoreSpec::default() };
+        let raw = || ScoreSpec { scorer: Scorer::Raw, ..ScoreSpec::default() };
+        for (spec, field) in [
+            (ScoreSpec { feature_scale: FeatureScale::Plain, ..raw() }, "feature_scale: "),
+            (ScoreSpec { feature_scale: FeatureScale::Plain, ..classifier() }, "feature_scale: "),
+            (ScoreSpec { similarity: Similarity::SegmentL2, ..classifier() }, "similarity: "),
+            (ScoreSpec { yardstick: Yardstick::None, ..classifier() }, "yardstick: "),
+            (ScoreSpec { modality_scale: Some([1.0, 2.0, 1.0]), ..classifier() }, "modality_scale: "),
+        ] {
+            let message = spec.refuse_unused().unwrap_err().to_string();
+            assert!(message.starts_with(field) && message.contains("leave it out"), "{message}");
+            assert!(spec.validate().is_ok(), "it can still be read");
+            assert!(ScoreSpec { scorer: Scorer::Ssdf, ..spec }.refuse_unused().is_ok());
+        }
+        let normaliser = NormaliserKind::Quantile;
+        let compared = (Similarity::SegmentCosine, Yardstick::None, Some([0.5; 3]));
+        let (similarity, yardstick, modality_scale) = compared;
+        let raw = ScoreSpec { similarity, yardstick, modality_scale, normaliser, ..raw() };
+        assert!(raw.refuse_unused().is_ok());
+        assert!(ScoreSpec { normaliser, seed: 7, ..classifier() }.refuse_unused().is_ok());
     }
 
     #[test]
