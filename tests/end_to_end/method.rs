@@ -21,7 +21,7 @@ fn train_with(policy: PolicyKind, data: train_spec::Data) -> job_spec::Spec {
     job_spec::Spec::Train(TrainSpec {
         policy: policy.into(),
         preset: Preset::Tiny.into(),
-        segment_length: Some(2),
+        segment_length: (policy == PolicyKind::TfBc).then_some(2),
         act: (policy == PolicyKind::Act).then(|| ActSpec { chunk_length: Some(4), ..ActSpec::default() }),
         ..spec
     })
@@ -65,7 +65,7 @@ async fn every_policy_trains_and_is_served() {
         assert_eq!((policy.kind.as_str(), policy.encoder_id.as_str()), (word, ""));
 
         let name = format!("{word}@test");
-        api.policies.deploy(DeployRequest { name: name.clone(), policy_id: id }).await.unwrap();
+        api.policies.deploy(DeployRequest { name: name.clone(), policy_id: id, ..Default::default() }).await.unwrap();
         acts(&mut api, &name, chunk).await;
     }
 }

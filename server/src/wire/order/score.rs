@@ -88,7 +88,7 @@ fn settings_from(at: &str, spec: &v1::ScoreSpec) -> Result<ScoreSpec> {
         device: device_from(at, *device)?,
         ..ScoreSpec::default()
     };
-    spec.validate().map_err(|error| named(refused(at, error), at))?;
+    spec.validate().and_then(|()| spec.refuse_unused()).map_err(|error| named(refused(at, error), at))?;
     Ok(spec)
 }
 

@@ -78,7 +78,7 @@ fn a_complete_spec_survives_the_wire() {
     };
     let train = TrainSpec {
         policy: PolicyKind::Act,
-        model: ModelSpec { preset: Preset::Small, segment_length: 2 },
+        model: ModelSpec { preset: Preset::Small, ..ModelSpec::default() },
         act: ActSpec { chunk_length: 5, kl_weight: 1.5, latent_size: 8 },
         augmentation: Augmentation { shift_pixels: 1, ..Augmentation::default() },
         optim,
@@ -95,7 +95,7 @@ fn a_complete_spec_survives_the_wire() {
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
     let score = ScoreSpec {
-        scorer: Scorer::Raw,
+        scorer: Scorer::Ssdf,
         similarity: Similarity::SegmentCosine,
         feature_scale: FeatureScale::Plain,
         yardstick: Yardstick::None,
@@ -105,16 +105,24 @@ fn a_complete_spec_survives_the_wire() {
         device: Device::Cuda,
         ..ScoreSpec::default()
     };
+    let raw = ScoreSpec { scorer: Scorer::Raw, feature_scale: FeatureScale::default(), ..score.clone() };
     let extends = Some(ScoreRunId::new());
-    let spec = JobSpec::Score {
-        encoder_id: encoder_id.clone(),
-        snapshot_id: snapshot_id.clone(),
-        extends: extends.clone(),
-        spec: score.clone(),
-    };
     let (encoder, snapshot) = (Some(encoder_id.clone()), Some(snapshot_id.clone()));
-    let expected = JobOrder::Score { encoder_id: encoder, snapshot_id: snapshot, extends, spec: score };
-    assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
+    for score in [score, raw] {
+        let spec = JobSpec::Score {
+            encoder_id: encoder_id.clone(),
+            snapshot_id: snapshot_id.clone(),
+            extends: extends.clone(),
+            spec: score.clone(),
+        };
+        let expected = JobOrder::Score {
+            encoder_id: encoder.clone(),
+            snapshot_id: snapshot.clone(),
+            extends: extends.clone(),
+            spec: score,
+        };
+        assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
+    }
 
     let finetune = TrainSpec {
         policy: PolicyKind::Finetune,
@@ -200,6 +208,17 @@ fn a_wrong_field_is_named_by_its_path() {
         (score(|spec| spec.yardstick = 9), "spec.score.yardstick: "),
         (score(|spec| spec.extends = "enc_7".into()), "spec.score.extends: "),
         (
+            score(|spec| (spec.scorer, spec.feature_scale) = (v1::Scorer::Raw.into(), v1::FeatureScale::Plain.into())),
+            "spec.score.feature_scale: has no effect",
+        ),
+        (
+            score(|spec| {
+                spec.scorer = v1::Scorer::Classifier.into();
+                spec.modality_scale = Some(v1::ModalityScale { image: 2.0, ..Default::default() });
+            }),
+            "spec.score.modality_scale: has no effect",
+        ),
+        (
             score(|spec| spec.modality_scale = Some(v1::ModalityScale { action: -1.0, ..Default::default() })),
             "spec.score.modality_scale.action: ",
         ),
@@ -208,6 +227,7 @@ fn a_wrong_field_is_named_by_its_path() {
         (train(|spec| spec.policy = 0), "spec.train.experts_in: "),
         (train(|spec| spec.preset = 9), "spec.train.preset: "),
         (train(|spec| spec.segment_length = Some(64)), "spec.train.segment_length: "),
+        (train(|spec| spec.segment_length = Some(3)), "spec.train.segment_length: is for policies with a history"),
         (
             train(|spec| spec.act = Some(v1::ActSpec { chunk_length: Some(0), ..Default::default() })),
             "spec.train.act.chunk_length: ",

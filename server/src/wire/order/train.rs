@@ -105,13 +105,17 @@ fn model_from(at: &str, policy: PolicyKind, preset: i32, segment_length: Option<
         segment_length: segment_length.unwrap_or(default.segment_length),
     };
     let given = [("preset", preset != v1::Preset::Unspecified as i32), ("segment_length", segment_length.is_some())];
-    match given.iter().find(|(_, given)| *given && policy == PolicyKind::Finetune) {
-        Some((name, _)) => Err(Error::invalid(
+    if let Some((name, _)) = given.iter().find(|(_, given)| *given && policy == PolicyKind::Finetune) {
+        return Err(Error::invalid(
             &format!("{at}.{name}"),
             "is the encoder's for finetune; leave it out, or choose a policy that starts from scratch",
-        )),
-        None => Ok(model),
+        ));
     }
+    if !has_history(policy) && model.segment_length != default.segment_length {
+        let detail = format!("is for policies with a history; leave it out for {}", policy.as_str());
+        return Err(Error::invalid(&format!("{at}.segment_length"), detail));
+    }
+    Ok(model)
 }
 
 fn act_from(at: &str, policy: PolicyKind, act: Option<v1::ActSpec>) -> Result<ActSpec> {
@@ -172,7 +176,7 @@ pub(super) fn to_proto(spec: TrainSpec, data: Option<v1::train_spec::Data>) -> v
         act: (policy == PolicyKind::Act).then_some(act),
         augmentation: Some(augmentation_to(augmentation)),
         preset: if scratch { preset_to(model.preset) } else { v1::Preset::Unspecified.into() },
-        segment_length: scratch.then_some(model.segment_length),
+        segment_length: (scratch && has_history(policy)).then_some(model.segment_length),
         history_dropout: has_history(policy).then_some(history_dropout),
     }
 }
