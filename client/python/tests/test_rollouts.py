@@ -16,6 +16,7 @@ from test_policy import Reach, ReachAdapter, observation
 
 WATCHED = "pick_small@watched"
 STEPS = 6
+NOBODY = "run_01ARZ3NDEKTSV4RRFFQ69G5FAV"
 
 
 @pytest.fixture(scope="module")
@@ -32,9 +33,12 @@ def test_a_recorded_session_is_an_episode_of_its_task(client: gleaner.Client, de
             policy(observation(policy.spec, step))
         kept = client.episodes.get(policy.reset("failure"))
         policy(observation(policy.spec))
-        other = client.episodes.get(policy.close())
+        policy(observation(policy.spec))
+        other = client.episodes.get(policy.reset())
+        policy(observation(policy.spec))
+        assert policy.close("success") == "", "one step is no episode"
     assert (kept.steps, kept.cohort, gleaner.word(kept, "outcome")) == (STEPS, "tuesday", "failure")
-    assert (other.steps, gleaner.word(other, "outcome")) == (1, "unknown")
+    assert (other.steps, gleaner.word(other, "outcome")) == (2, "unknown")
     assert kept.id in [episode.id for episode in client.episodes.list(TASK, cohort="tuesday")]
 
 
@@ -94,8 +98,8 @@ def test_steps_are_scored_one_by_one_and_all_together(client: gleaner.Client, de
     assert ((together.q >= 0) & (together.q <= 1)).all()
     with pytest.raises(gleaner.InvalidArgument, match="action: has 1 values"):
         client.score_steps(lab.run, [(seen[0][0], [0.0])])
-    with pytest.raises(gleaner.NotFound, match="run_nothing"):
-        client.score_steps("run_nothing", seen)
+    with pytest.raises(gleaner.NotFound, match=NOBODY):
+        client.score_steps(NOBODY, seen)
 
 
 def test_a_recording_is_scored_as_the_run_scored_it_and_not_kept(
@@ -120,7 +124,7 @@ def test_what_cannot_be_scored_is_refused(client: gleaner.Client, lab: Lab, tmp_
         client.score_recording(lab.run, broken)
     with pytest.raises(FileNotFoundError):
         client.score_recording(lab.run, tmp_path / "nowhere.mcap")
-    with pytest.raises(gleaner.NotFound, match="run_nothing"):
-        client.score_recording("run_nothing", broken)
-    with pytest.raises(gleaner.NotFound, match="run_nothing"):
-        client.deploy("odd", lab.policy, score_run="run_nothing")
+    with pytest.raises(gleaner.NotFound, match=NOBODY):
+        client.score_recording(NOBODY, broken)
+    with pytest.raises(gleaner.NotFound, match=NOBODY):
+        client.deploy("odd", lab.policy, score_run=NOBODY)

@@ -186,7 +186,9 @@ def test_a_dataset_streams_weighted_segments(client: gleaner.Client, lab: Lab) -
 
 
 def test_a_snapshot_freezes_roles(client: gleaner.Client, lab: Lab) -> None:
-    made = client.snapshots.create(TASK, {"max_experts": 2, "seed": 5})
+    # By cohort: other tests record rollouts of the same task.
+    cohorts = {"expert_cohorts": ["expert"], "imperfect_cohorts": ["wrong_goal"]}
+    made = client.snapshots.create(TASK, {**cohorts, "max_experts": 2, "seed": 5})
     assert (made.expert_episodes, made.imperfect_episodes) == (2, len(lab.failures))
     roles = {episode.episode_id: gleaner.word(episode, "role") for episode in client.snapshots.episodes(made.id)}
     assert {episode for episode, role in roles.items() if role == "imperfect"} == set(lab.failures)

@@ -126,7 +126,7 @@ class Policy:
     def reset(self, outcome: str = "unknown") -> str:
         """Ends the episode; the next call begins another, with the policy that is deployed then.
 
-        The id of the episode that was recorded is returned; empty without `record`, or without a single step.
+        The id of the episode that was recorded is returned; empty without `record`, or with fewer than two steps.
         `outcome` is its label: success, failure or unknown. Raises when the server could not keep it.
         """
         wire = number(pb.SessionClose, "outcome", outcome)
