@@ -76,7 +76,7 @@ def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleane
     for name, data in learnt_from.items():
         optim = {"steps": plan.train_steps, "batch": plan.train_batch}
         job = _job(client, plan, "train", {**data, "seed": plan.seed, "optim": optim}, name)
-        policies[name] = _deploy(client, f"{plan.server_task}@{name.split()[0]}", job.result_id)
+        policies[name] = _deploy(client, f"{plan.server_task}@{name.split()[0]}", job.result_id, score.result_id)
     return Gleaned(pretrain.result_id, score.result_id, client.datasets.get(dataset.id), episodes, policies)
 
 
@@ -90,8 +90,9 @@ def _job(client: gleaner.Client, plan: Plan, kind: str, spec: dict[str, Any], na
     return client.jobs.wait(job)
 
 
-def _deploy(client: gleaner.Client, name: str, policy_id: str) -> str:
-    deployed = {known.name: known.policy_id for known in client.deployments()}
-    if deployed.get(name) != policy_id:
-        client.deploy(name, policy_id)
+def _deploy(client: gleaner.Client, name: str, policy_id: str, run: str) -> str:
+    deployed = {known.name: (known.policy_id, known.score_run_id) for known in client.deployments()}
+    if deployed.get(name) != (policy_id, run):
+        # The score run goes with it, so that every session hears how well it keeps to what experts do.
+        client.deploy(name, policy_id, score_run=run)
     return name

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib
@@ -14,7 +15,7 @@ import gleaner
 from gleaner.types import Episode
 from metaworld_example.demonstrator import IMPERFECT
 from metaworld_example.lab import MetaWorldAdapter
-from metaworld_example.simulator import Frames, MetaWorld, State
+from metaworld_example.simulator import RATE_HZ, Frames, MetaWorld, State
 
 matplotlib.use("Agg")
 FRAMES = 10
@@ -22,34 +23,45 @@ ENLARGED = 2
 
 
 class Watching(MetaWorldAdapter):
-    """Keeps what the cameras see."""
+    """Keeps what the cameras see, and the live scores of the policy by step."""
 
-    def __init__(self) -> None:
+    def __init__(self, policy: gleaner.Policy) -> None:
+        self._policy = policy
         self.seen: list[Frames] = []
+        self.q: dict[int, float] = {}
 
     def cameras(self, env: MetaWorld, observation: State) -> Frames:
         """Both pictures."""
         self.seen.append(env.images())
         return self.seen[-1]
 
+    def action(self, env: MetaWorld, action: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The action itself; with it came the newest score."""
+        score = self._policy.score
+        if score is not None:
+            self.q[round(score.stamp_ns * RATE_HZ / 1e9)] = score.q
+        return action
+
 
 def strips(
     client: gleaner.Client, env: MetaWorld, deployment: str, trials: gleaner.Trials, folder: Path
 ) -> dict[str, Path]:
-    """A strip of a solved and one of a failed episode, run again for it; without such an episode there is none."""
-    made = {}
+    """A solved and a failed episode, run again: a strip of each, and both live scores; what never was is left out."""
+    shown: dict[str, Path] = {}
+    curves: dict[str, dict[int, float]] = {}
     for outcome, success in (("success", True), ("failure", False)):
         seed = next((trial.seed for trial in trials.trials if trial.success == success), None)
-        path = folder / f"{deployment.split('@')[1]}-{outcome}.png"
         if seed is None:
             continue
-        made[f"{outcome}, seed {seed}"] = path
-        if not path.exists():
-            watching = Watching()
-            with gleaner.Policy(client, deployment) as policy:
-                gleaner.evaluate(env, policy, watching, episodes=1, seed=seed)
-            _strip(watching.seen).save(path)
-    return made
+        with gleaner.Policy(client, deployment) as policy:
+            watching = Watching(policy)
+            gleaner.evaluate(env, policy, watching, episodes=1, seed=seed)
+        title = f"{outcome}, seed {seed}"
+        shown[title] = folder / f"{outcome}.png"
+        _strip(watching.seen).save(shown[title])
+        curves[title] = watching.q
+    shown["q of the two, heard while they ran"] = _plot(curves, folder / "live-q.png")
+    return shown
 
 
 def _strip(seen: list[Frames]) -> Image.Image:
@@ -61,14 +73,21 @@ def _strip(seen: list[Frames]) -> Image.Image:
 
 def curves(client: gleaner.Client, run: str, episodes: list[Episode], path: Path) -> Path:
     """The quality q along one failed episode of each imperfect agent."""
-    figure, axes = pyplot.subplots(1, len(IMPERFECT), figsize=(4 * len(IMPERFECT), 2.6), sharey=True)
-    for axis, agent in zip(axes, IMPERFECT, strict=True):
+    found = {}
+    for agent in IMPERFECT:
         of_agent = [episode for episode in episodes if episode.cohort == agent.name]
         failed = [episode for episode in of_agent if gleaner.word(episode, "outcome") == "failure"]
         scores = client.scores.episode(run, (failed or of_agent)[0].id)
-        axis.plot(scores.q, linewidth=1.5)
-        axis.set(title=agent.name.replace("_", " "), xlabel="step", ylim=(0, 1))
-    axes[0].set_ylabel("q")
+        found[agent.name.replace("_", " ")] = dict(enumerate(scores.q.tolist()))
+    return _plot(found, path)
+
+
+def _plot(curves: Mapping[str, Mapping[int, float]], path: Path) -> Path:
+    figure, axes = pyplot.subplots(1, len(curves), figsize=(4 * len(curves), 2.6), sharey=True, squeeze=False)
+    for axis, (title, q) in zip(axes[0], curves.items(), strict=True):
+        axis.plot([*q], [*q.values()], linewidth=1.5)
+        axis.set(title=title, xlabel="step", ylim=(0, 1))
+    axes[0][0].set_ylabel("q")
     figure.tight_layout()
     figure.savefig(path, dpi=110)
     pyplot.close(figure)
