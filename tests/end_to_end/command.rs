@@ -21,7 +21,7 @@ async fn gleaner(url: &str, words: &[&str]) -> (bool, String, String) {
     (output.status.success(), text(output.stdout), text(output.stderr))
 }
 
-async fn json(url: &str, words: &[&str]) -> Value {
+pub async fn json(url: &str, words: &[&str]) -> Value {
     let (ok, out, errors) = gleaner(url, &[&["--json"], words].concat()).await;
     assert!(ok, "{words:?}: {errors}");
     serde_json::from_str(&out).unwrap_or_else(|error| panic!("{words:?}: {error}: {out}"))
