@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,8 +14,10 @@ _STOPPING_S = 40.0
 @contextmanager
 def own_server(program: Path, data: Path) -> Iterator[str]:
     """The server's address. What it holds is there again when it is started over the same folder."""
-    command = [str(program), "serve", "--listen", "127.0.0.1:0", "--data-dir", str(data), "--log", "warn"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+    command = [str(program), "serve", "--listen", "127.0.0.1:0", "--data-dir", str(data)]
+    # By the environment, so that its workers hear it too.
+    quiet = {"GLEANER_LOG": "warn", **os.environ}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=quiet) as process:
         try:
             # Its first line names the address, once it listens.
             line = process.stdout.readline() if process.stdout is not None else ""

@@ -60,7 +60,7 @@ def strips(
         shown[title] = folder / f"{outcome}.png"
         _strip(watching.seen).save(shown[title])
         curves[title] = watching.q
-    shown["q of the two, heard while they ran"] = _plot(curves, folder / "live-q.png")
+    shown["live quality q of these episodes, as the session heard it"] = _plot(curves, folder / "live-q.png")
     return shown
 
 

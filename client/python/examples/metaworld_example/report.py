@@ -33,7 +33,7 @@ def write(
         "made": {"encoder": gleaned.encoder, "score_run": gleaned.run, "dataset": gleaned.dataset.id},
     }
     shown = pictures.strips(client, env, gleaned.policies[WITH], results[WITH], plan.folder)
-    shown["q along a failed episode of each agent"] = pictures.curves(
+    shown["quality q along a failed episode of each agent"] = pictures.curves(
         client, gleaned.run, gleaned.episodes, plan.folder / "q.png"
     )
     (plan.folder / "report.json").write_text(json.dumps(found, indent=2) + "\n")
