@@ -44,10 +44,12 @@ pub(super) async fn ready(
         LiveScorer::load(&encoder, &experts, &spec, normaliser)
             .map_err(|error| Error::learned("loading a scorer", error))
     };
-    let engine = Engine::start(id, load).await.map_err(|error| match error.kind() {
+    let engine = Engine::start(id, load).await.map_err(|error| {
+        if error.kind() != Fault::Invalid {
+            return error;
+        }
         // The caller named a run, not what is wrong in it.
-        Fault::Invalid => Error::precondition(format!("{id} cannot score live: {error}; make another run")),
-        _ => error,
+        Error::precondition(format!("{id} cannot score live: {error}; make another run"))
     })?;
     Ok(Ready { task, experts: run.expert_ids, engine, shelf })
 }

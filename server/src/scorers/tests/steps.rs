@@ -49,10 +49,9 @@ async fn last(mut answers: mpsc::Receiver<Result<Output>>) -> Error {
 async fn every_step_is_answered_in_order_however_many_come_at_once() {
     let mut answers = begin(&quick().await, stream::iter(steps(1..=40)), terms());
     for stamp in 1..=40 {
-        match answers.recv().await.unwrap().unwrap() {
-            Output::Scored(segment) => assert_eq!(segment.stamp_ns, stamp),
-            other => panic!("{other:?}"),
-        }
+        let answer = answers.recv().await.unwrap().unwrap();
+        let Output::Scored(segment) = answer else { panic!("{answer:?}") };
+        assert_eq!(segment.stamp_ns, stamp);
     }
     assert!(answers.recv().await.is_none(), "it ends with its steps");
 }
