@@ -8,10 +8,8 @@ use crate::batch::{Windows, images, rows, values};
 use crate::error::{LearnError, guard};
 use crate::spec::TaskShape;
 
-/// Frames encoded in one pass; bounds memory, whatever is asked. So few that what the image encoder works on stays in
-/// the cache and is not given back to the system between passes: two 128 × 128 cameras of sixteen sessions take half
-/// the time that they take in one piece.
-const CHUNK: usize = 4;
+/// Frames encoded in one pass; bounds memory, whatever is asked.
+const CHUNK: usize = 64;
 
 /// What histories must look like for one model.
 pub(crate) struct Layout<'a> {
