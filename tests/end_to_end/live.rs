@@ -183,7 +183,7 @@ async fn deployments_that_cannot_be() {
     let policies =
         api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap().into_inner().policies;
     let policy = policies[0].id.clone();
-    let slash = DeployRequest { name: "../prod".into(), policy_id: policy.clone() };
+    let slash = DeployRequest { name: "../prod".into(), policy_id: policy.clone(), ..Default::default() };
     assert_eq!(api.policies.deploy(slash).await.unwrap_err().code(), Code::InvalidArgument);
     let unknown = DeployRequest {
         name: "x@prod".into(),
