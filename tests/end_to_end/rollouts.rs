@@ -1,0 +1,226 @@
+//! Rollouts are data: recorded sessions, however they end, are episodes that read back as what was sent.
+
+mod field;
+
+use gleaner_client::{Client, DrivePlan, Recorded, Session};
+use gleaner_proto::v1::{session_request::Message as Say, session_response::Message as Hear, *};
+use gleaner_recording::encode_jpeg;
+use gleaner_sim::{Sim, Task as SimTask};
+use tonic::Code;
+
+use self::field::{NAME, PATIENCE, Sent, endless, episodes, field, messages, read, recorded, step, tear};
+use crate::{
+    api::Api,
+    lab,
+    live::{Robot, observe, start_sim},
+    server::TestServer,
+};
+
+#[tokio::test]
+async fn what_was_sent_reads_back_labelled_and_scored_and_the_next_snapshot_counts_it() {
+    let field = field().await;
+    let mut api = Api::connect(&field.server).await;
+    let client = Client::connect(field.server.url(), None).await.unwrap();
+    let mut session = Session::open_with(&client, recorded("read back")).await.unwrap();
+    let (mut sim, mut sent) = (endless(), Sent::default());
+    let scored = async {
+        loop {
+            let answer = step(&mut session, &mut sim, &mut sent).await;
+            if let Some(score) = answer.score.filter(|_| sent.stamps.len() >= 6) {
+                return score;
+            }
+        }
+    };
+    let score = tokio::time::timeout(PATIENCE, scored).await.expect("a reply with a score");
+    assert!(score.w <= 0.0 && (0.0..=1.0).contains(&score.q) && field.experts.contains(&score.match_episode_id));
+    assert!(sent.stamps.contains(&score.observation_stamp_ns));
+    let closed = session.close_as(Outcome::Failure).await.unwrap();
+    let request = CreateSnapshotRequest { task: lab::TASK.into(), rule: None };
+    let snapshot = api.snapshots.create_snapshot(request).await.unwrap().into_inner().snapshot.unwrap();
+    let request = GetSnapshotRequest { snapshot_id: snapshot.id };
+    let counted = api.snapshots.get_snapshot(request).await.unwrap().into_inner().episodes;
+    let counted = counted.iter().find(|episode| episode.episode_id == closed.episode_id).unwrap();
+    assert_eq!(counted.role(), Role::Imperfect);
+
+    let episode = episodes(&mut api, "read back", 1).await.remove(0);
+    assert_eq!((&episode.id, episode.outcome()), (&closed.episode_id, Outcome::Failure));
+    assert_eq!((episode.steps, episode.warnings), (u64::try_from(sent.stamps.len()).unwrap(), 0));
+    let reading = read(&mut api, &episode.id).await;
+    sent.equals(&reading);
+    assert_eq!(messages(&reading, "/policy/action"), episode.steps);
+    // Where the machine was too busy, segments went unscored.
+    assert!((1..=episode.steps).contains(&messages(&reading, "/policy/score")));
+}
+
+/// JPEG is kept byte for byte; what the robot says it did counts, not what it was told; one that vanishes is kept.
+#[tokio::test]
+async fn a_robot_that_vanishes_in_the_middle_is_kept() {
+    let field = field().await;
+    let mut api = Api::connect(&field.server).await;
+    let spec = gleaner_sim::task_spec(SimTask::PickCube, &lab::sim_config());
+    let (height, width) = (spec.cameras[0].height, spec.cameras[0].width);
+    let mut robot = Robot::dial(&mut api).await;
+    robot.say(Say::Open(recorded("vanished"))).await;
+    let Hear::Opened(opened) = robot.hear().await.unwrap() else { panic!("not opened") };
+    let mut sim = start_sim();
+    for step in 0..4_u8 {
+        let mut observation = observe(&sim);
+        if step > 0 {
+            observation.executed_action = vec![f32::from(step); 7];
+        }
+        let color = observation.cameras[0].color.as_mut().unwrap();
+        let jpeg = encode_jpeg(&color.data, height, width, 80).unwrap();
+        (color.format, color.data) = (ImageFormat::Jpeg.into(), jpeg.into());
+        robot.act(observation).await.unwrap();
+        sim.step(&[0.0; 7]);
+    }
+    drop(robot);
+    let episode = episodes(&mut api, "vanished", 1).await.remove(0);
+    assert_eq!((episode.outcome(), episode.steps), (Outcome::Unknown, 4));
+    assert_eq!(episode.file_name, format!("{}.mcap", opened.session_id));
+    let actions = read(&mut api, &episode.id).await.episode.action();
+    assert_eq!(actions[..21], [1.0; 7].into_iter().chain([2.0; 7]).chain([3.0; 7]).collect::<Vec<_>>());
+}
+
+#[tokio::test]
+async fn sessions_are_recorded_apart_and_without_a_word_nobody_knows_how_they_went() {
+    let field = field().await;
+    let mut api = Api::connect(&field.server).await;
+    let client = Client::connect(field.server.url(), None).await.unwrap();
+    let mut runs = Vec::new();
+    for seed in [3, 4] {
+        let sim = Sim::new(SimTask::PickCube, lab::sim_config(), seed);
+        runs.push((Session::open_with(&client, recorded("")).await.unwrap(), sim, Sent::default()));
+    }
+    for _ in 0..4 {
+        for (session, sim, sent) in &mut runs {
+            step(session, sim, sent).await;
+        }
+    }
+    for (session, _, sent) in runs {
+        let id = session.close().await.unwrap().episode_id;
+        sent.equals(&read(&mut api, &id).await);
+        let listed = episodes(&mut api, NAME, 1).await;
+        let episode = listed.iter().find(|episode| episode.id == id).unwrap();
+        assert_eq!(episode.outcome(), Outcome::Unknown);
+    }
+    // One that does not ask for it, and one too short for an episode.
+    for open in [SessionOpen { deployment: NAME.into(), ..Default::default() }, recorded("too short")] {
+        let mut session = Session::open_with(&client, open).await.unwrap();
+        session.act(observe(&start_sim())).await.unwrap();
+        assert_eq!(session.close_as(Outcome::Success).await.unwrap().episode_id, "");
+    }
+}
+
+#[tokio::test]
+async fn what_a_recording_cannot_hold_is_refused() {
+    let field = field().await;
+    let mut api = Api::connect(&field.server).await;
+    let mut robot = Robot::dial(&mut api).await;
+    robot.say(Say::Open(SessionOpen { record: false, ..recorded("no record") })).await;
+    assert!(robot.hear().await.unwrap_err().message().starts_with("open.cohort: "));
+    let mut same = Vec::new();
+    for (first, second) in [(5, 5), (-5, 5)] {
+        let mut robot = Robot::dial(&mut api).await;
+        robot.say(Say::Open(recorded("bad stamps"))).await;
+        robot.hear().await.unwrap();
+        let stamped = |stamp_ns| Observation { stamp_ns, ..observe(&start_sim()) };
+        let error = match robot.act(stamped(first)).await {
+            Err(error) => error,
+            Ok(_) => robot.act(stamped(second)).await.unwrap_err(),
+        };
+        assert_eq!(error.code(), Code::InvalidArgument);
+        same.push(error.message().starts_with("observation.stamp_ns: "));
+    }
+    assert_eq!(same, [true, true]);
+}
+
+/// The simulator's verdict labels its runs, in lock step and in real time, and the lowest score is told.
+#[tokio::test]
+async fn drive_records_what_it_drives() {
+    let field = field().await;
+    let mut api = Api::connect(&field.server).await;
+    let client = Client::connect(field.server.url(), None).await.unwrap();
+    let plan = DrivePlan {
+        deployment: NAME.into(),
+        task: SimTask::PickCube,
+        config: gleaner_sim::SimConfig { max_steps: 8, ..lab::sim_config() },
+        episodes: 2,
+        seed: 50,
+        sessions: 2,
+        real_time: None,
+        record: Some(Recorded { cohort: "driven".into() }),
+    };
+    let driven = client.drive(&plan, |_| {}).await.unwrap();
+    assert_eq!(driven.recorded(), 2);
+    let listed = episodes(&mut api, "driven", 2).await;
+    for run in &driven.episodes {
+        let episode = listed.iter().find(|episode| run.episode_ids == [episode.id.clone()]).unwrap();
+        let verdict = if run.success { Outcome::Success } else { Outcome::Failure };
+        assert_eq!((episode.outcome(), episode.steps), (verdict, u64::from(run.steps)));
+    }
+
+    // Slower than the simulator's own rate, for machines that are busy with other tests.
+    let mut control = gleaner_client::robot::ControlPlan::new(NAME, 2.0).unwrap();
+    (control.record, control.cohort) = (true, "in real time".into());
+    let mut robot = gleaner_client::robot::SimRobot::new(SimTask::PickCube, plan.config, 50);
+    let report = client.control(&mut robot, &control, std::future::pending()).await.unwrap();
+    let episode = episodes(&mut api, "in real time", 1).await.remove(0);
+    assert_eq!((report.episode_ids.as_slice(), episode.outcome()), ([episode.id].as_slice(), Outcome::Failure));
+}
+
+/// Killed with −9 in the middle, and stopped in the middle: what came before is an episode after the next start.
+#[tokio::test]
+async fn a_server_that_dies_or_stops_keeps_what_it_recorded() {
+    let mut server = TestServer::start_with(&["--drain-seconds", "0"]).await;
+    let mut api = Api::connect(&server).await;
+    lab::set_up(&mut api).await;
+    let encoder = api.succeed(lab::TASK, lab::pretrain(1)).await.result_id;
+    let policy_id = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder), 1)).await.result_id;
+    let deploy = DeployRequest { name: NAME.into(), policy_id, ..DeployRequest::default() };
+    api.policies.deploy(deploy).await.unwrap();
+
+    let client = Client::connect(server.url(), None).await.unwrap();
+    let mut session = Session::open_with(&client, recorded("killed")).await.unwrap();
+    let rollouts = server.data_dir().join("rollouts");
+    let file = rollouts.join(format!("{}.mcap", session.opened().session_id));
+    let (mut sim, mut sent) = (endless(), Sent::default());
+    // It is on the disk from time to time; the first time there is only its beginning.
+    let (mut size, mut grown) = (0, 0);
+    let running = async {
+        while grown < 3 {
+            step(&mut session, &mut sim, &mut sent).await;
+            let now = std::fs::metadata(&file).map_or(0, |file| file.len());
+            grown += u8::from(now > size);
+            size = now;
+        }
+    };
+    tokio::time::timeout(PATIENCE, running).await.expect("it comes to the disk");
+    server.kill().await;
+    tear(&file);
+    std::fs::write(rollouts.join("ses_spoilt.mcap"), b"what some other program left").unwrap();
+    server.start_again().await;
+
+    let mut api = Api::connect(&server).await;
+    let episode = episodes(&mut api, "killed", 1).await.remove(0);
+    assert_eq!(episode.outcome(), Outcome::Unknown);
+    let reading = read(&mut api, &episode.id).await;
+    let steps = reading.episode.steps();
+    assert!((2..=sent.stamps.len()).contains(&steps), "{steps} of {}", sent.stamps.len());
+    assert_eq!(reading.episode.stamps(), &sent.stamps[..steps]);
+    assert!(reading.episode.frames().as_ref() == &sent.frames[..sent.frames.len() / sent.stamps.len() * steps]);
+    assert!(!file.exists(), "it is a blob now");
+
+    let client = Client::connect(server.url(), None).await.unwrap();
+    let mut session = Session::open_with(&client, recorded("stopped")).await.unwrap();
+    let (mut sim, mut sent) = (start_sim(), Sent::default());
+    for _ in 0..3 {
+        step(&mut session, &mut sim, &mut sent).await;
+    }
+    assert!(server.stop().await);
+    server.start_again().await;
+    let mut api = Api::connect(&server).await;
+    let episode = episodes(&mut api, "stopped", 1).await.remove(0);
+    assert_eq!((episode.outcome(), episode.steps), (Outcome::Unknown, 3));
+    assert!(rollouts.join("unusable").join("ses_spoilt.mcap").exists(), "in nobody's way");
+}
