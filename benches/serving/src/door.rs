@@ -26,7 +26,7 @@ pub(crate) struct Door {
 }
 
 enum Line {
-    Session { session: Session, _client: Client },
+    Session { session: Box<Session>, _client: Client },
     WebSocket(Box<WebSocket>),
 }
 
@@ -43,7 +43,8 @@ impl Door {
         let line = match address {
             Address::Session { url, deployment } => {
                 let client = Client::connect(url, None).await?;
-                Line::Session { session: Session::open(&client, deployment).await?, _client: client }
+                let session = Box::new(Session::open(&client, deployment).await?);
+                Line::Session { session, _client: client }
             }
             Address::WebSocket { url } => Line::WebSocket(Box::new(WebSocket::connect(url).await?)),
         };

@@ -92,11 +92,11 @@ async fn compare(contenders: &mut [Contender], scene: &[Observation]) -> Result<
         for Contender { name, doors, .. } in &mut *contenders {
             let action = doors.first_mut().ok_or("no session")?.act(observation).await?.action;
             let ours = ours.get_or_insert_with(|| action.clone());
-            let differs = ours.iter().zip(&action).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
-            if action.len() != ours.len() || !(differs <= TOLERANCE) {
+            let differences = || ours.iter().zip(&action).map(|(a, b)| (a - b).abs());
+            if action.len() != ours.len() || !differences().all(|difference| difference <= TOLERANCE) {
                 return Err(format!("{name} serves another policy: it says {action:?}, ours {ours:?}").into());
             }
-            worst = worst.max(differs);
+            worst = differences().fold(worst, f32::max);
         }
     }
     Ok(worst)
