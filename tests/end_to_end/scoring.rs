@@ -207,7 +207,8 @@ async fn steps_that_cannot_be_scored() {
     ] {
         refused(&hear(&mut api, says).await.unwrap_err(), code, &[words]);
     }
-    let spoiled: [(fn(&mut ScoreStep), &str); 9] = [
+    type Spoil = fn(&mut ScoreStep);
+    let spoiled: [(Spoil, &str); 9] = [
         (|step| step.observation = None, "step.observation: "),
         (|step| step.action.truncate(1), "step.action: "),
         (|step| step.action[0] = f32::NAN, "step.action[0]: "),
