@@ -70,8 +70,8 @@ impl DriveArgs {
         context.output.result(|| Ok(document(&plan, &driven)), || summary(&plan, &driven))?;
         match plan.record {
             None => context.output.next("gleaner deployments"),
-            // The simulator's task has the name of the task on the server, unless somebody chose another.
-            Some(_) => context.output.next(&format!("gleaner episodes {}", plan.task)),
+            // On the server the task has the name that the simulator gives it, unless somebody chose another.
+            Some(_) => context.output.next(format!("gleaner episodes --task {}", plan.task)),
         }
         Ok(())
     }

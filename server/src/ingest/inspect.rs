@@ -24,8 +24,8 @@ pub(super) enum Verdict {
     Fault(String),
 }
 
-/// Inspects, or salvages, one recording under limits that this process takes upon itself. It is Ok once a verdict is written,
-/// whatever the verdict.
+/// Inspects, or salvages, one recording under limits that this process takes upon itself. It is Ok once a verdict is
+/// written, whatever the verdict.
 ///
 /// # Errors
 /// When the limits, the spec or the verdict's file cannot be used.

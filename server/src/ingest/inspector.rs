@@ -72,10 +72,10 @@ impl Inspector {
     pub(super) async fn inspect(&self, recording: &Path, spec: &TaskSpec, shown: &str) -> Result<Inspected> {
         let _permit = self.permit().await?;
         let folder = self.prepare(Some(spec)).await?;
-        match self.verdict(recording, folder.path(), &[], shown).await? {
-            Verdict::Usable(report) => Ok(Inspected { report, folder }),
-            other => Err(Error::internal("inspecting a recording", format!("{other:?}"))),
-        }
+        let Verdict::Usable(report) = self.verdict(recording, folder.path(), &[], shown).await? else {
+            return Err(Error::internal("inspecting a recording", "the verdict is of another kind"));
+        };
+        Ok(Inspected { report, folder })
     }
 
     /// Copies what is whole of a torn recording to `out`, under the same limits, and says how many actions it has.
@@ -85,10 +85,11 @@ impl Inspector {
     pub(super) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
         let _permit = self.permit().await?;
         let folder = self.prepare(None).await?;
-        match self.verdict(torn, folder.path(), &["--salvage".as_ref(), out.as_ref()], "the recording").await? {
-            Verdict::Salvaged(actions) => Ok(actions),
-            other => Err(Error::internal("mending a recording", format!("{other:?}"))),
-        }
+        let salvage: [&OsStr; 2] = ["--salvage".as_ref(), out.as_ref()];
+        let Verdict::Salvaged(actions) = self.verdict(torn, folder.path(), &salvage, "the recording").await? else {
+            return Err(Error::internal("mending a recording", "the verdict is of another kind"));
+        };
+        Ok(actions)
     }
 
     async fn permit(&self) -> Result<SemaphorePermit<'_>> {

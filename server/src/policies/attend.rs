@@ -141,7 +141,10 @@ impl Policies {
         match self.0.scorers.load(run).await {
             Ok(ready) => Ok(Some(ready.watch())),
             Err(error) => {
-                tracing::warn!(%error, deployment.name = deployment, score_run.id = %run, "a deployment's score run cannot be loaded");
+                tracing::warn!(
+                    %error, deployment.name = deployment, score_run.id = %run,
+                    "a deployment's score run cannot be loaded"
+                );
                 Err(error)
             }
         }

@@ -19,14 +19,17 @@ impl Rollouts {
     /// Stores a session's recording; `None` when there is too little of it, which then is gone.
     ///
     /// # Errors
-    /// Invalid or NotFound when it cannot be used: it is set aside then; others when it cannot be stored now: the next start tries
-    /// again.
+    /// Invalid or NotFound when it cannot be used: it is set aside then; others when it cannot be stored now: the next
+    /// start tries again.
     pub(super) async fn keep(&self, place: &Place) -> Result<Option<EpisodeId>> {
         match self.store(place).await {
             Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {
                 let aside = place.clone();
                 off_runtime(move || aside.set_aside()).await?;
-                tracing::error!(file.path = %place.unusable().display(), "a session's recording cannot be used and is set aside");
+                tracing::error!(
+                    %error, file.path = %place.unusable().display(),
+                    "a session's recording cannot be used and is set aside"
+                );
                 Err(error)
             }
             stored => stored,

@@ -51,9 +51,7 @@ impl Rollouts {
             Ok(Some(episode)) => tracing::info!(episode.id = %episode, "kept what a session has left"),
             Ok(None) => tracing::info!("a session has left less than two steps: no episode"),
             // Said where it was set aside.
-            Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {
-                tracing::warn!(%error, "it cannot be used")
-            }
+            Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {}
             Err(error) => tracing::error!(
                 error = &error as &dyn std::error::Error, file.path = %place.recording().display(),
                 "what a session has left cannot be kept now; the next start tries again"

@@ -210,12 +210,10 @@ enum Fault {
 
 impl From<RecordingError> for Fault {
     fn from(error: RecordingError) -> Self {
-        match error {
-            RecordingError::Write(_) | RecordingError::Io { .. } => {
-                Self::Disk(Error::internal("recording a session", error))
-            }
-            other => Self::Misfit(other.to_string()),
+        if matches!(error, RecordingError::Write(_) | RecordingError::Io { .. }) {
+            return Self::Disk(Error::internal("recording a session", error));
         }
+        Self::Misfit(error.to_string())
     }
 }
 

@@ -126,9 +126,9 @@ mod tests {
             let message = Some(session_request::Message::Close(v1::SessionClose { outcome }));
             session_input(v1::SessionRequest { message })
         };
-        let outcome = |sent: v1::Outcome| match close(sent.into()).unwrap() {
-            SessionInput::Close { outcome } => outcome,
-            other => panic!("{other:?}"),
+        let outcome = |sent: v1::Outcome| {
+            let SessionInput::Close { outcome } = close(sent.into()).unwrap() else { panic!("not close") };
+            outcome
         };
         assert_eq!(outcome(v1::Outcome::Unspecified), Outcome::Unknown);
         assert_eq!(outcome(v1::Outcome::Failure), Outcome::Failure);
