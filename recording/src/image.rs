@@ -60,10 +60,7 @@ pub fn decode_color(bytes: &[u8], format: PixelFormat, height: u32, width: u32) 
 /// # Errors
 /// [`RecordingError::WrongSize`] or [`RecordingError::BrokenImage`].
 pub fn decode_depth(bytes: &[u8], format: PixelFormat, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
-    let bytes = match bytes.get(ROS_DEPTH_PREFIX..) {
-        Some(inner) if format == PixelFormat::Auto && inner.starts_with(PNG_MAGIC) => inner,
-        _ => bytes,
-    };
+    let bytes = if format == PixelFormat::Auto { without_ros_prefix(bytes) } else { bytes };
     match format {
         PixelFormat::Jpeg | PixelFormat::Rgb8 => {
             return Err(broken("color pixels are given where depth is wanted; send 16-bit millimetres raw or as PNG"));
@@ -83,6 +80,11 @@ pub fn decode_depth(bytes: &[u8], format: PixelFormat, height: u32, width: u32) 
     }
     let found = image.color();
     Err(broken(format!("the depth PNG has {found:?} pixels; save it as 16-bit gray in millimetres")))
+}
+
+/// The PNG of a depth image that ROS has compressed; everything else as it is.
+pub(crate) fn without_ros_prefix(bytes: &[u8]) -> &[u8] {
+    bytes.get(ROS_DEPTH_PREFIX..).filter(|inner| inner.starts_with(PNG_MAGIC)).unwrap_or(bytes)
 }
 
 /// Encodes height × width × 3 bytes of RGB as JPEG of this quality (1 to 100).

@@ -2,6 +2,8 @@
 
 use std::io::Cursor;
 
+use ::image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
+
 use crate::image::{PixelFormat, encode_jpeg};
 use crate::picture::Channel;
 use crate::spec::tests::arm;
@@ -138,6 +140,28 @@ fn compressed_images_are_kept_byte_for_byte() {
     let decoded = crate::decode_color(&jpeg, PixelFormat::Jpeg, 8, 16).unwrap();
     let reading = read(&bytes, &spec).unwrap();
     assert!(reading.episode.frames().as_ref() == [decoded.clone(), decoded, vec![7; 384]].concat());
+}
+
+/// As ROS's compressedDepth has it: some bytes before the PNG, which a policy's decoding passes over too.
+#[test]
+fn depth_that_ros_has_compressed_is_kept_as_its_png() {
+    let spec = TaskSpec { mappings: Vec::new(), ..arm() };
+    let mut png = Vec::new();
+    let pixels = [7_u16; 128].map(u16::to_ne_bytes).concat();
+    PngEncoder::new(&mut png).write_image(&pixels, 16, 8, ExtendedColorType::L16).unwrap();
+    let (color, depth) = ([9; 384], [&[0; 12][..], &png].concat());
+    let cameras =
+        [CameraRef { color: image(PixelFormat::Rgb8, &color), depth: Some(image(PixelFormat::Auto, &depth)) }];
+    let observation = ObservationRef { cameras: &cameras, proprioception: &[0.0; 3] };
+    let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).unwrap();
+    for stamp in even(2) {
+        writer.check(observation).unwrap();
+        writer.observe(stamp, observation).unwrap();
+        writer.act(stamp, &[0.0; 2]).unwrap();
+    }
+    let reading = read(&writer.finish().unwrap().into_inner(), &spec).unwrap();
+    let step = [&color[..], &[7, 0].repeat(128)].concat();
+    assert!(reading.episode.frames().as_ref() == [step.clone(), step].concat());
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::io::{Seek, Write};
 use super::EpisodeWriter;
 use super::images::Kept;
 use crate::error::RecordingError;
-use crate::image::{PixelFormat, codec_name, decode_color, decode_depth};
+use crate::image::{PixelFormat, codec_name, decode_color, decode_depth, without_ros_prefix};
 use crate::picture::Channel;
 use crate::spec::CameraSpec;
 
@@ -90,6 +90,10 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// How an image is kept.
     fn kept<'a>(&self, at: usize, kind: Channel, image: ImageRef<'a>) -> Result<Kept<'a>, RecordingError> {
         let ImageRef { format, data } = image;
+        let data = match (kind, format) {
+            (Channel::Depth, PixelFormat::Auto) => without_ros_prefix(data),
+            _ => data,
+        };
         let format = match format {
             PixelFormat::Jpeg => Some("jpeg"),
             PixelFormat::Png => Some("png"),
