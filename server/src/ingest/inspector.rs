@@ -9,6 +9,7 @@ use std::{
 };
 
 use gleaner_recording::{Report, TaskSpec};
+use rustix::process::Signal;
 use tempfile::TempDir;
 use tokio::{
     io::AsyncReadExt as _,
@@ -67,8 +68,8 @@ impl Inspector {
     /// Reads a recording under limits. `shown` is what the caller knows the file as.
     ///
     /// # Errors
-    /// Invalid when the task cannot use the recording, or reading it broke a limit; Internal when the inspection
-    /// itself failed.
+    /// Invalid when the task cannot use the recording, or reading it broke a limit; Unavailable when the inspection
+    /// was stopped; Internal when it failed by itself.
     pub(super) async fn inspect(&self, recording: &Path, spec: &TaskSpec, shown: &str) -> Result<Inspected> {
         let _permit = self.permit().await?;
         let folder = self.prepare(Some(spec)).await?;
@@ -81,7 +82,7 @@ impl Inspector {
     /// Copies what is whole of a torn recording to `out`, under the same limits, and says how many actions it has.
     ///
     /// # Errors
-    /// Invalid when it has not even a beginning, or reading it broke a limit; Internal.
+    /// Invalid when it has not even a beginning, or reading it broke a limit; Unavailable; Internal.
     pub(super) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
         let _permit = self.permit().await?;
         let folder = self.prepare(None).await?;
@@ -144,6 +145,8 @@ impl Inspector {
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
+            // Ctrl-C at the server's terminal is not meant for it; it ends with the server all the same.
+            .process_group(0)
             .kill_on_drop(true)
             .spawn()
             .map_err(fault)?;
@@ -178,9 +181,9 @@ impl Inspector {
     fn broken(&self, status: ExitStatus, said: &str) -> Error {
         tracing::warn!(inspect.status = %status, inspect.stderr = said, "an inspection broke off");
         let mib = self.memory_bytes >> 20;
-        match status.signal().and_then(rustix::process::Signal::from_named_raw) {
-            Some(rustix::process::Signal::XCPU) => self.took_too_long(),
-            Some(rustix::process::Signal::XFSZ) => Error::invalid(
+        match status.signal().and_then(Signal::from_named_raw) {
+            Some(Signal::XCPU) => self.took_too_long(),
+            Some(Signal::XFSZ) => Error::invalid(
                 "recording",
                 format!(
                     "its decoded images take more than {mib} MiB; record shorter episodes or smaller images, or raise \
@@ -188,13 +191,17 @@ impl Inspector {
                 ),
             ),
             // What the allocator does when it gets nothing, and what the kernel does.
-            Some(rustix::process::Signal::ABORT | rustix::process::Signal::KILL) => Error::invalid(
+            Some(Signal::ABORT | Signal::KILL) => Error::invalid(
                 "recording",
                 format!(
                     "reading it takes more than {mib} MiB of memory: the file is damaged, or the episode too long. \
                      Record it again, or raise --inspect-memory-bytes at the server"
                 ),
             ),
+            // What people and service managers send: nothing that the recording did.
+            Some(Signal::HUP | Signal::INT | Signal::QUIT | Signal::TERM) => {
+                Error::unavailable("the recording's inspection was stopped; ask again")
+            }
             Some(_) => Error::invalid("recording", BROKE_READER),
             None if status.code() == Some(PANICKED) => Error::invalid("recording", BROKE_READER),
             None => Error::internal("inspecting a recording", format!("{status}: {said}")),

@@ -28,7 +28,8 @@ impl Ingest {
     /// can be made again.
     ///
     /// # Errors
-    /// Invalid when the task cannot use it; Exhausted when it is too large or the disk is full; Internal.
+    /// Invalid when the task cannot use it or it is too large; Exhausted when the disk is full; Unavailable when its
+    /// inspection was stopped; Internal.
     pub(crate) async fn keep(&self, new: NewRecording, recording: &Path) -> Result<Episode> {
         let path = recording.to_owned();
         let (size_bytes, blake3) = off_runtime("reading a recording", move || {
@@ -36,6 +37,12 @@ impl Ingest {
             Ok((std::fs::metadata(&path).map_err(fault)?.len(), blobs::digest(&path)?))
         })
         .await?;
+        if size_bytes > self.max_upload_bytes {
+            // Unlike a full disk, this stays as it is.
+            let limit = self.max_upload_bytes;
+            let mend = format!("{size_bytes} bytes are above this server's limit of {limit} (--max-upload-bytes)");
+            return Err(Error::invalid("recording", mend));
+        }
         let NewRecording { task_id, file_name, outcome, cohort, author } = new;
         let existing = || async { self.store.episode_of(&task_id, &blake3).await };
         let (task, digest) = (task_id.clone(), blake3.clone());
@@ -79,4 +86,73 @@ fn link(recording: &Path, part: &PathBuf) -> Result<()> {
     }
     std::fs::hard_link(recording, part).map_err(fault)?;
     part.parent().map_or(Ok(()), sync_folder)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use std::fs;
+
+    use super::*;
+    use crate::ingest::testing::{Fixture, USABLE, playing, real};
+
+    /// A recording outside of the uploads, as a session leaves it.
+    fn recorded(f: &Fixture) -> (NewRecording, PathBuf) {
+        let path = f.dir.path().join("rollout.mcap");
+        fs::write(&path, b"recording").unwrap();
+        let new = f.new_upload(b"recording");
+        let (task_id, file_name, outcome) = (new.task_id, new.file_name, new.outcome);
+        (NewRecording { task_id, file_name, outcome, cohort: new.cohort, author: new.author }, path)
+    }
+
+    #[tokio::test]
+    async fn a_crash_between_the_link_and_its_row_costs_the_recording_nothing() {
+        let mut f = playing(USABLE).await;
+        let (new, recording) = recorded(&f);
+        let upload = f.start(b"recording").await;
+        link(&recording, &f.ingest.part_path(&upload.id)).unwrap();
+        f.reopen().await;
+        assert_eq!(fs::read(&recording).unwrap(), b"recording");
+        assert_eq!(f.ingest.keep(new, &recording).await.unwrap().steps, 20);
+        assert!(f.files(&["uploads", "tmp"]).is_empty(), "{:?}", f.files(&["uploads", "tmp"]));
+    }
+
+    #[tokio::test]
+    async fn a_client_that_goes_on_with_the_upload_does_not_write_into_the_recording() {
+        let f = playing(USABLE).await;
+        let (_, recording) = recorded(&f);
+        let upload = f.start(b"recording").await;
+        f.write(&upload.id, 0, b"re").await.unwrap();
+        link(&recording, &f.ingest.part_path(&upload.id)).unwrap();
+        assert_eq!(f.write(&upload.id, 2, b"CO").await.unwrap(), 4);
+        assert_eq!(fs::read(&recording).unwrap(), b"recording");
+        assert_eq!(fs::read(f.ingest.part_path(&upload.id)).unwrap(), b"reCO");
+    }
+
+    #[tokio::test]
+    async fn an_inspection_that_is_told_to_stop_says_nothing_of_the_recording() {
+        let f = playing("kill -TERM $$").await;
+        let (new, recording) = recorded(&f);
+        let error = f.ingest.keep(new, &recording).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Unavailable, "{error}");
+        assert_eq!(f.store.uploads().await.unwrap().len(), 1, "it can be finished again");
+    }
+
+    /// Ctrl-C goes to a whole group of processes.
+    #[tokio::test]
+    async fn an_inspection_is_a_group_by_itself() {
+        let f = playing(&format!("set -- $(cat /proc/$$/stat); [ $5 = $$ ] && {USABLE}")).await;
+        let (new, recording) = recorded(&f);
+        assert_eq!(f.ingest.keep(new, &recording).await.unwrap().steps, 20);
+    }
+
+    #[tokio::test]
+    async fn what_is_too_large_stays_so() {
+        let f = real("none", &["--max-upload-bytes", "8"]).await;
+        let (new, recording) = recorded(&f);
+        let error = f.ingest.keep(new, &recording).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{error}");
+        assert!(error.message().contains("--max-upload-bytes"), "{error}");
+    }
 }

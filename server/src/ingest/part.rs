@@ -2,7 +2,8 @@
 
 use std::{
     fs::File,
-    io::{self, Seek as _, SeekFrom, Write as _},
+    io::{self, Read as _, Seek as _, SeekFrom, Write as _},
+    os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
 };
 
@@ -69,10 +70,27 @@ fn open_at(path: &Path, committed: u64) -> io::Result<File> {
         return Err(io::Error::other(format!("it has {size} bytes, but {committed} were acknowledged")));
     }
     if size > committed {
-        file.set_len(committed)?;
+        drop(file);
+        cut(path, committed)?;
+        file = File::options().write(true).open(path)?;
     }
     file.seek(SeekFrom::Start(committed))?;
     Ok(file)
+}
+
+/// Takes away what is beyond `committed`, and puts that on disk. A part that has another name too is a recording of this
+/// server's own, which must stay whole: the part then becomes a file by itself.
+pub(super) fn cut(path: &Path, committed: u64) -> io::Result<()> {
+    let file = File::options().read(true).write(true).open(path)?;
+    if file.metadata()?.nlink() == 1 {
+        file.set_len(committed)?;
+        return file.sync_all();
+    }
+    let draft = path.with_extension("draft");
+    let mut own = File::create(&draft)?;
+    io::copy(&mut file.take(committed), &mut own)?;
+    own.sync_all()?;
+    std::fs::rename(&draft, path)
 }
 
 /// Makes an empty part file whose name is on disk too.

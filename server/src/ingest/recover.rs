@@ -2,7 +2,7 @@
 
 use std::{collections::HashMap, fs, path::Path};
 
-use super::{off_runtime, part_path};
+use super::{off_runtime, part, part_path};
 use crate::{
     blobs::Blobs,
     domain::{episode::Upload, time::Millis},
@@ -52,17 +52,16 @@ fn empty(folder: &Path) -> std::io::Result<()> {
 /// Answers with the uploads whose bytes are not there.
 fn settle_parts(data_dir: &Path, uploads: Vec<Upload>, blobs: &Blobs) -> std::io::Result<Vec<Upload>> {
     let mut open: HashMap<_, _> = uploads.into_iter().map(|upload| (part_path(data_dir, &upload.id), upload)).collect();
-    for entry in fs::read_dir(data_dir.join("uploads"))? {
-        let path = entry?.path();
+    // Listed beforehand: cutting a part may put another file in its place.
+    let parts: Vec<_> = fs::read_dir(data_dir.join("uploads"))?.collect::<std::io::Result<_>>()?;
+    for path in parts.into_iter().map(|entry| entry.path()) {
         let Some(upload) = open.get(&path) else {
             fs::remove_file(&path)?;
             continue;
         };
         let size = fs::metadata(&path)?.len();
         if size > upload.committed {
-            let file = fs::File::options().write(true).open(&path)?;
-            file.set_len(upload.committed)?;
-            file.sync_all()?;
+            part::cut(&path, upload.committed)?;
         }
         if size >= upload.committed {
             open.remove(&path);
