@@ -105,11 +105,17 @@ impl Place {
         sync_folder(&self.folder)
     }
 
-    /// Puts the recording where nothing looks for it any more.
+    /// Puts the recording where nothing looks for it any more, and its slip beside it: moved back, both are kept at the
+    /// next start, if what was in the way is gone.
     pub(super) fn set_aside(&self) -> Result<()> {
         let (from, to) = (self.recording(), self.unusable());
-        let moved = to.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::rename(&from, &to));
-        moved.map_err(fault("setting aside", &from))?;
+        // The slip goes first: without its recording it would be removed.
+        let slip = || match fs::rename(self.slip(), to.with_extension("json")) {
+            Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+            Ok(()) | Err(_) => Ok(()),
+        };
+        let moved = to.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| slip());
+        moved.and_then(|()| fs::rename(&from, &to)).map_err(fault("setting aside", &from))?;
         self.remove()
     }
 

@@ -33,6 +33,8 @@ pub(super) struct Note {
     pub(super) topic: &'static str,
     pub(super) stamp_ns: i64,
     pub(super) value: serde_json::Value,
+    /// Most bytes of it as text.
+    pub(super) bytes: u64,
     pub(super) _room: Room,
 }
 
@@ -45,8 +47,8 @@ pub(super) struct Ending {
     pub(super) answered: u64,
     pub(super) dropped: u64,
     pub(super) missed: u64,
-    /// Segments without a score.
-    pub(super) unscored: u64,
+    /// Segments without a score; `None`: nobody counted them.
+    pub(super) unscored: Option<u64>,
     /// Steps and notes there was no room for.
     pub(super) left_out: u64,
 }
@@ -72,12 +74,12 @@ impl Queue {
     }
 }
 
-/// The bytes that an observation holds.
+/// The bytes that an observation holds: its frames too, should they be without images.
 pub(super) fn bytes(observation: &Observation) -> usize {
-    let images = |frame: &CameraFrame| {
+    let frame = |frame: &CameraFrame| {
         let of = |image: &Option<crate::domain::observation::Image>| image.as_ref().map_or(0, |image| image.data.len());
-        of(&frame.color) + of(&frame.depth)
+        size_of::<CameraFrame>() + frame.camera.len() + of(&frame.color) + of(&frame.depth)
     };
     let numbers = observation.proprioception.len() + observation.executed_action.len();
-    observation.cameras.iter().map(images).sum::<usize>() + numbers * size_of::<f32>()
+    observation.cameras.iter().map(frame).sum::<usize>() + numbers * size_of::<f32>()
 }

@@ -6,6 +6,7 @@
 
 mod about;
 mod event;
+mod file;
 mod keep;
 mod recorder;
 mod recover;
@@ -198,7 +199,7 @@ fn write(mut tape: Tape, events: Vec<Event>) -> (Tape, Option<Ended>) {
 /// Of a session that ended without a word.
 fn broken_off() -> Ending {
     let (outcome, how) = (Outcome::Unknown, "broken off".to_owned());
-    Ending { outcome, how, answered: 0, dropped: 0, missed: 0, unscored: 0, left_out: 0 }
+    Ending { outcome, how, answered: 0, dropped: 0, missed: 0, unscored: None, left_out: 0 }
 }
 
 /// Runs what blocks away from the runtime's threads.

@@ -20,6 +20,8 @@ use crate::{
 /// Where the policy's chunks and the segments' scores go. No mapping reads them.
 const COMMANDS: &str = "/policy/action";
 const SCORES: &str = "/policy/score";
+/// Most bytes of a number as text.
+const NUMBER_BYTES: usize = 24;
 
 /// How many observations a session answered, passed over, and could not answer in time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -27,8 +29,8 @@ pub(crate) struct Tally {
     pub(crate) answered: u64,
     pub(crate) dropped: u64,
     pub(crate) missed: u64,
-    /// Segments that were to be scored and could not be.
-    pub(crate) unscored: u64,
+    /// Segments that were to be scored and could not be; `None`: nobody counted them.
+    pub(crate) unscored: Option<u64>,
 }
 
 /// Records one session. Dropped, it keeps what came so far, with an unknown outcome.
@@ -72,7 +74,7 @@ impl Recorder {
         }
         let value = || json!({"observation_stamp_ns": acted.stamp_ns, "actions": acted.actions});
         let numbers = acted.actions.iter().map(Vec::len).sum::<usize>();
-        self.note(COMMANDS, acted.stamp_ns, numbers * 8, value);
+        self.note(COMMANDS, acted.stamp_ns, numbers * NUMBER_BYTES, value);
     }
 
     /// A segment was scored.
@@ -110,7 +112,10 @@ impl Recorder {
 
     fn note(&mut self, topic: &'static str, stamp_ns: i64, bytes: usize, value: impl FnOnce() -> serde_json::Value) {
         match self.queue.room(bytes) {
-            Some(room) => self.send(Event::Note(Note { topic, stamp_ns, value: value(), _room: room })),
+            Some(room) => {
+                let (value, bytes) = (value(), bytes as u64);
+                self.send(Event::Note(Note { topic, stamp_ns, value, bytes, _room: room }));
+            }
             None => self.leave_out(),
         }
     }

@@ -13,12 +13,16 @@ use super::{
 use crate::error::{Kind, Result};
 
 impl Rollouts {
-    /// The sessions of which there is something.
+    /// The sessions of which there is something. Half of a mended recording is nothing: it goes.
     pub(super) fn left(&self) -> Result<BTreeSet<String>> {
         let folder = self.folder();
         let mut sessions = BTreeSet::new();
         for entry in fs::read_dir(folder).map_err(fault("listing", folder))? {
             let path = entry.map_err(fault("listing", folder))?.path();
+            if path.extension().is_some_and(|extension| extension == "partial") {
+                fs::remove_file(&path).map_err(fault("removing", &path))?;
+                continue;
+            }
             if let (true, Some(session)) = (path.is_file(), path.file_stem().and_then(|stem| stem.to_str())) {
                 sessions.insert(session.to_owned());
             }
