@@ -71,11 +71,16 @@ async fn recordings_that_do_not_fit_their_task() {
     let (_server, mut api) = quiet_lab().await;
     let spec = gleaner_client::spec::to_proto(&gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config()));
 
+    // Under names of their own, because what gleaner itself recorded of a task is read whatever the mappings say.
     let mut lost_topic = spec.clone();
     lost_topic.name = "lost_topic".into();
+    lost_topic.cameras[0].name = "another".into();
+    lost_topic.mappings[0].cameras[0].camera = "another".into();
     lost_topic.mappings[0].cameras[0].color = "/no/such/topic".into();
     let mut lost_field = spec.clone();
     lost_field.name = "lost_field".into();
+    lost_field.proprioception[0].name = "another".into();
+    lost_field.mappings[0].fields[0].field = "another".into();
     lost_field.mappings[0].fields[0].paths = vec!["no_such_field".into()];
     let mut other_size = spec;
     other_size.name = "other_size".into();
