@@ -125,15 +125,16 @@ impl Policies {
 
     /// What a deployment points at: its policy, loaded, and its score run, both of one moment.
     async fn pointed(&self, name: &str) -> Result<(Arc<Engine<Model>>, Option<ScoreRunId>)> {
-        loop {
-            let engine = self.deployed(name).await?;
-            let deployment = self.0.store.deployment(name).await?;
-            // Otherwise it was moved meanwhile.
-            if deployment.policy_id() == Some(&engine.identity().policy_id) {
-                return Ok((engine, deployment.score_run_id().cloned()));
-            }
-            tokio::task::yield_now().await;
+        let engine = self.deployed(name).await?;
+        let deployment = self.0.store.deployment(name).await?;
+        if deployment.policy_id() == Some(&engine.identity().policy_id) {
+            return Ok((engine, deployment.score_run_id().cloned()));
         }
+        // It was moved meanwhile, or a move stored what it could not tell the shelf. While nothing moves, what is
+        // stored holds.
+        let _moving = self.0.moving.lock().await;
+        let (engine, deployment) = self.as_stored(name).await?;
+        Ok((engine, deployment.score_run_id().cloned()))
     }
 
     async fn watch(&self, deployment: &str, score_run: Option<&ScoreRunId>) -> Result<Option<Watch>> {

@@ -29,6 +29,7 @@ use std::{
 };
 
 use gleaner_learn::Policy as Model;
+use tracing::Instrument as _;
 
 use self::{
     engine::{Engine, Identity, lock},
@@ -103,13 +104,18 @@ impl Policies {
         score_run: Option<&ScoreRunId>,
     ) -> Result<Deployment> {
         let policy = self.0.store.policy(policy).await?;
-        let _scorer = self.scorer(&policy, score_run).await?;
-        let _moving = self.0.moving.lock().await;
-        let engine = self.load(&policy).await?;
-        let deployment = self.0.store.deploy(name, &policy.task_id, &policy.id, score_run).await?;
-        lock(&self.0.shelf).point(name, &engine);
-        tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");
-        Ok(deployment)
+        let scorer = self.scorer(&policy, score_run).await?;
+        let (policies, name, score_run) = (self.clone(), name.to_owned(), score_run.cloned());
+        whole(async move {
+            let _scorer = scorer;
+            let _moving = policies.0.moving.lock().await;
+            let engine = policies.load(&policy).await?;
+            let deployment = policies.0.store.deploy(&name, &policy.task_id, &policy.id, score_run.as_ref()).await?;
+            lock(&policies.0.shelf).point(&name, &engine);
+            tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");
+            Ok(deployment)
+        })
+        .await
     }
 
     /// Points a name back at the policy it pointed at before, and its score run, once both are loaded.
@@ -119,14 +125,19 @@ impl Policies {
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
         // Before anything is held: a scorer takes long to load.
         let (policy, score_run) = self.0.store.before(name).await?;
-        let _scorer = self.scorer(&self.0.store.policy(&policy).await?, score_run.as_ref()).await?;
-        let _moving = self.0.moving.lock().await;
-        let policy = self.0.store.policy(&self.0.store.before(name).await?.0).await?;
-        let engine = self.load(&policy).await?;
-        let deployment = self.0.store.roll_back(name).await?;
-        lock(&self.0.shelf).point(name, &engine);
-        tracing::info!(deployment.name = name, policy.id = %policy.id, "deployment rolled back");
-        Ok(deployment)
+        let scorer = self.scorer(&self.0.store.policy(&policy).await?, score_run.as_ref()).await?;
+        let (policies, name) = (self.clone(), name.to_owned());
+        whole(async move {
+            let (_scorer, store) = (scorer, &policies.0.store);
+            let _moving = policies.0.moving.lock().await;
+            let policy = store.policy(&store.before(&name).await?.0).await?;
+            let engine = policies.load(&policy).await?;
+            let deployment = store.roll_back(&name).await?;
+            lock(&policies.0.shelf).point(&name, &engine);
+            tracing::info!(deployment.name = name, policy.id = %policy.id, "deployment rolled back");
+            Ok(deployment)
+        })
+        .await
     }
 
     /// One action from a window of observations that the caller keeps, oldest first.
@@ -159,11 +170,16 @@ impl Policies {
         if let Some(engine) = find() {
             return Ok(engine);
         }
+        Ok(self.as_stored(name).await?.0)
+    }
+
+    /// Points a name at the policy that the store says, loaded now if it is not yet. Only with `moving` held.
+    async fn as_stored(&self, name: &str) -> Result<(Arc<Engine<Model>>, Deployment)> {
         let deployment = self.0.store.deployment(name).await?;
         let id = deployment.policy_id().ok_or_else(|| Error::not_found("deployment", name))?;
         let engine = self.load(&self.0.store.policy(id).await?).await?;
         lock(&self.0.shelf).point(name, &engine);
-        Ok(engine)
+        Ok((engine, deployment))
     }
 
     /// The policy's engine: the one that is loaded, or a new one. Only with `moving` held.
@@ -188,4 +204,11 @@ impl Policies {
         lock(&self.0.shelf).put(&engine, bytes);
         Ok(engine)
     }
+}
+
+/// A move of a deployment, done to its end even if whoever asked for it has gone: what is stored and what is served
+/// must be the same.
+async fn whole(moving: impl Future<Output = Result<Deployment>> + Send + 'static) -> Result<Deployment> {
+    let moved = tokio::spawn(moving.in_current_span()).await;
+    moved.map_err(|error| Error::internal("moving a deployment", error))?
 }

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+mod moved;
 mod score_run;
 
 use clap::Parser as _;

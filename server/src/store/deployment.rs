@@ -1,5 +1,7 @@
 //! Deployments and their history.
 
+use sqlx::SqliteExecutor;
+
 use super::{Store, commit, fault, row};
 use crate::{
     domain::{
@@ -62,8 +64,10 @@ impl Store {
         .execute(&mut *tx)
         .await
         .map_err(fault("changing a deployment"))?;
+        // Read before it is final: who is told of an error may take it that nothing has moved.
+        let deployment = deployment(&mut *tx, name).await?;
         commit(tx).await?;
-        self.deployment(name).await
+        Ok(deployment)
     }
 
     /// The policy, and the score run beside it, that rolling a name back would point it at.
@@ -102,11 +106,11 @@ impl Store {
         .execute(&mut *tx)
         .await
         .map_err(fault("rolling a deployment back"))?;
-        commit(tx).await?;
-        let deployment = self.deployment(name).await?;
+        let deployment = deployment(&mut *tx, name).await?;
         if changed.rows_affected() == 0 {
             return Err(nothing_before(name));
         }
+        commit(tx).await?;
         Ok(deployment)
     }
 
@@ -115,15 +119,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn deployment(&self, name: &str) -> Result<Deployment> {
-        let rows: Vec<ChangeRow> = sqlx::query_as(
-            "select name, task_id, policy_id, score_run_id, created_at from deployment_changes join deployments \
-             using (name) where name = ? order by deployment_changes.id",
-        )
-        .bind(name)
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("reading a deployment"))?;
-        grouped(rows)?.pop().ok_or_else(|| Error::not_found("deployment", name))
+        deployment(self.read(), name).await
     }
 
     /// Deployments with their history, by name; of one task, if given.
@@ -141,6 +137,19 @@ impl Store {
         .map_err(fault("reading deployments"))?;
         grouped(rows)
     }
+}
+
+/// A deployment with its history, as this connection sees it.
+async fn deployment(from: impl SqliteExecutor<'_>, name: &str) -> Result<Deployment> {
+    let rows: Vec<ChangeRow> = sqlx::query_as(
+        "select name, task_id, policy_id, score_run_id, created_at from deployment_changes join deployments \
+         using (name) where name = ? order by deployment_changes.id",
+    )
+    .bind(name)
+    .fetch_all(from)
+    .await
+    .map_err(fault("reading a deployment"))?;
+    grouped(rows)?.pop().ok_or_else(|| Error::not_found("deployment", name))
 }
 
 fn nothing_before(name: &str) -> Error {
