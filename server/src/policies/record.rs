@@ -12,7 +12,7 @@ use crate::{
     },
     error::{Error, Result},
     rollouts::{Recorder, Tally},
-    scorers::{Seen, Watch},
+    scorers::{Scorer, Seen, Watch},
 };
 
 /// A session's recording, if it asked for one.
@@ -96,9 +96,11 @@ impl Record {
 }
 
 /// Shows a watch the step that the model is about to see. Over a gap nothing is scored: experts have none.
-pub(super) fn show(watch: &mut Watch, stamp_ns: i64, step: &Step, gap: bool) {
-    if let (false, Some(executed)) = (gap, &step.executed) {
-        watch.executed(executed);
+pub(super) fn show<S: Scorer>(watch: &mut Watch<S>, stamp_ns: i64, step: &Step, gap: bool) {
+    match &step.executed {
+        _ if gap => watch.gap(),
+        Some(executed) => watch.executed(executed),
+        None => {}
     }
     let frames = Bytes::copy_from_slice(&step.frame);
     watch.saw(Seen { stamp_ns, frames, proprioception: step.proprioception.clone() });

@@ -176,11 +176,13 @@ impl<M: Model> Session<M> {
     /// What to say of a turn that is over: its actions, if they are still of use and nothing was said yet.
     fn settle(&mut self, actions: Option<Vec<Vec<f32>>>, memory: &mut Memory<M::History>) -> Option<SessionOutput> {
         let score = self.record.scored(memory.watch.as_mut());
+        memory.withheld = true;
         let due = self.asked.take()?;
         match actions {
             Some(actions) if !due.is_late() => {
                 self.tally.answered += 1;
                 memory.given = actions.first().cloned();
+                memory.withheld = false;
                 let Due { stamp_ns, dropped, stages, deadline: _ } = due;
                 let policy_id = self.engine.identity().policy_id.clone();
                 let acted = Acted { stamp_ns, actions, policy_id, timings: stages.timings() };
@@ -215,12 +217,12 @@ impl<M: Model> Session<M> {
     /// A recording holds the score of every segment, up to the last.
     async fn watch_to_the_end(&mut self, memory: &mut Memory<M::History>) {
         let Some(watch) = memory.watch.as_mut().filter(|_| self.record.is_on()) else { return };
-        if let (0, Some(given)) = (memory.unseen, &memory.given) {
+        if let (0, false, Some(given)) = (memory.unseen, memory.withheld, &memory.given) {
             watch.executed(given);
         }
         // Whoever closes waits for the last scores, but not for a scorer that is stuck.
         let _ = tokio::time::timeout(SCORED_WITHIN, watch.settle()).await;
-        self.tally.unscored = watch.left_out();
+        self.tally.unscored = Some(watch.left_out());
         self.record.scored(Some(watch));
     }
 

@@ -17,6 +17,8 @@ pub(super) struct Memory<H> {
     history: Option<H>,
     /// What the robot was given last: taken as executed unless it says otherwise.
     pub(super) given: Option<Vec<f32>>,
+    /// The newest observation in the history got no action: what was done since is not known unless the robot says it.
+    pub(super) withheld: bool,
     /// Control steps since the newest in the history that the model did not see.
     pub(super) unseen: u64,
     /// Scores what is done.
@@ -25,7 +27,7 @@ pub(super) struct Memory<H> {
 
 impl<H> Memory<H> {
     pub(super) fn new(watch: Option<Watch>) -> Self {
-        Self { history: None, given: None, unseen: 0, watch }
+        Self { history: None, given: None, withheld: false, unseen: 0, watch }
     }
 
     pub(super) fn take(&mut self) -> Self {
@@ -44,9 +46,9 @@ pub(super) async fn turn<M: Model>(
     observation: Observation,
     due: Due,
 ) -> Result<(Memory<M::History>, Option<Vec<Vec<f32>>>)> {
-    let Memory { history, given, unseen, mut watch } = memory;
+    let Memory { history, given, withheld, unseen, mut watch } = memory;
     let skipped = unseen + due.dropped;
-    let unrun = |history, given, watch| (Memory { history, given, unseen: skipped + 1, watch }, None);
+    let unrun = |history, given, watch| (Memory { history, given, withheld, unseen: skipped + 1, watch }, None);
     if due.is_late() {
         return Ok(unrun(history, given, watch));
     }
@@ -54,16 +56,18 @@ pub(super) async fn turn<M: Model>(
     let begun = Instant::now();
     let mut step = observation::decode(move || observation::step(&shape, "observation", &observation)).await?;
     due.stages.decoded(begun.elapsed());
+    let gap = skipped > 0 || (withheld && step.executed.is_none());
     // The first step of a history has nothing before it.
     step.executed = step.executed.or_else(|| given.clone()).filter(|_| history.is_some());
     if let Some(watch) = &mut watch {
-        show(watch, due.stamp_ns, &step, skipped > 0);
+        show(watch, due.stamp_ns, &step, gap);
     }
     let turn = Turn { history, skipped, steps: vec![step] };
     Ok(match engine.ask_by(Ask { turn, stages: due.stages, deadline: due.deadline }).await? {
         Turned::Late(history) => unrun(history, given, watch),
         Turned::Advanced(advanced) => {
-            (Memory { history: Some(advanced.history), given, unseen: 0, watch }, Some(advanced.actions))
+            let history = Some(advanced.history);
+            (Memory { history, given, withheld: false, unseen: 0, watch }, Some(advanced.actions))
         }
     })
 }

@@ -38,6 +38,12 @@ impl<S: Scorer> Watch<S> {
         Self { ready, line, open: None }
     }
 
+    /// Steps have passed that this does not know. No segment reaches back over them.
+    pub(crate) fn gap(&mut self) {
+        self.open = None;
+        self.line.break_off();
+    }
+
     /// The next observation. If nothing was said of the action since the one before, its segment has no score, nor
     /// have the next ones until they hold only steps from here on.
     pub(crate) fn saw(&mut self, step: Seen) {

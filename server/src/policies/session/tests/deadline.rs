@@ -68,3 +68,18 @@ async fn an_action_that_was_never_given_is_not_taken_as_executed() {
     robot.sees(6, &[]);
     assert_eq!(robot.acts().await.1, [6.0, 2.0], "twice the first action, which the robot still holds");
 }
+
+#[tokio::test]
+async fn after_an_answer_that_was_never_given_it_is_not_known_what_was_done() {
+    let (engine, _control) = engine(8, 8).await;
+    let mut session = Session::new(engine, terms(), Record::new(None), None);
+    let (mut memory, actions) = (Memory::new(None), || Some(vec![vec![1.0, 0.0]]));
+    for (owed, withheld) in [(true, false), (false, true), (true, false)] {
+        session.asked = owed.then(|| Due::for_observation(&observation(1, &[]), None, 0));
+        assert_eq!(session.settle(actions(), &mut memory).is_some(), owed);
+        assert_eq!(memory.withheld, withheld);
+    }
+    session.asked = Some(Due::for_observation(&observation(1, &[]), Some(Duration::ZERO), 0));
+    assert!(matches!(session.settle(actions(), &mut memory), Some(SessionOutput::Missed { .. })));
+    assert!(memory.withheld);
+}
