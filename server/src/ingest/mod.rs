@@ -30,7 +30,7 @@ pub use self::inspect::inspect;
 use self::{claim::Claims, inspector::Inspector};
 pub(crate) use self::{
     keep::NewRecording,
-    passing::Declared,
+    passing::{Declared, Passing, Room},
     upload::{NewUpload, Started},
     write::Chunk,
 };

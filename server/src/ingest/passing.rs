@@ -1,17 +1,17 @@
 //! Recordings that are looked at and not kept: the same inspection as an upload's, and nothing left afterwards. What a
 //! crash leaves lies in `tmp`, which the next start empties.
 
-use std::path::Path;
+use std::{path::Path, sync::Arc};
 
 use bytes::Bytes;
 use futures::{Stream, StreamExt as _};
 use gleaner_recording::{Episode as Frames, Report, TaskSpec};
-use tokio::{fs::File, io::AsyncWriteExt as _};
+use tokio::{fs::File, io::AsyncWriteExt as _, sync::OwnedSemaphorePermit};
 
 use super::{Ingest, off_runtime, open_frames, part::refused};
 use crate::error::{Error, Result};
 
-/// Most such recordings at once: each may take as much disk as the largest upload.
+/// Most such recordings at once: each may take as much disk as the largest upload, and then as much for its steps.
 pub(super) const AT_ONCE: usize = 4;
 
 /// What a client says of a recording that it is going to send.
@@ -23,6 +23,12 @@ pub(crate) struct Declared {
     pub(crate) size_bytes: Option<u64>,
 }
 
+/// The place of one such recording. It is to be held as long as anything of the recording is.
+#[derive(Debug)]
+pub(crate) struct Room {
+    pub(super) _place: OwnedSemaphorePermit,
+}
+
 /// What was found in a recording that is gone again.
 #[derive(Debug)]
 pub(crate) struct Passing {
@@ -30,6 +36,8 @@ pub(crate) struct Passing {
     pub(crate) frames: Frames,
     /// What the inspection said.
     pub(crate) report: Report,
+    /// For as long as the steps are held.
+    pub(crate) room: Room,
 }
 
 impl Ingest {
@@ -44,9 +52,10 @@ impl Ingest {
         declared: Declared,
         chunks: impl Stream<Item = Result<Bytes>> + Unpin,
     ) -> Result<Passing> {
-        let _one = self.passing.try_acquire().map_err(|_| {
+        let one = Arc::clone(&self.passing).try_acquire_owned().map_err(|_| {
             Error::exhausted(format!("{AT_ONCE} recordings are being looked at already; send it again later"))
         })?;
+        let room = Room { _place: one };
         self.within_limit(declared.size_bytes.unwrap_or(0))?;
         let tmp = self.data_dir.join("tmp");
         let folder = off_runtime("making room for a recording", move || {
@@ -65,7 +74,7 @@ impl Ingest {
             Ok(())
         })
         .await?;
-        Ok(Passing { frames, report })
+        Ok(Passing { frames, report, room })
     }
 
     /// Writes what comes to a file, not to outlive this call.

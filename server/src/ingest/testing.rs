@@ -8,8 +8,9 @@ use clap::Parser as _;
 use futures::stream;
 use gleaner_recording::{EpisodeWriter, StepRef, written_mapping};
 use tempfile::TempDir;
+use tokio::sync::Semaphore;
 
-use super::{Chunk, Ingest, NewUpload, Started, inspect, limits};
+use super::{Chunk, Ingest, NewUpload, Room, Started, inspect, limits};
 use crate::{
     blobs::Blobs,
     config::{Cli, Command, InspectConfig, ServeConfig},
@@ -39,6 +40,11 @@ pub(crate) struct Fixture {
     pub(crate) ingest: Ingest,
     command: Vec<OsString>,
     pub(crate) config: Arc<ServeConfig>,
+}
+
+/// One of the rooms that there are.
+pub(crate) fn room(rooms: &Arc<Semaphore>) -> Room {
+    Room { _place: Arc::clone(rooms).try_acquire_owned().unwrap() }
 }
 
 /// An ingest whose inspector is this shell script. It finds `$recording`, `$report` and `$frames`.

@@ -17,6 +17,7 @@ use super::{
 use crate::{
     domain::id::ScoreRunId,
     error::{Error, Result, guarded},
+    ingest::Room,
 };
 
 /// Most episodes that are scored together.
@@ -29,7 +30,15 @@ enum Ask<H> {
     /// To go on with a running episode.
     Follow(Arc<Line<H>>),
     /// To score a whole one.
-    Episode(Box<Trajectory>, oneshot::Sender<Result<EpisodeScores>>),
+    Episode(Box<Whole>),
+}
+
+/// A whole episode to be scored.
+struct Whole {
+    steps: Trajectory,
+    reply: oneshot::Sender<Result<EpisodeScores>>,
+    /// Given back when the episode is gone, even if its caller goes before.
+    _room: Room,
 }
 
 /// What a scorer says of itself once it is loaded.
@@ -49,7 +58,7 @@ impl<S: Scorer> Engine<S> {
     /// # Errors
     /// What `load` says.
     pub(super) async fn start(run: &ScoreRunId, load: impl FnOnce() -> Result<S> + Send + 'static) -> Result<Self> {
-        // Unbounded, yet small: each running episode has at most one ask in it, each caller one.
+        // Unbounded, yet small: each running episode has at most one ask in it, each whole one has its room.
         let (asks, asked) = flume::unbounded();
         let (tell, told) = oneshot::channel();
         let thread = std::thread::Builder::new()
@@ -87,19 +96,18 @@ impl<S: Scorer> Engine<S> {
     ///
     /// # Errors
     /// Invalid when it does not fit; Unavailable when the scorer is being unloaded; Internal when it fails.
-    pub(super) async fn episode(&self, episode: Trajectory) -> Result<EpisodeScores> {
+    pub(super) async fn episode(&self, steps: Trajectory, room: Room) -> Result<EpisodeScores> {
         let (reply, answer) = oneshot::channel();
         let asks = self.asks.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        let asked = asks.is_some_and(|asks| asks.send(Ask::Episode(Box::new(episode), reply)).is_ok());
+        let whole = Box::new(Whole { steps, reply, _room: room });
+        let asked = asks.is_some_and(|asks| asks.send(Ask::Episode(whole)).is_ok());
         match answer.await {
             Ok(scores) if asked => scores,
-            Ok(_) | Err(_) => {
-                Err(Error::unavailable("the scorer is being unloaded or the server is stopping; try again"))
-            }
+            Ok(_) | Err(_) => Err(unloading()),
         }
     }
 
-    /// Takes nothing more and waits, blocking, until what waits is done and the thread has ended.
+    /// Takes nothing more and waits, blocking, until the running episodes that wait are done and the thread has ended.
     pub(super) fn close(&self) {
         drop(self.asks.lock().unwrap_or_else(PoisonError::into_inner).take());
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
@@ -131,15 +139,21 @@ fn loaded<S: Scorer>(load: impl FnOnce() -> Result<S>, tell: oneshot::Sender<Loa
     }
 }
 
-/// Serves until nobody can ask any more. Running episodes that wait go together; a whole one goes alone.
+/// Serves until nobody can ask any more. Running episodes that wait go together; a whole one goes alone, and is refused
+/// once nothing more may come: the stop does not wait for it.
 fn serve<S: Scorer>(scorer: &S, asked: &flume::Receiver<Ask<S::History>>) {
     let mut put_off = VecDeque::new();
     while let Some(first) = put_off.pop_front().or_else(|| asked.recv().ok()) {
         match first {
-            Ask::Episode(episode, reply) => {
+            Ask::Episode(whole) => {
+                let Whole { steps, reply, _room } = *whole;
                 if !reply.is_closed() {
+                    let scores = match asked.is_disconnected() {
+                        true => Err(unloading()),
+                        false => guarded("scoring an episode", || scorer.episode(&steps)),
+                    };
                     // A caller that has gone needs no answer.
-                    let _ = reply.send(guarded("scoring an episode", || scorer.episode(&episode)));
+                    let _ = reply.send(scores);
                 }
             }
             Ask::Follow(line) => {
@@ -192,6 +206,10 @@ fn answer<S: Scorer>(scorer: &S, stretches: &[&Stretch<S::History>]) -> Result<V
         true => Ok(followed),
         false => Err(miscounted()),
     }
+}
+
+fn unloading() -> Error {
+    Error::unavailable("the scorer is being unloaded or the server is stopping; try again")
 }
 
 fn miscounted() -> Error {

@@ -33,7 +33,7 @@ use crate::{
         task::Task,
     },
     error::{Error, Result},
-    ingest::Ingest,
+    ingest::{Ingest, Room},
     store::Store,
 };
 
@@ -60,8 +60,11 @@ impl Scorers {
     /// NotFound; Precondition when its job has not succeeded, when it cannot score what is not stored, or when its
     /// encoder cannot be read by this version; Unavailable when the server is stopping.
     pub(crate) async fn load(&self, run: &ScoreRunId) -> Result<Arc<Ready>> {
-        let shelf = &self.0.shelf;
-        shelf.ready(run, || load::ready(&self.0.store, &self.0.blobs, &self.0.ingest, run, Arc::downgrade(shelf))).await
+        let (inner, of) = (Arc::clone(&self.0), run.clone());
+        let load = move || async move {
+            load::ready(&inner.store, &inner.blobs, &inner.ingest, &of, Arc::downgrade(&inner.shelf)).await
+        };
+        self.0.shelf.ready(run, load).await
     }
 
     /// Unloads every run: what waits is scored, what comes later is refused.
@@ -104,13 +107,14 @@ impl<S: Scorer> Ready<S> {
         &self.experts
     }
 
-    /// The scores of every segment of a recording that is not stored, as the run would have given them.
+    /// The scores of every segment of a recording that is not stored, as the run would have given them. `room` is held
+    /// for as long as the recording is in memory.
     ///
     /// # Errors
     /// Invalid when it does not fit; Unavailable when the server is stopping; Internal.
-    pub(crate) async fn score_recording(&self, steps: &Steps) -> Result<EpisodeScores> {
+    pub(crate) async fn score_recording(&self, steps: &Steps, room: Room) -> Result<EpisodeScores> {
         let recording = trajectory(self.shape(), "recording", steps);
-        self.engine.episode(recording.map_err(|error| Error::learned("scoring a recording", error))?).await
+        self.engine.episode(recording.map_err(|error| Error::learned("scoring a recording", error))?, room).await
     }
 
     fn window(&self) -> usize {

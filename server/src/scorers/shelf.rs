@@ -6,7 +6,8 @@ use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
-use tokio::sync::OnceCell;
+use tokio::sync::{OnceCell, oneshot};
+use tracing::Instrument as _;
 
 use super::{Ready, model::Scorer};
 use crate::{
@@ -52,13 +53,18 @@ impl<S: Scorer> Shelf<S> {
         Arc::new(Self { most, slots: Mutex::new(slots) })
     }
 
-    /// The run, made by `load` if it is not there.
+    /// The run, made by `load` if it is not there. A load that has begun is ended even if who asked for it has gone,
+    /// for the next who asks.
     ///
     /// # Errors
     /// What `load` says, after which the next who waits tries again; Unavailable when nothing may be loaded any more.
-    pub(super) async fn ready<F>(&self, run: &ScoreRunId, load: impl FnOnce() -> F) -> Result<Arc<Ready<S>>>
+    pub(super) async fn ready<F>(
+        self: &Arc<Self>,
+        run: &ScoreRunId,
+        load: impl FnOnce() -> F + Send + 'static,
+    ) -> Result<Arc<Ready<S>>>
     where
-        F: Future<Output = Result<Ready<S>>>,
+        F: Future<Output = Result<Ready<S>>> + Send,
     {
         let slot = {
             let mut slots = self.slots();
@@ -71,13 +77,24 @@ impl<S: Scorer> Shelf<S> {
             slot.used = used;
             Arc::clone(&slot.ready)
         };
-        let made = slot.get_or_try_init(|| async { load().await.map(Arc::new) }).await.cloned();
-        drop(slot);
-        if made.is_err() {
-            self.forget_unmade(run);
-        }
-        let ready = made?;
-        self.make_room(None);
+        let (tell, told) = oneshot::channel();
+        let (shelf, run) = (Arc::clone(self), run.clone());
+        let making = async move {
+            let make = || async {
+                // Who has gone while another's load failed wants none of their own.
+                if tell.is_closed() { Err(gone()) } else { load().await.map(Arc::new) }
+            };
+            let made = slot.get_or_try_init(make).await.cloned();
+            drop(slot);
+            if made.is_err() {
+                shelf.forget_unmade(&run);
+            }
+            // Nobody listens when the caller has gone.
+            let _ = tell.send(made);
+            shelf.make_room(None);
+        };
+        tokio::spawn(making.in_current_span());
+        let ready = told.await.map_err(|error| Error::internal("loading a scorer", error))??;
         // A load that ended after the stop must not outlive it.
         match self.slots().stopped {
             true => Err(stopping()),
@@ -126,6 +143,10 @@ impl<S: Scorer> Shelf<S> {
         // Whole after every statement, so a panic elsewhere does not spoil it.
         self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+fn gone() -> Error {
+    Error::cancelled("whoever asked for the scorer has gone")
 }
 
 fn stopping() -> Error {

@@ -40,7 +40,7 @@ pub(crate) enum Output {
 }
 
 /// Scores the steps of one episode until they end. `start` gives the run and the steps: what was seen with what was
-/// done. An error is the last answer.
+/// done; it gives up by itself on a client that says nothing. An error is the last answer.
 pub(crate) fn score_steps<S, F, I>(
     start: impl FnOnce() -> F + Send + 'static,
     terms: Terms,
@@ -55,7 +55,15 @@ where
     tokio::spawn(async move {
         let Ok(last) = outputs.clone().reserve_owned().await else { return };
         let ended = async {
-            let (ready, steps) = tokio::time::timeout(terms.idle, start()).await.map_err(|_| terms.silent())??;
+            // A run may take its time to load: that is not the client's silence.
+            let (ready, steps) = tokio::select! {
+                biased;
+                started = start() => started?,
+                () = outputs.closed() => return Err(gone()),
+                () = terms.stopping.cancelled() => {
+                    return Err(Error::unavailable("the server is stopping; open the stream again"));
+                }
+            };
             Scoring { watch: ready.watch(), terms, outputs }.run(steps).await
         };
         if let Err(error) = ended.await {

@@ -5,7 +5,13 @@
 mod shelf;
 mod steps;
 
+use std::sync::Arc;
+
+use gleaner_learn::Trajectory;
+use tokio::sync::Semaphore;
+
 use super::testing::{FAILS, PANICS, ready, scored, seen, step};
+use crate::{error::Kind, ingest::testing::room};
 
 #[tokio::test]
 async fn each_step_is_scored_with_those_before_it() {
@@ -78,6 +84,26 @@ async fn a_gap_is_in_no_segment() {
 }
 
 #[tokio::test]
+async fn nothing_is_whole_that_reaches_back_over_a_gap_even_before_the_first_step() {
+    let (ready, control) = ready().await;
+    drop(control.gate);
+    let mut watch = ready.watch();
+    watch.gap();
+    for stamp in 1..=3 {
+        step(&mut watch, stamp);
+    }
+    watch.saw(seen(4, 0.0));
+    watch.gap();
+    watch.executed(&[1.0]);
+    for stamp in 5..=7 {
+        step(&mut watch, stamp);
+        watch.settle().await;
+    }
+    assert_eq!(scored(&mut watch), [(3, -10203.0), (7, -50607.0)]);
+    assert_eq!(watch.left_out(), 4);
+}
+
+#[tokio::test]
 async fn who_waits_together_is_scored_together_and_only_the_one_at_fault_fails() {
     for fault in [PANICS, FAILS] {
         let (ready, mut control) = ready().await;
@@ -127,4 +153,35 @@ async fn a_scorer_that_closes_keeps_nobody_waiting() {
     step(&mut watch, 2);
     watch.settle().await;
     assert_eq!((scored(&mut watch).len(), watch.left_out()), (0, 1));
+}
+
+#[tokio::test]
+async fn a_whole_episode_keeps_its_room_while_it_waits_and_is_refused_by_a_scorer_that_closes() {
+    let (ready, mut control) = ready().await;
+    let mut watch = ready.watch();
+    step(&mut watch, 1);
+    assert_eq!(control.begun.recv().await, Some(1));
+    let rooms = Arc::new(Semaphore::new(2));
+    let whole = || {
+        let steps = Trajectory::new(ready.shape(), "whole", Arc::new(Vec::new()), vec![0.0], vec![0.0]).unwrap();
+        ready.engine.episode(steps, room(&rooms))
+    };
+    let (mut gone, mut waits) = (Box::pin(whole()), Box::pin(whole()));
+    assert!(futures::poll!(&mut gone).is_pending() && futures::poll!(&mut waits).is_pending());
+    drop(gone);
+    assert_eq!(rooms.available_permits(), 0, "both are in memory");
+    let closing = Arc::clone(&ready);
+    let closed = tokio::task::spawn_blocking(move || closing.engine.close());
+    loop {
+        let mut late = ready.watch();
+        step(&mut late, 1);
+        if late.left_out() == 1 {
+            break;
+        }
+        tokio::task::yield_now().await;
+    }
+    drop(control.gate);
+    assert_eq!(waits.await.unwrap_err().kind(), Kind::Unavailable);
+    closed.await.unwrap();
+    assert_eq!(rooms.available_permits(), 2);
 }

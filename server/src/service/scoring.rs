@@ -10,6 +10,7 @@ use tonic::Streaming;
 use super::Rooms;
 use crate::{
     error::Result,
+    ingest::Passing,
     policies::observation,
     scorers::{Ready, Seen, Terms, score_steps},
     wire::{
@@ -28,9 +29,9 @@ impl Rooms {
         let (run, declared) = scoring::recording_open(requests.next().await.transpose()?)?;
         let ready = self.scorers.load(&run).await?;
         let chunks = requests.map(|request| request.and_then(scoring::recording_data));
-        let passing = self.ingest.pass(&ready.task().spec, declared, chunks).await?;
-        let scores = ready.score_recording(&passing.frames).await?;
-        Ok(scoring::recording_response(scores, ready.experts(), passing.report))
+        let Passing { frames, report, room } = self.ingest.pass(&ready.task().spec, declared, chunks).await?;
+        let scores = ready.score_recording(&frames, room).await?;
+        Ok(scoring::recording_response(scores, ready.experts(), report))
     }
 
     /// Scores an episode's steps while it happens.

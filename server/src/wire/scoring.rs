@@ -34,6 +34,10 @@ pub(crate) fn recording_open(first: Option<v1::ScoreRecordingRequest>) -> Result
 /// The next bytes of a recording.
 pub(crate) fn recording_data(request: v1::ScoreRecordingRequest) -> Result<Bytes> {
     match field::required("message", request.message)? {
+        // A stream of nothing would never end and never fall silent.
+        score_recording_request::Message::Data(data) if data.is_empty() => {
+            Err(Error::invalid("data", "is empty; send bytes of the recording, or end the stream"))
+        }
         score_recording_request::Message::Data(data) => Ok(data),
         score_recording_request::Message::Open(_) => Err(Error::invalid("open", OPEN_TWICE)),
     }
@@ -111,4 +115,20 @@ pub(crate) fn live_score(segment: SegmentScored) -> v1::LiveScore {
 
 fn open_first() -> Error {
     Error::invalid("open", "must be the first message: it names the score run")
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_recording_does_not_come_in_pieces_of_nothing() {
+        let data = |bytes: &'static [u8]| {
+            let message = Some(score_recording_request::Message::Data(bytes.into()));
+            recording_data(v1::ScoreRecordingRequest { message })
+        };
+        assert_eq!(data(b"x").unwrap(), "x");
+        assert!(data(b"").unwrap_err().message().starts_with("data: "));
+    }
 }

@@ -29,6 +29,9 @@ async fn a_recording_is_read_and_gone() {
     assert_eq!((passing.report.steps, passing.frames.steps()), (12, 12));
     assert_eq!(passing.frames.action()[3], -3.0, "what was mapped outlives its file");
     assert!(f.files(&FOLDERS).is_empty(), "{:?}", f.files(&FOLDERS));
+    assert_eq!(f.ingest.passing.available_permits(), AT_ONCE - 1, "its steps are held");
+    drop(passing);
+    assert_eq!(f.ingest.passing.available_permits(), AT_ONCE);
     assert!(pass(&f, None, chunks(&bytes)).await.is_ok(), "its size need not be known");
 }
 

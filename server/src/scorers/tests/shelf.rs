@@ -5,6 +5,8 @@ use std::sync::{
     atomic::{AtomicU32, Ordering},
 };
 
+use tokio::sync::Notify;
+
 use super::super::{
     Ready,
     shelf::Shelf,
@@ -16,7 +18,8 @@ use crate::{
 };
 
 async fn get(shelf: &Arc<Shelf<Parrot>>, run: &ScoreRunId) -> Result<Arc<Ready<Parrot>>> {
-    shelf.ready(run, || async { Ok(ready_on(Arc::downgrade(shelf)).await.0) }).await
+    let of = Arc::downgrade(shelf);
+    shelf.ready(run, || async { Ok(ready_on(of).await.0) }).await
 }
 
 fn loaded(shelf: &Shelf<Parrot>, runs: &[&ScoreRunId]) -> Vec<bool> {
@@ -26,18 +29,44 @@ fn loaded(shelf: &Shelf<Parrot>, runs: &[&ScoreRunId]) -> Vec<bool> {
 
 #[tokio::test]
 async fn a_run_is_loaded_once_however_many_ask() {
-    let (shelf, run, loads) = (Shelf::new(1), ScoreRunId::new(), AtomicU32::new(0));
+    let (shelf, run, loads) = (Shelf::new(1), ScoreRunId::new(), Arc::new(AtomicU32::new(0)));
     let ask = || {
-        shelf.ready(&run, || async {
+        let (of, loads) = (Arc::downgrade(&shelf), Arc::clone(&loads));
+        shelf.ready(&run, || async move {
             loads.fetch_add(1, Ordering::SeqCst);
             tokio::task::yield_now().await;
-            Ok(ready_on(Arc::downgrade(&shelf)).await.0)
+            Ok(ready_on(of).await.0)
         })
     };
     let (one, two) = tokio::join!(ask(), ask());
     assert!(Arc::ptr_eq(&one.unwrap(), &two.unwrap()));
     assert!(Arc::ptr_eq(&ask().await.unwrap(), &ask().await.unwrap()));
-    assert_eq!(loads.into_inner(), 1);
+    assert_eq!(loads.load(Ordering::SeqCst), 1);
+}
+
+#[tokio::test]
+async fn a_load_goes_on_without_who_asked_for_it_and_serves_the_next() {
+    let (shelf, run, loads) = (Shelf::new(1), ScoreRunId::new(), Arc::new(AtomicU32::new(0)));
+    let (begun, go_on) = (Arc::new(Notify::new()), Arc::new(Notify::new()));
+    let ask = || {
+        let (of, loads) = (Arc::downgrade(&shelf), Arc::clone(&loads));
+        let (begun, go_on) = (Arc::clone(&begun), Arc::clone(&go_on));
+        shelf.ready(&run, || async move {
+            loads.fetch_add(1, Ordering::SeqCst);
+            begun.notify_one();
+            go_on.notified().await;
+            Ok(ready_on(of).await.0)
+        })
+    };
+    let mut impatient = Box::pin(ask());
+    tokio::select! {
+        _ = &mut impatient => panic!("it is not told to go on"),
+        () = begun.notified() => {}
+    }
+    drop(impatient);
+    go_on.notify_one();
+    assert!(ask().await.is_ok());
+    assert_eq!(loads.load(Ordering::SeqCst), 1);
 }
 
 #[tokio::test]

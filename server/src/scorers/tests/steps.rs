@@ -79,14 +79,29 @@ async fn a_client_that_says_nothing_or_reads_nothing_loses_its_stream() {
     let ready = quick().await;
     let silent = begin(&ready, stream::iter(steps([1])).chain(stream::pending()), terms());
     assert_eq!(last(silent).await.kind(), Kind::Late);
-    let slow_start = score_steps::<Parrot, _, stream::Empty<Step>>(std::future::pending, terms());
-    assert_eq!(last(slow_start).await.kind(), Kind::Late);
-
     let unread = begin(&ready, stream::iter(steps(1..=60)), terms());
     while !unread.is_closed() && unread.len() < 17 {
         tokio::time::sleep(Duration::from_secs(10)).await;
     }
     assert_eq!(last(unread).await.kind(), Kind::Late);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_run_may_take_its_time_to_load_but_not_to_the_end_of_the_server() {
+    let (ready, slow) = (quick().await, terms());
+    let load = 10 * slow.idle;
+    let start = move || async move {
+        tokio::time::sleep(load).await;
+        Ok((ready, stream::iter(steps([1]))))
+    };
+    let answer = score_steps(start, slow).recv().await.unwrap();
+    assert!(matches!(answer, Ok(Output::Scored(_))), "{answer:?}");
+
+    let ending = terms();
+    let stopping = ending.stopping.clone();
+    let never = score_steps::<Parrot, _, stream::Empty<Step>>(std::future::pending, ending);
+    stopping.cancel();
+    assert_eq!(last(never).await.kind(), Kind::Unavailable);
 }
 
 #[tokio::test(start_paused = true)]
