@@ -5,11 +5,10 @@ use std::path::PathBuf;
 use clap::Args;
 use gleaner_proto::v1::{Finding, Severity};
 
-use super::scores::{drawing, matches};
+use super::scores::shown;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::json;
-use crate::output::terminal_width;
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoreRecordingArgs {
@@ -38,15 +37,8 @@ impl ScoreRecordingArgs {
         for finding in findings.filter(|finding| finding.severity() != Severity::Note) {
             context.output.note(found(finding));
         }
-        let text = || {
-            let what = format!("{} (not stored)", self.file.display());
-            let mut text = drawing(&what, scores, self.beta, terminal_width());
-            if self.matches {
-                text.push_str("\n\n");
-                text.push_str(&matches(scores));
-            }
-            text
-        };
+        let what = format!("{} (not stored)", self.file.display());
+        let text = || shown(&what, scores, self.beta, self.matches);
         context.output.result(|| json::value(&reply), text)?;
         context.output.next(format_args!("gleaner push {} (keeps it as an episode)", self.file.display()));
         Ok(())

@@ -79,15 +79,8 @@ impl ScoresArgs {
         let request = GetEpisodeScoresRequest { score_run_id: self.run.clone(), episode_id: self.episode };
         let reply = context.client().await?.scores().get_episode_scores(request).await?.into_inner();
         let scores = present(reply.scores.as_ref(), "scores")?;
-        let text = || {
-            let what = format!("{} ({})", scores.episode_id, words::role(scores.role()));
-            let mut text = drawing(&what, scores, self.beta, terminal_width());
-            if self.matches {
-                text.push_str("\n\n");
-                text.push_str(&matches(scores));
-            }
-            text
-        };
+        let what = format!("{} ({})", scores.episode_id, words::role(scores.role()));
+        let text = || shown(&what, scores, self.beta, self.matches);
         context.output.result(|| json::value(&reply), text)?;
         context.output.next(if self.matches {
             format!("gleaner dataset create --run {} --beta {}", self.run, self.beta)
@@ -98,8 +91,14 @@ impl ScoresArgs {
     }
 }
 
+/// What was scored as a person looks at it; with its matches below if `listed`.
+pub(super) fn shown(what: &str, scores: &EpisodeScores, beta: f64, listed: bool) -> String {
+    let drawn = drawing(what, scores, beta, terminal_width());
+    if listed { format!("{drawn}\n\n{}", matches(scores)) } else { drawn }
+}
+
 /// The curve of q over the steps of what was scored, and the facts of it.
-pub(super) fn drawing(what: &str, scores: &EpisodeScores, beta: f64, width: usize) -> String {
+fn drawing(what: &str, scores: &EpisodeScores, beta: f64, width: usize) -> String {
     let q = &scores.q;
     let kept = q.iter().filter(|&&q| f64::from(q) > beta).count();
     let (mut low, mut high, mut sum) = (f32::INFINITY, f32::NEG_INFINITY, 0.0_f64);
@@ -119,7 +118,7 @@ pub(super) fn drawing(what: &str, scores: &EpisodeScores, beta: f64, width: usiz
 }
 
 /// Each step with its nearest expert step.
-pub(super) fn matches(scores: &EpisodeScores) -> String {
+fn matches(scores: &EpisodeScores) -> String {
     let columns = [
         Right("STEP"),
         Right("Q"),
