@@ -1,8 +1,9 @@
 //! Generates the services of both protocols with a pure-Rust compiler, so no protoc is needed.
 
-use std::path::PathBuf;
+use std::{fmt::Write as _, path::PathBuf};
 
 use prost::Message as _;
+use prost_types::FileDescriptorSet;
 
 const PROTOS: [&str; 10] = [
     "gleaner/v1/task.proto",
@@ -26,6 +27,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let descriptors = protox::compile(PROTOS, ["."])?;
     let out = PathBuf::from(std::env::var("OUT_DIR")?);
     std::fs::write(out.join("descriptors.bin"), descriptors.encode_to_vec())?;
+    std::fs::write(out.join("rpcs.rs"), rpcs(&descriptors)?)?;
     tonic_prost_build::configure()
         .bytes(".gleaner.v1.WriteUploadRequest.data")
         .bytes(".gleaner.v1.DownloadEpisodeResponse.data")
@@ -36,4 +38,25 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .bytes(".inference.InferTensorContents.bytes_contents")
         .compile_fds(descriptors)?;
     Ok(())
+}
+
+/// An enum of every rpc, so that a `match` over it without a wildcard fails to build when one is added.
+fn rpcs(descriptors: &FileDescriptorSet) -> Result<String, std::fmt::Error> {
+    let (mut variants, mut all, mut paths) = (String::new(), String::new(), String::new());
+    for file in &descriptors.file {
+        for service in &file.service {
+            for method in &service.method {
+                let variant = format!("{}{}", service.name(), method.name());
+                let path = format!("/{}.{}/{}", file.package(), service.name(), method.name());
+                writeln!(variants, "    /// `{path}`\n    {variant},")?;
+                writeln!(all, "        Self::{variant},")?;
+                writeln!(paths, "            Self::{variant} => \"{path}\",")?;
+            }
+        }
+    }
+    Ok(format!(
+        "/// Every rpc of every service here.\n#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]\n\
+         pub enum Rpc {{\n{variants}}}\n\nimpl Rpc {{\n    /// All of them.\n    pub const ALL: &'static [Self] = &[\n{all}    ];\n\n    \
+         /// Its path in a request.\n    #[must_use]\n    pub const fn path(self) -> &'static str {{\n        match self {{\n{paths}        }}\n    }}\n}}\n"
+    ))
 }

@@ -16,3 +16,10 @@ pub mod inference {
 
 /// The encoded `FileDescriptorSet` of every service here, for server reflection.
 pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
+
+mod rpc {
+    #![allow(clippy::all, clippy::pedantic, reason = "generated code")]
+    include!(concat!(env!("OUT_DIR"), "/rpcs.rs"));
+}
+
+pub use rpc::Rpc;
