@@ -96,7 +96,9 @@ impl Store {
         };
         check_both_sides(&snapshot)?;
         insert(&mut tx, &snapshot, &members).await?;
+        crate::fail_point::pass("snapshot.rows_written");
         commit(tx).await?;
+        crate::fail_point::pass("snapshot.committed");
         Ok(snapshot)
     }
 
@@ -134,9 +136,10 @@ impl Store {
     /// The episodes of a snapshot in its order, each with its role and with outcome and cohort as they were then.
     ///
     /// # Errors
-    /// NotFound.
+    /// NotFound; Precondition when a recording was deleted for good.
     pub(crate) async fn recordings(&self, id: &SnapshotId) -> Result<Vec<(Episode, Role)>> {
         let (_, members) = self.snapshot(id).await?;
+        self.expect_recordings(id).await?;
         let mut query = QueryBuilder::<Sqlite>::new(episode::COLUMNS);
         query.push("join snapshot_episodes on episode_id = episodes.id where snapshot_id = ").push_bind(id.as_str());
         let rows: Vec<EpisodeRow> =
@@ -154,14 +157,17 @@ impl Store {
     }
 }
 
-/// The task's episodes that the rule takes, by id, with their outcomes.
+/// The task's episodes that the rule takes, with their outcomes.
+///
+/// By content and not by arrival: what is learned depends on the order, and episodes that are pushed side by side
+/// arrive in any.
 async fn members_now(
     tx: &mut Transaction<'_, Sqlite>,
     task: &TaskId,
     rule: &RoleRule,
 ) -> Result<Vec<(Member, Outcome)>> {
     let rows = sqlx::query_as::<_, LabelledRow>(
-        "select id, recording, outcome, cohort from episodes where task_id = ? order by id",
+        "select id, recording, outcome, cohort from episodes where task_id = ? and deleted_at is null order by recording, id",
     )
     .bind(task.as_str())
     .fetch_all(&mut **tx)
