@@ -11,7 +11,7 @@ ENV XDG_CACHE_HOME=/cache
 COPY scripts/libtorch.sh scripts/
 RUN scripts/libtorch.sh
 COPY . .
-RUN cargo build --release --locked --bin gleaner-server --bin gleaner \
+RUN cargo build --release --locked -p gleaner-server -p gleaner-client --bin gleaner-server --bin gleaner \
  && mkdir -p /out/bin /out/lib \
  && cp target/release/gleaner-server target/release/gleaner /out/bin/ \
  && cp -L .libtorch/lib/* /out/lib/
