@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test test-python lint-python metaworld fmt lint doc deny check bench bench-serving peers peers-serving
+.PHONY: demo build test crash-test test-python lint-python metaworld fmt lint doc deny check bench bench-serving peers peers-serving
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -14,12 +14,20 @@ demo: .libtorch
 	$(CARGO) build --locked --bin gleaner-server --bin gleaner
 	target/debug/gleaner demo --server-bin target/debug/gleaner-server --dir $(DEMO_DIR)
 
+# By package: what the tests turn on in a whole workspace (the fail points) stays out.
 build: .libtorch
-	$(CARGO) build --release --locked --bin gleaner-server --bin gleaner
+	$(CARGO) build --release --locked -p gleaner-server -p gleaner-client --bin gleaner-server --bin gleaner
 
 # Every test, from a bare clone.
 test: .libtorch
 	$(CARGO) test --workspace --locked
+
+# Kills a server 200 times under a mixed load with 1,000 uploads, and a training job 50 times, at random moments and at
+# every fail point. Prints its seed; SEED=… sets it.
+SEED ?= 1
+crash-test: .libtorch
+	GLEANER_CRASH_KILLS=200 GLEANER_CRASH_UPLOADS=1000 GLEANER_CRASH_TRAINING_KILLS=50 GLEANER_CRASH_SEED=$(SEED) \
+		$(CARGO) test --locked -p gleaner-tests --test end_to_end crash:: -- --nocapture --test-threads=1
 
 # The Python client, as it is installed, against the real server.
 test-python: .libtorch $(PYTHON_ENV)
