@@ -1,11 +1,13 @@
 //! The command line's shape: global options and the list of commands.
 
+use std::path::PathBuf;
+
 use clap::{Args, Parser, Subcommand};
 use gleaner_client::Token;
 
 use crate::cmd::{
     dataset, drive, episodes, evaluate, evaluations, export, jobs, label, pipeline, policies, push, record, schedule,
-    score_recording, scores, snapshot, submit, task, what_if,
+    score_recording, scores, snapshot, submit, task, trash, what_if,
 };
 use crate::{demo, experiment};
 
@@ -35,6 +37,18 @@ pub(crate) struct ConnectionArgs {
     #[arg(long, global = true, env = "GLEANER_TOKEN", hide_env_values = true)]
     pub(crate) token: Option<Token>,
 
+    /// Certificates (PEM) that may have signed the server's; by default the system's. For https:// addresses.
+    #[arg(long, global = true, env = "GLEANER_CA", value_name = "FILE")]
+    pub(crate) ca: Option<PathBuf>,
+
+    /// A certificate (PEM) of one's own, if the server asks for one.
+    #[arg(long, global = true, env = "GLEANER_CLIENT_CERT", value_name = "FILE", requires = "client_key")]
+    pub(crate) client_cert: Option<PathBuf>,
+
+    /// The private key (PEM) of that certificate.
+    #[arg(long, global = true, env = "GLEANER_CLIENT_KEY", value_name = "FILE", requires = "client_cert")]
+    pub(crate) client_key: Option<PathBuf>,
+
     /// Who labels episodes, as kept in their history.
     #[arg(long, global = true, env = "USER", hide_env_values = true, value_name = "NAME")]
     pub(crate) author: Option<String>,
@@ -57,6 +71,10 @@ pub(crate) enum Command {
     Label(label::LabelArgs),
     /// Show every label an episode ever had.
     Labels(label::LabelsArgs),
+    /// Put episodes into the trash; the server removes them for good after some days.
+    Delete(trash::DeleteArgs),
+    /// Take episodes out of the trash.
+    Restore(trash::RestoreArgs),
     /// Freeze, list and show snapshots of a task's episodes.
     #[command(subcommand)]
     Snapshot(snapshot::SnapshotCommand),
@@ -156,6 +174,9 @@ mod tests {
             "gleaner drive a@b --real-time --deadline-ms 40 --hold-ms 0",
             "gleaner pretrain --max-experts 20 --imperfect-per-expert 3 --rule-seed 1",
             "gleaner task create --sim pick_cube --image 64",
+            "gleaner delete ep_1 ep_2 --force",
+            "gleaner restore ep_1",
+            "gleaner episodes --deleted",
         ] {
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
         }
@@ -187,6 +208,8 @@ mod tests {
             "gleaner experiment a.toml --report --plan",
             "gleaner pipeline --beta 0.5 --top 0.1",
             "gleaner rollback",
+            "gleaner delete",
+            "gleaner restore",
             "gleaner score-recording run_1",
             "gleaner task create",
             "gleaner task create a.toml --sim pick_cube",

@@ -17,6 +17,7 @@ use tonic::service::Interceptor;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::{Channel, Endpoint};
 
+use crate::credentials::Credentials;
 use crate::error::{ClientError, Result};
 use crate::token::Token;
 
@@ -51,17 +52,22 @@ pub struct Client {
 }
 
 impl Client {
-    /// Connects to a server, for example `http://127.0.0.1:7400`.
+    /// Connects to a server, for example `http://127.0.0.1:7400`; as `connect_with` with nothing but a token.
     ///
     /// # Errors
     /// [`ClientError::Invalid`] when the address is not one, [`ClientError::Connect`] when nobody answers.
     pub async fn connect(url: &str, token: Option<Token>) -> Result<Self> {
-        if !url.starts_with("http://") {
-            return Err(ClientError::Invalid(format!(
-                "server address {url}: it must begin with http:// (this client speaks no TLS yet; use a tunnel)"
-            )));
-        }
-        let endpoint = Endpoint::from_shared(url.to_owned())
+        Self::connect_with(url, Credentials::of(token)).await
+    }
+
+    /// Connects to a server, encrypted when its address begins with `https://`.
+    ///
+    /// # Errors
+    /// [`ClientError::Invalid`] when the address or a certificate is none, [`ClientError::Connect`] when nobody answers
+    /// or one side does not trust the other.
+    pub async fn connect_with(url: &str, credentials: Credentials) -> Result<Self> {
+        let tls = credentials.tls(url)?;
+        let mut endpoint = Endpoint::from_shared(url.to_owned())
             .map_err(|error| ClientError::Invalid(format!("server address {url}: {error}")))?
             .user_agent(concat!("gleaner/", env!("CARGO_PKG_VERSION")))
             .map_err(|error| ClientError::Invalid(error.to_string()))?
@@ -72,10 +78,16 @@ impl Client {
             // A dead peer is found out in half a minute; a robot's session cannot be opened anew before that.
             .http2_keep_alive_interval(Duration::from_secs(10))
             .keep_alive_timeout(Duration::from_secs(20));
+        if let Some(tls) = tls {
+            endpoint = endpoint
+                .tls_config(tls)
+                .map_err(|error| ClientError::Invalid(format!("certificates: {}", innermost(&error))))?;
+        }
         let channel = endpoint
             .connect()
             .await
             .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: innermost(&error) })?;
+        let Credentials { token, ca: _, identity: _ } = credentials;
         Ok(Self { transport: InterceptedService::new(channel, Authorize { token }) })
     }
 
@@ -134,7 +146,12 @@ fn innermost(error: &dyn std::error::Error) -> String {
     while let Some(next) = cause.source() {
         cause = next;
     }
-    cause.to_string()
+    let cause = cause.to_string();
+    // Of the many things that can be wrong with a certificate this one is by far the most common.
+    if cause.contains("UnknownIssuer") {
+        return format!("{cause}: nobody trusted has signed its certificate; name who did with --ca FILE");
+    }
+    cause
 }
 
 #[cfg(test)]
@@ -144,7 +161,7 @@ mod tests {
 
     #[tokio::test]
     async fn addresses_that_are_none_are_refused() {
-        for url in ["127.0.0.1:7400", "https://lab.example", "http://a b"] {
+        for url in ["127.0.0.1:7400", "ftp://lab.example", "http://a b", "https://a b"] {
             let error = Client::connect(url, None).await.unwrap_err();
             assert!(matches!(error, ClientError::Invalid(_)), "{url}: {error}");
         }

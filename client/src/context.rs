@@ -1,6 +1,8 @@
 //! What every command is given: where the server is, who asks, and where output goes.
 
-use gleaner_client::Client;
+use std::path::Path;
+
+use gleaner_client::{Client, ClientError, Credentials};
 use gleaner_proto::v1::{ListJobsRequest, ListTasksRequest};
 
 use crate::cli::ConnectionArgs;
@@ -24,7 +26,18 @@ impl Context {
 
     pub(crate) async fn client(&self) -> Result<Client> {
         let server = self.connection.server.as_deref().unwrap_or(DEFAULT_SERVER);
-        Ok(Client::connect(server, self.connection.token.clone()).await?)
+        Ok(Client::connect_with(server, self.credentials()?).await?)
+    }
+
+    // What the user gave; files are read now, so that a missing one is named.
+    fn credentials(&self) -> Result<Credentials> {
+        let ConnectionArgs { server: _, token, ca, client_cert, client_key, author: _ } = &self.connection;
+        let read = |path: &Path| std::fs::read(path).map_err(ClientError::io(path));
+        let identity = match (client_cert, client_key) {
+            (Some(cert), Some(key)) => Some((read(cert)?, read(key)?)),
+            (_, _) => None,
+        };
+        Ok(Credentials { token: token.clone(), ca: ca.as_deref().map(read).transpose()?, identity })
     }
 
     /// Whether the user named a server.

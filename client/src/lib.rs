@@ -10,6 +10,7 @@
 //! Links no libtorch. Prints nothing; what prints is the command line, in this package's binary.
 
 mod connection;
+mod credentials;
 mod digest;
 mod download;
 mod drive;
@@ -27,6 +28,7 @@ mod upload;
 mod watch;
 
 pub use connection::{Authorize, Client, Transport};
+pub use credentials::Credentials;
 pub use drive::{DrivePlan, Driven, DrivenEpisode, RealTime, Recorded};
 pub use error::{ClientError, Result};
 pub use labels::{LabelledFile, find_recordings, outcome_from_word, read_labels};

@@ -4,6 +4,7 @@
 
 use std::{
     error::Error as StdError,
+    io::ErrorKind,
     panic::{AssertUnwindSafe, catch_unwind},
 };
 
@@ -14,6 +15,10 @@ use gleaner_learn::LearnError;
 pub enum Kind {
     /// The request is wrong: mend the named field.
     Invalid,
+    /// Nobody knows who asks: no token, or none that is good.
+    Unauthenticated,
+    /// Who asks may not.
+    Forbidden,
     /// What the request names is not there.
     NotFound,
     /// What the request would make is there already.
@@ -47,6 +52,16 @@ impl Error {
     /// The request is wrong. `field` is its path in the request; `mend` says what is wrong and what to do.
     pub fn invalid(field: &str, mend: impl std::fmt::Display) -> Self {
         Self::new(Kind::Invalid, format!("{field}: {mend}"))
+    }
+
+    /// Nobody knows who asks; the message says how to tell.
+    pub fn unauthenticated(message: impl Into<String>) -> Self {
+        Self::new(Kind::Unauthenticated, message)
+    }
+
+    /// Who asks may not; the message says what is needed.
+    pub fn forbidden(message: impl Into<String>) -> Self {
+        Self::new(Kind::Forbidden, message)
     }
 
     /// Nothing called `what` has this name or id.
@@ -84,9 +99,24 @@ impl Error {
         Self::new(Kind::Unavailable, message)
     }
 
-    /// Our fault. `doing` says what was being done.
+    /// Our fault. `doing` says what was being done. A disk that takes nothing more is nobody's fault: then it is a limit
+    /// that is reached.
     pub fn internal(doing: impl Into<String>, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
-        Self { kind: Kind::Internal, message: doing.into(), source: Some(source.into()) }
+        let (doing, source) = (doing.into(), source.into());
+        match refusal(source.as_ref()) {
+            Some(why) => Self::refused_by_disk(why, &doing, source),
+            None => Self { kind: Kind::Internal, message: doing, source: Some(source) },
+        }
+    }
+
+    /// The disk takes nothing more: `why`, for the caller; `doing` and the source are for the log.
+    pub(crate) fn refused_by_disk(
+        why: &str,
+        doing: &str,
+        source: impl Into<Box<dyn StdError + Send + Sync>>,
+    ) -> Self {
+        let source: Box<dyn StdError + Send + Sync> = source.into();
+        Self { kind: Kind::Exhausted, message: why.to_owned(), source: Some(format!("{doing}: {source}").into()) }
     }
 
     /// What an error of `learn` means to who asked for it. `doing` says what was being done.
@@ -132,6 +162,26 @@ impl StdError for Error {
     }
 }
 
+/// What the caller hears of a disk that is full or cannot be written.
+pub(crate) const DISK_FULL: &str =
+    "the server's disk is full: nothing was kept of this request. Free some space there, then try again";
+pub(crate) const DISK_READ_ONLY: &str =
+    "the server's disk cannot be written: nothing was kept of this request. Once that is mended, try again";
+
+/// Whether the disk refused, somewhere down the causes of an error.
+fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static str> {
+    let mut cause: Option<&(dyn StdError + 'static)> = Some(error);
+    while let Some(error) = cause {
+        match error.downcast_ref::<std::io::Error>().map(std::io::Error::kind) {
+            Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded) => return Some(DISK_FULL),
+            Some(ErrorKind::ReadOnlyFilesystem) => return Some(DISK_READ_ONLY),
+            // One that carries another says its own cause.
+            Some(_) | None => cause = error.source(),
+        }
+    }
+    None
+}
+
 /// Runs `work` and turns a panic into an error: a fault of one call must not end the thread that serves all.
 ///
 /// # Errors
@@ -146,4 +196,40 @@ pub(crate) fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Resul
             .unwrap_or("a panic without a message");
         Err(Error::internal(doing, text))
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use super::*;
+
+    /// As an error of another crate carries one.
+    #[derive(Debug, thiserror::Error)]
+    #[error("writing the episode")]
+    struct Outer(#[source] io::Error);
+
+    #[test]
+    fn a_disk_that_takes_nothing_is_a_limit_whoever_says_so() {
+        for (number, told) in [(28, DISK_FULL), (122, DISK_FULL), (30, DISK_READ_ONLY)] {
+            let refused = || io::Error::from_raw_os_error(number);
+            let wrapped = io::Error::other(Outer(refused()));
+            for error in [
+                Error::internal("writing a file", refused()),
+                Error::internal("writing a file", Outer(refused())),
+                Error::internal("writing a file", Outer(wrapped)),
+            ] {
+                assert_eq!((error.kind(), error.message()), (Kind::Exhausted, told));
+                assert!(error.to_string().contains("writing a file: "), "the log says what was done: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn other_faults_are_ours() {
+        for number in [5, 13, 2] {
+            let error = Error::internal("reading a file", io::Error::from_raw_os_error(number));
+            assert_eq!((error.kind(), error.message()), (Kind::Internal, "reading a file"));
+        }
+    }
 }

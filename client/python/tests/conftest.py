@@ -57,7 +57,7 @@ class Server:
         assert line.startswith("listening on "), f"the server ended before it listened: {line!r}"
         self.address = line.removeprefix("listening on ").strip()
         # Whoever is connected finds it again when it comes back.
-        self.listen = self.address.removeprefix("http://")
+        self.listen = self.address.rpartition("//")[2]
 
     def kill(self) -> None:
         """As a power cut would."""

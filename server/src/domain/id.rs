@@ -101,6 +101,8 @@ ids! {
     ScheduleId, "sch", "a schedule";
     /// Names a session.
     SessionId, "ses", "a session";
+    /// Names a token; it may be shown, the token not.
+    TokenId, "tok", "a token";
 }
 
 /// A blob's name: the BLAKE3 of its content, 64 hexadecimal digits.
@@ -155,6 +157,8 @@ impl std::fmt::Display for BlobId {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use proptest::prelude::*;
+
     use super::*;
 
     #[test]
@@ -164,6 +168,29 @@ mod tests {
         let error = TaskId::parse("task", id.as_str()).unwrap_err();
         assert!(error.message().starts_with("task: "), "{error}");
         assert!(EpisodeId::parse("episode_id", "ep_../../etc/passwd").is_err());
+    }
+
+    proptest! {
+        /// What is let in comes out as it was, and could be a file's name and nothing more.
+        #[test]
+        fn any_text_is_refused_or_comes_back(prefix in "(ep|task|EP|)", rest in "(_[0-9A-Za-z]{26}|\\PC{0,40}|_[0-7][0-9A-HJKMNP-TV-Z]{25})") {
+            let text = format!("{prefix}{rest}");
+            if let Ok(id) = EpisodeId::parse("episode_id", &text) {
+                prop_assert_eq!(id.as_str(), &text);
+                prop_assert_eq!(String::from(id.clone()), text.clone());
+                prop_assert!(text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_'), "{}", text);
+                let json = serde_json::to_string(&id).unwrap();
+                prop_assert_eq!(serde_json::from_str::<EpisodeId>(&json).unwrap(), id);
+                prop_assert!(TaskId::parse("task", &text).is_err());
+            }
+        }
+
+        #[test]
+        fn any_digest_is_refused_or_comes_back_in_lower_case(text in "([0-9a-fA-F]{64}|\\PC{0,70})") {
+            if let Ok(blob) = BlobId::parse("blake3", &text) {
+                prop_assert_eq!(blob.as_str(), text.to_lowercase());
+            }
+        }
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //!
 //! Knows no wire type, no SQL and no file.
 
+pub mod access;
 pub mod attempt;
 pub mod dataset;
 pub mod episode;

@@ -5,6 +5,7 @@ use tonic::{Request, Response};
 
 use super::Rooms;
 use crate::{
+    access::Caller,
     error::{Kind, Result},
     wire::{
         inference::{self, PATH, Tensors},
@@ -17,9 +18,10 @@ pub(crate) struct InferenceFace(pub(crate) Rooms);
 
 impl InferenceFace {
     /// A policy is loaded and has answered before a name points at it, so a name that is there is ready.
-    async fn ready(&self, request: ModelReadyRequest) -> Result<ModelReadyResponse> {
+    async fn ready(&self, caller: &Caller, request: ModelReadyRequest) -> Result<ModelReadyResponse> {
         let ModelReadyRequest { name, version } = request;
         let (name, version) = inference::model("", name, &version)?;
+        caller.uses(&name)?;
         let ready = match self.0.store.deployment(&name).await {
             Ok(deployment) => version.is_none_or(|version| deployment.policy_id() == Some(&version)),
             Err(error) if error.kind() == Kind::NotFound => false,
@@ -28,15 +30,17 @@ impl InferenceFace {
         Ok(ModelReadyResponse { ready: ready && !self.0.stopping.is_cancelled() })
     }
 
-    async fn describe(&self, request: ModelMetadataRequest) -> Result<ModelMetadataResponse> {
+    async fn describe(&self, caller: &Caller, request: ModelMetadataRequest) -> Result<ModelMetadataResponse> {
         let ModelMetadataRequest { name, version } = request;
         let (name, version) = inference::model("", name, &version)?;
+        caller.uses(&name)?;
         let endpoint = self.0.policies.endpoint(&name, version.as_ref(), None).await?;
         Ok(inference::model_metadata(name, endpoint.policy_id(), &Tensors::of(&endpoint.shape())?))
     }
 
-    async fn infer(&self, request: ModelInferRequest) -> Result<ModelInferResponse> {
+    async fn infer(&self, caller: &Caller, request: ModelInferRequest) -> Result<ModelInferResponse> {
         let inference::Request { deployment, version, id, place, inputs } = inference::request(request)?;
+        caller.uses(&deployment)?;
         let endpoint = self.0.policies.endpoint(&deployment, version.as_ref(), place).await?;
         let (policy, tensors) = (endpoint.policy_id().clone(), Tensors::of(&endpoint.shape())?);
         let observation = inference::observation(&tensors, inputs)?;
@@ -44,9 +48,11 @@ impl InferenceFace {
         inference::infer_response((deployment, id), &policy, &tensors, &actions)
     }
 
-    async fn index(&self, request: RepositoryIndexRequest) -> Result<RepositoryIndexResponse> {
+    async fn index(&self, caller: &Caller, request: RepositoryIndexRequest) -> Result<RepositoryIndexResponse> {
         inference::repository(request)?;
-        Ok(inference::repository_index(self.0.store.deployments(None).await?))
+        let mut deployments = self.0.store.deployments(None).await?;
+        deployments.retain(|deployment| caller.sees(&deployment.name));
+        Ok(inference::repository_index(deployments))
     }
 }
 
@@ -61,7 +67,8 @@ impl GrpcInferenceService for InferenceFace {
     }
 
     async fn model_ready(&self, request: Request<ModelReadyRequest>) -> tonic::Result<Response<ModelReadyResponse>> {
-        self.ready(request.into_inner()).await.map(Response::new).map_err(from_error)
+        let caller = Caller::of(&request).map_err(from_error)?;
+        self.ready(&caller, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
     async fn server_metadata(
@@ -75,17 +82,20 @@ impl GrpcInferenceService for InferenceFace {
         &self,
         request: Request<ModelMetadataRequest>,
     ) -> tonic::Result<Response<ModelMetadataResponse>> {
-        self.describe(request.into_inner()).await.map(Response::new).map_err(from_error)
+        let caller = Caller::of(&request).map_err(from_error)?;
+        self.describe(&caller, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
     async fn model_infer(&self, request: Request<ModelInferRequest>) -> tonic::Result<Response<ModelInferResponse>> {
-        self.infer(request.into_inner()).await.map(Response::new).map_err(from_error)
+        let caller = Caller::of(&request).map_err(from_error)?;
+        self.infer(&caller, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
     async fn repository_index(
         &self,
         request: Request<RepositoryIndexRequest>,
     ) -> tonic::Result<Response<RepositoryIndexResponse>> {
-        self.index(request.into_inner()).await.map(Response::new).map_err(from_error)
+        let caller = Caller::of(&request).map_err(from_error)?;
+        self.index(&caller, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 }

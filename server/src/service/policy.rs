@@ -1,5 +1,7 @@
 //! PolicyService: deployments, and robots' access to them.
 
+use std::sync::{Arc, OnceLock};
+
 use futures::{StreamExt as _, stream::BoxStream};
 use gleaner_proto::v1::{self, policy_service_server::PolicyService};
 use tokio_stream::wrappers::ReceiverStream;
@@ -7,8 +9,15 @@ use tonic::{Request, Response, Streaming};
 
 use super::Rooms;
 use crate::{
-    domain::{evaluation::Evaluation, id::EvaluationId, time::Millis},
+    access::Caller,
+    domain::{
+        evaluation::Evaluation,
+        id::EvaluationId,
+        observation::{SessionInput, SessionOutput},
+        time::Millis,
+    },
     error::Result,
+    telemetry::metrics::SessionMetrics,
     wire::{
         self,
         status::{from_error, from_peer},
@@ -37,9 +46,10 @@ impl PoliciesFace {
         Ok(v1::RollBackResponse { deployment: Some(wire::policy::deployment(deployment)) })
     }
 
-    async fn list_names(&self, task: &str) -> Result<v1::ListDeploymentsResponse> {
+    async fn list_names(&self, caller: &Caller, task: &str) -> Result<v1::ListDeploymentsResponse> {
         let task = if task.is_empty() { None } else { Some(self.0.store.task(task).await?.id) };
-        let deployments = self.0.store.deployments(task.as_ref()).await?;
+        let mut deployments = self.0.store.deployments(task.as_ref()).await?;
+        deployments.retain(|deployment| caller.sees(&deployment.name));
         Ok(v1::ListDeploymentsResponse { deployments: deployments.into_iter().map(wire::policy::deployment).collect() })
     }
 
@@ -69,8 +79,9 @@ impl PoliciesFace {
         Ok(v1::GetEvaluationResponse { evaluation: Some(wire::evaluation::evaluation(evaluation)) })
     }
 
-    async fn answer(&self, request: v1::ActRequest) -> Result<v1::ActResponse> {
+    async fn answer(&self, caller: &Caller, request: v1::ActRequest) -> Result<v1::ActResponse> {
         let (deployment, observations) = wire::policy::act_request(request)?;
+        caller.uses(&deployment)?;
         Ok(wire::policy::act_response(self.0.policies.act(&deployment, observations).await?))
     }
 }
@@ -122,25 +133,39 @@ impl PolicyService for PoliciesFace {
         &self,
         request: Request<v1::ListDeploymentsRequest>,
     ) -> tonic::Result<Response<v1::ListDeploymentsResponse>> {
+        let caller = Caller::of(&request).map_err(from_error)?;
         let v1::ListDeploymentsRequest { task } = request.into_inner();
-        self.list_names(&task).await.map(Response::new).map_err(from_error)
+        self.list_names(&caller, &task).await.map(Response::new).map_err(from_error)
     }
 
     async fn act(&self, request: Request<v1::ActRequest>) -> tonic::Result<Response<v1::ActResponse>> {
-        self.answer(request.into_inner()).await.map(Response::new).map_err(from_error)
+        let caller = Caller::of(&request).map_err(from_error)?;
+        self.answer(&caller, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
     async fn session(
         &self,
         request: Request<Streaming<v1::SessionRequest>>,
     ) -> tonic::Result<Response<Self::SessionStream>> {
-        let inputs = request
-            .into_inner()
-            .map(|message| message.map_err(from_peer).and_then(wire::session::session_input))
-            .boxed();
+        let caller = Caller::of(&request).map_err(from_error)?;
+        let metrics = Arc::new(OnceLock::new());
+        let opened = Arc::clone(&metrics);
+        let read = move |message: tonic::Result<v1::SessionRequest>| {
+            let input = message.map_err(from_peer).and_then(wire::session::session_input)?;
+            if let SessionInput::Open { deployment, .. } = &input {
+                caller.uses(deployment)?;
+                opened.get_or_init(|| SessionMetrics::new(deployment.clone()));
+            }
+            Ok(input)
+        };
+        let inputs = request.into_inner().map(read).boxed();
         let answers = self.0.policies.session(inputs, self.0.stopping.clone());
-        let stream =
-            ReceiverStream::new(answers).map(|answer| answer.map(wire::session::session_response).map_err(from_error));
-        Ok(Response::new(stream.boxed()))
+        let say = move |answer: Result<SessionOutput>| {
+            if let (Ok(answer), Some(metrics)) = (&answer, metrics.get()) {
+                metrics.say(answer);
+            }
+            answer.map(wire::session::session_response).map_err(from_error)
+        };
+        Ok(Response::new(ReceiverStream::new(answers).map(say).boxed()))
     }
 }

@@ -5,6 +5,7 @@ use tonic::{Request, Response};
 
 use super::Rooms;
 use crate::{
+    access::Caller,
     domain::task::OutcomeCounts,
     error::Result,
     wire::{self, status::from_error},
@@ -15,12 +16,17 @@ pub(crate) struct Tasks(pub(crate) Rooms);
 
 impl Tasks {
     async fn create(&self, request: v1::CreateTaskRequest) -> Result<v1::CreateTaskResponse> {
-        let task = self.0.store.insert_task(&wire::task::create_request(request)?).await?;
+        let spec = wire::task::create_request(request, &self.0.config.limits.recordings.limits())?;
+        let task = self.0.store.insert_task(&spec).await?;
         Ok(v1::CreateTaskResponse { task: Some(wire::task::task(task, OutcomeCounts::default())) })
     }
 
-    async fn get(&self, task: &str) -> Result<v1::GetTaskResponse> {
+    async fn get(&self, caller: &Caller, task: &str) -> Result<v1::GetTaskResponse> {
         let task = self.0.store.task(task).await?;
+        if caller.is_bound() {
+            let deployments = self.0.store.deployments(Some(&task.id)).await?;
+            caller.uses_one_of(deployments.iter().map(|deployment| deployment.name.as_str()))?;
+        }
         let counts = self.0.store.outcome_counts(&task.id).await?;
         Ok(v1::GetTaskResponse { task: Some(wire::task::task(task, counts)) })
     }
@@ -43,7 +49,8 @@ impl TaskService for Tasks {
     }
 
     async fn get_task(&self, request: Request<v1::GetTaskRequest>) -> tonic::Result<Response<v1::GetTaskResponse>> {
-        self.get(&request.into_inner().task).await.map(Response::new).map_err(from_error)
+        let caller = Caller::of(&request).map_err(from_error)?;
+        self.get(&caller, &request.into_inner().task).await.map(Response::new).map_err(from_error)
     }
 
     async fn list_tasks(

@@ -36,7 +36,7 @@ impl From<Error> for Failure {
         match error.kind() {
             Kind::Invalid | Kind::Precondition => Self::Hopeless(said),
             Kind::Cancelled => Self::Cancelled,
-            Kind::NotFound | Kind::Exists | Kind::Exhausted | Kind::Late | Kind::Unavailable | Kind::Internal => {
+            Kind::Unauthenticated | Kind::Forbidden | Kind::NotFound | Kind::Exists | Kind::Exhausted | Kind::Late | Kind::Unavailable | Kind::Internal => {
                 Self::Broken(said)
             }
         }

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from types import TracebackType
 
+from gleaner._endpoint import Endpoint
 from gleaner._rpc import Rpc
 from gleaner.datasets import Datasets
 from gleaner.episodes import Episodes
@@ -22,14 +23,14 @@ from gleaner.types import Deployment
 class Client:
     """A connection to a gleaner server; made by `connect`. Threads may share it. A context manager."""
 
-    def __init__(self, address: str, token: str | None, timeout: float) -> None:
-        self._rpc = Rpc(address, token, timeout)
+    def __init__(self, endpoint: Endpoint) -> None:
+        self._rpc = Rpc(endpoint)
         self.tasks = Tasks(self._rpc)
         self.episodes = Episodes(self._rpc)
         self.snapshots = Snapshots(self._rpc)
         self.jobs = Jobs(self._rpc)
         self.scores = Scores(self._rpc)
-        self.datasets = Datasets(self._rpc, (address, token, timeout))
+        self.datasets = Datasets(self._rpc, endpoint)
         self.policies = Policies(self._rpc)
         self._scoring = Scoring(self._rpc)
 
@@ -77,12 +78,24 @@ class Client:
         self.close()
 
 
-def connect(address: str = "127.0.0.1:7400", token: str | None = None, timeout: float = 30.0) -> Client:
-    """Connects to a server, for example at `127.0.0.1:7400` or `http://lab:7400`.
+def connect(
+    address: str = "127.0.0.1:7400",
+    token: str | None = None,
+    timeout: float = 30.0,
+    *,
+    ca: str | os.PathLike[str] | None = None,
+    cert: str | os.PathLike[str] | None = None,
+    key: str | os.PathLike[str] | None = None,
+) -> Client:
+    """Connects to a server, for example at `127.0.0.1:7400`, `http://lab:7400` or, encrypted, `https://lab:7400`.
 
     `timeout` bounds the connecting and each single call, in seconds. Reads, and other calls that may be made
     twice, are made again for about 13 s while there is no connection; others are not.
 
-    Raises `Unavailable` when nobody answers, `InvalidArgument` when the address or token is none.
+    `ca` is a file of certificates (PEM), one of which must have signed the server's; without it public authorities are
+    trusted. `cert` and `key` are files of one's own certificate and its private key, if the server asks for one.
+
+    Raises `Unavailable` when nobody answers or one side does not trust the other, `InvalidArgument` when the address,
+    token or a file is none.
     """
-    return Client(address, token, timeout)
+    return Client(Endpoint(address, token, timeout, ca, cert, key))

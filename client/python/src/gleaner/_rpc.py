@@ -1,4 +1,4 @@
-"""Calls: one channel, the token, time limits and errors. Knows no service."""
+"""Calls: one channel, time limits and errors. Knows no service."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from typing import Any, TypeVar
 import grpc
 from google.protobuf.message import Message
 
+from gleaner._endpoint import Endpoint
 from gleaner._retry import patiently
-from gleaner.errors import Unavailable, from_rpc, invalid
+from gleaner.errors import Unavailable, from_rpc
 
 Reply = TypeVar("Reply", bound=Message)
 
 # A segment of large raw frames is the biggest message either side sends.
 _LARGEST = 256 << 20
-_OPTIONS = [
+_OPTIONS: list[tuple[str, int | str]] = [
     ("grpc.max_receive_message_length", _LARGEST),
     ("grpc.max_send_message_length", _LARGEST),
     ("grpc.keepalive_time_ms", 30_000),
@@ -33,20 +34,17 @@ _OPTIONS = [
 class Rpc:
     """A channel to one server. Methods are named `Service/Method`, of the package gleaner.v1."""
 
-    def __init__(self, address: str, token: str | None, timeout: float) -> None:
-        target = _target(address)
-        self._timeout = timeout
-        self._metadata: tuple[tuple[str, str | bytes], ...] = (
-            () if token is None else (("authorization", f"Bearer {_token(token)}"),)
-        )
-        self._channel = grpc.insecure_channel(target, options=_OPTIONS)
+    def __init__(self, endpoint: Endpoint) -> None:
+        target, self._metadata, self._timeout = endpoint.target, endpoint.metadata, endpoint.timeout
+        self._channel = endpoint.channel(_OPTIONS)
         try:
-            grpc.channel_ready_future(self._channel).result(timeout=timeout)
+            grpc.channel_ready_future(self._channel).result(timeout=self._timeout)
         except grpc.FutureTimeoutError:
             self._channel.close()
-            raise Unavailable(
-                f"cannot reach {target} within {timeout:g} s; is the server running there (gleaner-server serve)?"
-            ) from None
+            question = "is the server running there (gleaner-server serve)"
+            if endpoint.encrypted:
+                question += ", does it encrypt, and is its certificate for that name and signed by whom `ca` holds"
+            raise Unavailable(f"cannot reach {target} within {self._timeout:g} s; {question}?") from None
 
     def close(self) -> None:
         """Ends every call and the connection."""
@@ -105,21 +103,3 @@ def _serialize(request: Message) -> bytes:
 def _path(method: str) -> str:
     service, name = method.split("/")
     return f"/gleaner.v1.{service}/{name}"
-
-
-def _target(address: str) -> str:
-    if address.startswith("https://"):
-        raise invalid(f"address {address}", "this client speaks no TLS yet; use http:// and a tunnel")
-    target = address.removeprefix("http://").rstrip("/")
-    host, colon, port = target.rpartition(":")
-    if not (host and colon and port.isdecimal()) or "/" in target:
-        raise invalid(f"address {address!r}", "write host:port, for example 127.0.0.1:7400")
-    return target
-
-
-def _token(text: str) -> str:
-    text = text.strip()
-    # The text itself is a secret: no message repeats it.
-    if not text or not all("!" <= character <= "~" for character in text):
-        raise invalid("token", "a token is one word of visible ASCII characters; copy it again")
-    return text

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gleaner._download import inside, save
+from gleaner._endpoint import Endpoint
 from gleaner._messages import word
 from gleaner._proto.v1 import dataset_pb2 as pb
 from gleaner._proto.v1 import score_pb2, task_pb2
@@ -40,9 +41,9 @@ class Segment:
 class Datasets:
     """`client.datasets`."""
 
-    def __init__(self, rpc: Rpc, address: tuple[str, str | None, float]) -> None:
+    def __init__(self, rpc: Rpc, endpoint: Endpoint) -> None:
         self._rpc = rpc
-        self._address = address
+        self._endpoint = endpoint
 
     def create(self, run: str, *, beta: float | None = None, top_fraction: float | None = None) -> Dataset:
         """Creates a dataset: a run's experts, and the imperfect segments with q > β or the best part of them.
@@ -85,7 +86,7 @@ class Datasets:
         """
         from gleaner.torch import SegmentDataset
 
-        return SegmentDataset(self._address, dataset_id, steps=steps, frames=frames, kept_only=kept_only)
+        return SegmentDataset(self._endpoint, dataset_id, steps=steps, frames=frames, kept_only=kept_only)
 
     def export_files(self, export_id: str) -> Sequence[ExportFile]:
         """The files of a finished export; `client.jobs.submit` makes one. Raises `FailedPrecondition` before."""

@@ -14,7 +14,8 @@ try:
 except ImportError as error:
     raise ImportError("torch_dataset needs PyTorch; install torch, or read client.datasets.stream") from error
 
-from gleaner._client import connect
+from gleaner._client import Client
+from gleaner._endpoint import Endpoint
 from gleaner.datasets import Segment
 
 
@@ -28,7 +29,7 @@ class SegmentDataset(IterableDataset):  # type: ignore[misc]
 
     def __init__(
         self,
-        address: tuple[str, str | None, float],
+        endpoint: Endpoint,
         dataset_id: str,
         *,
         steps: int | None,
@@ -37,7 +38,7 @@ class SegmentDataset(IterableDataset):  # type: ignore[misc]
     ) -> None:
         if steps is not None and steps < 1:
             raise ValueError("steps: must be at least 1, or None for segments as long as they are")
-        self._address = address
+        self._endpoint = endpoint
         self._dataset_id = dataset_id
         self._steps = steps
         self._wanted = {"frames": frames, "kept_only": kept_only}
@@ -48,7 +49,7 @@ class SegmentDataset(IterableDataset):  # type: ignore[misc]
         info = get_worker_info()
         worker, workers = (0, 1) if info is None else (info.id, info.num_workers)
         share, shares = self._rank * workers + worker, self._ranks * workers
-        with connect(*self._address) as client:
+        with Client(self._endpoint) as client:
             segments = client.datasets.stream(self._dataset_id, **self._wanted)
             for segment in islice(segments, share, None, shares):
                 yield self._item(segment)

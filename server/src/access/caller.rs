@@ -1,0 +1,152 @@
+//! Who calls, once the guard knows. Services ask it which deployments a robot may use.
+
+use std::sync::Arc;
+
+use super::{book::Held, table::Need};
+use crate::{
+    domain::access::Role,
+    error::{Error, Result},
+};
+
+/// Who calls.
+#[derive(Debug, Clone)]
+pub(crate) enum Caller {
+    /// Whoever has this token.
+    Known(Arc<Held>),
+    /// Somebody, where nobody is asked.
+    Anyone,
+}
+
+impl Caller {
+    /// Who makes a request.
+    ///
+    /// # Errors
+    /// Internal when no guard stands before the service.
+    pub(crate) fn of<T>(request: &tonic::Request<T>) -> Result<Self> {
+        let caller = request.extensions().get::<Self>().cloned();
+        caller.ok_or_else(|| Error::internal("asking who calls", "no guard stands before this service"))
+    }
+
+    /// Lets it do what needs this.
+    ///
+    /// # Errors
+    /// Forbidden, naming the role that is needed.
+    pub(super) fn permit(&self, need: Need) -> Result<()> {
+        let Self::Known(held) = self else { return Ok(()) };
+        let role = held.token.role;
+        let least = match need {
+            Need::Nothing | Need::Job => return Ok(()),
+            Need::LeastOrRobot(_) if role == Role::Robot => return Ok(()),
+            Need::Least(least) | Need::LeastOrRobot(least) if role.reaches(least) => return Ok(()),
+            Need::Least(least) | Need::LeastOrRobot(least) => least,
+        };
+        let or_higher = if least == Role::Admin { "" } else { " or a higher one" };
+        Err(Error::forbidden(format!(
+            "this needs the role {}{or_higher}; the token {:?} has the role {}",
+            least.as_str(),
+            held.token.who(),
+            role.as_str()
+        )))
+    }
+
+    /// The deployments that it is bound to; `None` when it is not.
+    fn bound(&self) -> Option<&[String]> {
+        match self {
+            Self::Known(held) if held.token.role == Role::Robot => Some(&held.token.deployments),
+            Self::Known(_) | Self::Anyone => None,
+        }
+    }
+
+    /// Whether it may know of this deployment.
+    pub(crate) fn sees(&self, deployment: &str) -> bool {
+        self.bound().is_none_or(|own| own.iter().any(|name| name == deployment))
+    }
+
+    /// Whether it is bound to deployments.
+    pub(crate) fn is_bound(&self) -> bool {
+        self.bound().is_some()
+    }
+
+    /// Lets it know of what these deployments have in common.
+    ///
+    /// # Errors
+    /// Forbidden when it is a robot and none of them is its own.
+    pub(crate) fn uses_one_of<'a>(&self, mut deployments: impl Iterator<Item = &'a str>) -> Result<()> {
+        if deployments.any(|name| self.sees(name)) {
+            return Ok(());
+        }
+        Err(Error::forbidden(format!(
+            "this belongs to none of this robot's deployments, {}",
+            self.bound().unwrap_or_default().join(", ")
+        )))
+    }
+
+    /// Lets it use a deployment.
+    ///
+    /// # Errors
+    /// Forbidden when it is a robot and the deployment is not its own.
+    pub(crate) fn uses(&self, deployment: &str) -> Result<()> {
+        if self.sees(deployment) {
+            return Ok(());
+        }
+        Err(Error::forbidden(format!(
+            "{deployment} is not among this robot's deployments, {}; a token for it is made with \
+             `gleaner-server token create --role robot --deployment {deployment}`",
+            self.bound().unwrap_or_default().join(", ")
+        )))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use gleaner_proto::Rpc;
+
+    use super::{
+        super::{book, table::rule},
+        *,
+    };
+
+    fn caller(role: Role) -> Caller {
+        Caller::Known(Arc::new(book::held(role, &["arm@prod"])))
+    }
+
+    /// Every rpc with every role: who is let through must be who the design lets through, by the rpc's kind of work.
+    #[test]
+    fn every_rpc_lets_in_the_roles_it_names_and_no_other() {
+        for rpc in Rpc::ALL {
+            let need = rule(rpc.path()).unwrap().need;
+            let admitted: Vec<Role> = Role::ALL.into_iter().filter(|role| caller(*role).permit(need).is_ok()).collect();
+            use Role::{Admin, Contributor, Robot, Trainer, Viewer};
+            let expected: &[Role] = match need {
+                Need::Nothing | Need::Job => &[Viewer, Contributor, Trainer, Robot, Admin],
+                Need::Least(Viewer) => &[Viewer, Contributor, Trainer, Admin],
+                Need::Least(Contributor) => &[Contributor, Trainer, Admin],
+                Need::Least(Trainer) => &[Trainer, Admin],
+                Need::Least(Admin | Robot) => &[Admin],
+                Need::LeastOrRobot(Viewer) => &[Viewer, Contributor, Trainer, Robot, Admin],
+                Need::LeastOrRobot(_) => &[Contributor, Trainer, Robot, Admin],
+            };
+            assert_eq!(admitted, expected, "{}", rpc.path());
+            assert!(Caller::Anyone.permit(need).is_ok());
+            for role in Role::ALL.into_iter().filter(|role| !admitted.contains(role)) {
+                let problem = caller(role).permit(need).unwrap_err();
+                assert!(problem.message().contains("needs the role ") && problem.message().contains(role.as_str()));
+            }
+        }
+    }
+
+    #[test]
+    fn a_robot_uses_its_own_deployments_and_others_use_any() {
+        let robot = caller(Role::Robot);
+        assert!(robot.sees("arm@prod") && robot.uses("arm@prod").is_ok());
+        let problem = robot.uses("arm@prod2").unwrap_err();
+        assert!(problem.message().contains("arm@prod2") && problem.message().contains("token create"), "{problem}");
+        assert!(caller(Role::Viewer).sees("any") && Caller::Anyone.uses("any").is_ok());
+    }
+
+    #[test]
+    fn without_a_guard_nobody_is_served() {
+        assert!(Caller::of(&tonic::Request::new(())).is_err());
+    }
+}

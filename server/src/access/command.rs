@@ -1,0 +1,225 @@
+//! `gleaner-server token …` and `audit`: what is done by hand, beside a running server or without one.
+
+use std::{io::Write, path::Path, time::Duration};
+
+use jiff::{SpanRelativeTo, Timestamp, civil, tz::TimeZone};
+
+use super::mint::{Minted, mint};
+use crate::{
+    config::{AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
+    domain::{
+        access::{AuditEntry, Token},
+        time::Millis,
+    },
+    error::{Error, Result},
+    lock::DataLock,
+    store::Store,
+};
+
+/// Makes, lists or revokes tokens.
+///
+/// # Errors
+/// Invalid naming a flag; NotFound; Exists; Precondition when the data folder cannot be used.
+pub async fn token(config: TokenConfig, out: &mut impl Write) -> Result<()> {
+    let TokenConfig { data_dir, command } = config;
+    match command {
+        TokenCommand::Create(new) => create(&open(&data_dir, true).await?, new, out).await,
+        TokenCommand::List => list(&open(&data_dir, false).await?, out).await,
+        TokenCommand::Revoke { token } => revoke(&open(&data_dir, false).await?, &token, out).await,
+    }
+}
+
+/// Shows who changed what.
+///
+/// # Errors
+/// Invalid for a time that is none; Precondition when the data folder cannot be used.
+pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
+    let since = since(&config.since, Millis::now()).map_err(|problem| Error::invalid("--since", problem))?;
+    let store = open(&config.data_dir, false).await?;
+    for entry in store.audit(since, config.limit).await? {
+        let AuditEntry { at, token_id, who, peer, rpc, subjects, outcome } = entry;
+        let id = token_id.map_or_else(|| "-".to_owned(), |id| id.to_string());
+        let peer = if peer.is_empty() { "-" } else { &peer };
+        let (who, subjects) = (who.escape_debug(), subjects.join(" "));
+        writeln!(out, "{}\t{who}\t{id}\t{peer}\t{rpc}\t{outcome}\t{subjects}", shown(at)).map_err(unwritten)?;
+    }
+    store.close().await;
+    Ok(())
+}
+
+async fn create(store: &Store, new: NewTokenConfig, out: &mut impl Write) -> Result<()> {
+    let Minted { secret, hash, token } = mint(new)?;
+    store.insert_token(&token, &hash).await?;
+    note(store, "token create", &token).await?;
+    writeln!(out, "{}", secret.reveal()).map_err(unwritten)?;
+    tracing::info!(token.id = %token.id, token.role = token.role.as_str(), "a token was made; it is shown only now");
+    store.close().await;
+    Ok(())
+}
+
+async fn list(store: &Store, out: &mut impl Write) -> Result<()> {
+    let (now, tokens) = (Millis::now(), store.tokens().await?);
+    let time = |at: Option<Millis>| at.map_or_else(|| "never".to_owned(), shown);
+    let mut line = |cells: [&str; 7]| {
+        let [id, role, standing, used, expires, name, deployments] = cells;
+        let line = format!("{id:<30}  {role:<11}  {standing:<7}  {used:<20}  {expires:<20}  {name}  {deployments}");
+        writeln!(out, "{}", line.trim_end()).map_err(unwritten)
+    };
+    line(["ID", "ROLE", "NOW", "LAST USED", "EXPIRES", "NAME", "DEPLOYMENTS"])?;
+    for (_, token) in tokens {
+        let Token { id, name, role, deployments, expires_at, last_used_at, .. } = &token;
+        let (used, expires, deployments) = (time(*last_used_at), time(*expires_at), deployments.join(","));
+        let name = name.escape_debug().to_string();
+        line([id.as_str(), role.as_str(), token.standing(now), &used, &expires, &name, &deployments])?;
+    }
+    store.close().await;
+    Ok(())
+}
+
+async fn revoke(store: &Store, id_or_name: &str, out: &mut impl Write) -> Result<()> {
+    let token = store.revoke_token(id_or_name).await?;
+    note(store, "token revoke", &token).await?;
+    writeln!(out, "{} is revoked", token.id).map_err(unwritten)?;
+    store.close().await;
+    Ok(())
+}
+
+/// Tells the audit log what was done by hand.
+async fn note(store: &Store, command: &str, token: &Token) -> Result<()> {
+    let subjects = [format!("token_id={}", token.id), format!("role={}", token.role.as_str())];
+    let name = (!token.name.is_empty()).then(|| format!("name={}", token.name.escape_debug()));
+    let deployments = token.deployments.iter().map(|name| format!("deployment={name}"));
+    store
+        .insert_audit(&AuditEntry {
+            at: Millis::now(),
+            token_id: None,
+            who: "command line".to_owned(),
+            peer: String::new(),
+            rpc: command.to_owned(),
+            subjects: subjects.into_iter().chain(name).chain(deployments).collect(),
+            outcome: "ok".to_owned(),
+        })
+        .await
+}
+
+/// The database of a data folder. Beside a running server it is taken as it is; without one it is brought up to date,
+/// and made if it may be.
+async fn open(data_dir: &Path, make: bool) -> Result<Store> {
+    let path = data_dir.join("gleaner.db");
+    if !make && !path.is_file() {
+        let folder = data_dir.display();
+        return Err(Error::precondition(format!(
+            "{folder} holds no database; --data-dir names a server's data folder"
+        )));
+    }
+    match DataLock::take(data_dir) {
+        Ok(_alone) => Store::open(&path).await,
+        Err(_) => Store::open_beside(&path).await,
+    }
+}
+
+/// A time such as 30d or 12h.
+pub(super) fn span(text: &str) -> std::result::Result<Duration, String> {
+    let mend = "must be a time such as 30d or 12h";
+    let span: jiff::Span = text.parse().map_err(|_| format!("{text:?}: {mend}"))?;
+    let span = span.to_duration(SpanRelativeTo::days_are_24_hours()).map_err(|_| format!("{text:?}: {mend}"))?;
+    match Duration::try_from(span) {
+        Ok(span) if !span.is_zero() => Ok(span),
+        Ok(_) | Err(_) => Err(format!("{text:?}: {mend}, more than nothing")),
+    }
+}
+
+fn since(text: &str, now: Millis) -> std::result::Result<Millis, String> {
+    if let Ok(time) = text.parse::<Timestamp>() {
+        return Ok(Millis(time.as_millisecond()));
+    }
+    if let Ok(day) = text.parse::<civil::Date>()
+        && let Ok(begins) = day.to_zoned(TimeZone::system())
+    {
+        return Ok(Millis(begins.timestamp().as_millisecond()));
+    }
+    let ago = span(text).map_err(|problem| format!("{problem}, a day such as 2026-11-20, or a time with its zone"))?;
+    Ok(Millis(now.0.saturating_sub(i64::try_from(ago.as_millis()).unwrap_or(i64::MAX))))
+}
+
+fn shown(at: Millis) -> String {
+    Timestamp::from_millisecond(at.0).map_or_else(|_| at.0.to_string(), |time| format!("{time:.0}"))
+}
+
+fn unwritten(error: std::io::Error) -> Error {
+    Error::internal("writing the output", error)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::{domain::access::Role, error::Kind};
+
+    #[test]
+    fn times_are_read_as_people_write_them() {
+        assert_eq!(span("30d").unwrap(), Duration::from_secs(30 * 86_400));
+        assert_eq!(span("1h 30m").unwrap(), Duration::from_secs(5400));
+        for text in ["", "soon", "0s", "-3d", "12"] {
+            assert!(span(text).unwrap_err().contains("30d"), "{text}");
+        }
+        let now = Millis(10_000_000);
+        assert_eq!(since("1h", now).unwrap(), Millis(6_400_000));
+        assert_eq!(since("1970-01-01T00:00:05Z", now).unwrap(), Millis(5000));
+        assert!(since("2026-11-20", now).unwrap() > now);
+        assert!(since("yesterday", now).unwrap_err().contains("2026-11-20"));
+    }
+
+    async fn run(data_dir: &Path, command: TokenCommand) -> Result<String> {
+        let mut out = Vec::new();
+        token(TokenConfig { data_dir: data_dir.to_owned(), command }, &mut out).await?;
+        Ok(String::from_utf8(out).unwrap())
+    }
+
+    fn new(name: &str) -> TokenCommand {
+        let (deployments, expires) = (vec!["arm@prod".to_owned()], Some("30d".to_owned()));
+        TokenCommand::Create(NewTokenConfig { role: Role::Robot, name: name.to_owned(), deployments, expires })
+    }
+
+    #[tokio::test]
+    async fn a_token_is_made_listed_and_revoked_and_shown_only_once() {
+        let dir = tempfile::tempdir().unwrap();
+        let folder = dir.path().join("lab");
+        assert_eq!(run(&folder, TokenCommand::List).await.unwrap_err().kind(), Kind::Precondition);
+        let made = run(&folder, new("arm")).await.unwrap();
+        let secret = made.trim();
+        assert!(secret.starts_with("gleaner_") && made.lines().count() == 1);
+
+        let listed = run(&folder, TokenCommand::List).await.unwrap();
+        for word in ["arm", "robot", "arm@prod", "live", "never"] {
+            assert!(listed.contains(word), "{word}: {listed}");
+        }
+        let revoked = run(&folder, TokenCommand::Revoke { token: "arm".into() }).await.unwrap();
+        assert!(revoked.contains("is revoked"));
+        assert!(run(&folder, TokenCommand::List).await.unwrap().contains("revoked"));
+        assert_eq!(
+            run(&folder, TokenCommand::Revoke { token: "arm".into() }).await.unwrap_err().kind(),
+            Kind::NotFound
+        );
+
+        let mut log = Vec::new();
+        let config = AuditConfig { data_dir: folder.clone(), since: "1h".into(), limit: 10 };
+        audit(config, &mut log).await.unwrap();
+        let log = String::from_utf8(log).unwrap();
+        assert!(log.contains("token create") && log.contains("token revoke") && log.contains("command line"), "{log}");
+        let database = std::fs::read(folder.join("gleaner.db")).unwrap();
+        let leaks = |bytes: &[u8]| bytes.windows(secret.len()).any(|part| part == secret.as_bytes());
+        assert!(!leaks(listed.as_bytes()) && !leaks(log.as_bytes()) && !leaks(&database));
+    }
+
+    #[tokio::test]
+    async fn it_works_beside_a_running_server() {
+        let dir = tempfile::tempdir().unwrap();
+        let _server = DataLock::take(dir.path()).unwrap();
+        let store = Store::open(&dir.path().join("gleaner.db")).await.unwrap();
+        run(dir.path(), new("arm")).await.unwrap();
+        assert_eq!(store.tokens().await.unwrap()[0].1.name, "arm");
+        let again = run(dir.path(), new("arm")).await.unwrap_err();
+        assert_eq!(again.kind(), Kind::Exists);
+    }
+}

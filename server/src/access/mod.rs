@@ -1,0 +1,18 @@
+//! Who may do what: one table of rpcs and roles, tokens, the guard before the services, TLS, and the audit log.
+//!
+//! Knows requests by their path and headers, and of their messages only names and ids. Must not know what an rpc does.
+
+mod answer;
+mod book;
+mod caller;
+pub mod command;
+mod entry;
+mod guard;
+mod mint;
+mod overheard;
+mod secret;
+mod subject;
+mod table;
+pub(crate) mod tls;
+
+pub(crate) use self::{book::Book, caller::Caller, guard::Guard};

@@ -1,0 +1,183 @@
+//! The authorisation table: which role each rpc needs, and whether it changes something.
+//!
+//! The `match` has no wildcard, so an rpc without a row does not build; what is not in the table at all is refused.
+
+use std::{collections::HashMap, sync::LazyLock};
+
+use gleaner_proto::Rpc;
+
+use crate::domain::access::Role;
+
+/// What a caller must have.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Need {
+    /// Nothing: how the server is may be asked by anybody.
+    Nothing,
+    /// This role or a higher one.
+    Least(Role),
+    /// As `Least`, or to be a robot that has the deployment. The service looks at which one it is.
+    LeastOrRobot(Role),
+    /// The token of a running attempt of a job. The service checks it.
+    Job,
+}
+
+/// A row of the table.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rule {
+    pub(super) need: Need,
+    /// Whether it is written to the audit log. What workers change is in the record of their job instead.
+    pub(super) audited: bool,
+}
+
+/// What every gRPC server has, beside our own services.
+pub(super) const STANDARD: [(&str, Need); 4] = [
+    ("/grpc.health.v1.Health/Check", Need::Nothing),
+    ("/grpc.health.v1.Health/List", Need::Nothing),
+    ("/grpc.health.v1.Health/Watch", Need::Nothing),
+    ("/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", Need::Least(Role::Viewer)),
+];
+
+/// The row of a request's path; `None` for what is no rpc of this server.
+pub(super) fn rule(path: &str) -> Option<Rule> {
+    static RULES: LazyLock<HashMap<&str, Rule>> = LazyLock::new(|| {
+        let standard = STANDARD.map(|(path, need)| (path, Rule { need, audited: false }));
+        Rpc::ALL.iter().map(|rpc| (rpc.path(), of(*rpc))).chain(standard).collect()
+    });
+    RULES.get(path).copied()
+}
+
+fn of(rpc: Rpc) -> Rule {
+    let reads = |least| Rule { need: Need::Least(least), audited: false };
+    let changes = |least| Rule { need: Need::Least(least), audited: true };
+    let serves = |least| Rule { need: Need::LeastOrRobot(least), audited: false };
+    let (open, job) = (Rule { need: Need::Nothing, audited: false }, Rule { need: Need::Job, audited: false });
+    match rpc {
+        Rpc::GRPCInferenceServiceServerLive | Rpc::GRPCInferenceServiceServerReady => open,
+
+        Rpc::TaskServiceListTasks
+        | Rpc::EpisodeServiceGetEpisode
+        | Rpc::EpisodeServiceListEpisodes
+        | Rpc::EpisodeServiceListLabels
+        | Rpc::EpisodeServiceDownloadEpisode
+        | Rpc::SnapshotServiceGetSnapshot
+        | Rpc::SnapshotServiceListSnapshots
+        | Rpc::JobServiceGetJob
+        | Rpc::JobServiceListJobs
+        | Rpc::JobServiceWatchJob
+        | Rpc::JobServiceListMetrics
+        | Rpc::ScheduleServiceListSchedules
+        | Rpc::ScoreServiceGetScoreRun
+        | Rpc::ScoreServiceListScoreRuns
+        | Rpc::ScoreServiceGetEpisodeScores
+        | Rpc::ScoreServiceGetHistogram
+        | Rpc::ScoreServiceCountKept
+        | Rpc::DatasetServiceGetDataset
+        | Rpc::DatasetServiceListDatasets
+        | Rpc::DatasetServiceStreamSegments
+        | Rpc::DatasetServiceListExportFiles
+        | Rpc::DatasetServiceDownloadExportFile
+        | Rpc::PolicyServiceListPolicies
+        | Rpc::PolicyServiceListEvaluations
+        | Rpc::PolicyServiceGetEvaluation => reads(Role::Viewer),
+
+        // A robot needs to know what its own deployments take.
+        Rpc::TaskServiceGetTask
+        | Rpc::PolicyServiceListDeployments
+        | Rpc::GRPCInferenceServiceModelReady
+        | Rpc::GRPCInferenceServiceServerMetadata
+        | Rpc::GRPCInferenceServiceModelMetadata
+        | Rpc::GRPCInferenceServiceRepositoryIndex => serves(Role::Viewer),
+
+        // These keep nothing, but they take the server's time.
+        Rpc::EpisodeServiceGetUpload | Rpc::ScoreServiceScoreRecording | Rpc::ScoreServiceScoreSteps => {
+            reads(Role::Contributor)
+        }
+
+        Rpc::TaskServiceCreateTask
+        | Rpc::EpisodeServiceStartUpload
+        | Rpc::EpisodeServiceWriteUpload
+        | Rpc::EpisodeServiceFinishUpload
+        | Rpc::EpisodeServiceLabelEpisodes
+        | Rpc::EpisodeServiceDeleteEpisodes
+        | Rpc::EpisodeServiceUndeleteEpisodes => changes(Role::Contributor),
+
+        Rpc::PolicyServiceAct | Rpc::GRPCInferenceServiceModelInfer => serves(Role::Contributor),
+        // A session may be kept as an episode.
+        Rpc::PolicyServiceSession => Rule { audited: true, ..serves(Role::Contributor) },
+
+        Rpc::SnapshotServiceCreateSnapshot
+        | Rpc::JobServiceSubmitJob
+        | Rpc::JobServiceSubmitPipeline
+        | Rpc::JobServiceCancelJob
+        | Rpc::ScheduleServiceCreateSchedule
+        | Rpc::ScheduleServicePauseSchedule
+        | Rpc::ScheduleServiceDeleteSchedule
+        | Rpc::DatasetServiceCreateDataset
+        | Rpc::PolicyServiceDeploy
+        | Rpc::PolicyServiceRollBack
+        | Rpc::PolicyServiceReportEvaluation => changes(Role::Trainer),
+
+        Rpc::WorkerServiceGetAssignment
+        | Rpc::WorkerServiceStreamBaseScores
+        | Rpc::WorkerServiceReportProgress
+        | Rpc::WorkerServiceSaveCheckpoint
+        | Rpc::WorkerServiceCompleteJob
+        | Rpc::WorkerServiceFailJob => job,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use std::collections::HashSet;
+
+    use prost_reflect::DescriptorPool;
+
+    use super::*;
+
+    /// Every rpc that the server's own reflection would name.
+    fn served() -> HashSet<String> {
+        let sets = [
+            gleaner_proto::DESCRIPTORS,
+            tonic_health::pb::FILE_DESCRIPTOR_SET,
+            tonic_reflection::pb::v1::FILE_DESCRIPTOR_SET,
+        ];
+        let pools = sets.map(|set| DescriptorPool::decode(set).unwrap());
+        let services = pools.iter().flat_map(DescriptorPool::services);
+        let paths = services.flat_map(|service| {
+            let name = service.full_name().to_owned();
+            service.methods().map(move |method| format!("/{name}/{}", method.name())).collect::<Vec<_>>()
+        });
+        paths.collect()
+    }
+
+    #[test]
+    fn every_rpc_has_a_row_and_every_row_an_rpc() {
+        let served = served();
+        assert!(served.len() > 60, "the walk found too little");
+        for path in &served {
+            assert!(rule(path).is_some(), "{path} is not in the table");
+        }
+        let rows: HashSet<String> =
+            Rpc::ALL.iter().map(|rpc| rpc.path()).chain(STANDARD.map(|(path, _)| path)).map(str::to_owned).collect();
+        assert_eq!(rows, served);
+        for path in
+            ["", "/", "/gleaner.v1.TaskService/", "/gleaner.v1.TaskService/createTask", "//gleaner.v1.TaskService"]
+        {
+            assert!(rule(path).is_none(), "{path:?}");
+        }
+    }
+
+    /// The words people expect of an rpc that changes nothing; everything else is audited or a worker's.
+    #[test]
+    fn what_changes_something_is_audited() {
+        let reads =
+            ["Get", "List", "Watch", "Download", "Stream", "Count", "Score", "Server", "Model", "Repository", "Act"];
+        for rpc in Rpc::ALL {
+            let method = rpc.path().rsplit('/').next().unwrap();
+            let rule = of(*rpc);
+            let quiet = reads.iter().any(|word| method.starts_with(word)) || rule.need == Need::Job;
+            assert_eq!(rule.audited, !quiet, "{}", rpc.path());
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Who is let in, and how the line is encrypted; and what `token` and `audit` need.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use crate::domain::access::Role;
+
+/// Who is let in, and how the line is encrypted.
+#[derive(Debug, Clone, Args)]
+pub struct AccessConfig {
+    /// Ask every caller for a token (`gleaner-server token create`). By default so, except on a loopback address and
+    /// with --insecure.
+    #[arg(long, env = "GLEANER_REQUIRE_TOKENS", num_args = 0..=1, require_equals = true, default_missing_value = "true",
+          value_name = "BOOL")]
+    pub require_tokens: Option<bool>,
+    /// Encrypt with this certificate: a PEM file, the whole chain. It is read again when it changes, and on SIGHUP.
+    #[arg(long, env = "GLEANER_TLS_CERT", value_name = "FILE", requires = "tls_key")]
+    pub tls_cert: Option<PathBuf>,
+    /// The certificate's private key: a PEM file.
+    #[arg(long, env = "GLEANER_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
+    pub tls_key: Option<PathBuf>,
+    /// Let in only who shows a certificate that is signed by one of these: a PEM file.
+    #[arg(long, env = "GLEANER_CLIENT_CA", value_name = "FILE", requires = "tls_cert")]
+    pub client_ca: Option<PathBuf>,
+}
+
+/// What to do with tokens.
+#[derive(Debug, Clone, Args)]
+pub struct TokenConfig {
+    /// The server's data folder; the server may be running.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data", global = true)]
+    pub data_dir: PathBuf,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: TokenCommand,
+}
+
+/// What to do with tokens.
+#[derive(Debug, Clone, Subcommand)]
+pub enum TokenCommand {
+    /// Make a token. It is printed once; only its hash is kept.
+    Create(NewTokenConfig),
+    /// List tokens with their last use.
+    List,
+    /// Let nobody in with a token any more. A running server follows within seconds.
+    Revoke {
+        /// The token's id or name.
+        token: String,
+    },
+}
+
+/// A token to make.
+#[derive(Debug, Clone, Args)]
+pub struct NewTokenConfig {
+    /// What it allows: viewer, contributor, trainer, robot or admin.
+    #[arg(long, value_parser = role)]
+    pub role: Role,
+    /// Whose it is, as the list and the audit log say.
+    #[arg(long, default_value = "")]
+    pub name: String,
+    /// A deployment that a robot may use; may be given more than once.
+    #[arg(long = "deployment", value_name = "NAME")]
+    pub deployments: Vec<String>,
+    /// How long it is good, such as 30d or 12h; by default until it is revoked.
+    #[arg(long, value_name = "TIME")]
+    pub expires: Option<String>,
+}
+
+/// What to show of the audit log.
+#[derive(Debug, Clone, Args)]
+pub struct AuditConfig {
+    /// The server's data folder; the server may be running.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
+    pub data_dir: PathBuf,
+    /// From when on: a time ago such as 7d or 12h, a day such as 2026-11-20, or a time such as 2026-11-20T08:00:00Z.
+    #[arg(long, default_value = "7d", value_name = "TIME")]
+    pub since: String,
+    /// Most entries to show, the newest.
+    #[arg(long, default_value_t = 1000, value_name = "N")]
+    pub limit: u32,
+}
+
+fn role(word: &str) -> Result<Role, String> {
+    let words = || Role::ALL.map(Role::as_str).join(", ");
+    Role::from_word(word).ok_or_else(|| format!("must be one of {}", words()))
+}
+
+impl AccessConfig {
+    /// Whether callers must show a token, at an address that is loopback or not.
+    pub fn tokens_required(&self, loopback: bool, insecure: bool) -> bool {
+        self.require_tokens.unwrap_or(!loopback && !insecure)
+    }
+
+    /// Checks that an address which other machines can reach is guarded.
+    ///
+    /// # Errors
+    /// A sentence that names the flag and the mend.
+    pub fn validate(&self, listen: std::net::SocketAddr, insecure: bool) -> Result<(), String> {
+        let loopback = listen.ip().is_loopback();
+        let missing = match (self.tls_cert.is_some(), self.tokens_required(loopback, insecure)) {
+            _ if loopback || insecure => return Ok(()),
+            (true, true) => return Ok(()),
+            (false, _) => "--tls-cert and --tls-key encrypt",
+            (true, false) => "--require-tokens asks who they are",
+        };
+        Err(format!(
+            "--listen {listen}: other machines can reach this address: {missing}. Or listen on 127.0.0.1, or accept the \
+             risk with --insecure"
+        ))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn config(tls: bool, require_tokens: Option<bool>) -> AccessConfig {
+        let file = tls.then(|| PathBuf::from("pem"));
+        AccessConfig { require_tokens, tls_cert: file.clone(), tls_key: file, client_ca: None }
+    }
+
+    #[test]
+    fn an_address_that_others_reach_needs_tls_and_tokens_or_a_word() {
+        let (near, far) = (([127, 0, 0, 1], 7400).into(), ([0, 0, 0, 0], 7400).into());
+        for (tls, tokens, said) in [
+            (true, None, None),
+            (true, Some(true), None),
+            (true, Some(false), Some("--require-tokens")),
+            (false, None, Some("--tls-cert")),
+            (false, Some(true), Some("--tls-cert")),
+        ] {
+            let config = config(tls, tokens);
+            assert_eq!(config.validate(near, false), Ok(()));
+            assert_eq!(config.validate(far, true), Ok(()));
+            let problem = config.validate(far, false).err();
+            assert_eq!(problem.is_some(), said.is_some(), "{tls} {tokens:?}");
+            if let (Some(problem), Some(said)) = (problem, said) {
+                assert!(problem.contains(said) && problem.contains("--insecure"), "{problem}");
+            }
+        }
+    }
+
+    #[test]
+    fn tokens_are_asked_for_where_others_reach_unless_it_is_said() {
+        for (required, loopback, insecure, asked) in [
+            (None, true, false, false),
+            (None, false, false, true),
+            (None, false, true, false),
+            (Some(true), true, false, true),
+            (Some(true), false, true, true),
+            (Some(false), false, false, false),
+        ] {
+            assert_eq!(config(true, required).tokens_required(loopback, insecure), asked);
+        }
+    }
+}

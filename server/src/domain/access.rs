@@ -1,0 +1,161 @@
+//! Who may do what: roles, tokens as they are kept, and entries of the audit log.
+//!
+//! Knows no rpc: `access::table` says which role each one needs.
+
+use super::{id::TokenId, time::Millis};
+
+/// What a token allows. The first four are a ladder in the order viewer, contributor, trainer, admin; a robot stands
+/// beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Role {
+    /// Reads everything.
+    Viewer,
+    /// And adds episodes and labels, and asks policies for actions.
+    Contributor,
+    /// And runs jobs, makes datasets and moves deployments.
+    Trainer,
+    /// Asks its own deployments for actions, and nothing else.
+    Robot,
+    /// Everything.
+    Admin,
+}
+
+impl Role {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Viewer, Self::Contributor, Self::Trainer, Self::Robot, Self::Admin];
+
+    /// The word for it.
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Viewer => "viewer",
+            Self::Contributor => "contributor",
+            Self::Trainer => "trainer",
+            Self::Robot => "robot",
+            Self::Admin => "admin",
+        }
+    }
+
+    /// The role of a word.
+    pub fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|role| role.as_str() == word)
+    }
+
+    /// Whether it allows what `least` allows. A robot is on no rung.
+    pub const fn reaches(self, least: Self) -> bool {
+        matches!((self.rung(), least.rung()), (Some(own), Some(needed)) if own >= needed)
+    }
+
+    const fn rung(self) -> Option<u8> {
+        match self {
+            Self::Viewer => Some(0),
+            Self::Contributor => Some(1),
+            Self::Trainer => Some(2),
+            Self::Admin => Some(3),
+            Self::Robot => None,
+        }
+    }
+}
+
+/// A token as it is kept: everything but itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Token {
+    /// Its id, which may be shown.
+    pub id: TokenId,
+    /// Whose it is, in words; may be empty.
+    pub name: String,
+    /// What it allows.
+    pub role: Role,
+    /// A robot's deployments; empty for other roles.
+    pub deployments: Vec<String>,
+    /// When it was made.
+    pub created_at: Millis,
+    /// When it ends by itself; `None`: never.
+    pub expires_at: Option<Millis>,
+    /// When it was revoked.
+    pub revoked_at: Option<Millis>,
+    /// When it was last used, to the minute.
+    pub last_used_at: Option<Millis>,
+}
+
+impl Token {
+    /// Whether it lets anybody in at this time.
+    pub fn is_live(&self, now: Millis) -> bool {
+        self.revoked_at.is_none() && self.expires_at.is_none_or(|end| now < end)
+    }
+
+    /// How it is in words: live, expired or revoked.
+    pub fn standing(&self, now: Millis) -> &'static str {
+        if self.revoked_at.is_some() {
+            "revoked"
+        } else if self.is_live(now) {
+            "live"
+        } else {
+            "expired"
+        }
+    }
+
+    /// Who it is, for people: its name, or its id when it has none.
+    pub fn who(&self) -> &str {
+        if self.name.is_empty() { self.id.as_str() } else { &self.name }
+    }
+}
+
+/// Something that was changed, or that somebody tried to change.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AuditEntry {
+    /// When it was answered.
+    pub at: Millis,
+    /// The token it was asked with, if one was.
+    pub token_id: Option<TokenId>,
+    /// The token's name, or where the caller sits.
+    pub who: String,
+    /// The caller's address; empty when unknown.
+    pub peer: String,
+    /// The rpc, as `Service/Method`, or the command.
+    pub rpc: String,
+    /// What it was about, as `field=value`.
+    pub subjects: Vec<String>,
+    /// `ok`, or the status it was refused with.
+    pub outcome: String,
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn roles_are_a_ladder_with_robots_beside_it() {
+        let ladder = [Role::Viewer, Role::Contributor, Role::Trainer, Role::Admin];
+        for (place, role) in ladder.into_iter().enumerate() {
+            for (other, least) in ladder.into_iter().enumerate() {
+                assert_eq!(role.reaches(least), place >= other, "{role:?} {least:?}");
+            }
+            assert!(!Role::Robot.reaches(role) && !role.reaches(Role::Robot));
+        }
+        assert!(!Role::Robot.reaches(Role::Robot), "what robots may do is said by itself");
+        for role in Role::ALL {
+            assert_eq!(Role::from_word(role.as_str()).unwrap(), role);
+        }
+        assert_eq!(Role::from_word("root"), None);
+    }
+
+    #[test]
+    fn a_token_ends_when_it_expires_or_is_revoked() {
+        let token = Token {
+            id: TokenId::new(),
+            name: String::new(),
+            role: Role::Viewer,
+            deployments: Vec::new(),
+            created_at: Millis(0),
+            expires_at: Some(Millis(10)),
+            revoked_at: None,
+            last_used_at: None,
+        };
+        assert_eq!((token.standing(Millis(9)), token.standing(Millis(10))), ("live", "expired"));
+        assert_eq!(token.who(), token.id.as_str());
+        let revoked = Token { revoked_at: Some(Millis(5)), name: "arm".into(), ..token };
+        assert!(!revoked.is_live(Millis(1)));
+        assert_eq!((revoked.standing(Millis(1)), revoked.who()), ("revoked", "arm"));
+    }
+}

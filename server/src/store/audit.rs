@@ -1,0 +1,93 @@
+//! Rows of the audit log: only ever added.
+
+use super::{Store, commit, fault, row};
+use crate::{
+    domain::{access::AuditEntry, time::Millis},
+    error::Result,
+};
+
+#[derive(sqlx::FromRow)]
+struct AuditRow {
+    at: i64,
+    token_id: Option<String>,
+    who: String,
+    peer: String,
+    rpc: String,
+    subjects: String,
+    outcome: String,
+}
+
+impl AuditRow {
+    fn read(self) -> Result<AuditEntry> {
+        Ok(AuditEntry {
+            at: Millis(self.at),
+            token_id: self.token_id.map(|id| row::id("audit.token_id", id)).transpose()?,
+            who: self.who,
+            peer: self.peer,
+            rpc: self.rpc,
+            subjects: row::json("audit.subjects", &self.subjects)?,
+            outcome: self.outcome,
+        })
+    }
+}
+
+impl Store {
+    /// Adds an entry.
+    pub(crate) async fn insert_audit(&self, entry: &AuditEntry) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("insert into audit (at, token_id, who, peer, rpc, subjects, outcome) values (?, ?, ?, ?, ?, ?, ?)")
+            .bind(entry.at.0)
+            .bind(entry.token_id.as_ref().map(|id| id.as_str()))
+            .bind(&entry.who)
+            .bind(&entry.peer)
+            .bind(&entry.rpc)
+            .bind(row::to_json(&entry.subjects)?)
+            .bind(&entry.outcome)
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("writing the audit log"))?;
+        commit(tx).await
+    }
+
+    /// The entries since a time, oldest first: the newest `most` of them.
+    pub(crate) async fn audit(&self, since: Millis, most: u32) -> Result<Vec<AuditEntry>> {
+        let rows: Vec<AuditRow> = sqlx::query_as(
+            "select at, token_id, who, peer, rpc, subjects, outcome from (select * from audit where at >= ? \
+             order by at desc, id desc limit ?) order by at, id",
+        )
+        .bind(since.0)
+        .bind(most)
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading the audit log"))?;
+        rows.into_iter().map(AuditRow::read).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::{super::testing, *};
+    use crate::domain::id::TokenId;
+
+    #[tokio::test]
+    async fn entries_come_back_in_order_the_newest_when_there_are_many() {
+        let (_dir, store) = testing::store().await;
+        let entry = |at| AuditEntry {
+            at: Millis(at),
+            token_id: (at > 1).then(TokenId::new),
+            who: "anna".into(),
+            peer: "10.0.0.7:9".into(),
+            rpc: "TaskService/CreateTask".into(),
+            subjects: vec!["spec.name=reach".into()],
+            outcome: "ok".into(),
+        };
+        let entries: Vec<AuditEntry> = (1..=4).map(entry).collect();
+        for entry in &entries {
+            store.insert_audit(entry).await.unwrap();
+        }
+        assert_eq!(store.audit(Millis(0), 10).await.unwrap(), entries);
+        assert_eq!(store.audit(Millis(2), 2).await.unwrap(), entries[2..]);
+        assert!(store.audit(Millis(5), 10).await.unwrap().is_empty());
+    }
+}

@@ -1,0 +1,168 @@
+//! Rows of tokens. The token itself is never here, only its hash.
+
+use super::{Store, commit, fault, is_duplicate, row};
+use crate::{
+    domain::{
+        access::{Role, Token},
+        id::TokenId,
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+const COLUMNS: &str = "select id, name, role, deployments, hash, created_at, expires_at, revoked_at, last_used_at \
+     from tokens ";
+
+#[derive(sqlx::FromRow)]
+struct TokenRow {
+    id: String,
+    name: String,
+    role: String,
+    deployments: String,
+    hash: String,
+    created_at: i64,
+    expires_at: Option<i64>,
+    revoked_at: Option<i64>,
+    last_used_at: Option<i64>,
+}
+
+impl TokenRow {
+    fn read(self) -> Result<(String, Token)> {
+        let token = Token {
+            id: row::id("tokens.id", self.id)?,
+            name: self.name,
+            role: row::parsed("tokens.role", Role::from_word(&self.role))?,
+            deployments: row::json("tokens.deployments", &self.deployments)?,
+            created_at: Millis(self.created_at),
+            expires_at: self.expires_at.map(Millis),
+            revoked_at: self.revoked_at.map(Millis),
+            last_used_at: self.last_used_at.map(Millis),
+        };
+        Ok((self.hash, token))
+    }
+}
+
+impl Store {
+    /// Keeps a new token by its hash.
+    ///
+    /// # Errors
+    /// Exists when a live token has the name.
+    pub(crate) async fn insert_token(&self, token: &Token, hash: &str) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query(
+            "insert into tokens (id, name, role, deployments, hash, created_at, expires_at) values (?, ?, ?, ?, ?, ?, ?)",
+        )
+        .bind(token.id.as_str())
+        .bind(&token.name)
+        .bind(token.role.as_str())
+        .bind(row::to_json(&token.deployments)?)
+        .bind(hash)
+        .bind(token.created_at.0)
+        .bind(token.expires_at.map(|end| end.0))
+        .execute(&mut *tx)
+        .await
+        .map_err(|error| match is_duplicate(&error) {
+            true => {
+                Error::exists(format!("a live token is named {:?} already: revoke it, or take another name", token.name))
+            }
+            false => fault("keeping a token")(error),
+        })?;
+        commit(tx).await
+    }
+
+    /// Every token there ever was with its hash, oldest first.
+    pub(crate) async fn tokens(&self) -> Result<Vec<(String, Token)>> {
+        let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
+        query.push("order by id");
+        let rows: Vec<TokenRow> =
+            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing tokens"))?;
+        rows.into_iter().map(TokenRow::read).collect()
+    }
+
+    /// Ends a token, found by its id or by the name of a live one. Ended twice, it stays as it ended first.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn revoke_token(&self, id_or_name: &str) -> Result<Token> {
+        let mut tx = self.write().await?;
+        let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
+        query.push("where id = ").push_bind(id_or_name);
+        query.push(" or (name = ").push_bind(id_or_name).push(" and name <> '' and revoked_at is null) limit 1");
+        let found: Option<TokenRow> =
+            query.build_query_as().fetch_optional(&mut *tx).await.map_err(fault("reading a token"))?;
+        let (_, mut token) = found
+            .ok_or_else(|| {
+                Error::not_found("live token", format!("{id_or_name:?}; list the tokens to see what there is"))
+            })?
+            .read()?;
+        let now = token.revoked_at.unwrap_or_else(Millis::now);
+        sqlx::query("update tokens set revoked_at = ? where id = ?")
+            .bind(now.0)
+            .bind(token.id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("revoking a token"))?;
+        commit(tx).await?;
+        token.revoked_at = Some(now);
+        Ok(token)
+    }
+
+    /// Notes that a token was used.
+    pub(crate) async fn token_used(&self, id: &TokenId, at: Millis) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("update tokens set last_used_at = max(coalesce(last_used_at, 0), ?) where id = ?")
+            .bind(at.0)
+            .bind(id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("noting a token's use"))?;
+        commit(tx).await
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::{super::testing, *};
+    use crate::error::Kind;
+
+    fn token(name: &str) -> Token {
+        Token {
+            id: TokenId::new(),
+            name: name.into(),
+            role: Role::Robot,
+            deployments: vec!["arm@prod".into()],
+            created_at: Millis(5),
+            expires_at: Some(Millis(9)),
+            revoked_at: None,
+            last_used_at: None,
+        }
+    }
+
+    #[tokio::test]
+    async fn tokens_come_back_as_they_were_made() {
+        let (_dir, store) = testing::store().await;
+        let made = token("arm");
+        store.insert_token(&made, "hash").await.unwrap();
+        assert_eq!(store.tokens().await.unwrap(), [("hash".to_owned(), made.clone())]);
+        store.token_used(&made.id, Millis(70)).await.unwrap();
+        store.token_used(&made.id, Millis(60)).await.unwrap();
+        assert_eq!(store.tokens().await.unwrap()[0].1.last_used_at, Some(Millis(70)), "never backwards");
+    }
+
+    #[tokio::test]
+    async fn a_name_is_one_live_tokens() {
+        let (_dir, store) = testing::store().await;
+        let first = token("arm");
+        store.insert_token(&first, "one").await.unwrap();
+        assert_eq!(store.insert_token(&token("arm"), "two").await.unwrap_err().kind(), Kind::Exists);
+        let revoked = store.revoke_token("arm").await.unwrap();
+        assert_eq!(revoked.id, first.id);
+        assert_eq!(store.revoke_token(first.id.as_str()).await.unwrap(), revoked, "as it ended first");
+        assert_eq!(store.revoke_token("arm").await.unwrap_err().kind(), Kind::NotFound);
+        store.insert_token(&token("arm"), "two").await.unwrap();
+        store.insert_token(&token(""), "three").await.unwrap();
+        store.insert_token(&token(""), "four").await.unwrap();
+        assert_eq!(store.revoke_token("").await.unwrap_err().kind(), Kind::NotFound, "no name is no name");
+    }
+}

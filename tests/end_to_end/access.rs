@@ -1,0 +1,238 @@
+//! Who is let in: tokens, roles, TLS, the audit log, and that no secret is told.
+
+mod guarded;
+mod paths;
+mod raw;
+
+use std::time::Duration;
+
+use gleaner_client::{Client, UploadLabel};
+use gleaner_proto::{
+    Rpc,
+    inference::{ModelInferRequest, grpc_inference_service_client::GrpcInferenceServiceClient},
+    v1::*,
+};
+use tonic::{Code, Request, transport::Channel};
+
+use self::guarded::Guarded;
+use crate::{
+    bad_input::refused,
+    lab::{self, RECORDINGS},
+};
+
+/// No event in these tests takes longer.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What lists the tasks, and says how that went.
+async fn list(client: &Client) -> Code {
+    client.tasks().list_tasks(ListTasksRequest {}).await.map_or_else(|status| status.code(), |_| Code::Ok)
+}
+
+#[tokio::test]
+async fn a_token_is_good_at_once_until_it_is_revoked() {
+    let server = Guarded::start(&["--workers", "0"], &[]).await;
+    let nobody = server.client(None).await;
+    let status = nobody.tasks().list_tasks(ListTasksRequest {}).await.unwrap_err();
+    refused(&status, Code::Unauthenticated, &["--token", "GLEANER_TOKEN", "token create"]);
+    assert_eq!(list(&server.client(Some("gleaner_0000")).await).await, Code::Unauthenticated);
+
+    let token = server.token("contributor", &["--name", "anna", "--expires", "1h"]).await;
+    let anna = server.client(Some(&token)).await;
+    lab_task(&anna).await;
+    let status = anna.jobs().submit_job(SubmitJobRequest::default()).await.unwrap_err();
+    refused(&status, Code::PermissionDenied, &["trainer", "anna", "contributor"]);
+    let listed = server.command(&["token", "list"]).await.unwrap();
+    assert!(listed.contains("anna") && listed.contains("live") && !listed.contains(&token), "{listed}");
+
+    // An open stream ends with its token, though nothing is said on it.
+    let (_keep, silent) = tokio::sync::mpsc::channel::<SessionRequest>(1);
+    let requests = tokio_stream::wrappers::ReceiverStream::new(silent);
+    let session = anna.policies().session(requests).await.unwrap().into_inner();
+    server.command(&["token", "revoke", "anna"]).await.unwrap();
+    let ended = tokio::time::timeout(PATIENCE, end(session)).await.unwrap();
+    assert_eq!(ended, Code::Unauthenticated);
+    assert_eq!(list(&anna).await, Code::Unauthenticated);
+
+    let log = server.command(&["audit", "--since", "1h"]).await.unwrap();
+    for words in [
+        ["command line", "token create", "name=anna"],
+        ["anna", "TaskService/CreateTask", "spec.name=pick_cube"],
+        ["anna", "JobService/SubmitJob", "PermissionDenied"],
+        ["anna", "PolicyService/Session", "Unauthenticated"],
+        ["command line", "token revoke", "name=anna"],
+    ] {
+        let line = log.lines().find(|line| words.iter().all(|word| line.contains(word)));
+        assert!(line.is_some(), "{words:?}: {log}");
+    }
+    assert!(!log.contains(&token) && !log.contains("ListTasks"), "{log}");
+}
+
+async fn end(mut session: tonic::Streaming<SessionResponse>) -> Code {
+    loop {
+        match session.message().await {
+            Ok(Some(_)) => {}
+            Ok(None) => return Code::Ok,
+            Err(status) => return status.code(),
+        }
+    }
+}
+
+async fn lab_task(client: &Client) {
+    let spec = gleaner_client::spec::to_proto(&gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config()));
+    client.tasks().create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
+}
+
+/// The whole of the table over a real connection, for who has no token; a handful for who has one. (Every rpc with every
+/// role is walked in the guard's own tests.)
+#[tokio::test]
+async fn nothing_but_its_health_is_told_to_who_has_no_token() {
+    let server = Guarded::start(&["--workers", "0"], &[]).await;
+    let channel = raw::connect(&server).await;
+    for rpc in Rpc::ALL {
+        let code = raw::call(&channel, rpc.path(), None, Vec::new()).await;
+        let open = rpc.path().ends_with("/ServerLive") || rpc.path().ends_with("/ServerReady");
+        assert_eq!(code, if open { Code::Ok } else { Code::Unauthenticated }, "{}", rpc.path());
+    }
+    let health = "/grpc.health.v1.Health/Check";
+    let reflection = "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo";
+    assert_eq!(raw::call(&channel, health, None, Vec::new()).await, Code::Ok);
+    assert_eq!(raw::call(&channel, reflection, None, Vec::new()).await, Code::Unauthenticated);
+    let viewer = server.token("viewer", &[]).await;
+    assert_eq!(raw::call(&channel, reflection, Some(&viewer), Vec::new()).await, Code::Ok);
+    assert_eq!(
+        raw::call(&channel, "/gleaner.v1.TaskService/Nothing", Some(&viewer), Vec::new()).await,
+        Code::Unimplemented
+    );
+    let worker = Rpc::WorkerServiceGetAssignment.path();
+    let admin = server.token("admin", &[]).await;
+    assert_eq!(raw::call(&channel, worker, Some(&admin), Vec::new()).await, Code::Unauthenticated, "no job's token");
+}
+
+#[tokio::test]
+async fn a_robot_has_its_own_deployments_and_no_others() {
+    let server = Guarded::start(&["--workers", "0"], &[]).await;
+    let token = server.token("robot", &["--name", "arm", "--deployment", "arm@prod"]).await;
+    let robot = server.client(Some(&token)).await;
+    let channel = raw::connect(&server).await;
+    // Nothing is deployed: its own is not found, any other is not its business.
+    for (deployment, code) in [("arm@prod", Code::NotFound), ("leg@prod", Code::PermissionDenied)] {
+        let observations = vec![Observation { stamp_ns: 1, ..Default::default() }];
+        let act = robot.policies().act(ActRequest { deployment: deployment.into(), observations }).await;
+        assert_eq!(act.unwrap_err().code(), code, "{deployment}");
+        let open = SessionOpen { deployment: deployment.into(), ..Default::default() };
+        let open = SessionRequest { message: Some(session_request::Message::Open(open)) };
+        let session = robot.policies().session(tokio_stream::iter([open])).await.unwrap().into_inner();
+        assert_eq!(end(session).await, code, "{deployment}");
+        assert_eq!(infer(&channel, &token, deployment).await, code, "{deployment}");
+    }
+    assert_eq!(list(&robot).await, Code::PermissionDenied);
+    let deployments = robot.policies().list_deployments(ListDeploymentsRequest::default()).await.unwrap();
+    assert!(deployments.into_inner().deployments.is_empty());
+}
+
+async fn infer(channel: &Channel, token: &str, model: &str) -> Code {
+    let mut request = Request::new(ModelInferRequest { model_name: model.into(), ..Default::default() });
+    request.metadata_mut().insert("authorization", format!("Bearer {token}").parse().unwrap());
+    GrpcInferenceServiceClient::new(channel.clone()).model_infer(request).await.unwrap_err().code()
+}
+
+/// What a job's process is given: its own token and what any program needs. No secret of the server's.
+const GIVEN: [&str; 13] = [
+    "PATH",
+    "HOME",
+    "TMPDIR",
+    "TZ",
+    "LANG",
+    "LD_LIBRARY_PATH",
+    "CUDA_VISIBLE_DEVICES",
+    "MKL_NUM_THREADS",
+    "RUST_BACKTRACE",
+    "GLEANER_LOG",
+    "GLEANER_LOG_JSON",
+    "OMP_WAIT_POLICY",
+    "GLEANER_JOB_TOKEN",
+];
+
+#[tokio::test]
+async fn a_server_that_encrypts_runs_jobs_and_its_workers_know_little() {
+    let server =
+        Guarded::start(&[], &[("AWS_SECRET_ACCESS_KEY", "the crown jewels"), ("GLEANER_TOKEN", "another")]).await;
+    let client = server.client(Some(&server.token("trainer", &[]).await)).await;
+    lab_task(&client).await;
+    for recording in [&RECORDINGS[0], &RECORDINGS[6]] {
+        let file = tempfile::Builder::new().suffix(".mcap").tempfile().unwrap();
+        std::fs::write(file.path(), &recording.bytes).unwrap();
+        let label = UploadLabel { outcome: recording.outcome, cohort: String::new(), author: String::new() };
+        client.upload(lab::TASK, file.path(), &label, |_| ()).await.unwrap();
+    }
+    let request = SubmitJobRequest {
+        task: lab::TASK.into(),
+        spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
+        ..Default::default()
+    };
+    let job = client.jobs().submit_job(request).await.unwrap().into_inner().job.unwrap();
+    let mut seen = Vec::new();
+    let watching = async {
+        let request = WatchJobRequest { job_id: job.id.clone() };
+        let mut events = client.jobs().watch_job(request).await.unwrap().into_inner();
+        loop {
+            let job = events.message().await.unwrap().unwrap().job.unwrap();
+            seen.extend(environments(server.child.id().unwrap()));
+            if gleaner_client::has_ended(job.state()) {
+                return job;
+            }
+        }
+    };
+    let ended = tokio::time::timeout(PATIENCE, watching).await.unwrap();
+    assert_eq!(ended.state(), JobState::Succeeded, "{}", ended.error);
+    assert!(!seen.is_empty(), "no worker was seen");
+    for environment in seen {
+        for variable in environment.split('\0').filter(|variable| !variable.is_empty()) {
+            let name = variable.split('=').next().unwrap();
+            assert!(GIVEN.contains(&name), "a worker was given {name}");
+        }
+    }
+}
+
+/// The environments of the workers that a server runs now.
+fn environments(server: u32) -> Vec<String> {
+    let mut found = Vec::new();
+    for task in std::fs::read_dir(format!("/proc/{server}/task")).unwrap() {
+        let Ok(children) = std::fs::read_to_string(task.unwrap().path().join("children")) else { continue };
+        for pid in children.split_whitespace() {
+            let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
+            if command.split(|&byte| byte == 0).any(|word| word == b"worker") {
+                found.extend(std::fs::read_to_string(format!("/proc/{pid}/environ")).ok());
+            }
+        }
+    }
+    found.retain(|environment| environment.contains("GLEANER_JOB_TOKEN"));
+    found
+}
+
+/// All levels of the log are on.
+#[tokio::test]
+async fn no_log_and_no_file_tells_a_token() {
+    let server = Guarded::start(&["--workers", "0"], &[]).await;
+    let (good, gone) = (server.token("admin", &[]).await, server.token("admin", &["--name", "gone"]).await);
+    server.command(&["token", "revoke", "gone"]).await.unwrap();
+    let unknown = "gleaner_a_token_of_another_server";
+    let channel = raw::connect(&server).await;
+    for token in [&good, &gone, unknown] {
+        for rpc in [Rpc::TaskServiceListTasks, Rpc::TaskServiceCreateTask, Rpc::WorkerServiceGetAssignment] {
+            raw::call(&channel, rpc.path(), Some(token), Vec::new()).await;
+        }
+    }
+    assert_eq!(list(&server.client(Some(&good)).await).await, Code::Ok);
+    let log = server.log();
+    assert!(log.contains("ListTasks") && log.contains("TRACE"), "the log was not at its most talkative");
+    let key = std::fs::read_to_string(server.data_dir().parent().unwrap().join("key")).unwrap();
+    let private = key.lines().nth(1).unwrap();
+    let files =
+        ["gleaner.db", "gleaner.db-wal"].map(|name| std::fs::read(server.data_dir().join(name)).unwrap_or_default());
+    for secret in [&good, &gone, unknown, private] {
+        assert!(!log.contains(secret), "{}", log.lines().find(|line| line.contains(secret)).unwrap());
+        let tells = |bytes: &[u8]| bytes.windows(secret.len()).any(|part| part == secret.as_bytes());
+        assert!(!files.iter().any(|bytes| tells(bytes)));
+    }
+}
