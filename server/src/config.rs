@@ -1,12 +1,22 @@
 //! Configuration: flags and `GLEANER_…` variables, read once. The only room that reads the environment.
 
+mod access;
+mod connections;
+mod keeping;
 mod policies;
+mod recordings;
+mod telemetry;
+mod uploads;
 
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 
-pub use self::policies::PoliciesConfig;
+pub use self::{
+    access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
+    connections::ConnectionsConfig, keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RestoreConfig}, policies::PoliciesConfig, recordings::RecordingsConfig, telemetry::TelemetryConfig,
+    uploads::UploadsConfig,
+};
 
 /// gleans the good steps out of failed robot demonstrations.
 #[derive(Debug, Parser)]
@@ -21,13 +31,28 @@ pub struct Cli {
     /// Log as JSON lines.
     #[arg(long, env = "GLEANER_LOG_JSON", global = true)]
     pub log_json: bool,
+    /// Die at a fail point: `name`, or `name=n` for its n-th passing (tests only).
+    #[cfg(feature = "fail-points")]
+    #[arg(long, env = FAIL_POINT, hide = true, global = true)]
+    pub fail_point: Option<String>,
 }
+
+/// Where the tests name a fail point; workers get it too.
+#[cfg(feature = "fail-points")]
+const FAIL_POINT: &str = "GLEANER_FAIL_POINT";
 
 /// The processes this binary can be.
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Serve episodes, jobs, scores, datasets and policies.
     Serve(Box<ServeConfig>),
+    /// Look after a data folder.
+    #[command(flatten)]
+    Keep(KeepingCommand),
+    /// Make, list and revoke the tokens that let callers in.
+    Token(TokenConfig),
+    /// Show who changed what.
+    Audit(AuditConfig),
     /// Run one job (started by `serve`, not by hand).
     #[command(hide = true)]
     Worker(WorkerConfig),
@@ -45,15 +70,30 @@ pub struct ServeConfig {
     /// Address to listen on; port 0 takes any free port.
     #[arg(long, env = "GLEANER_LISTEN", default_value = "127.0.0.1:7400")]
     pub listen: SocketAddr,
-    /// Listen on an address other machines can reach although nothing is encrypted and nobody is asked who they are.
+    /// Listen on an address other machines can reach although the line is not encrypted, or nobody is asked who they are.
     #[arg(long, env = "GLEANER_INSECURE")]
     pub insecure: bool,
     /// Seconds that open calls and sessions may go on once the server begins to stop.
     #[arg(long, env = "GLEANER_DRAIN_SECONDS", default_value_t = 20)]
     pub drain_seconds: u64,
+    /// Who is let in, and how the line is encrypted.
+    #[command(flatten)]
+    pub access: AccessConfig,
     /// Limits on what comes in.
     #[command(flatten)]
     pub limits: LimitConfig,
+    /// How much of the server one peer may take.
+    #[command(flatten)]
+    pub connections: ConnectionsConfig,
+    /// Where the server tells of itself.
+    #[command(flatten)]
+    pub telemetry: TelemetryConfig,
+    /// How long unfinished uploads are kept.
+    #[command(flatten)]
+    pub uploads: UploadsConfig,
+    /// How long what nobody wants is kept, and what the disk is spared.
+    #[command(flatten)]
+    pub keeping: KeepingConfig,
     /// How jobs run.
     #[command(flatten)]
     pub jobs: JobsConfig,
@@ -83,6 +123,9 @@ pub struct LimitConfig {
     /// Concurrent streams of one connection.
     #[arg(long, env = "GLEANER_MAX_STREAMS", default_value_t = 256)]
     pub max_streams: u32,
+    /// Limits on what a recording may hold.
+    #[command(flatten)]
+    pub recordings: RecordingsConfig,
 }
 
 /// How jobs run.
@@ -97,6 +140,11 @@ pub struct JobsConfig {
     /// Niceness of workers, so that training never slows serving.
     #[arg(long, env = "GLEANER_WORKER_NICE", default_value_t = 10)]
     pub worker_nice: i32,
+    /// Whether the work of jobs gives way at once to whatever else of the server wants a processor (SCHED_IDLE): niceness
+    /// alone lets it finish its slice of a few milliseconds first. Beside other programs that leave no time, jobs stand
+    /// still; `false` gives them their part.
+    #[arg(long, env = "GLEANER_WORKER_IDLE", default_value_t = true, action = clap::ArgAction::Set, value_name = "BOOL")]
+    pub worker_idle: bool,
     /// Seconds without a word from a worker after which its attempt is over.
     #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120)]
     pub worker_silence_seconds: u64,
@@ -117,6 +165,9 @@ pub struct WorkerConfig {
     /// Niceness to take on.
     #[arg(long, default_value_t = 0)]
     pub nice: i32,
+    /// Work only when nobody else wants the processor.
+    #[arg(long)]
+    pub idle: bool,
     /// Process to end with: the server, when it started this worker on its own machine.
     #[arg(long)]
     pub parent: Option<u32>,
@@ -152,6 +203,9 @@ pub struct InspectConfig {
     /// Most processor time to take, in seconds.
     #[arg(long)]
     pub seconds: u64,
+    /// Limits on what the recording may hold.
+    #[command(flatten)]
+    pub limits: RecordingsConfig,
 }
 
 /// What of this process's environment a worker gets: where programs and libraries are, which devices may be
@@ -171,6 +225,8 @@ pub fn worker_environment() -> Vec<(&'static str, std::ffi::OsString)> {
         "GLEANER_LOG_JSON",
     ];
     let passed = PASSED.into_iter().filter_map(|name| std::env::var_os(name).map(|value| (name, value)));
+    #[cfg(feature = "fail-points")]
+    let passed = passed.chain(std::env::var_os(FAIL_POINT).map(|name| (FAIL_POINT, name)));
     // Threads that wait must sleep: beside any other busy process, spinning ones make each step take ten times as long.
     passed.chain([("OMP_WAIT_POLICY", "PASSIVE".into())]).collect()
 }
@@ -212,19 +268,16 @@ impl ServeConfig {
     /// # Errors
     /// A sentence that names the flag and the mend.
     pub fn validate(&self) -> Result<(), String> {
-        if !self.listen.ip().is_loopback() && !self.insecure {
-            return Err(format!(
-                "--listen {}: other machines can reach this address, and this version neither encrypts nor asks for \
-                 tokens. Listen on 127.0.0.1, or accept the risk with --insecure",
-                self.listen
-            ));
-        }
+        self.access.validate(self.listen, self.insecure)?;
         if self.limits.max_message_bytes < 4 << 20 {
             return Err("--max-message-bytes: must be at least 4194304 for uploads and images to fit".to_owned());
         }
         if self.drain_seconds > 3600 {
             return Err("--drain-seconds: must be at most 3600".to_owned());
         }
+        self.connections.validate()?;
+        self.telemetry.validate(self.insecure)?;
+        self.limits.recordings.validate()?;
         self.policies.validate()
     }
 }
@@ -239,7 +292,9 @@ mod tests {
         let all = [&["gleaner-server", "serve"], args].concat();
         match Cli::try_parse_from(all).unwrap().command {
             Command::Serve(config) => *config,
-            Command::Worker(_) | Command::Inspect(_) => panic!("not serve"),
+            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) | Command::Inspect(_) => {
+                panic!("not serve")
+            }
         }
     }
 

@@ -3,12 +3,16 @@
 //! Floors: `service` and `wire` over `ingest`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain` and
 //! `error`. Calls go down, never up. `worker` is the other process of this binary: a client of this server.
 
+pub mod access;
 pub mod blobs;
 pub mod config;
+mod connections;
 pub mod domain;
 pub mod error;
+pub mod fail_point;
 pub mod ingest;
 pub mod jobs;
+pub mod keeping;
 pub mod lock;
 pub mod policies;
 pub mod rollouts;
@@ -17,46 +21,119 @@ pub mod service;
 pub mod shutdown;
 pub mod store;
 pub mod telemetry;
+mod web;
 mod wire;
 pub mod worker;
 
-use std::{net::SocketAddr, time::Duration};
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub use wire::fuzzing;
+
+use std::{net::{Ipv4Addr, SocketAddr}, sync::Arc};
 
 use tokio::net::TcpListener;
+use tokio_util::task::AbortOnDropHandle;
 
 use crate::{
+    access::tls::Tls,
     config::ServeConfig,
     error::{Error, Result},
     lock::DataLock,
     service::Rooms,
 };
 
-/// Binds the address to serve on.
-///
-/// # Errors
-/// Precondition when the address is taken or not ours.
-pub async fn bind(address: SocketAddr) -> Result<TcpListener> {
+/// The addresses to serve on, bound.
+#[derive(Debug)]
+pub struct Listeners {
+    calls: TcpListener,
+    /// How calls are encrypted, if they are.
+    tls: Option<Arc<Tls>>,
+    /// Where our own workers call when calls are encrypted: on this machine only, and without a certificate to check.
+    workers: Option<TcpListener>,
+    pages: Option<TcpListener>,
+}
+
+impl Listeners {
+    /// Binds what the configuration says, and reads the certificate.
+    ///
+    /// # Errors
+    /// Precondition when an address is taken or not ours, or the certificate cannot be used.
+    pub async fn bind(config: &ServeConfig) -> Result<Self> {
+        let tls = Tls::open(&config.access)?.map(Arc::new);
+        let workers = match tls {
+            Some(_) => Some(bind((Ipv4Addr::LOCALHOST, 0).into()).await?),
+            None => None,
+        };
+        let pages = match config.telemetry.web_listen {
+            Some(address) => Some(bind(address).await?),
+            None => None,
+        };
+        Ok(Self { calls: bind(config.listen).await?, tls, workers, pages })
+    }
+
+    /// Where calls come in.
+    ///
+    /// # Errors
+    /// Internal when the system does not say.
+    pub fn address(&self) -> Result<SocketAddr> {
+        self.calls.local_addr().map_err(|error| Error::internal("asking the address", error))
+    }
+
+    /// Where calls come in, as clients name it.
+    ///
+    /// # Errors
+    /// Internal when the system does not say.
+    pub fn url(&self) -> Result<String> {
+        let scheme = if self.tls.is_some() { "https" } else { "http" };
+        Ok(format!("{scheme}://{}", self.address()?))
+    }
+
+    /// Where our own workers call.
+    fn for_workers(&self) -> Result<SocketAddr> {
+        let own = self.workers.as_ref().unwrap_or(&self.calls);
+        own.local_addr().map_err(|error| Error::internal("asking the workers' address", error))
+    }
+
+    /// Where the pages for machines are, if anywhere.
+    ///
+    /// # Errors
+    /// Internal when the system does not say.
+    pub fn pages(&self) -> Result<Option<SocketAddr>> {
+        let pages = self.pages.as_ref().map(TcpListener::local_addr).transpose();
+        pages.map_err(|error| Error::internal("asking the pages' address", error))
+    }
+}
+
+async fn bind(address: SocketAddr) -> Result<TcpListener> {
     TcpListener::bind(address)
         .await
         .map_err(|error| Error::precondition(format!("cannot listen on {address}: {error}")))
 }
 
-/// Serves on `listener` until `stop` ends, then drains: open calls get a while, jobs are stopped to resume later.
+/// Serves on `listeners` until `stop` ends, then drains: open calls get a while, jobs are stopped to resume later.
 /// `_lock`, of the data directory, is held until the end.
 ///
 /// # Errors
-/// When the data directory, the database or the listener cannot be used.
+/// When the data directory, the database or a listener cannot be used.
 pub async fn run(
     config: ServeConfig,
     _lock: DataLock,
-    listener: TcpListener,
+    mut listeners: Listeners,
     stop: impl Future<Output = ()> + Send,
 ) -> Result<()> {
-    let address = listener.local_addr().map_err(|error| Error::internal("asking the address", error))?;
+    let address = listeners.address()?;
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
-    let drain = Duration::from_secs(config.drain_seconds);
-    let rooms = Rooms::open(config, address).await?;
-    let served = service::serve(&rooms, listener, stop, drain).await;
+    connections::claim_descriptors();
+    let rooms = Rooms::open(config, listeners.for_workers()?).await?;
+    let _pages = listeners.pages.take().map(|listener| {
+        let rooms = rooms.clone();
+        AbortOnDropHandle::new(tokio::spawn(async move {
+            if let Err(error) = web::serve(rooms, listener).await {
+                tracing::error!(%error, "the pages are gone");
+            }
+        }))
+    });
+    let served = service::serve(&rooms, listeners, stop).await;
     rooms.close().await;
     tracing::info!("stopped");
     served

@@ -1,32 +1,50 @@
 //! The `gleaner-server` binary: parse, start logging, run, exit code. Knows no room's inside.
 
-use std::process::ExitCode;
+use std::{process::ExitCode, time::Duration};
 
 use clap::Parser as _;
 use gleaner_server::{
-    config::{Cli, Command, ServeConfig},
+    Listeners,
+    config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TokenConfig},
     lock::DataLock,
-    telemetry,
+    shutdown,
+    telemetry::{self, Telling, Traces},
 };
+use tokio::runtime::Runtime;
 
 /// Exit code for a wrong configuration, as in sysexits.
 const USAGE: u8 = 64;
+/// What the server may take, above its drain, to end.
+const ENDING: Duration = Duration::from_secs(10);
+/// What is left on other threads once the server has ended may take this long.
+const LEFT_OVER: Duration = Duration::from_secs(1);
 
 #[expect(clippy::print_stderr, reason = "logging may not be up when these are told")]
 fn main() -> ExitCode {
     let cli = Cli::parse();
-    if let Err(problem) = telemetry::start(&cli.log, cli.log_json) {
-        eprintln!("gleaner-server: {problem}");
-        return ExitCode::from(USAGE);
-    }
+    let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
+        Ok(stage) => stage,
+        Err(problem) => {
+            eprintln!("gleaner-server: {problem}");
+            return ExitCode::from(USAGE);
+        }
+    };
     let result = match cli.command {
         Command::Serve(config) => match config.validate() {
-            Ok(()) => serve(*config),
+            Ok(()) => stage.serve(*config),
             Err(problem) => {
                 eprintln!("gleaner-server: {problem}");
                 return ExitCode::from(USAGE);
             }
         },
+        Command::Keep(command) => match keep(command) {
+            Ok(true) => Ok(()),
+            // What was found is told already.
+            Ok(false) => return ExitCode::FAILURE,
+            Err(error) => Err(error),
+        },
+        Command::Token(config) => token(config),
+        Command::Audit(config) => audit(config),
         Command::Worker(config) => gleaner_server::worker::run(config),
         Command::Inspect(config) => gleaner_server::ingest::inspect(&config),
     };
@@ -39,18 +57,71 @@ fn main() -> ExitCode {
     }
 }
 
+#[tokio::main(flavor = "current_thread")]
+async fn keep(command: KeepingCommand) -> gleaner_server::error::Result<bool> {
+    gleaner_server::keeping::run(&command, &mut std::io::stdout().lock()).await
+}
+
+#[tokio::main(flavor = "current_thread")]
+async fn token(config: TokenConfig) -> gleaner_server::error::Result<()> {
+    gleaner_server::access::command::token(config, &mut std::io::stdout().lock()).await
+}
+
+#[tokio::main(flavor = "current_thread")]
+async fn audit(config: AuditConfig) -> gleaner_server::error::Result<()> {
+    gleaner_server::access::command::audit(config, &mut std::io::stdout().lock()).await
+}
+
+/// What must be there before anything is said.
+struct Stage {
+    /// What serves: it also sends the traces. Other commands have their own.
+    runtime: Option<Runtime>,
+    traces: Traces,
+}
+
+impl Stage {
+    fn set(cli: &Cli) -> Result<Self, String> {
+        let serving = match &cli.command {
+            Command::Serve(config) => Some(config),
+            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) | Command::Inspect(_) => None,
+        };
+        let runtime = serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
+        let _entered = runtime.as_ref().map(Runtime::enter);
+        let otlp_endpoint = serving.and_then(|config| config.telemetry.otlp_endpoint.as_deref());
+        let traces = telemetry::start(Telling { filter: &cli.log, json: cli.log_json, otlp_endpoint })?;
+        Ok(Self { runtime, traces })
+    }
+
+    fn serve(self, config: ServeConfig) -> gleaner_server::error::Result<()> {
+        let Some(runtime) = self.runtime else { return Ok(()) };
+        let served = runtime.block_on(serve(config));
+        self.traces.finish();
+        runtime.shutdown_timeout(LEFT_OVER);
+        served
+    }
+}
+
+/// What carries messages.
+fn threads(config: &ServeConfig) -> std::io::Result<Runtime> {
+    tokio::runtime::Builder::new_multi_thread().worker_threads(config.policies.io_threads()).enable_all().build()
+}
+
 #[expect(clippy::print_stdout, reason = "scripts that start a server on port 0 read this line")]
-#[tokio::main]
 async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
     // Before anything is said: who starts a server must not wait for one that will not serve.
     let lock = DataLock::take(&config.data_dir)?;
-    let listener = gleaner_server::bind(config.listen).await?;
-    let address =
-        listener.local_addr().map_err(|error| gleaner_server::error::Error::internal("asking the address", error))?;
-    println!("listening on http://{address}");
-    gleaner_server::run(config, lock, listener, async {
-        if let Err(error) = gleaner_server::shutdown::requested().await {
+    let listeners = Listeners::bind(&config).await?;
+    if let Some(pages) = listeners.pages()? {
+        println!("metrics on http://{pages}/metrics");
+    }
+    println!("listening on {}", listeners.url()?);
+    let limit = Duration::from_secs(config.drain_seconds) + ENDING;
+    gleaner_server::run(config, lock, listeners, async move {
+        if let Err(error) = shutdown::requested().await {
             tracing::error!(%error, "cannot listen to signals");
+        }
+        if let Err(error) = shutdown::must_end_within(limit) {
+            tracing::error!(%error, "the end has no limit");
         }
     })
     .await

@@ -12,16 +12,22 @@
     reason = "tests"
 )]
 
+mod access;
 mod api;
 mod bad_input;
 mod bad_settings;
 mod command;
+mod crash;
+mod connections;
+mod drain;
 mod evaluations;
 mod experiment;
 mod face;
+mod full_disk;
 mod happy;
 mod in_time;
 mod inference;
+mod keeping;
 mod lab;
 mod live;
 mod method;
@@ -33,4 +39,5 @@ mod scoring;
 mod selection;
 mod server;
 mod shared;
+mod telemetry;
 mod tidy;

@@ -12,88 +12,137 @@ use gleaner_proto::{
         worker_service_server::WorkerServiceServer,
     },
 };
-use tokio::{net::TcpListener, sync::oneshot};
-use tonic::transport::{
-    Server,
-    server::{Router, TcpIncoming},
+use tokio::{
+    net::TcpListener,
+    sync::oneshot,
+    time::{Instant, sleep_until},
 };
+use tokio_util::task::AbortOnDropHandle;
+use tonic::{service::Routes, transport::Server};
 
 use super::{
-    Rooms, dataset::Datasets, episode::Episodes, inference::InferenceFace, job::JobsFace, policy::PoliciesFace,
+    Rooms, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace, policy::PoliciesFace,
     schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, worker::Workers,
 };
-use crate::error::{Error, Result};
+use crate::{
+    Listeners,
+    access::{Book, Guard, tls},
+    connections::{self, Connections},
+    error::{Error, Result},
+    telemetry::RpcLayer,
+};
 
 /// Flow-control windows. The default of 64 KiB caps one image stream near 1 MB/s on a real network.
 const STREAM_WINDOW: u32 = 4 << 20;
 const CONNECTION_WINDOW: u32 = 16 << 20;
-/// A connection that does not answer a ping is gone.
-const PING_EVERY: Duration = Duration::from_secs(20);
-const PING_TIMEOUT: Duration = Duration::from_secs(10);
+/// Largest piece of a message. In the default's 16 KiB, a small observation comes in a dozen reads.
+const FRAME: u32 = 1 << 20;
 /// How long the last words of streams that the drain has ended may take to their readers.
 const FAREWELL: Duration = Duration::from_secs(1);
 
-/// Serves until `stop` ends; then open streams are told, and what is still open after `drain` is closed, with a
-/// moment for what is said last.
+/// Serves until `stop` ends; then open streams are told, and what is still open at the end of the drain is closed, with
+/// a moment for what is said last.
 ///
 /// # Errors
 /// When the transport fails.
-pub(crate) async fn serve(
-    rooms: &Rooms,
-    listener: TcpListener,
-    stop: impl Future<Output = ()> + Send,
-    drain: Duration,
-) -> Result<()> {
-    let router = router(rooms).await?;
-    // Set on the sockets themselves: the builder's own setting does not reach a listener that is handed in, and
-    // without it a small answer can wait 40 ms for the peer's acknowledgement.
-    let incoming = TcpIncoming::from(listener).with_nodelay(Some(true));
+pub(crate) async fn serve(rooms: &Rooms, listeners: Listeners, stop: impl Future<Output = ()> + Send) -> Result<()> {
+    let connections = Connections::new(rooms.config.connections.clone());
+    let Listeners { calls, tls, workers, pages: _ } = listeners;
+    let (guard, _keeping_up) = guard(rooms, tls.is_some()).await?;
+    let _workers = workers.map(|listener| for_workers(rooms, &connections, listener));
+    let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
+    let (routes, health) = routes(rooms).await?;
+    let config = connections.config();
+    let server = Server::builder()
+        .http2_keepalive_interval(Some(config.ping_every()))
+        .http2_keepalive_timeout(Some(config.ping_timeout()))
+        .initial_stream_window_size(STREAM_WINDOW)
+        .initial_connection_window_size(CONNECTION_WINDOW)
+        .max_frame_size(FRAME)
+        .max_concurrent_streams(rooms.config.limits.max_streams)
+        .layer(RpcLayer)
+        .layer(guard)
+        .layer(connections.layer())
+        .add_routes(routes);
+    let incoming = connections::incoming(&connections, calls, move |stream| tls::handshake(tls.clone(), stream));
     let (tell, told) = oneshot::channel::<()>();
-    let serving = router.serve_with_incoming_shutdown(incoming, async {
+    let serving = server.serve_with_incoming_shutdown(incoming, async {
         // An error means the sender is gone, which is a stop too.
         let _ = told.await;
     });
     let deadline = async {
         stop.await;
+        let drain = Duration::from_secs(rooms.config.drain_seconds);
+        let end = Instant::now() + drain + FAREWELL;
         tracing::info!(drain.seconds = drain.as_secs(), "stopping");
+        health.stop().await;
         rooms.stopping.cancel();
         // Workers are asked to stop while they can still be answered: then no attempt is counted.
         rooms.jobs.stop().await;
         // The receiver is gone only when serving has ended already.
         let _ = tell.send(());
-        tokio::time::sleep(drain + FAREWELL).await;
+        sleep_until(end).await;
     };
     tokio::select! {
         served = serving => served.map_err(|error| Error::internal("serving", error)),
         () = deadline => {
             tracing::warn!("calls were still open at the end of the drain and are closed");
+            connections.cut();
             Ok(())
         }
     }
 }
 
-async fn router(rooms: &Rooms) -> Result<Router> {
+/// The guard before the services, and what keeps its book up to date.
+async fn guard(rooms: &Rooms, encrypted: bool) -> Result<(Guard, AbortOnDropHandle<()>)> {
+    let config = &rooms.config;
+    let loopback = config.listen.ip().is_loopback();
+    let required = config.access.tokens_required(loopback, config.insecure);
+    let book = Book::open(rooms.store.clone()).await?;
+    if !loopback && !encrypted {
+        tracing::warn!("other machines can reach this server, and what they send, tokens too, is not encrypted");
+    }
+    if !loopback && !required {
+        tracing::warn!("other machines can reach this server, and none is asked who it is: anybody may do anything");
+    }
+    if required && book.is_empty() {
+        tracing::warn!("callers must show a token and there is none: make one with `gleaner-server token create`");
+    }
+    let guard = Guard::new(book.clone(), rooms.store.clone(), required);
+    Ok((guard, AbortOnDropHandle::new(tokio::spawn(async move { book.keep_up().await }))))
+}
+
+/// Serves our own workers where calls are encrypted: nothing but their service, on this machine only. Each call shows the
+/// token of its job.
+fn for_workers(rooms: &Rooms, connections: &Connections, listener: TcpListener) -> AbortOnDropHandle<()> {
     let limit = rooms.config.limits.max_message_bytes;
-    let (reporter, health) = tonic_health::server::health_reporter();
+    let service = WorkerServiceServer::new(Workers(rooms.clone()))
+        .max_decoding_message_size(limit)
+        .max_encoding_message_size(limit);
+    let server = Server::builder().layer(RpcLayer).layer(connections.layer()).add_service(service);
+    let incoming = connections.plain(listener);
+    AbortOnDropHandle::new(tokio::spawn(async move {
+        if let Err(error) = server.serve_with_incoming(incoming).await {
+            tracing::error!(%error, "workers are not served any more");
+        }
+    }))
+}
+
+async fn routes(rooms: &Rooms) -> Result<(Routes, Health)> {
+    let limit = rooms.config.limits.max_message_bytes;
+    let (reporter, health_service) = tonic_health::server::health_reporter();
+    let mut health = Health::new(reporter);
     let reflection = tonic_reflection::server::Builder::configure()
         .register_encoded_file_descriptor_set(gleaner_proto::DESCRIPTORS)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
         .build_v1()
         .map_err(|error| Error::internal("building server reflection", error))?;
-    let mut router = Server::builder()
-        .trace_fn(|request| tracing::info_span!("rpc", rpc.path = request.uri().path()))
-        .http2_keepalive_interval(Some(PING_EVERY))
-        .http2_keepalive_timeout(Some(PING_TIMEOUT))
-        .initial_stream_window_size(STREAM_WINDOW)
-        .initial_connection_window_size(CONNECTION_WINDOW)
-        .max_concurrent_streams(rooms.config.limits.max_streams)
-        .add_service(health)
-        .add_service(reflection);
+    let mut routes = Routes::new(health_service).add_service(reflection);
     macro_rules! add {
         ($($server:ident($face:ident)),* $(,)?) => {$(
             let service = $server::new($face(rooms.clone())).max_decoding_message_size(limit).max_encoding_message_size(limit);
-            reporter.set_serving::<$server<$face>>().await;
-            router = router.add_service(service);
+            health.serves(&service).await;
+            routes = routes.add_service(service);
         )*};
     }
     add!(
@@ -108,5 +157,5 @@ async fn router(rooms: &Rooms) -> Result<Router> {
         WorkerServiceServer(Workers),
         GrpcInferenceServiceServer(InferenceFace),
     );
-    Ok(router)
+    Ok((routes, health))
 }

@@ -3,16 +3,22 @@
 //! One connection writes, several read. Every write commits with `synchronous=FULL`: what returned is on disk.
 //! Values in and out are the domain's.
 
+pub(crate) mod backlog;
+mod audit;
+mod beside;
 mod blob;
+mod check;
 mod dataset;
 mod deployment;
 mod encoder;
 mod episode;
 mod evaluation;
 mod export;
+mod fault;
 pub(crate) mod finish;
 mod job;
 mod kept;
+mod look;
 mod made;
 mod metric;
 mod packed;
@@ -25,6 +31,8 @@ mod snapshot;
 mod task;
 #[cfg(test)]
 pub(crate) mod testing;
+mod trash;
+mod token;
 mod upload;
 
 use std::{path::Path, time::Duration};
@@ -34,6 +42,8 @@ use sqlx::{
     sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous},
 };
 
+use self::fault::fault;
+pub(crate) use self::{blob::NamedBlob, look::Look};
 use crate::error::{Error, Result};
 
 static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("../migrations");
@@ -64,14 +74,14 @@ impl Store {
         let doing = |error: sqlx::Error| Error::internal(format!("opening the database {}", path.display()), error);
         let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await.map_err(doing)?;
         check_version(&writer).await?;
-        MIGRATIONS.run(&writer).await.map_err(|error| {
-            if let sqlx::migrate::MigrateError::VersionMissing(version) = error {
-                let path = path.display();
-                return Error::precondition(format!(
-                    "the database {path} has migration {version}, which this program does not know: use a newer gleaner-server"
-                ));
-            }
-            Error::internal("migrating the database", error)
+        look::known_schema(&writer, path).await?;
+        MIGRATIONS.run(&writer).await.map_err(|error| match error {
+            sqlx::migrate::MigrateError::VersionMissing(version) => Error::precondition(format!(
+                "the database {} has a migration {version} that this program does not know: use the gleaner-server that \
+                 made it",
+                path.display()
+            )),
+            error => Error::internal("migrating the database", error),
         })?;
         let readers = SqlitePoolOptions::new().max_connections(4).connect_with(options).await.map_err(doing)?;
         Ok(Self { writer, readers })
@@ -97,11 +107,6 @@ impl Store {
 /// Ends a write; when this returns, it is on disk.
 async fn commit(transaction: Transaction<'static, Sqlite>) -> Result<()> {
     transaction.commit().await.map_err(fault("committing a write"))
-}
-
-/// Turns a database error into ours, saying what was being done.
-fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
-    move |error| Error::internal(doing, error)
 }
 
 /// Whether the error is a violated `unique` or primary key.

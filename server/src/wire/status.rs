@@ -2,12 +2,20 @@
 
 use tonic::{Code, Status};
 
-use crate::error::{Error, Kind};
+use crate::{
+    error::{Error, Kind},
+    telemetry::request,
+};
+
+/// Longest message of an error, in bytes.
+const MESSAGE_BYTES: usize = 4000;
 
 /// What the caller of an rpc sees of an error. Internal ones say a fixed sentence and an id to find the log line by.
 pub(crate) fn from_error(error: Error) -> Status {
     let code = match error.kind() {
         Kind::Invalid => Code::InvalidArgument,
+        Kind::Unauthenticated => Code::Unauthenticated,
+        Kind::Forbidden => Code::PermissionDenied,
         Kind::NotFound => Code::NotFound,
         Kind::Exists => Code::AlreadyExists,
         Kind::Precondition => Code::FailedPrecondition,
@@ -16,20 +24,39 @@ pub(crate) fn from_error(error: Error) -> Status {
         Kind::Late => Code::DeadlineExceeded,
         Kind::Unavailable => Code::Unavailable,
         Kind::Internal => {
-            let request_id = ulid::Ulid::generate().to_string();
+            let request_id = request::id();
             tracing::error!(request.id = %request_id, %error, "request failed");
             return Status::internal(format!(
                 "something went wrong in the server; its log tells more under request {request_id}"
             ));
         }
     };
-    tracing::debug!(%error, ?code, "request refused");
-    Status::new(code, error.message())
+    match error.kind() {
+        // With a cause it is the disk's doing, and somebody should know.
+        Kind::Exhausted if std::error::Error::source(&error).is_some() => tracing::error!(%error, "the disk refuses"),
+        _ => tracing::debug!(%error, ?code, "request refused"),
+    }
+    Status::new(code, told(error.message()))
+}
+
+/// A message travels in a header, where non-ASCII takes three bytes for one and 16 KiB is common; and some repeat what the
+/// caller sent.
+fn told(message: &str) -> String {
+    if message.len() <= MESSAGE_BYTES {
+        return message.to_owned();
+    }
+    let end = message.floor_char_boundary(MESSAGE_BYTES);
+    format!("{} … (and more)", message.get(..end).unwrap_or_default())
 }
 
 /// A worker's call without a valid token of a running attempt.
 pub(crate) fn not_this_job() -> Status {
     Status::unauthenticated("this call needs the token of a running attempt of a job")
+}
+
+/// A call of an rpc that is not in the authorisation table, hence none of ours.
+pub(crate) fn no_such_rpc() -> Status {
+    Status::unimplemented("this server has no such rpc; is it older than its client?")
 }
 
 /// What a stream's sender did wrong, when the transport tells instead of a message: it went away, or sent one that
@@ -40,7 +67,22 @@ pub(crate) fn from_peer(status: Status) -> Error {
         Error::exhausted(format!("{message}; send smaller messages"))
     } else if matches!(status.code(), Code::Internal | Code::InvalidArgument) {
         Error::invalid("message", format!("cannot be read: {message}"))
+    } else if status.code() == Code::DeadlineExceeded {
+        Error::late(message)
     } else {
         Error::cancelled(format!("the caller has gone: {message}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_fits_its_header_whatever_it_repeats() {
+        let status = from_error(Error::not_found("task", "ü".repeat(1 << 20)));
+        assert_eq!(status.code(), Code::NotFound);
+        assert!(status.message().len() < 4100 && status.message().starts_with("no task üü"));
+        assert_eq!(from_error(Error::not_found("task", "arm")).message(), "no task arm");
     }
 }
