@@ -165,9 +165,7 @@ def test_tritonclient_with_tls_and_a_token(guarded: Guarded) -> None:
 
 def test_a_robot_is_driven_with_tls_and_a_token(guarded: Guarded) -> None:
     with connect(guarded, guarded.robot) as client, gleaner.Policy(client, DEPLOYMENT) as policy:
-        cameras = {
-            camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in policy.spec.cameras
-        }
+        cameras = {camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in policy.spec.cameras}
         depth = {camera.name: np.zeros((camera.height, camera.width), np.uint16) for camera in policy.spec.cameras}
         joints = np.zeros(sum(field.size for field in policy.spec.proprioception), np.float32)
         assert np.isfinite(policy(gleaner.Observation(cameras, joints, depth))).all()

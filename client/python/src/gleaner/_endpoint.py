@@ -52,8 +52,8 @@ class Endpoint:
         if (self.cert is None) != (self.key is None):
             raise invalid("cert, key", "a certificate and its private key go together; give both")
         if self.encrypted:
-            credentials = grpc.ssl_channel_credentials(_read("ca", self.ca), _read("key", self.key), _read("cert", self.cert))
-            return grpc.secure_channel(self.target, credentials, options=options)
+            ca, key, cert = _read("ca", self.ca), _read("key", self.key), _read("cert", self.cert)
+            return grpc.secure_channel(self.target, grpc.ssl_channel_credentials(ca, key, cert), options=options)
         if self.ca is not None or self.cert is not None:
             raise invalid(f"address {self.address}", "certificates are for encrypted connections; write https://")
         return grpc.insecure_channel(self.target, options=options)
