@@ -49,6 +49,14 @@ impl Caller {
         )))
     }
 
+    /// Lets it do what needs this role within an rpc that needs less.
+    ///
+    /// # Errors
+    /// Forbidden, naming the role.
+    pub(crate) fn must_be(&self, least: Role) -> Result<()> {
+        self.permit(Need::Least(least))
+    }
+
     /// The deployments that it is bound to; `None` when it is not.
     fn bound(&self) -> Option<&[String]> {
         match self {

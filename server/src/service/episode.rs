@@ -6,7 +6,10 @@ use tonic::{Request, Response, Status, Streaming};
 
 use super::Rooms;
 use crate::{
+    access::Caller,
+    domain::access::Role,
     error::Result,
+    telemetry::metrics,
     wire::{
         self,
         status::{from_error, from_peer},
@@ -25,7 +28,10 @@ impl Episodes {
 
     async fn write(&self, requests: Streaming<v1::WriteUploadRequest>) -> Result<v1::WriteUploadResponse> {
         let chunks = requests.map(|request| match request {
-            Ok(request) => wire::episode::chunk(request),
+            Ok(request) => {
+                metrics::uploaded(request.data.len());
+                wire::episode::chunk(request)
+            }
             // Nobody may be left to read this; what came is kept.
             Err(status) => Err(from_peer(status)),
         });
@@ -65,6 +71,23 @@ impl Episodes {
         let episodes = self.0.store.label_episodes(&ids, &label).await?;
         self.0.jobs.labelled();
         Ok(v1::LabelEpisodesResponse { episodes: episodes.into_iter().map(wire::episode::episode).collect() })
+    }
+
+    async fn delete(&self, caller: &Caller, request: &v1::DeleteEpisodesRequest) -> Result<v1::DeleteEpisodesResponse> {
+        let (ids, force) = wire::episode::delete_request(request)?;
+        if force {
+            // What others have made something from.
+            caller.must_be(Role::Admin)?;
+        }
+        let episodes = self.0.store.delete_episodes(&ids, force).await?;
+        tracing::info!(episode.count = episodes.len(), force, "episodes put into the trash");
+        Ok(v1::DeleteEpisodesResponse { episodes: episodes.into_iter().map(wire::episode::episode).collect() })
+    }
+
+    async fn undelete(&self, request: &v1::UndeleteEpisodesRequest) -> Result<v1::UndeleteEpisodesResponse> {
+        let episodes = self.0.store.undelete_episodes(&wire::episode::undelete_request(request)?).await?;
+        self.0.jobs.labelled();
+        Ok(v1::UndeleteEpisodesResponse { episodes: episodes.into_iter().map(wire::episode::episode).collect() })
     }
 
     async fn labels(&self, id: &str) -> Result<v1::ListLabelsResponse> {
@@ -136,6 +159,21 @@ impl EpisodeService for Episodes {
         request: Request<v1::ListLabelsRequest>,
     ) -> tonic::Result<Response<v1::ListLabelsResponse>> {
         self.labels(&request.into_inner().episode_id).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn delete_episodes(
+        &self,
+        request: Request<v1::DeleteEpisodesRequest>,
+    ) -> tonic::Result<Response<v1::DeleteEpisodesResponse>> {
+        let caller = Caller::of(&request).map_err(from_error)?;
+        self.delete(&caller, request.get_ref()).await.map(Response::new).map_err(from_error)
+    }
+
+    async fn undelete_episodes(
+        &self,
+        request: Request<v1::UndeleteEpisodesRequest>,
+    ) -> tonic::Result<Response<v1::UndeleteEpisodesResponse>> {
+        self.undelete(request.get_ref()).await.map(Response::new).map_err(from_error)
     }
 
     type DownloadEpisodeStream = BoxStream<'static, std::result::Result<v1::DownloadEpisodeResponse, Status>>;
