@@ -34,6 +34,7 @@ macro_rules! described {
 described! {
     CreateTaskResponse, GetTaskResponse, ListTasksResponse,
     Episode, GetEpisodeResponse, ListEpisodesResponse, LabelEpisodesResponse, ListLabelsResponse,
+    DeleteEpisodesResponse, UndeleteEpisodesResponse,
     CreateSnapshotResponse, GetSnapshotResponse, ListSnapshotsResponse,
     Job, GetJobResponse, ListJobsResponse, CancelJobResponse, SubmitPipelineResponse, WatchJobResponse,
     CreateScheduleResponse, ListSchedulesResponse, PauseScheduleResponse,

@@ -32,6 +32,7 @@ mod lab;
 mod live;
 mod method;
 mod real_recordings;
+mod refusals;
 mod restart;
 mod rollouts;
 mod schedules;

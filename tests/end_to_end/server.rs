@@ -1,6 +1,9 @@
 //! A real server in a process of its own, on port 0, over a temporary directory.
 
-use std::{path::Path, process::Stdio};
+use std::{
+    path::{Path, PathBuf},
+    process::Stdio,
+};
 
 use tempfile::TempDir;
 use tokio::{
@@ -10,10 +13,13 @@ use tokio::{
 
 /// A running server; dropped, it is killed and its directory removed.
 pub struct TestServer {
-    data: TempDir,
+    data: PathBuf,
+    /// Removed with the server.
+    _own: Option<TempDir>,
     flags: Vec<String>,
     child: Child,
     url: String,
+    metrics: Option<String>,
 }
 
 impl TestServer {
@@ -24,10 +30,16 @@ impl TestServer {
 
     /// Starts one with further flags of `serve`.
     pub async fn start_with(flags: &[&str]) -> Self {
-        let data = tempfile::tempdir().unwrap();
+        let own = tempfile::tempdir().unwrap();
+        let server = Self::start_over(own.path(), flags).await;
+        Self { _own: Some(own), ..server }
+    }
+
+    /// Starts one over a directory that stays.
+    pub async fn start_over(data: &Path, flags: &[&str]) -> Self {
         let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
-        let (child, url) = spawn(data.path(), &flags).await;
-        Self { data, flags, child, url }
+        let (child, url, metrics) = spawn(data, &flags).await;
+        Self { data: data.to_owned(), _own: None, flags, child, url, metrics }
     }
 
     /// Where it listens.
@@ -35,9 +47,14 @@ impl TestServer {
         &self.url
     }
 
+    /// Where its metrics are, with `--web-listen`.
+    pub fn metrics(&self) -> &str {
+        self.metrics.as_deref().expect("started with --web-listen")
+    }
+
     /// Its data directory.
     pub fn data_dir(&self) -> &Path {
-        self.data.path()
+        &self.data
     }
 
     /// Its process id.
@@ -59,8 +76,22 @@ impl TestServer {
 
     /// Starts it again over the same directory, after `kill` or `stop`; the port is another one.
     pub async fn start_again(&mut self) {
-        let (child, url) = spawn(self.data.path(), &self.flags).await;
-        (self.child, self.url) = (child, url);
+        (self.child, self.url, self.metrics) = spawn(&self.data, &self.flags).await;
+    }
+
+    /// Starts it again over the same directory and on the same address, to die at a fail point if one is named. False
+    /// when it has died before it listened.
+    pub async fn start_where_it_was(&mut self, fail_point: Option<&str>) -> bool {
+        let address = self.url.strip_prefix("http://").unwrap();
+        let mut command = serve(&self.data, &self.flags, address);
+        command.envs(fail_point.map(|name| ("GLEANER_FAIL_POINT", name)));
+        self.child = command.spawn().unwrap();
+        listening(&mut self.child).await.is_some()
+    }
+
+    /// Waits until it has died by itself.
+    pub async fn died(&mut self) {
+        self.child.wait().await.unwrap();
     }
 
     /// The process ids of its workers.
@@ -82,18 +113,39 @@ impl TestServer {
     }
 }
 
-async fn spawn(data: &Path, flags: &[String]) -> (Child, String) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_gleaner-server-under-test"))
-        .args(["serve", "--listen", "127.0.0.1:0", "--worker-threads", "1", "--data-dir"])
+/// Where a server listens, and where its metrics are if anywhere.
+type Addresses = (String, Option<String>);
+
+async fn spawn(data: &Path, flags: &[String]) -> (Child, String, Option<String>) {
+    let mut child = serve(data, flags, "127.0.0.1:0").spawn().unwrap();
+    let (url, metrics) = listening(&mut child).await.expect("the server ended before it listened");
+    (child, url, metrics)
+}
+
+fn serve(data: &Path, flags: &[String], listen: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_gleaner-server-under-test"));
+    command
+        .args(["serve", "--listen", listen, "--worker-threads", "1", "--data-dir"])
         .arg(data)
         .args(flags)
         .env("GLEANER_LOG", std::env::var("GLEANER_LOG").unwrap_or_else(|_| "warn".to_owned()))
         .stdout(Stdio::piped())
-        .kill_on_drop(true)
-        .spawn()
-        .unwrap();
+        .kill_on_drop(true);
+    command
+}
+
+/// Its first lines name its addresses. `None` when it has ended without them.
+async fn listening(child: &mut Child) -> Option<Addresses> {
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let line = lines.next_line().await.unwrap().expect("the server ended before it listened");
-    let url = line.strip_prefix("listening on ").expect("the server's first line names its address").to_owned();
-    (child, url)
+    let mut metrics = None;
+    loop {
+        let line = lines.next_line().await.unwrap()?;
+        match line.strip_prefix("metrics on ") {
+            Some(page) => metrics = Some(page.to_owned()),
+            None => {
+                let url = line.strip_prefix("listening on ").expect("the server's first lines name its addresses");
+                return Some((url.to_owned(), metrics));
+            }
+        }
+    }
 }

@@ -102,6 +102,31 @@ def test_labels_change_and_are_kept(client: gleaner.Client, lab: Lab) -> None:
     assert client.episodes.get(episode).cohort == "wrong_goal"
 
 
+def test_what_is_deleted_can_be_taken_back(
+    client: gleaner.Client, task: str, recordings: dict[str, list[Path]]
+) -> None:
+    spec = client.tasks.get(task).spec
+    spec.name = "deleted"
+    name = client.tasks.create(spec).id
+    episode = client.episodes.push(recordings["expert"][0], task=name, outcome="success")
+    assert client.episodes.delete(episode.id)[0].HasField("delete_time")
+    assert not [*client.episodes.list(name)]
+    assert [one.id for one in client.episodes.list(name, deleted=True)] == [episode.id]
+    with pytest.raises(gleaner.AlreadyExists, match="trash"):
+        client.episodes.push(recordings["expert"][0], task=name, outcome="success")
+    assert not client.episodes.undelete([episode.id])[0].HasField("delete_time")
+    assert [one.id for one in client.episodes.list(name)] == [episode.id]
+    with pytest.raises(gleaner.NotFound):
+        client.episodes.delete("ep_01ARZ3NDEKTSV4RRFFQ69G5FAV")
+
+
+def test_what_a_snapshot_holds_is_deleted_by_force_only(client: gleaner.Client, lab: Lab) -> None:
+    with pytest.raises(gleaner.FailedPrecondition, match="snap_"):
+        client.episodes.delete(lab.experts[0])
+    client.episodes.delete(lab.experts[0], force=True)
+    client.episodes.undelete(lab.experts[0])
+
+
 def test_a_job_is_followed_to_its_end(client: gleaner.Client, lab: Lab) -> None:
     events = list(client.jobs.watch(lab.pretrain))
     assert gleaner.word(events[-1].job, "state") == "succeeded"

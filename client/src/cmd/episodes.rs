@@ -25,6 +25,9 @@ pub(crate) struct EpisodesArgs {
     /// Only episodes of this cohort.
     #[arg(long, default_value = "")]
     cohort: String,
+    /// What is in the trash instead.
+    #[arg(long)]
+    deleted: bool,
 }
 
 impl EpisodesArgs {
@@ -36,11 +39,14 @@ impl EpisodesArgs {
             cohort: self.cohort,
             page_size: 1000,
             page_token: String::new(),
+            deleted: self.deleted,
         };
         let reply = every_page(&client, request).await?;
         context.output.result(|| json::value(&reply), || listing(&reply.episodes))?;
         match reply.episodes.first() {
+            Some(episode) if self.deleted => context.output.next(format_args!("gleaner restore {}", episode.id)),
             Some(episode) => context.output.next(format_args!("gleaner episode {}", episode.id)),
+            None if self.deleted => {}
             None => context.output.next("gleaner push RECORDINGS --labels labels.csv"),
         }
         Ok(())
@@ -117,6 +123,9 @@ fn describe(episode: &Episode, reply: &GetEpisodeResponse) -> String {
         ("blake3", episode.blake3.clone()),
         ("pushed", words::moment(episode.create_time.as_ref())),
     ]);
+    if episode.delete_time.is_some() {
+        text.push_str(&format!("\nin the trash since {}", words::moment(episode.delete_time.as_ref())));
+    }
     text.push('\n');
     text.push_str(&findings(&report.findings));
     text

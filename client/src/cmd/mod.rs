@@ -20,6 +20,7 @@ pub(crate) mod scores;
 pub(crate) mod snapshot;
 pub(crate) mod submit;
 pub(crate) mod task;
+pub(crate) mod trash;
 pub(crate) mod what_if;
 
 use crate::cli::Command;
@@ -35,6 +36,8 @@ pub(crate) async fn run(command: Command, context: &Context) -> Result<()> {
         Command::Download(args) => args.run(context).await,
         Command::Label(args) => args.run(context).await,
         Command::Labels(args) => args.run(context).await,
+        Command::Delete(args) => args.run(context).await,
+        Command::Restore(args) => args.run(context).await,
         Command::Snapshot(command) => command.run(context).await,
         Command::Pretrain(command) => command.run(context).await,
         Command::Score(command) => command.run(context).await,

@@ -9,9 +9,10 @@ use std::sync::Mutex;
 use futures::Stream;
 use gleaner_proto::v1::episode_service_server::{EpisodeService, EpisodeServiceServer};
 use gleaner_proto::v1::{
-    DownloadEpisodeRequest, DownloadEpisodeResponse, FinishUploadResponse, GetEpisodeRequest, GetEpisodeResponse,
+    DeleteEpisodesRequest, DeleteEpisodesResponse, DownloadEpisodeRequest, DownloadEpisodeResponse, FinishUploadResponse, GetEpisodeRequest, GetEpisodeResponse,
     GetUploadResponse, LabelEpisodesRequest, LabelEpisodesResponse, ListEpisodesRequest, ListEpisodesResponse,
-    ListLabelsRequest, ListLabelsResponse, StartUploadResponse, WriteUploadResponse,
+    ListLabelsRequest, ListLabelsResponse, StartUploadResponse, UndeleteEpisodesRequest,
+    UndeleteEpisodesResponse, WriteUploadResponse,
 };
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::{Request, Response, Status, Streaming};
@@ -123,6 +124,14 @@ impl EpisodeService for Fake {
     }
 
     async fn label_episodes(&self, _: Request<LabelEpisodesRequest>) -> Reply<LabelEpisodesResponse> {
+        Err(Status::failed_precondition("this fake takes uploads only"))
+    }
+
+    async fn delete_episodes(&self, _: Request<DeleteEpisodesRequest>) -> Reply<DeleteEpisodesResponse> {
+        Err(Status::failed_precondition("this fake takes uploads only"))
+    }
+
+    async fn undelete_episodes(&self, _: Request<UndeleteEpisodesRequest>) -> Reply<UndeleteEpisodesResponse> {
         Err(Status::failed_precondition("this fake takes uploads only"))
     }
 

@@ -3,14 +3,24 @@
 //! Plain blocking code, so that workers use it too; the server calls it off its runtime. Knows no row.
 //! A blob is there whole or not at all: it is written beside its place, synced, renamed, and its folder synced.
 
+mod copy;
+mod hold;
+mod list;
+mod space;
 mod stream;
 
 use std::{
     fs::{self, File},
     io::{self, Write as _},
     path::{Path, PathBuf},
+    sync::Arc,
+    time::SystemTime,
 };
 
+pub(crate) use self::{
+    copy::Copied,
+    hold::{Copying, Removing},
+};
 use crate::{
     domain::id::BlobId,
     error::{Error, Result},
@@ -19,8 +29,12 @@ use crate::{
 /// Handle to the blobs of one data directory; clones share it.
 #[derive(Debug, Clone)]
 pub struct Blobs {
+    /// The data directory.
+    folder: PathBuf,
     root: PathBuf,
     unfinished: PathBuf,
+    naming: Arc<tokio::sync::RwLock<()>>,
+    space: space::Space,
 }
 
 impl Blobs {
@@ -29,12 +43,18 @@ impl Blobs {
     /// # Errors
     /// Internal when the folders cannot be made.
     pub fn open(data_dir: &Path) -> Result<Self> {
-        let blobs = Self { root: data_dir.join("blobs"), unfinished: data_dir.join("tmp") };
+        let blobs = Self::at(data_dir);
         for folder in [&blobs.root, &blobs.unfinished] {
             fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         }
         sync_folder(data_dir)?;
         Ok(blobs)
+    }
+
+    /// The blobs of a data directory that is only looked at: nothing is made.
+    pub(crate) fn at(data_dir: &Path) -> Self {
+        let (root, unfinished) = (data_dir.join("blobs"), data_dir.join("tmp"));
+        Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space: space::Space::default() }
     }
 
     /// Where a blob is, or would be.
@@ -59,6 +79,7 @@ impl Blobs {
             .tempfile_in(&self.unfinished)
             .map_err(fault("making a file in", &self.unfinished))?;
         file.write_all(bytes).map_err(fault("writing", file.path()))?;
+        crate::fail_point::pass("blob.written");
         self.place(&id, file.path())?;
         // It has moved to its place: there is nothing left to clean up.
         file.disable_cleanup(true);
@@ -83,10 +104,16 @@ impl Blobs {
     pub(crate) fn place(&self, id: &BlobId, from: &Path) -> Result<()> {
         let place = self.path(id);
         let folder = place.parent().unwrap_or(&self.root);
-        File::open(from).and_then(|file| file.sync_all()).map_err(fault("syncing", from))?;
+        let file = File::open(from).map_err(fault("opening", from))?;
+        // The sweep goes by this: a blob that was put a moment ago is about to be named.
+        file.set_modified(SystemTime::now()).map_err(fault("dating", from))?;
+        file.sync_all().map_err(fault("syncing", from))?;
+        crate::fail_point::pass("blob.synced");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         fs::rename(from, &place).map_err(fault("renaming to", &place))?;
+        crate::fail_point::pass("blob.renamed");
         sync_folder(folder)?;
+        crate::fail_point::pass("blob.folder_synced");
         sync_folder(&self.root)
     }
 
@@ -106,15 +133,25 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// Removes a blob that no row names any more; one that is not there is no error.
+    /// When a blob was put in its place last; `None` when it is not there.
+    pub(crate) fn placed(&self, id: &BlobId) -> Option<SystemTime> {
+        fs::metadata(self.path(id)).and_then(|file| file.modified()).ok()
+    }
+
+    /// Removes a blob that no row names any more and gives its size; one that is not there is no error. Who holds
+    /// `_removing` has asked the rows since.
     ///
     /// # Errors
     /// Internal when the disk refuses.
-    pub fn remove(&self, id: &BlobId) -> Result<()> {
+    pub(crate) fn remove(&self, id: &BlobId, _removing: &Removing) -> Result<Option<u64>> {
         let path = self.path(id);
+        let size = fs::metadata(&path).map(|file| file.len()).ok();
         match fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => Err(fault("removing", &path)(error)),
-            Ok(()) | Err(_) => Ok(()),
+            Ok(()) | Err(_) => {
+                crate::fail_point::pass("blob.removed");
+                Ok(size)
+            }
         }
     }
 }
@@ -197,13 +234,14 @@ mod tests {
         assert!(names(&dir.path().join("tmp")).is_empty());
     }
 
-    #[test]
-    fn removing_twice_is_no_error() {
+    #[tokio::test]
+    async fn removing_twice_is_no_error() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let id = blobs.put(b"steps").unwrap();
-        blobs.remove(&id).unwrap();
-        blobs.remove(&id).unwrap();
+        let removing = blobs.removing().await.unwrap().unwrap();
+        assert_eq!(blobs.remove(&id, &removing).unwrap(), Some(5));
+        assert_eq!(blobs.remove(&id, &removing).unwrap(), None);
         assert!(!blobs.contains(&id));
     }
 }

@@ -62,6 +62,8 @@ pub struct Episode {
     pub cohort: String,
     /// When it became visible.
     pub created_at: Millis,
+    /// Since when it is in the trash, if it is.
+    pub deleted_at: Option<Millis>,
 }
 
 /// An episode with what its inspection found.
@@ -110,6 +112,8 @@ pub struct EpisodeFilter {
     pub outcome: Option<Outcome>,
     /// Only of this cohort.
     pub cohort: Option<String>,
+    /// Those in the trash, and no others.
+    pub deleted: bool,
 }
 
 /// An upload that is not finished.

@@ -4,6 +4,8 @@
 //! hostile bytes can abort a process. Only what passed becomes a blob and a row. Knows no wire type.
 
 mod claim;
+#[cfg(test)]
+mod contract;
 mod inspect;
 mod inspector;
 mod keep;
@@ -62,7 +64,7 @@ impl Ingest {
     /// Internal when the data directory or the database cannot be used.
     pub async fn open(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Result<Self> {
         let data_dir: Arc<Path> = config.data_dir.as_path().into();
-        recover::recover(&data_dir, &store, &blobs).await?;
+        recover::recover(&data_dir, &store, &blobs, config.uploads.keep_for()).await?;
         Ok(Self {
             store,
             blobs,
@@ -96,6 +98,11 @@ impl Ingest {
         open_frames(path).await
     }
 
+    /// Where recordings are kept.
+    pub(crate) fn blobs(&self) -> &Blobs {
+        &self.blobs
+    }
+
     fn part_path(&self, upload: &UploadId) -> PathBuf {
         part_path(&self.data_dir, upload)
     }
@@ -109,7 +116,8 @@ pub fn frames_path(data_dir: &Path, recording: &BlobId, spec: &TaskSpec) -> Path
     data_dir.join("cache").join(format!("{recording}-{}.frames", spec.get(..16).unwrap_or_default()))
 }
 
-fn part_path(data_dir: &Path, upload: &UploadId) -> PathBuf {
+/// Where the bytes of an open upload gather.
+pub(crate) fn part_path(data_dir: &Path, upload: &UploadId) -> PathBuf {
     data_dir.join("uploads").join(format!("{upload}.part"))
 }
 

@@ -57,6 +57,7 @@ impl Ingest {
         })?;
         let room = Room { _place: one };
         self.within_limit(declared.size_bytes.unwrap_or(0))?;
+        self.blobs.expect_room(declared.size_bytes.unwrap_or(0))?;
         let tmp = self.data_dir.join("tmp");
         let folder = off_runtime("making room for a recording", move || {
             let made = tempfile::Builder::new().prefix("passing-").tempdir_in(tmp);

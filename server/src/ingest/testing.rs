@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
 
-use std::{ffi::OsString, io::Cursor, path::PathBuf, sync::Arc};
+use std::{ffi::OsString, io::Cursor, path::PathBuf, sync::{Arc, atomic::AtomicU64}};
 
 use clap::Parser as _;
 use futures::stream;
@@ -93,6 +93,13 @@ async fn open(config: &Arc<ServeConfig>, store: &Store, command: &[OsString]) ->
 }
 
 impl Fixture {
+    /// Goes on with a disk of which so much is free as the answer says, and 100 bytes are to stay so.
+    pub(crate) fn on_a_small_disk(&mut self) -> Arc<AtomicU64> {
+        let free = Arc::new(AtomicU64::new(u64::MAX));
+        self.ingest.blobs = self.ingest.blobs.clone().sparing(100).playing(&free);
+        free
+    }
+
     /// What a restart would find.
     pub(super) async fn reopen(&mut self) {
         self.ingest = open(&self.config, &self.store, &self.command).await;
@@ -116,6 +123,14 @@ impl Fixture {
             Started::Open(upload) => upload,
             Started::Existing(episode) => panic!("there already as {}", episode.id),
         }
+    }
+
+    /// Another client's upload of the same content.
+    pub(super) async fn beside(&self, upload: &Upload) -> Upload {
+        let other = Upload { id: UploadId::new(), ..upload.clone() };
+        super::part::create(&self.ingest.part_path(&other.id)).unwrap();
+        self.store.insert_upload(&other).await.unwrap();
+        other
     }
 
     /// Sends these bytes as one stream that ends soundly.

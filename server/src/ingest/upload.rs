@@ -44,21 +44,34 @@ impl Ingest {
                 new.size_bytes, self.max_upload_bytes
             )));
         }
-        if let Some(existing) = self.store.episode_of(&new.task_id, &new.blake3).await? {
-            return same_label(existing, new.outcome, &new.cohort).map(Started::Existing);
-        }
         let mut upload = new.open();
+        if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
+            self.discard_idle(&upload).await?;
+            return same_label(existing, upload.outcome, &upload.cohort).map(Started::Existing);
+        }
+        self.blobs.expect_room(0)?;
         for open in self.store.uploads_of(&upload.task_id, &upload.blake3).await? {
-            if open.size_bytes == upload.size_bytes && self.claims.offer(&open.id) {
-                (upload.id, upload.committed) = (open.id, open.committed);
-                self.store.relabel_upload(&upload).await?;
-                return Ok(Started::Open(upload));
+            if open.size_bytes == upload.size_bytes && self.claims.offer(&open.id).await {
+                upload.id = open.id;
+                if let Some(committed) = self.store.relabel_upload(&upload).await? {
+                    upload.committed = committed;
+                    return Ok(Started::Open(upload));
+                }
+                // It has ended while this call waited for it.
+                self.claims.forget(&upload.id);
+                upload.id = UploadId::new();
             }
         }
+        if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
+            return same_label(existing, upload.outcome, &upload.cohort).map(Started::Existing);
+        }
+        self.blobs.expect_room(upload.size_bytes)?;
         let path = self.part_path(&upload.id);
         off_runtime("making a part file", move || part::create(&path)).await?;
-        self.claims.offer(&upload.id);
+        crate::fail_point::pass("upload.part_made");
+        self.claims.promise(&upload.id);
         self.store.insert_upload(&upload).await?;
+        crate::fail_point::pass("upload.row_made");
         Ok(Started::Open(upload))
     }
 
@@ -90,6 +103,7 @@ impl Ingest {
             self.discard(id).await?;
             return self.settle_on(existing, &upload).await;
         }
+        self.blobs.expect_room(0)?;
         match self.admit(&upload).await {
             Err(error) if error.kind() == Kind::Invalid => {
                 self.discard(id).await?;
@@ -112,15 +126,22 @@ impl Ingest {
             }
         })
         .await?;
+        crate::fail_point::pass("upload.digest_checked");
         let task = self.store.task_by_id(&upload.task_id).await?;
         let inspected = self.inspector.inspect(&recording, &task.spec, &upload.file_name).await?;
+        crate::fail_point::pass("upload.inspected");
         inspected.keep_frames(&super::frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
+        crate::fail_point::pass("upload.frames_kept");
         let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
+        // From here until its row is there, nobody takes the blob for one that nothing needs.
+        let naming = self.blobs.naming().await;
         off_runtime("storing a recording", move || blobs.place(&id, &recording)).await?;
+        crate::fail_point::pass("upload.blob_placed");
 
         let episode = upload.become_episode(&inspected.report);
         let inspected = InspectedEpisode { episode, report: inspected.report };
         let kept = self.store.finish_upload(upload, &inspected).await?;
+        drop(naming);
         self.claims.forget(&upload.id);
         tracing::info!(episode.id = %kept.id, episode.steps = kept.steps, episode.bytes = kept.size_bytes, "episode stored");
         match kept.id == inspected.episode.id {
@@ -135,16 +156,30 @@ impl Ingest {
         self.store.episode(&existing.id).await
     }
 
+    /// Keeps nothing of the uploads of this content that nobody is at: there is an episode of it.
+    async fn discard_idle(&self, upload: &Upload) -> Result<()> {
+        for open in self.store.uploads_of(&upload.task_id, &upload.blake3).await? {
+            if self.claims.is_idle(&open.id) {
+                self.discard(&open.id).await?;
+            }
+        }
+        Ok(())
+    }
+
     /// Keeps nothing of an upload.
     pub(super) async fn discard(&self, id: &UploadId) -> Result<()> {
         self.store.delete_upload(id).await?;
+        crate::fail_point::pass("upload.row_removed");
         self.claims.forget(id);
         let path = self.part_path(id);
         off_runtime("removing a part file", move || match std::fs::remove_file(&path) {
             Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
                 Err(Error::internal(format!("removing {}", path.display()), error))
             }
-            Ok(()) | Err(_) => Ok(()),
+            Ok(()) | Err(_) => {
+                crate::fail_point::pass("upload.part_removed");
+                Ok(())
+            }
         })
         .await
     }
@@ -173,12 +208,19 @@ impl Upload {
             outcome: self.outcome,
             cohort: self.cohort.clone(),
             created_at: Millis::now(),
+            deleted_at: None,
         }
     }
 }
 
 /// The episode itself, if it has this label.
 fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episode> {
+    if existing.deleted_at.is_some() {
+        return Err(Error::exists(format!(
+            "the task holds this recording as {0}, which is in the trash: to have it back, gleaner restore {0}",
+            existing.id
+        )));
+    }
     if existing.outcome == outcome && existing.cohort == cohort {
         return Ok(existing);
     }
@@ -191,3 +233,6 @@ fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episo
         existing.id,
     )))
 }
+
+#[cfg(test)]
+mod tests;

@@ -38,6 +38,7 @@ use crate::{
         time::Millis,
     },
     error::Result,
+    keeping,
     store::{Store, queue::Moved},
 };
 
@@ -161,20 +162,10 @@ impl Room {
         Ok(moved.job)
     }
 
-    /// Removes a blob unless a row names it. A blob that stays by mistake costs space, so that is only logged.
+    /// Removes a blob unless a row names it. A blob that stays by mistake costs space until the sweep finds it, so that
+    /// is only logged.
     async fn forget(&self, blob: BlobId) {
-        let removed = match self.store.names_blob(&blob).await {
-            Ok(true) => Ok(()),
-            Ok(false) => {
-                let (blobs, id) = (self.blobs.clone(), blob.clone());
-                match tokio::task::spawn_blocking(move || blobs.remove(&id)).await {
-                    Ok(removed) => removed,
-                    Err(error) => Err(crate::error::Error::internal("removing a blob", error)),
-                }
-            }
-            Err(error) => Err(error),
-        };
-        if let Err(error) = removed {
+        if let Err(error) = keeping::forget(&self.store, &self.blobs, &blob).await {
             tracing::warn!(blob.id = %blob, %error, "a checkpoint that nothing needs stays");
         }
     }

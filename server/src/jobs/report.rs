@@ -42,9 +42,13 @@ impl Jobs {
     /// # Errors
     /// NotFound when the blob is not there; Precondition when the attempt is over.
     pub(crate) async fn checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<()> {
+        let naming = self.0.blobs.naming().await;
         self.expect_blob(blob)?;
-        if let Some(before) = self.0.store.save_checkpoint(attempt, step, blob).await? {
+        let before = self.0.store.save_checkpoint(attempt, step, blob).await?;
+        drop(naming);
+        if let Some(before) = before {
             self.0.forget(before).await;
+            crate::fail_point::pass("checkpoint.earlier_forgotten");
         }
         Ok(())
     }
@@ -55,11 +59,13 @@ impl Jobs {
     /// Invalid when that does not fit the job; NotFound when a blob is not there; Precondition when the attempt
     /// is over; Cancelled when the job was cancelled meanwhile.
     pub(crate) async fn complete(&self, attempt: &Attempt, job: &Job, made: Made) -> Result<()> {
+        let naming = self.0.blobs.naming().await;
         for blob in result::blobs(&made) {
             self.expect_blob(blob)?;
         }
         let result = result::of(&self.0.store, job, made).await?;
         let moved = self.0.store.finish_job(attempt, &result).await?;
+        drop(naming);
         let job = self.0.settle(moved).await?;
         tracing::info!(job.id = %job.id, result.id = job.result_id, "job succeeded");
         Ok(())
@@ -70,7 +76,8 @@ impl Jobs {
     /// # Errors
     /// When the database refuses.
     pub(crate) async fn fail(&self, attempt: &Attempt, error: String, retry: bool) -> Result<()> {
-        let end = if self.0.leases.stopped(attempt) {
+        // Where there is no room, no attempt can help and none is to blame: it waits in the queue.
+        let end = if self.0.leases.stopped(attempt) || self.0.blobs.expect_room(0).is_err() {
             AttemptEnd::Stopped
         } else if retry {
             AttemptEnd::Broken(error)

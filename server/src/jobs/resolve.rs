@@ -84,6 +84,7 @@ impl Jobs {
         };
         let (snapshot, _) = self.0.store.snapshot(&id).await?;
         same_task(field, id.as_str(), &snapshot.task_id, task)?;
+        self.0.store.expect_recordings(&id).await?;
         Ok(id)
     }
 
@@ -92,6 +93,7 @@ impl Jobs {
         match self.0.store.job_of_result(id.as_str()).await? {
             Some(Job { id: maker, task_id, spec: JobSpec::Pretrain { snapshot_id, .. }, .. }) => {
                 same_task(field, id.as_str(), &task_id, task)?;
+                self.0.store.expect_recordings(&snapshot_id).await?;
                 Ok((maker, snapshot_id))
             }
             Some(_) | None => Err(Error::not_found("encoder", id)),
@@ -104,6 +106,7 @@ impl Jobs {
         same_task(field, id.as_str(), &dataset.task_id, task)?;
         match self.0.store.job_of_result(dataset.score_run_id.as_str()).await? {
             Some(Job { id: maker, spec: JobSpec::Score { encoder_id, snapshot_id, .. }, .. }) => {
+                self.0.store.expect_recordings(&snapshot_id).await?;
                 Ok((maker, encoder_id, snapshot_id))
             }
             Some(_) | None => Err(Error::not_found("score run", &dataset.score_run_id)),

@@ -20,11 +20,12 @@ impl Jobs {
     /// # Errors
     /// NotFound for what the order names and is not there; Invalid for what belongs to another task;
     /// Precondition when the snapshot would lack a role, or when the maker of an input gave up; Exists when the key
-    /// belongs to a job that was ordered otherwise.
+    /// belongs to a job that was ordered otherwise; Exhausted when the disk is nearly full.
     pub(crate) async fn submit(&self, task: &TaskId, order: JobOrder, queueing: Queueing) -> Result<Job> {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {
             return Ok(job);
         }
+        self.0.blobs.expect_room(0)?;
         let resolved = self.resolve(task, order.clone()).await?;
         let Queueing { priority, needs, max_attempts, key } = queueing;
         let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: order.clone() });
@@ -74,6 +75,7 @@ impl Jobs {
         priority: i32,
         start: Option<ScheduleStart>,
     ) -> Result<(Vec<Job>, Option<DatasetId>)> {
+        self.0.blobs.expect_room(0)?;
         let mut pipeline = pipeline.clone();
         if let Some(evaluate) = pipeline.evaluate.take() {
             pipeline.evaluate = Some(self.simulated(task, "pipeline.evaluate.simulation", evaluate).await?);

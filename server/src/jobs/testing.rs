@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests only")]
 
-use std::sync::Arc;
+use std::sync::{Arc, atomic::AtomicU64};
 
 use clap::Parser as _;
 use tempfile::TempDir;
@@ -40,6 +40,15 @@ impl Bench {
         Self { dir, store, jobs, task }
     }
 
+    /// With both, on a disk of which so much is free as `free` says, and 100 bytes are to stay so.
+    pub(super) async fn on_a_small_disk(free: &Arc<AtomicU64>) -> Self {
+        let bench = Self::new().await;
+        bench.jobs.stop().await;
+        let blobs = bench.blobs().sparing(100).playing(free);
+        let jobs = start_with(&bench.dir, &bench.store, blobs).await;
+        Self { jobs, ..bench }
+    }
+
     /// Claims the next job, as a worker with a token would have it.
     pub(super) async fn claim(&self) -> (Attempt, Job) {
         let mint = super::token::Mint::new();
@@ -55,9 +64,12 @@ impl Bench {
 
 /// A queue over this folder and database.
 pub(super) async fn start(dir: &TempDir, store: &Store) -> Jobs {
+    start_with(dir, store, Blobs::open(dir.path()).unwrap()).await
+}
+
+async fn start_with(dir: &TempDir, store: &Store, blobs: Blobs) -> Jobs {
     let data = dir.path().to_str().unwrap();
     let cli = Cli::try_parse_from(["gleaner-server", "serve", "--workers", "0", "--data-dir", data]).unwrap();
     let Command::Serve(config) = cli.command else { panic!("not serve") };
-    let blobs = Blobs::open(dir.path()).unwrap();
     Jobs::start(&Arc::new(*config), store.clone(), blobs, "127.0.0.1:1".parse().unwrap()).await.unwrap()
 }

@@ -253,3 +253,22 @@ async fn a_new_server_takes_up_what_a_dead_one_left() {
     assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
     next.stop().await;
 }
+
+/// Where there is no room, no job is taken, and none that fails is to blame.
+#[tokio::test]
+async fn a_disk_that_is_nearly_full_stops_the_queue_and_fails_nothing() {
+    let free = std::sync::Arc::new(std::sync::atomic::AtomicU64::new(u64::MAX));
+    let bench = Bench::on_a_small_disk(&free).await;
+    let job = submit(&bench, pretrain()).await.unwrap();
+    let (attempt, _) = bench.claim().await;
+    free.store(0, std::sync::atomic::Ordering::Relaxed);
+    for refused in [
+        submit(&bench, pretrain()).await.map(drop),
+        bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 0, None).await.map(drop),
+    ] {
+        assert_eq!(refused.unwrap_err().kind(), Kind::Exhausted);
+    }
+    bench.jobs.fail(&attempt, "no space left on device".into(), true).await.unwrap();
+    let waiting = bench.store.job(&job.id).await.unwrap();
+    assert_eq!((waiting.state, waiting.attempt), (JobState::Queued, 0), "it goes on when there is room");
+}

@@ -109,7 +109,7 @@ impl Policies {
                     control_rate_hz: if *control_rate_hz > 0.0 { *control_rate_hz } else { task.spec.rate_hz },
                     cohort: cohort.clone(),
                 };
-                Some(self.0.rollouts.begin(about, &task))
+                Some(self.0.rollouts.begin(about, &task)?)
             }
         };
         let terms = Terms {

@@ -76,10 +76,10 @@ impl Place {
     pub(super) fn write(&self, slip: &Slip) -> Result<()> {
         let json = serde_json::to_vec(slip).map_err(|error| Error::internal("writing a slip", error))?;
         let (draft, place) = (self.named("draft"), self.slip());
-        let written = File::create(&draft)
-            .and_then(|mut file| file.write_all(&json).and_then(|()| file.sync_all()))
-            .and_then(|()| fs::rename(&draft, &place));
-        written.map_err(fault("writing", &place))?;
+        let drafted = File::create(&draft).and_then(|mut file| file.write_all(&json).and_then(|()| file.sync_all()));
+        crate::fail_point::pass("rollout.slip_drafted");
+        drafted.and_then(|()| fs::rename(&draft, &place)).map_err(fault("writing", &place))?;
+        crate::fail_point::pass("rollout.slip_renamed");
         sync_folder(&self.folder)
     }
 

@@ -87,6 +87,7 @@ impl Open {
         self.writer.flush().map_err(|error| Error::internal("recording a session", error))?;
         let synced = self.handle.sync_data().and_then(|()| self.handle.metadata());
         let file = synced.map_err(|error| Error::internal("syncing a session's recording", error))?;
+        crate::fail_point::pass("rollout.synced");
         (self.size, self.unsynced, self.sync_at) = (file.len(), 0, None);
         Ok(())
     }

@@ -59,6 +59,7 @@ impl Rollouts {
             }
             _ => None,
         };
+        crate::fail_point::pass("rollout.kept");
         let done = place.clone();
         off_runtime(move || done.remove()).await?;
         Ok(episode)

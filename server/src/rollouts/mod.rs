@@ -23,7 +23,7 @@ use std::{
 
 use gleaner_recording::{TaskSpec, frame_bytes_per_step};
 use tokio::{sync::mpsc, time::Instant};
-use tokio_util::task::TaskTracker;
+use tokio_util::{sync::CancellationToken, task::TaskTracker};
 use tracing::Instrument as _;
 
 pub(crate) use self::{
@@ -36,13 +36,14 @@ use self::{
     tape::{Limits, Tape},
 };
 use crate::{
+    blobs::Blobs,
     config::ServeConfig,
     domain::{
         episode::Outcome,
         id::{EpisodeId, SessionId},
         task::Task,
     },
-    error::{Error, Result},
+    error::{Error, Kind, Result},
     ingest::Ingest,
 };
 
@@ -50,6 +51,11 @@ use crate::{
 const MANY: usize = 256;
 /// How long a server that stops waits for recordings to be stored; what is not by then is stored at the next start.
 const PATIENCE: Duration = Duration::from_secs(20);
+/// How often a recording that the disk had no room for is tried again.
+#[cfg(not(test))]
+const AGAIN_AFTER: Duration = Duration::from_secs(30);
+#[cfg(test)]
+const AGAIN_AFTER: Duration = Duration::from_millis(5);
 
 /// The recordings of running sessions; clones share them.
 #[derive(Debug, Clone)]
@@ -63,6 +69,7 @@ struct Inner {
     memory_bytes: u64,
     upload_bytes: u64,
     tasks: TaskTracker,
+    stopping: CancellationToken,
 }
 
 impl Rollouts {
@@ -79,6 +86,7 @@ impl Rollouts {
             memory_bytes: config.limits.inspect_memory_bytes,
             upload_bytes: config.limits.max_upload_bytes,
             tasks: TaskTracker::new(),
+            stopping: CancellationToken::new(),
         }));
         // While serving: neither a robot nor the start waits for it.
         let left = rollouts.left()?;
@@ -88,7 +96,13 @@ impl Rollouts {
     }
 
     /// Records a session that begins now. Nothing is on disk before its first step.
-    pub(crate) fn begin(&self, about: About, task: &Task) -> Recorder {
+    ///
+    /// # Errors
+    /// Exhausted when the disk is nearly full.
+    pub(crate) fn begin(&self, about: About, task: &Task) -> Result<Recorder> {
+        self.0.ingest.blobs().expect_room(0).map_err(|error| {
+            Error::exhausted(format!("{}; or open the session without a recording", error.message()))
+        })?;
         let (events, told) = mpsc::unbounded_channel();
         let place = self.place(&about.session_id);
         let span = tracing::info_span!("rollout", session.id = %about.session_id);
@@ -96,11 +110,12 @@ impl Rollouts {
         let tape = Tape::new(place.clone(), slip, task.spec.clone(), self.limits(&task.spec));
         let rollouts = self.clone();
         self.0.tasks.spawn(async move { rollouts.record(told, tape, place).await }.instrument(span));
-        Recorder::new(events, task.spec.action_size())
+        Ok(Recorder::new(events, task.spec.action_size()))
     }
 
     /// Waits until every recording is stored, but not for ever: what is not is stored at the next start.
     pub async fn stop(&self) {
+        self.0.stopping.cancel();
         self.0.tasks.close();
         if tokio::time::timeout(PATIENCE, self.0.tasks.wait()).await.is_err() {
             tracing::warn!("recordings of sessions are not stored yet; the next start does it");
@@ -109,7 +124,7 @@ impl Rollouts {
 
     /// Writes down what comes, then stores it.
     async fn record(&self, mut told: mpsc::UnboundedReceiver<Event>, tape: Tape, place: Place) {
-        let (ending, tell, tape) = match write_down(&mut told, tape).await {
+        let (ending, tell, tape) = match write_down(&mut told, tape, self.0.ingest.blobs()).await {
             Ok((Some((ending, tell)), tape)) => (ending, Some(tell), Ok(tape)),
             // Its recorder was dropped in the middle.
             Ok((None, tape)) => (broken_off(), None, Ok(tape)),
@@ -121,9 +136,29 @@ impl Rollouts {
             Ok(None) => tracing::info!("a session of less than two steps leaves no episode"),
             Err(error) => tracing::error!(error = error as &dyn std::error::Error, "a session's recording is not kept"),
         }
+        let later = matches!(&kept, Err(error) if error.kind() == Kind::Exhausted);
         if let Some(tell) = tell {
             // The session may have gone.
             let _ = tell.send(kept);
+        }
+        if later {
+            // Nobody waits for this: if the server stops first, the next start does it.
+            let _: Option<()> = self.0.stopping.run_until_cancelled(self.keep_later(&place)).await;
+        }
+    }
+
+    /// Stores a recording once the disk has room for it.
+    async fn keep_later(&self, place: &Place) {
+        loop {
+            tokio::time::sleep(AGAIN_AFTER).await;
+            if self.0.ingest.blobs().expect_room(0).is_err() {
+                continue;
+            }
+            match self.keep(place).await {
+                Err(error) if error.kind() == Kind::Exhausted => {}
+                Ok(_) => return tracing::info!("a session is kept, now that the disk has room"),
+                Err(error) => return tracing::error!(%error, "a session's recording is not kept"),
+            }
         }
     }
 
@@ -155,7 +190,11 @@ impl Rollouts {
 type Ended = (Ending, tokio::sync::oneshot::Sender<Result<Option<EpisodeId>>>);
 
 /// Until the session ends, or nobody is there to say that it does. The tape goes to other threads and comes back.
-async fn write_down(told: &mut mpsc::UnboundedReceiver<Event>, mut tape: Tape) -> Result<(Option<Ended>, Tape)> {
+async fn write_down(
+    told: &mut mpsc::UnboundedReceiver<Event>,
+    mut tape: Tape,
+    blobs: &Blobs,
+) -> Result<(Option<Ended>, Tape)> {
     let mut events = Vec::new();
     loop {
         let sync_at = tape.sync_at();
@@ -168,7 +207,13 @@ async fn write_down(told: &mut mpsc::UnboundedReceiver<Event>, mut tape: Tape) -
         tokio::select! {
             biased;
             () = synced => {
-                tape = off_runtime(move || { tape.sync(); Ok(tape) }).await?;
+                let room = blobs.expect_room(0);
+                tape = off_runtime(move || {
+                    tape.sync();
+                    room.unwrap_or_else(|error| tape.stop(&error));
+                    Ok(tape)
+                })
+                .await?;
             }
             taken = told.recv_many(&mut events, MANY) => {
                 if taken == 0 {

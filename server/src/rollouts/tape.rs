@@ -99,6 +99,16 @@ impl Tape {
         }
     }
 
+    /// Writes nothing more: the disk is nearly full. What there is stays whole, and is kept.
+    pub(super) fn stop(&mut self, why: &Error) {
+        if !std::mem::replace(&mut self.full, true) {
+            tracing::warn!(
+                session.id = %self.slip.about.session_id, recording.steps = self.steps, error = %why,
+                "a session goes on without its recording"
+            );
+        }
+    }
+
     /// Ends the recording and says so on its slip. False when the session has left nothing.
     ///
     /// # Errors

@@ -4,7 +4,7 @@
 
 mod limits;
 
-use std::{fs, io::Write as _};
+use std::{fs, io::Write as _, sync::atomic::Ordering};
 
 use gleaner_recording::{Severity, read_episode};
 use tokio::sync::mpsc::UnboundedReceiver;
@@ -52,7 +52,7 @@ impl Lab {
     }
 
     fn begin(&self) -> Recorder {
-        self.rollouts.begin(self.about(), &self.fixture.task)
+        self.rollouts.begin(self.about(), &self.fixture.task).unwrap()
     }
 
     fn tape(&self, limits: Limits) -> (Place, Tape) {
@@ -62,7 +62,7 @@ impl Lab {
     }
 
     async fn episodes(&self) -> Vec<Episode> {
-        let filter = EpisodeFilter { task_id: self.fixture.task.id.clone(), outcome: None, cohort: None };
+        let filter = EpisodeFilter { task_id: self.fixture.task.id.clone(), outcome: None, cohort: None, deleted: false };
         self.fixture.store.episodes(&filter, None, 100).await.unwrap().0
     }
 
@@ -117,6 +117,31 @@ async fn a_session_becomes_an_episode_that_says_what_was_done() {
     assert_eq!(frames.stamps(), (0..6).map(|at| seen(at).stamp_ns).collect::<Vec<_>>());
     assert_eq!(frames.action(), [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
     assert!(lab.left().is_empty(), "{:?}", lab.left());
+}
+
+/// A robot goes on without its recording; what there is of it is kept once there is room.
+#[tokio::test]
+async fn a_disk_that_fills_up_ends_the_recording_and_not_the_session() {
+    let mut fixture = real("none", &[]).await;
+    let free = fixture.on_a_small_disk();
+    let rollouts = Rollouts::open(&fixture.config, fixture.ingest.clone()).unwrap();
+    let lab = Lab { fixture, rollouts };
+    let mut recorder = lab.begin();
+    drive(&mut recorder, 6);
+    free.store(0, Ordering::Relaxed);
+    let refused = lab.rollouts.begin(lab.about(), &lab.fixture.task).err().unwrap();
+    assert!(refused.kind() == Kind::Exhausted && refused.message().contains("without a recording"), "{refused}");
+    let ended = recorder.finish(Outcome::Success, "closed", Tally::default()).await.unwrap_err();
+    assert_eq!(ended.kind(), Kind::Exhausted, "{ended}");
+    assert!(lab.episodes().await.is_empty() && !lab.left().is_empty());
+    free.store(u64::MAX, Ordering::Relaxed);
+    let kept = async {
+        while lab.episodes().await.is_empty() {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(std::time::Duration::from_secs(60), kept).await.unwrap();
+    assert_eq!(lab.episodes().await[0].steps, 6);
 }
 
 #[tokio::test]

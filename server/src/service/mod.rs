@@ -2,6 +2,7 @@
 
 mod dataset;
 mod episode;
+mod health;
 mod inference;
 mod job;
 mod policy;
@@ -20,7 +21,7 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, policies::Policies,
+    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, keeping::Keeping, policies::Policies,
     rollouts::Rollouts, scorers::Scorers, store::Store,
 };
 
@@ -32,6 +33,7 @@ pub struct Rooms {
     pub(crate) blobs: Blobs,
     pub(crate) ingest: Ingest,
     pub(crate) jobs: Jobs,
+    pub(crate) keeping: Keeping,
     pub(crate) policies: Policies,
     pub(crate) rollouts: Rollouts,
     pub(crate) scorers: Scorers,
@@ -46,19 +48,21 @@ impl Rooms {
     /// When the data directory or the database cannot be used.
     pub async fn open(config: ServeConfig, address: SocketAddr) -> Result<Self> {
         let config = Arc::new(config);
-        let blobs = Blobs::open(&config.data_dir)?;
+        let blobs = Blobs::open(&config.data_dir)?.sparing(config.keeping.min_free_bytes);
         let store = Store::open(&config.data_dir.join("gleaner.db")).await?;
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
         let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;
         let scorers = Scorers::new(config.policies.live_scorers, store.clone(), blobs.clone(), ingest.clone());
         let rollouts = Rollouts::open(&config, ingest.clone())?;
         let policies = Policies::new(&config, store.clone(), blobs.clone(), scorers.clone(), rollouts.clone());
-        Ok(Self { config, store, blobs, ingest, jobs, policies, rollouts, scorers, stopping: CancellationToken::new() })
+        let keeping = Keeping::start(&config, store.clone(), blobs.clone());
+        Ok(Self { config, store, blobs, ingest, jobs, keeping, policies, rollouts, scorers, stopping: CancellationToken::new() })
     }
 
     /// Stops workers and models, then closes the database.
     pub async fn close(&self) {
         self.jobs.stop().await;
+        self.keeping.stop().await;
         self.policies.stop().await;
         self.rollouts.stop().await;
         self.scorers.stop().await;

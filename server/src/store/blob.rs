@@ -1,21 +1,56 @@
-//! Which rows name a blob: asked before a blob is removed, because equal content shares one file.
+//! Which rows name a blob: asked before a blob is removed, because equal content shares one file, and by `check` and
+//! `backup`, which look after all of them.
 
-use super::{Store, fault};
+use super::{Store, fault, row};
 use crate::{domain::id::BlobId, error::Result};
 
+/// The one list of the columns that name blobs: the blob, who needs it, and its size where a row knows it.
+macro_rules! named_blobs {
+    () => {
+        "select recording as blob, id as needed_by, size_bytes from episodes where purged_at is null \
+         union all select checkpoint, id, null from encoders \
+         union all select checkpoint, id, null from policies \
+         union all select blob, export_id || ' (its file ' || name || ')', size_bytes from export_files \
+         union all select checkpoint, id || ' (to resume from)', null from jobs where checkpoint is not null"
+    };
+}
+
+/// A blob that a row names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct NamedBlob {
+    /// The blob.
+    pub(crate) blob: BlobId,
+    /// The row's id: an episode, encoder, policy, export or job.
+    pub(crate) needed_by: String,
+    /// Its size as the row says.
+    pub(crate) size_bytes: Option<u64>,
+}
+
 impl Store {
-    /// Whether any row names this blob.
+    /// Whether any row names this blob, or an open upload may be about to.
     pub(crate) async fn names_blob(&self, blob: &BlobId) -> Result<bool> {
-        sqlx::query_scalar(
-            "select exists (select 1 from jobs where checkpoint = ?1) \
-             or exists (select 1 from encoders where checkpoint = ?1) \
-             or exists (select 1 from policies where checkpoint = ?1) \
-             or exists (select 1 from export_files where blob = ?1) \
-             or exists (select 1 from episodes where recording = ?1)",
-        )
+        sqlx::query_scalar(concat!(
+            "select exists (select 1 from (",
+            named_blobs!(),
+            ") where blob = ?1) or exists (select 1 from uploads where blake3 = ?1 and committed = size_bytes)"
+        ))
         .bind(blob.as_str())
         .fetch_one(self.read())
         .await
         .map_err(fault("asking who names a blob"))
+    }
+
+    /// Every blob that a row names, once for each row that does, sorted by blob; as of one moment.
+    pub(crate) async fn named_blobs(&self) -> Result<Vec<NamedBlob>> {
+        let rows: Vec<(String, String, Option<i64>)> = sqlx::query_as(concat!(named_blobs!(), " order by 1, 2"))
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing the blobs that rows name"))?;
+        let named = |(blob, needed_by, size): (String, String, Option<i64>)| {
+            let blob = row::id("the blob of a row", blob)?;
+            let size_bytes = size.map(|size| row::count("the size of a blob", size)).transpose()?;
+            Ok(NamedBlob { blob, needed_by, size_bytes })
+        };
+        rows.into_iter().map(named).collect()
     }
 }

@@ -16,7 +16,8 @@ use crate::{
 
 /// The columns of [`EpisodeRow`]: everything but the report, which may be long.
 pub(super) const COLUMNS: &str = "select episodes.id, episodes.task_id, file_name, recording, size_bytes, steps, \
-     duration_s, mapping, warnings, episodes.outcome, episodes.cohort, episodes.created_at from episodes ";
+     duration_s, mapping, warnings, episodes.outcome, episodes.cohort, episodes.created_at, \
+     deleted_at from episodes ";
 
 #[derive(sqlx::FromRow)]
 pub(super) struct EpisodeRow {
@@ -32,6 +33,7 @@ pub(super) struct EpisodeRow {
     outcome: String,
     cohort: String,
     created_at: i64,
+    deleted_at: Option<i64>,
 }
 
 impl EpisodeRow {
@@ -49,15 +51,16 @@ impl EpisodeRow {
             outcome: row::parsed("episodes.outcome", Outcome::from_word(&self.outcome))?,
             cohort: self.cohort,
             created_at: Millis(self.created_at),
+            deleted_at: self.deleted_at.map(Millis),
         })
     }
 }
 
 impl Store {
-    /// An episode with its report.
+    /// An episode with its report, though it be in the trash.
     ///
     /// # Errors
-    /// NotFound.
+    /// NotFound; so is one that is gone for good.
     pub(crate) async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode> {
         let missing = || Error::not_found("episode", id);
         let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
@@ -70,7 +73,7 @@ impl Store {
         Ok(InspectedEpisode { episode, report: row::json("episodes.report", &report)? })
     }
 
-    /// The task's episode with this very recording, if any.
+    /// The task's episode with this very recording, if any, though it be in the trash.
     pub(crate) async fn episode_of(&self, task: &TaskId, recording: &BlobId) -> Result<Option<Episode>> {
         let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
         by_recording(&mut tx, task, recording).await
@@ -86,6 +89,11 @@ impl Store {
     ) -> Result<(Vec<Episode>, Option<EpisodeId>)> {
         let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
         query.push("where task_id = ").push_bind(filter.task_id.as_str());
+        query.push(if filter.deleted {
+            " and deleted_at is not null and purged_at is null"
+        } else {
+            " and deleted_at is null"
+        });
         if let Some(outcome) = filter.outcome {
             query.push(" and outcome = ").push_bind(outcome.as_str());
         }
@@ -110,7 +118,7 @@ impl Store {
     /// order of `ids`; one that is named twice is labelled once.
     ///
     /// # Errors
-    /// NotFound names the first unknown episode.
+    /// NotFound names the first unknown episode; Precondition the first that is in the trash.
     pub(crate) async fn label_episodes(&self, ids: &[EpisodeId], label: &NewLabel) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let mut labelled: Vec<Episode> = Vec::with_capacity(ids.len());
@@ -119,6 +127,9 @@ impl Store {
             let mut episode = by_id(&mut tx, id)
                 .await?
                 .ok_or_else(|| Error::not_found("episode", format!("{id}; nothing was labelled")))?;
+            if episode.deleted_at.is_some() {
+                return Err(Error::precondition(format!("{id} is in the trash; nothing was labelled. Take it back first")));
+            }
             episode.outcome = label.outcome;
             if let Some(cohort) = &label.cohort {
                 episode.cohort.clone_from(cohort);
@@ -133,7 +144,9 @@ impl Store {
             insert_label(&mut tx, &episode, &label.author, &label.reason).await?;
             labelled.push(episode);
         }
+        crate::fail_point::pass("label.rows_written");
         commit(tx).await?;
+        crate::fail_point::pass("label.committed");
         Ok(labelled)
     }
 
@@ -167,9 +180,10 @@ impl Store {
     }
 }
 
-async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
+/// An episode that is not gone for good.
+pub(super) async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
     let mut query = QueryBuilder::new(COLUMNS);
-    query.push("where id = ").push_bind(id.as_str());
+    query.push("where id = ").push_bind(id.as_str()).push(" and purged_at is null");
     one(tx, query).await
 }
 
@@ -181,7 +195,7 @@ pub(super) async fn by_recording(
 ) -> Result<Option<Episode>> {
     let mut query = QueryBuilder::new(COLUMNS);
     query.push("where task_id = ").push_bind(task.as_str());
-    query.push(" and recording = ").push_bind(recording.as_str());
+    query.push(" and recording = ").push_bind(recording.as_str()).push(" and purged_at is null");
     one(tx, query).await
 }
 
@@ -191,9 +205,18 @@ async fn one(tx: &mut Transaction<'_, Sqlite>, mut query: QueryBuilder<Sqlite>) 
     row.map(EpisodeRow::read).transpose()
 }
 
-/// Makes an episode visible, with its first label.
-pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, inspected: &InspectedEpisode, author: &str) -> Result<()> {
+/// Makes an episode visible, with its first label. When the task had this recording and lost it for good, it is that
+/// episode again.
+pub(super) async fn insert(
+    tx: &mut Transaction<'_, Sqlite>,
+    inspected: &InspectedEpisode,
+    author: &str,
+) -> Result<Episode> {
     let InspectedEpisode { episode, report } = inspected;
+    if let Some(revived) = revive(tx, episode).await? {
+        insert_label(tx, &revived, author, "pushed again").await?;
+        return Ok(revived);
+    }
     sqlx::query(
         "insert into episodes (id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings, \
              report, outcome, cohort, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
@@ -214,7 +237,27 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, inspected: &Inspect
     .execute(&mut **tx)
     .await
     .map_err(fault("inserting an episode"))?;
-    insert_label(tx, episode, author, "").await
+    insert_label(tx, episode, author, "").await?;
+    Ok(episode.clone())
+}
+
+/// Brings back the row of an episode whose recording was gone.
+async fn revive(tx: &mut Transaction<'_, Sqlite>, episode: &Episode) -> Result<Option<Episode>> {
+    let revived: Option<String> = sqlx::query_scalar(
+        "update episodes set purged_at = null, deleted_at = null, delete_forced = 0, outcome = ?, cohort = ? \
+         where task_id = ? and recording = ? and purged_at is not null returning id",
+    )
+    .bind(episode.outcome.as_str())
+    .bind(&episode.cohort)
+    .bind(episode.task_id.as_str())
+    .bind(episode.recording.as_str())
+    .fetch_optional(&mut **tx)
+    .await
+    .map_err(fault("bringing an episode back"))?;
+    match revived {
+        Some(id) => by_id(tx, &row::id("episodes.id", id)?).await,
+        None => Ok(None),
+    }
 }
 
 /// Keeps the episode's present label in its history.

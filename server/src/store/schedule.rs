@@ -18,7 +18,7 @@ macro_rules! select_schedules {
         concat!(
             "select *, (select count(distinct labels.episode_id) from labels \
              join episodes on episodes.id = labels.episode_id where episodes.task_id = schedules.task_id \
-             and labels.id > schedules.label_mark and labels.outcome <> 'unknown') as labelled_since from schedules ",
+             and episodes.deleted_at is null and labels.id > schedules.label_mark and labels.outcome <> 'unknown') as labelled_since from schedules ",
             $rest
         )
     };

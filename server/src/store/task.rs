@@ -113,7 +113,7 @@ impl Store {
                  count(*) filter (where outcome = 'success') as success, \
                  count(*) filter (where outcome = 'failure') as failure, \
                  count(*) filter (where outcome = 'unknown') as unknown \
-             from tasks left join episodes on task_id = tasks.id group by tasks.id order by tasks.id",
+             from tasks left join episodes on task_id = tasks.id and deleted_at is null group by tasks.id order by tasks.id",
         )
         .fetch_all(self.read())
         .await
@@ -127,7 +127,8 @@ impl Store {
     pub(crate) async fn outcome_counts(&self, task: &TaskId) -> Result<OutcomeCounts> {
         let (success, failure, unknown) = sqlx::query_as::<_, (i64, i64, i64)>(
             "select count(*) filter (where outcome = 'success'), count(*) filter (where outcome = 'failure'), \
-                 count(*) filter (where outcome = 'unknown') from episodes where task_id = ?",
+                 count(*) filter (where outcome = 'unknown') from episodes where task_id = ? \
+                 and deleted_at is null",
         )
         .bind(task.as_str())
         .fetch_one(self.read())

@@ -77,6 +77,7 @@ pub(crate) fn inspected(task: &Task, upload: &Upload) -> InspectedEpisode {
         outcome: upload.outcome,
         cohort: upload.cohort.clone(),
         created_at: Millis::now(),
+        deleted_at: None,
     };
     InspectedEpisode { episode, report: Report { steps: 20, mapping: "plain".into(), ..Report::default() } }
 }
@@ -87,4 +88,9 @@ pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort
     let upload = Upload { outcome, cohort: cohort.to_owned(), ..upload(task, content.as_bytes()) };
     store.insert_upload(&upload).await.unwrap();
     store.finish_upload(&upload, &inspected(task, &upload)).await.unwrap()
+}
+
+/// Runs SQL as it stands: to make what this program never would.
+pub(crate) async fn run(store: &Store, statement: &str) {
+    sqlx::raw_sql(sqlx::AssertSqlSafe(statement)).execute(&store.writer).await.unwrap();
 }

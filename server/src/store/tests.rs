@@ -2,6 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::panic)]
 
+mod course;
+mod pages;
+
+mod samples;
+
 use gleaner_learn::{FeatureScale, Yardstick};
 
 use super::*;

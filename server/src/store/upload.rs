@@ -112,22 +112,28 @@ impl Store {
         if result.rows_affected() == 0 {
             return Err(Error::not_found("open upload", format!("{id}; start again")));
         }
-        commit(tx).await
+        commit(tx).await?;
+        crate::fail_point::pass("upload.size_committed");
+        Ok(())
     }
 
-    /// Gives an open upload the name and label of a newer request for the same content.
-    pub(crate) async fn relabel_upload(&self, upload: &Upload) -> Result<()> {
+    /// Gives an open upload the name and label of a newer request for the same content, and says how much of it is
+    /// committed; `None` when it is not open any more.
+    pub(crate) async fn relabel_upload(&self, upload: &Upload) -> Result<Option<u64>> {
         let mut tx = self.write().await?;
-        sqlx::query("update uploads set file_name = ?, outcome = ?, cohort = ?, author = ? where id = ?")
-            .bind(&upload.file_name)
-            .bind(upload.outcome.as_str())
-            .bind(&upload.cohort)
-            .bind(&upload.author)
-            .bind(upload.id.as_str())
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("relabelling an upload"))?;
-        commit(tx).await
+        let committed: Option<i64> = sqlx::query_scalar(
+            "update uploads set file_name = ?, outcome = ?, cohort = ?, author = ? where id = ? returning committed",
+        )
+        .bind(&upload.file_name)
+        .bind(upload.outcome.as_str())
+        .bind(&upload.cohort)
+        .bind(&upload.author)
+        .bind(upload.id.as_str())
+        .fetch_optional(&mut *tx)
+        .await
+        .map_err(fault("relabelling an upload"))?;
+        commit(tx).await?;
+        committed.map(|committed| row::count("uploads.committed", committed)).transpose()
     }
 
     /// Forgets an upload; one that is not open is no error.
@@ -137,16 +143,13 @@ impl Store {
         commit(tx).await
     }
 
-    /// Forgets the uploads that were opened before `time`, and says how many.
-    pub(crate) async fn delete_uploads_before(&self, time: Millis) -> Result<u64> {
-        let mut tx = self.write().await?;
-        let result = sqlx::query("delete from uploads where created_at < ?")
-            .bind(time.0)
-            .execute(&mut *tx)
-            .await
-            .map_err(fault("deleting old uploads"))?;
-        commit(tx).await?;
-        Ok(result.rows_affected())
+    /// The uploads that were opened before `time`.
+    pub(crate) async fn uploads_before(&self, time: Millis) -> Result<Vec<Upload>> {
+        let mut query = sqlx::QueryBuilder::new(COLUMNS);
+        query.push("where created_at < ").push_bind(time.0);
+        let rows: Vec<UploadRow> =
+            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing old uploads"))?;
+        rows.into_iter().map(UploadRow::read).collect()
     }
 
     /// Ends an upload: in one act its row goes and the episode is visible. When the same content has become
@@ -157,12 +160,11 @@ impl Store {
         let (task, recording) = (&inspected.episode.task_id, &inspected.episode.recording);
         let episode = match episode::by_recording(&mut tx, task, recording).await? {
             Some(existing) => existing,
-            None => {
-                episode::insert(&mut tx, inspected, &upload.author).await?;
-                inspected.episode.clone()
-            }
+            None => episode::insert(&mut tx, inspected, &upload.author).await?,
         };
+        crate::fail_point::pass("episode.row_written");
         commit(tx).await?;
+        crate::fail_point::pass("episode.committed");
         Ok(episode)
     }
 }
@@ -214,11 +216,23 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn old_uploads_are_forgotten() {
+    async fn old_uploads_are_found() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         store.insert_upload(&testing::upload(&task, b"recording")).await.unwrap();
-        assert_eq!(store.delete_uploads_before(Millis(0)).await.unwrap(), 0);
-        assert_eq!(store.delete_uploads_before(Millis(i64::MAX)).await.unwrap(), 1);
+        assert!(store.uploads_before(Millis(0)).await.unwrap().is_empty());
+        assert_eq!(store.uploads_before(Millis(i64::MAX)).await.unwrap().len(), 1);
+    }
+
+    #[tokio::test]
+    async fn an_upload_that_is_over_is_not_relabelled() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let upload = testing::upload(&task, b"recording");
+        store.insert_upload(&upload).await.unwrap();
+        store.commit_upload(&upload.id, 4).await.unwrap();
+        assert_eq!(store.relabel_upload(&upload).await.unwrap(), Some(4));
+        store.delete_upload(&upload.id).await.unwrap();
+        assert_eq!(store.relabel_upload(&upload).await.unwrap(), None);
     }
 }

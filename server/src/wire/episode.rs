@@ -16,8 +16,8 @@ use crate::{
 /// Most bytes in one message of an upload.
 const CHUNK_BYTES: usize = 2 << 20;
 
-/// Most episodes labelled in one act.
-const LABEL_EPISODES: usize = 10_000;
+/// Most episodes labelled or deleted in one act.
+const MANY_EPISODES: usize = 10_000;
 
 /// Reads an episode's id.
 pub(crate) fn episode_id(text: &str) -> Result<EpisodeId> {
@@ -113,7 +113,7 @@ pub(crate) struct Listing {
 
 /// Which of the task's episodes to list. A page token is the id of the last episode before the page.
 pub(crate) fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result<Listing> {
-    let v1::ListEpisodesRequest { task: _, outcome, cohort, page_size, page_token } = request;
+    let v1::ListEpisodesRequest { task: _, outcome, cohort, page_size, page_token, deleted } = request;
     let after = match page_token.as_str() {
         "" => None,
         token => Some(EpisodeId::parse("page_token", token).map_err(|_| {
@@ -121,24 +121,40 @@ pub(crate) fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) ->
         })?),
     };
     let cohort = (!cohort.is_empty()).then_some(cohort);
-    let filter = EpisodeFilter { task_id, outcome: outcome_from_proto("outcome", outcome)?, cohort };
+    let filter = EpisodeFilter { task_id, outcome: outcome_from_proto("outcome", outcome)?, cohort, deleted };
     Ok(Listing { filter, after, size: field::page_size(page_size)? })
 }
 
 /// The episodes to label, and their label.
 pub(crate) fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<EpisodeId>, NewLabel)> {
     let v1::LabelEpisodesRequest { episode_ids, outcome, cohort, author, reason } = request;
-    if episode_ids.is_empty() || episode_ids.len() > LABEL_EPISODES {
-        return Err(Error::invalid("episode_ids", format!("name 1 to {LABEL_EPISODES} episodes")));
-    }
-    let ids = episode_ids.iter().enumerate().map(|(i, id)| EpisodeId::parse(&format!("episode_ids[{i}]"), id));
+    let ids = episode_ids_of(&episode_ids)?;
     let label = NewLabel {
         outcome: said_outcome(outcome)?,
         cohort: cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
         author: field::tag("author", author)?,
         reason: field::tag("reason", reason)?,
     };
-    Ok((ids.collect::<Result<_>>()?, label))
+    Ok((ids, label))
+}
+
+/// Some episodes, but not none.
+fn episode_ids_of(episode_ids: &[String]) -> Result<Vec<EpisodeId>> {
+    if episode_ids.is_empty() || episode_ids.len() > MANY_EPISODES {
+        return Err(Error::invalid("episode_ids", format!("name 1 to {MANY_EPISODES} episodes")));
+    }
+    let ids = episode_ids.iter().enumerate().map(|(i, id)| EpisodeId::parse(&format!("episode_ids[{i}]"), id));
+    ids.collect()
+}
+
+/// The episodes to delete, and whether by force.
+pub(crate) fn delete_request(request: &v1::DeleteEpisodesRequest) -> Result<(Vec<EpisodeId>, bool)> {
+    Ok((episode_ids_of(&request.episode_ids)?, request.force))
+}
+
+/// The episodes to take back.
+pub(crate) fn undelete_request(request: &v1::UndeleteEpisodesRequest) -> Result<Vec<EpisodeId>> {
+    episode_ids_of(&request.episode_ids)
 }
 
 /// An episode.
@@ -156,6 +172,7 @@ pub(crate) fn episode(episode: Episode) -> v1::Episode {
         outcome,
         cohort,
         created_at,
+        deleted_at,
     } = episode;
     v1::Episode {
         id: id.into(),
@@ -170,6 +187,7 @@ pub(crate) fn episode(episode: Episode) -> v1::Episode {
         mapping,
         warnings: u32::try_from(warnings).unwrap_or(u32::MAX),
         create_time: Some(field::timestamp(created_at)),
+        delete_time: deleted_at.map(field::timestamp),
     }
 }
 

@@ -70,7 +70,7 @@ class Episodes:
         reason: str = "",
     ) -> list[Episode]:
         """Sets the outcome (and cohort, if given) of one or many episodes in one act; each change is kept."""
-        ids = [episode_ids] if isinstance(episode_ids, str) else list(episode_ids)
+        ids = _ids(episode_ids)
         wire = number(pb.LabelEpisodesRequest, "outcome", outcome)
         request = pb.LabelEpisodesRequest(episode_ids=ids, outcome=wire, cohort=cohort, author=author, reason=reason)
         reply = self._rpc.unary("EpisodeService/LabelEpisodes", request, pb.LabelEpisodesResponse)
@@ -80,6 +80,20 @@ class Episodes:
         """Every label an episode ever had, oldest first."""
         request = pb.ListLabelsRequest(episode_id=episode_id)
         return [*self._rpc.safe("EpisodeService/ListLabels", request, pb.ListLabelsResponse).labels]
+
+    def delete(self, episode_ids: str | Iterable[str], *, force: bool = False) -> list[Episode]:
+        """Puts one or many episodes into the trash, all or none: lists and new snapshots no longer have them.
+
+        `undelete` takes them back until the server's sweep removes them for good. Raises `FailedPrecondition` when a
+        snapshot holds one; `force` deletes it all the same, and what was made from it cannot be made again.
+        """
+        request = pb.DeleteEpisodesRequest(episode_ids=_ids(episode_ids), force=force)
+        return [*self._rpc.unary("EpisodeService/DeleteEpisodes", request, pb.DeleteEpisodesResponse).episodes]
+
+    def undelete(self, episode_ids: str | Iterable[str]) -> list[Episode]:
+        """Takes one or many episodes out of the trash, all or none. Raises `NotFound` when one is gone for good."""
+        request = pb.UndeleteEpisodesRequest(episode_ids=_ids(episode_ids))
+        return [*self._rpc.unary("EpisodeService/UndeleteEpisodes", request, pb.UndeleteEpisodesResponse).episodes]
 
     def download(self, episode_id: str, path: str | os.PathLike[str]) -> Path:
         """Fetches a recording as it was uploaded. `path` is a file, or a folder that it is put into.
@@ -94,9 +108,11 @@ class Episodes:
         replies = self._rpc.stream("EpisodeService/DownloadEpisode", request, pb.DownloadEpisodeResponse)
         return save((reply.data for reply in replies), path, episode.blake3)
 
-    def list(self, task: str, *, outcome: str | None = None, cohort: str = "") -> Iterator[Episode]:
-        """A task's episodes, oldest first; fetched page by page as they are read."""
-        request = pb.ListEpisodesRequest(task=task, cohort=cohort, page_size=_PAGE)
+    def list(
+        self, task: str, *, outcome: str | None = None, cohort: str = "", deleted: bool = False
+    ) -> Iterator[Episode]:
+        """A task's episodes, or those in the trash, oldest first; fetched page by page as they are read."""
+        request = pb.ListEpisodesRequest(task=task, cohort=cohort, page_size=_PAGE, deleted=deleted)
         if outcome is not None:
             request.outcome = number(pb.ListEpisodesRequest, "outcome", outcome)
         while True:
@@ -109,3 +125,7 @@ class Episodes:
     def _get(self, episode_id: str) -> pb.GetEpisodeResponse:
         request = pb.GetEpisodeRequest(episode_id=episode_id)
         return self._rpc.safe("EpisodeService/GetEpisode", request, pb.GetEpisodeResponse)
+
+
+def _ids(episode_ids: str | Iterable[str]) -> list[str]:
+    return [episode_ids] if isinstance(episode_ids, str) else [*episode_ids]

@@ -63,7 +63,7 @@ async fn pages_meet_without_gap_or_overlap() {
         all.push(testing::episode(&store, &task, Outcome::Success, cohort).await.id);
     }
     all.sort();
-    let filter = EpisodeFilter { task_id: task.id.clone(), outcome: None, cohort: None };
+    let filter = EpisodeFilter { task_id: task.id.clone(), outcome: None, cohort: None, deleted: false };
     let (mut paged, mut after, mut pages) = (Vec::new(), None, 0);
     loop {
         let (page, next) = store.episodes(&filter, after.as_ref(), 3).await.unwrap();

@@ -1,0 +1,106 @@
+//! How much of the disk is left, and whether more may be taken in.
+//!
+//! Blobs, parts of uploads and recordings lie on the disk of the database. What is large is refused while the database
+//! still has room, because a database that cannot write can neither label nor end a job.
+
+use std::path::Path;
+#[cfg(test)]
+use std::sync::{Arc, atomic::AtomicU64};
+
+use rustix::fs::{StatVfsMountFlags, statvfs};
+
+use super::Blobs;
+use crate::error::{Error, Result};
+
+/// What stays free, and how that is found out.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Space {
+    spare: u64,
+    /// Tests say themselves how much is free.
+    #[cfg(test)]
+    played: Option<Arc<AtomicU64>>,
+}
+
+impl Blobs {
+    /// The same blobs, where so many bytes of the disk are to stay free.
+    pub(crate) fn sparing(mut self, bytes: u64) -> Self {
+        self.space.spare = bytes;
+        self
+    }
+
+    /// The same blobs on a disk of which so much is free as the test says.
+    #[cfg(test)]
+    pub(crate) fn playing(mut self, free: &Arc<AtomicU64>) -> Self {
+        self.space.played = Some(Arc::clone(free));
+        self
+    }
+
+    /// Whether so many bytes more may be taken in. It asks the system and keeps nothing.
+    ///
+    /// # Errors
+    /// Exhausted when too little would stay free, or the disk is read-only.
+    pub(crate) fn expect_room(&self, bytes: u64) -> Result<()> {
+        let free = self.free()?;
+        let spare = self.space.spare;
+        if free.saturating_sub(bytes) >= spare {
+            return Ok(());
+        }
+        let wanted = if bytes > 0 { format!(", and this would take {bytes} of them") } else { String::new() };
+        Err(Error::exhausted(format!(
+            "the server's disk is nearly full: {free} bytes are free{wanted}, and {spare} are to stay free \
+             (--min-free-bytes). Free some space there, then try again"
+        )))
+    }
+
+    /// The bytes that may still be written.
+    fn free(&self) -> Result<u64> {
+        #[cfg(test)]
+        if let Some(played) = &self.space.played {
+            return Ok(played.load(std::sync::atomic::Ordering::Relaxed));
+        }
+        free(&self.folder)
+    }
+}
+
+fn free(folder: &Path) -> Result<u64> {
+    let disk =
+        statvfs(folder).map_err(|error| Error::internal("asking how full the disk is", std::io::Error::from(error)))?;
+    if disk.f_flag.contains(StatVfsMountFlags::RDONLY) {
+        return Err(Error::exhausted("the server's disk is read-only: nothing can be written until that is mended"));
+    }
+    Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::error::Kind;
+
+    #[test]
+    fn what_would_leave_too_little_is_refused_until_there_is_room() {
+        let dir = tempfile::tempdir().unwrap();
+        let free = Arc::new(AtomicU64::new(100));
+        let blobs = Blobs::open(dir.path()).unwrap().sparing(40).playing(&free);
+        blobs.expect_room(0).unwrap();
+        blobs.expect_room(60).unwrap();
+        let error = blobs.expect_room(61).unwrap_err();
+        assert_eq!(error.kind(), Kind::Exhausted);
+        for part in ["100 bytes", "61", "40 are to stay", "--min-free-bytes"] {
+            assert!(error.message().contains(part), "{error}");
+        }
+        free.store(39, std::sync::atomic::Ordering::Relaxed);
+        assert!(blobs.expect_room(0).is_err());
+        free.store(u64::MAX, std::sync::atomic::Ordering::Relaxed);
+        blobs.expect_room(u64::MAX - 40).unwrap();
+    }
+
+    #[test]
+    fn a_real_disk_says_what_is_free() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        blobs.expect_room(1).unwrap();
+        assert!(blobs.expect_room(u64::MAX).is_ok(), "nothing is to be spared");
+        assert!(blobs.clone().sparing(u64::MAX).expect_room(0).is_err());
+    }
+}

@@ -1,0 +1,66 @@
+//! What the commands that look after a data folder need.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+/// How long what nobody wants is kept, and what the disk is spared.
+#[derive(Debug, Clone, Args)]
+pub struct KeepingConfig {
+    /// Days that a deleted episode can be taken back, before the sweep removes it for good.
+    #[arg(long, env = "GLEANER_TRASH_DAYS", default_value_t = 30, value_name = "DAYS")]
+    pub trash_days: u32,
+    /// Bytes of the disk that stay free: below, nothing new is taken in, until there is room again.
+    #[arg(long, env = "GLEANER_MIN_FREE_BYTES", default_value_t = 512 << 20, value_name = "BYTES")]
+    pub min_free_bytes: u64,
+}
+
+/// The commands that look after a data folder, beside a running server or without one.
+#[derive(Debug, Clone, Subcommand)]
+pub enum KeepingCommand {
+    /// Check that everything in a data folder, or a backup, is there and is what it was.
+    Check(CheckConfig),
+    /// Back a data folder up, beside a running server or without one.
+    Backup(BackupConfig),
+    /// Make a new data folder from a backup.
+    Restore(RestoreConfig),
+}
+
+/// What `backup` needs.
+#[derive(Debug, Clone, Args)]
+pub struct BackupConfig {
+    /// The folder of the backup: a new one, or that of an earlier backup, to which only what is new is added.
+    #[arg(value_name = "DIR")]
+    pub target: PathBuf,
+    /// The data folder. A server may be running on it.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
+    pub data_dir: PathBuf,
+    /// Afterwards remove from the backup the blobs that its new database no longer names.
+    #[arg(long)]
+    pub prune: bool,
+}
+
+/// What `restore` needs.
+#[derive(Debug, Clone, Args)]
+pub struct RestoreConfig {
+    /// The backup.
+    #[arg(value_name = "DIR")]
+    pub backup: PathBuf,
+    /// The new data folder: not there yet, or empty.
+    #[arg(long)]
+    pub data_dir: PathBuf,
+}
+
+/// What `check` needs.
+#[derive(Debug, Clone, Args)]
+pub struct CheckConfig {
+    /// The data folder, or a backup. A server may be running on it.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
+    pub data_dir: PathBuf,
+    /// Look whether blobs are there with the right size, without reading them.
+    #[arg(long)]
+    pub fast: bool,
+    /// Tell what was found as JSON.
+    #[arg(long)]
+    pub json: bool,
+}

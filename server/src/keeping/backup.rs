@@ -1,0 +1,149 @@
+//! `backup`: a database as of one moment and every blob that it names, beside a running server.
+//!
+//! The order, and why nothing is ever half:
+//! 1. the server is kept from removing blobs, so that what the copied database names stays until it is copied too;
+//! 2. the database is copied first, in one read transaction, to a draft: a blob that is put later is named by no row of
+//!    the copy, and need not be in it; the other way round a row could name a blob that came too late to be copied;
+//! 3. each blob is copied to a draft, checked by its digest, and renamed to its place; what an earlier backup has is
+//!    not copied again;
+//! 4. the database's draft is renamed over the earlier one, then the manifest is written.
+//!
+//! Cut before 4, the folder still is the earlier backup, with some blobs more. Uploads that are open are not in it:
+//! their client has the recording and sends it again.
+
+use std::{
+    collections::HashSet,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    DATABASE,
+    files::{Needed, Pace, grouped},
+    manifest::{Lacking, Manifest},
+    target,
+};
+use crate::{
+    blobs::{self, Blobs, Copied, Copying, sync_folder},
+    config::BackupConfig,
+    domain::id::BlobId,
+    error::{Error, Result},
+    store::{Look, Store},
+};
+
+/// Backs a data folder up and tells `out` how it went; true when nothing is lacking.
+///
+/// # Errors
+/// Precondition when the target is no place for a backup, or there is nothing to back up; Exhausted when its disk is
+/// full; Internal when a disk refuses.
+pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
+    let (source, target) = (config.data_dir.as_path(), config.target.as_path());
+    let _lock = target::claim(source, target)?;
+    let blobs = Blobs::open(target)?;
+    let copying = Copying::begin(source)?;
+    let (look, made_at) = copy_database(source, target).await?;
+    let needed = grouped(look.store.named_blobs().await?);
+    look.store.close().await;
+    let copied = copy_blobs(&Blobs::at(source), &blobs, &needed)?;
+    drop(copying);
+    let manifest = Manifest {
+        gleaner: env!("CARGO_PKG_VERSION").to_owned(),
+        made_at,
+        schema: look.schema,
+        database: blobs::digest(&draft(target))?,
+        blobs: copied.there + copied.new,
+        bytes: copied.bytes,
+        lacking: copied.lacking,
+    };
+    finish(target, &manifest)?;
+    let removed = if config.prune { prune(&blobs, &needed)? } else { 0 };
+    tell(out, target, &manifest, copied.new, removed)
+        .map_err(|error| Error::internal("telling how the backup went", error))?;
+    Ok(manifest.lacking.is_empty())
+}
+
+/// Where the database is until everything that it names is there.
+fn draft(target: &Path) -> PathBuf {
+    target.join("tmp").join(DATABASE)
+}
+
+/// Copies the database to the draft, without what is not backed up; also says when.
+async fn copy_database(source: &Path, target: &Path) -> Result<(Look, String)> {
+    let (draft, drafts) = (draft(target), target.join("tmp"));
+    for left in fs::read_dir(&drafts).map_err(fault("listing", &drafts))? {
+        // Of a backup that was cut.
+        let left = left.map_err(fault("listing", &drafts))?.path();
+        fs::remove_file(&left).map_err(fault("removing", &left))?;
+    }
+    let made_at = jiff::Timestamp::now().to_string();
+    Store::copy(&source.join(DATABASE), &draft).await?;
+    fs::File::open(&draft).and_then(|file| file.sync_all()).map_err(fault("syncing", &draft))?;
+    Ok((Look::open(&draft).await?, made_at))
+}
+
+/// What became of the blobs.
+#[derive(Default)]
+struct CopiedBlobs {
+    there: u64,
+    new: u64,
+    bytes: u64,
+    lacking: Vec<Lacking>,
+}
+
+fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed]) -> Result<CopiedBlobs> {
+    let (mut copied, mut pace) = (CopiedBlobs::default(), Pace::new("blobs backed up", needed.len()));
+    for Needed { blob, by, size_bytes: _ } in needed {
+        match target.copy_from(source, blob)? {
+            Copied::New(size) => {
+                copied.new += 1;
+                copied.bytes += size;
+            }
+            Copied::There(size) => {
+                copied.there += 1;
+                copied.bytes += size;
+            }
+            Copied::Lacking(why) => copied.lacking.push(Lacking { blob: blob.clone(), why, needed_by: by.clone() }),
+        }
+        pace.one_more();
+    }
+    Ok(copied)
+}
+
+/// The new database takes the place of the earlier one, and the manifest follows.
+fn finish(target: &Path, manifest: &Manifest) -> Result<()> {
+    Manifest::remove(target)?;
+    let place = target.join(DATABASE);
+    fs::rename(draft(target), &place).map_err(fault("renaming to", &place))?;
+    sync_folder(target)?;
+    manifest.write(target)
+}
+
+/// Removes the blobs that the backup's database no longer names, and says how many.
+fn prune(blobs: &Blobs, needed: &[Needed]) -> Result<u64> {
+    let named: HashSet<&BlobId> = needed.iter().map(|needed| &needed.blob).collect();
+    let mut removed = 0;
+    for found in blobs.list()? {
+        if found.id.is_some_and(|id| !named.contains(&id)) {
+            fs::remove_file(&found.path).map_err(fault("removing", &found.path))?;
+            removed += 1;
+        }
+    }
+    Ok(removed)
+}
+
+fn tell(out: &mut impl io::Write, target: &Path, manifest: &Manifest, new: u64, removed: u64) -> io::Result<()> {
+    for Lacking { blob, why, needed_by } in &manifest.lacking {
+        writeln!(out, "problem: blob {blob}: {why}; needed by {}", needed_by.join(", "))?;
+    }
+    let Manifest { blobs, bytes, schema, .. } = manifest;
+    let (shown, pruned) = (target.display(), if removed > 0 { format!(", {removed} removed") } else { String::new() });
+    writeln!(out, "schema {schema}; {blobs} blobs of {bytes} bytes, {new} of them new{pruned}")?;
+    match manifest.lacking.len() {
+        0 => writeln!(out, "backed up to {shown}"),
+        lacking => writeln!(out, "backed up to {shown}, but for {lacking} blobs that the data folder lacks"),
+    }
+}
+
+fn fault<'a>(doing: &'a str, path: &'a Path) -> impl FnOnce(io::Error) -> Error + 'a {
+    move |error| Error::internal(format!("{doing} {}", path.display()), error)
+}

@@ -1,0 +1,51 @@
+//! `check`: whether everything that was acknowledged is there and is what it was. Changes nothing, so that it may run
+//! beside a server and on a backup.
+
+use std::io::Write;
+
+use super::{DATABASE, files::Files, manifest::Manifest, report::Report};
+use crate::{
+    blobs::{self, Copying},
+    config::CheckConfig,
+    error::{Error, Result},
+    store::Look,
+};
+
+/// Checks a data folder or a backup and tells `out` what was found; true when nothing is wrong.
+///
+/// # Errors
+/// Precondition when there is no database that this program can read; Internal when the disk refuses.
+pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<bool> {
+    let report = look_through(config).await?;
+    let told = match config.json {
+        true => serde_json::to_writer_pretty(&mut *out, &report).map_err(Into::into).and_then(|()| writeln!(out)),
+        false => report.tell(out),
+    };
+    told.map_err(|error| Error::internal("telling what was found", error))?;
+    Ok(report.sound)
+}
+
+pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
+    // A server beside this removes no blob before its rows and its files are looked at.
+    let _copying = Copying::begin(&config.data_dir)?;
+    let look = Look::open(&config.data_dir.join(DATABASE)).await?;
+    let mut report = Report::new(config.data_dir.clone(), look.schema, !config.fast);
+    for (subject, detail) in look.store.integrity().await? {
+        report.problem(subject, detail);
+    }
+    for (subject, detail) in look.store.wrong_rows().await? {
+        report.problem(subject, detail);
+    }
+    let mut files = Files { store: &look.store, data_dir: &config.data_dir, report: &mut report };
+    files.blobs(!config.fast).await?;
+    files.uploads().await?;
+    files.recordings()?;
+    if let Some(manifest) = Manifest::read(&config.data_dir)?
+        && !config.fast
+        && blobs::digest(&config.data_dir.join(DATABASE))? != manifest.database
+    {
+        report.problem(DATABASE, "is damaged: it is not what the backup's manifest says");
+    }
+    look.store.close().await;
+    Ok(report)
+}

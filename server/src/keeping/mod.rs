@@ -1,0 +1,116 @@
+//! Keeping what a lab recorded: whether it is all there (`check`), a second place for it (`backup`, `restore`), and what
+//! goes when nobody needs it (the sweep).
+//!
+//! The commands look at a data folder from outside, beside a running server or without one. Knows no model and no wire
+//! type.
+
+mod backup;
+mod check;
+mod files;
+mod manifest;
+mod report;
+mod restore;
+mod sweep;
+mod target;
+#[cfg(test)]
+mod tests;
+mod watch;
+
+use std::{
+    io::Write,
+    path::PathBuf,
+    sync::Arc,
+    time::{Duration, SystemTime},
+};
+
+use tokio_util::{sync::CancellationToken, task::TaskTracker};
+
+pub(crate) use self::sweep::forget;
+use crate::{
+    blobs::Blobs,
+    config::{KeepingCommand, ServeConfig},
+    error::Result,
+    store::Store,
+};
+
+/// How often a server sweeps. The first time is when it starts.
+const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
+
+/// The database within a data folder, and within a backup.
+const DATABASE: &str = "gleaner.db";
+
+/// Runs one of the commands and tells `out` what came of it; true when nothing is wrong.
+///
+/// # Errors
+/// Precondition when it cannot be done as asked; Exhausted when a disk is full; Internal when one refuses.
+pub async fn run(command: &KeepingCommand, out: &mut impl Write) -> Result<bool> {
+    match command {
+        KeepingCommand::Check(config) => check::check(config, out).await,
+        KeepingCommand::Backup(config) => backup::backup(config, out).await,
+        KeepingCommand::Restore(config) => restore::restore(config, out).await,
+    }
+}
+
+/// What a server does for what it keeps, while it runs.
+#[derive(Clone)]
+pub struct Keeping {
+    tasks: TaskTracker,
+    stopping: CancellationToken,
+}
+
+/// What is kept.
+struct Room {
+    store: Store,
+    blobs: Blobs,
+    data_dir: PathBuf,
+    trash_days: u32,
+}
+
+impl Keeping {
+    /// Sweeps now and then until it is stopped.
+    pub(crate) fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Self {
+        let (tasks, stopping) = (TaskTracker::new(), CancellationToken::new());
+        let (data_dir, trash_days) = (config.data_dir.clone(), config.keeping.trash_days);
+        let (watched, stopped) = (blobs.clone(), stopping.clone());
+        tasks.spawn(async move {
+            let _: Option<()> = stopped.run_until_cancelled(watch::watch(watched)).await;
+        });
+        let room = Room { store, blobs, data_dir, trash_days };
+        let stopped = stopping.clone();
+        tasks.spawn(async move {
+            let sweeping = async {
+                loop {
+                    room.sweep_and_tell().await;
+                    tokio::time::sleep(SWEEP_EVERY).await;
+                }
+            };
+            // A sweep can be cut anywhere: the next one goes on.
+            let _: Option<()> = stopped.run_until_cancelled(sweeping).await;
+        });
+        Self { tasks, stopping }
+    }
+
+    /// Ends the sweep and waits until it has.
+    pub(crate) async fn stop(&self) {
+        self.stopping.cancel();
+        self.tasks.close();
+        self.tasks.wait().await;
+    }
+}
+
+impl Room {
+    async fn sweep_and_tell(&self) {
+        match self.sweep(SystemTime::now()).await {
+            Ok(tally) if tally == sweep::Tally::default() => {}
+            Ok(tally) => tracing::info!(
+                episodes.removed = tally.episodes,
+                episodes.purged = tally.purged,
+                blobs.removed = tally.blobs,
+                blobs.bytes = tally.bytes,
+                caches.removed = tally.caches,
+                "swept"
+            ),
+            Err(error) => tracing::error!(%error, "the sweep broke off; it is tried again later"),
+        }
+    }
+}

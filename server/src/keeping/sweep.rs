@@ -1,0 +1,130 @@
+//! The sweep: takes out of the trash what has been there long enough, and removes files that nobody needs.
+//!
+//! It never races an upload or a job. A blob is removed under a lock that excludes whoever puts one in its place and
+//! commits its row (`blobs::hold`), and only after the rows were asked under that lock. What no row names at all may
+//! still be on its way from a worker, which is another process: so it must also be older than a day and than every
+//! attempt that is running. What comes late is at worst put again, never named and gone.
+
+use std::{
+    collections::HashSet,
+    path::PathBuf,
+    time::{Duration, SystemTime},
+};
+
+use super::Room;
+use crate::{
+    blobs::Blobs,
+    domain::{id::BlobId, time::Millis},
+    error::{Error, Result},
+    store::Store,
+};
+
+/// Files that no row names are left alone for so long.
+pub(super) const SAFE_AGE: Duration = Duration::from_secs(24 * 60 * 60);
+const DAY_MS: i64 = 24 * 60 * 60 * 1000;
+
+/// What a sweep removed.
+#[derive(Debug, Default, PartialEq, Eq)]
+pub(super) struct Tally {
+    pub(super) episodes: u64,
+    pub(super) purged: u64,
+    pub(super) blobs: u64,
+    pub(super) bytes: u64,
+    pub(super) caches: u64,
+}
+
+impl Room {
+    /// Sweeps once, as if it were `now`.
+    pub(super) async fn sweep(&self, now: SystemTime) -> Result<Tally> {
+        let mut tally = Tally::default();
+        let trashed = Millis::of(now).0.saturating_sub(i64::from(self.trash_days).saturating_mul(DAY_MS));
+        let swept = self.store.sweep_trash(Millis(trashed)).await?;
+        (tally.episodes, tally.purged) = (swept.removed, swept.purged);
+        for recording in &swept.recordings {
+            // No worker makes recordings: what the trash gave up can go at once.
+            tally.removed(forget(&self.store, &self.blobs, recording).await?);
+        }
+        let named = self.store.named_blobs().await?;
+        let named: HashSet<BlobId> = named.into_iter().map(|named| named.blob).collect();
+        let old = self.old_enough(now).await?;
+        self.orphans(&named, old, &mut tally).await?;
+        tally.caches = self.caches(named, old).await?;
+        Ok(tally)
+    }
+
+    /// Before when a file must have been put to be sure that nobody is about to name it.
+    async fn old_enough(&self, now: SystemTime) -> Result<SystemTime> {
+        let day = now.checked_sub(SAFE_AGE).unwrap_or(SystemTime::UNIX_EPOCH);
+        let running = self.store.oldest_running().await?.map(Millis::time);
+        Ok(running.map_or(day, |running| running.min(day)))
+    }
+
+    /// Removes the blobs that no row names.
+    async fn orphans(&self, named: &HashSet<BlobId>, old: SystemTime, tally: &mut Tally) -> Result<()> {
+        let blobs = self.blobs.clone();
+        let found = off_runtime(move || blobs.list()).await?;
+        for found in found.into_iter().filter(|found| found.placed < old) {
+            let Some(id) = found.id.filter(|id| !named.contains(id)) else { continue };
+            // It may have been put again since it was listed: the rows do not know that yet.
+            let (blobs, again) = (self.blobs.clone(), id.clone());
+            let placed = off_runtime(move || Ok(blobs.placed(&again))).await?;
+            if placed.is_some_and(|placed| placed < old) {
+                tally.removed(forget(&self.store, &self.blobs, &id).await?);
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes the decoded steps of recordings that are gone. They can always be made again, so nothing is locked.
+    async fn caches(&self, named: HashSet<BlobId>, old: SystemTime) -> Result<u64> {
+        let folder = self.data_dir.join("cache");
+        off_runtime(move || remove_caches(&folder, &named, old)).await
+    }
+}
+
+fn remove_caches(folder: &PathBuf, named: &HashSet<BlobId>, old: SystemTime) -> Result<u64> {
+    let fault = |error| Error::internal(format!("sweeping {}", folder.display()), error);
+    let mut removed = 0;
+    for entry in std::fs::read_dir(folder).map_err(fault)? {
+        let path = entry.map_err(fault)?.path();
+        let recording = path.file_stem().and_then(|name| name.to_str()?.split('-').next()?.to_owned().try_into().ok());
+        let orphan = recording.is_some_and(|recording| !named.contains(&recording));
+        let aged = std::fs::metadata(&path).and_then(|file| file.modified()).is_ok_and(|made| made < old);
+        if orphan && aged {
+            std::fs::remove_file(&path).map_err(fault)?;
+            removed += 1;
+        }
+    }
+    Ok(removed)
+}
+
+impl Tally {
+    fn removed(&mut self, bytes: Option<u64>) {
+        if let Some(bytes) = bytes {
+            self.blobs += 1;
+            self.bytes += bytes;
+        }
+    }
+}
+
+/// Removes a blob unless a row names it, and says how large it was. One that cannot go now, because somebody copies the
+/// data folder, a later sweep finds.
+///
+/// # Errors
+/// When the database or the disk refuses.
+pub(crate) async fn forget(store: &Store, blobs: &Blobs, blob: &BlobId) -> Result<Option<u64>> {
+    let Some(removing) = blobs.removing().await? else {
+        tracing::debug!(blob.id = %blob, "a blob that nothing needs stays while the data folder is copied");
+        return Ok(None);
+    };
+    if store.names_blob(blob).await? {
+        return Ok(None);
+    }
+    let (blobs, id) = (blobs.clone(), blob.clone());
+    off_runtime(move || blobs.remove(&id, &removing)).await
+}
+
+/// Runs what blocks away from the runtime's threads.
+async fn off_runtime<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal("sweeping", error))?
+}

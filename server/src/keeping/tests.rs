@@ -1,0 +1,58 @@
+//! Fixtures: a data folder with an episode, an encoder and a policy, each with its blob.
+
+#![allow(clippy::unwrap_used, reason = "tests only")]
+
+mod backing_up;
+mod checking;
+mod sweeping;
+
+use std::path::Path;
+
+use tempfile::TempDir;
+
+use super::{check::look_through, report::Report};
+use crate::{
+    blobs::Blobs,
+    config::CheckConfig,
+    domain::{episode::Outcome, id::BlobId, task::Task},
+    store::{
+        Store,
+        testing::{self, results},
+    },
+};
+
+pub(super) struct Lab {
+    pub(super) dir: TempDir,
+    pub(super) store: Store,
+    pub(super) blobs: Blobs,
+    pub(super) task: Task,
+    /// Of an episode.
+    pub(super) recording: BlobId,
+    /// Of an encoder and a policy.
+    pub(super) checkpoint: BlobId,
+}
+
+/// One episode of each role, an encoder and a policy with the same content, all jobs done.
+pub(super) async fn lab() -> Lab {
+    let (dir, store) = testing::store().await;
+    let blobs = Blobs::open(dir.path()).unwrap();
+    let task = testing::task(&store).await;
+    let mut recording = None;
+    for (content, outcome) in [(b"success", Outcome::Success), (b"failure", Outcome::Failure)] {
+        let upload = crate::domain::episode::Upload { outcome, ..testing::upload(&task, content) };
+        recording = Some(blobs.put(content).unwrap());
+        store.insert_upload(&upload).await.unwrap();
+        store.finish_upload(&upload, &testing::inspected(&task, &upload)).await.unwrap();
+    }
+    let encoder = results::encoder(&store, &task).await;
+    let checkpoint = blobs.put(b"encoder").unwrap();
+    let policy = results::policy(&store, &task, &encoder, checkpoint.clone()).await;
+    for job in [&encoder.job_id, &policy.job_id] {
+        results::set_state(&store, job, crate::domain::job::JobState::Succeeded, "").await;
+    }
+    Lab { dir, store, blobs, task, recording: recording.unwrap(), checkpoint }
+}
+
+pub(super) async fn checked(data_dir: &Path, fast: bool) -> Report {
+    look_through(&CheckConfig { data_dir: data_dir.to_owned(), fast, json: false }).await.unwrap()
+}

@@ -1,0 +1,160 @@
+//! Backups are whole, are restored as they were, and are never half.
+
+use std::{fs, path::PathBuf};
+
+use super::{
+    super::{backup::backup, manifest::Manifest, restore::restore},
+    *,
+};
+use crate::{
+    config::{BackupConfig, RestoreConfig},
+    error::{Kind, Result},
+};
+
+struct Place {
+    dir: TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        Self { dir: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+}
+
+async fn back_up(lab: &Lab, target: &Path, prune: bool) -> Result<(bool, String)> {
+    let config = BackupConfig { target: target.to_owned(), data_dir: lab.dir.path().to_owned(), prune };
+    let mut out = Vec::new();
+    let sound = backup(&config, &mut out).await?;
+    Ok((sound, String::from_utf8(out).unwrap()))
+}
+
+async fn put_back(from: &Path, to: &Path) -> Result<bool> {
+    restore(&RestoreConfig { backup: from.to_owned(), data_dir: to.to_owned() }, &mut Vec::new()).await
+}
+
+#[tokio::test]
+async fn what_is_restored_is_what_was_backed_up() {
+    let (lab, place) = (lab().await, Place::new());
+    let (target, new) = (place.path("backup"), place.path("lab/new"));
+    let upload = testing::upload(&lab.task, b"open");
+    lab.store.insert_upload(&upload).await.unwrap();
+    let (sound, said) = back_up(&lab, &target, false).await.unwrap();
+    assert!(sound && said.contains("3 blobs of 21 bytes, 3 of them new"), "{said}");
+    let report = checked(&target, false).await;
+    assert!(report.sound && report.findings.is_empty(), "a backup can be checked: {:?}", report.findings);
+
+    // What comes after the backup is not in it.
+    testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
+    assert!(put_back(&target, &new).await.unwrap());
+    let report = checked(&new, false).await;
+    assert!(report.sound && report.findings.is_empty() && report.blobs == 3, "{:?}", report.findings);
+    let restored = Store::open(&new.join("gleaner.db")).await.unwrap();
+    assert_eq!(restored.outcome_counts(&lab.task.id).await.unwrap().success, 1);
+    assert!(restored.uploads().await.unwrap().is_empty(), "their bytes are not backed up");
+    assert_eq!(Blobs::open(&new).unwrap().get(&lab.recording).unwrap(), b"failure");
+}
+
+#[tokio::test]
+async fn the_second_backup_copies_what_is_new_and_prunes_if_told() {
+    let (lab, place) = (lab().await, Place::new());
+    let target = place.path("backup");
+    back_up(&lab, &target, false).await.unwrap();
+    let first = Manifest::read(&target).unwrap().unwrap();
+    let before = fs::metadata(Blobs::at(&target).path(&lab.recording)).unwrap().modified().unwrap();
+    let upload = crate::domain::episode::Upload { outcome: Outcome::Failure, ..testing::upload(&lab.task, b"new") };
+    lab.blobs.put(b"new").unwrap();
+    lab.store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap();
+    let (_, said) = back_up(&lab, &target, false).await.unwrap();
+    assert!(said.contains("4 blobs of 24 bytes, 1 of them new"), "{said}");
+    assert_eq!(fs::metadata(Blobs::at(&target).path(&lab.recording)).unwrap().modified().unwrap(), before);
+    assert_ne!(Manifest::read(&target).unwrap().unwrap().database, first.database);
+
+    let orphan = Blobs::at(&target).put(b"of an earlier database").unwrap();
+    back_up(&lab, &target, false).await.unwrap();
+    assert!(Blobs::at(&target).contains(&orphan));
+    let (_, said) = back_up(&lab, &target, true).await.unwrap();
+    assert!(said.contains("1 removed") && !Blobs::at(&target).contains(&orphan), "{said}");
+    assert!(checked(&target, false).await.findings.is_empty());
+}
+
+/// As a kill would leave it: the draft of the database is there, and some blobs.
+#[tokio::test]
+async fn a_backup_that_is_cut_leaves_the_earlier_one() {
+    let (lab, place) = (lab().await, Place::new());
+    let target = place.path("backup");
+    back_up(&lab, &target, false).await.unwrap();
+    testing::episode(&lab.store, &lab.task, Outcome::Success, "its blob never came").await;
+    fs::create_dir_all(target.join("tmp")).unwrap();
+    Store::copy(&lab.dir.path().join("gleaner.db"), &target.join("tmp/gleaner.db")).await.unwrap();
+    Blobs::at(&target).put(b"copied before the cut").unwrap();
+    assert!(put_back(&target, &place.path("new")).await.unwrap());
+    let restored = Store::open(&place.path("new/gleaner.db")).await.unwrap();
+    assert_eq!(restored.outcome_counts(&lab.task.id).await.unwrap().success, 1);
+    // The first one that was ever begun, and cut, holds nothing to restore.
+    let begun = place.path("begun");
+    fs::create_dir_all(&begun).unwrap();
+    fs::write(begun.join("BACKUP"), "").unwrap();
+    assert_eq!(put_back(&begun, &place.path("other")).await.unwrap_err().kind(), Kind::Precondition);
+    assert!(!place.path("other").exists());
+    assert!(back_up(&lab, &begun, false).await.is_ok(), "and the next one goes on");
+}
+
+#[tokio::test]
+async fn what_the_lab_lacks_is_told_and_the_rest_is_backed_up_and_restored() {
+    let (lab, place) = (lab().await, Place::new());
+    let target = place.path("backup");
+    fs::write(lab.blobs.path(&lab.checkpoint), b"encodes").unwrap();
+    let (sound, said) = back_up(&lab, &target, false).await.unwrap();
+    assert!(!sound && said.contains(lab.checkpoint.as_str()) && said.contains("pol_"), "{said}");
+    assert!(!put_back(&target, &place.path("new")).await.unwrap());
+    assert_eq!(Blobs::at(&place.path("new")).get(&lab.recording).unwrap(), b"failure");
+    // Put right, the next backup is whole.
+    lab.blobs.put(b"encoder").unwrap();
+    assert!(back_up(&lab, &target, false).await.unwrap().0);
+}
+
+#[tokio::test]
+async fn a_backup_that_rots_is_found() {
+    let (lab, place) = (lab().await, Place::new());
+    let target = place.path("backup");
+    back_up(&lab, &target, false).await.unwrap();
+    fs::write(Blobs::at(&target).path(&lab.recording), b"failurf").unwrap();
+    let report = checked(&target, false).await;
+    assert!(report.findings[0].subject.contains(lab.recording.as_str()), "{:?}", report.findings);
+    assert!(!put_back(&target, &place.path("new")).await.unwrap());
+    let mut database = fs::read(target.join("gleaner.db")).unwrap();
+    let last = database.len() - 1;
+    database[last] ^= 1;
+    fs::write(target.join("gleaner.db"), database).unwrap();
+    let error = put_back(&target, &place.path("newer")).await.unwrap_err();
+    assert!(error.message().contains("manifest"), "{error}");
+    assert!(!checked(&target, false).await.sound);
+}
+
+#[tokio::test]
+async fn nothing_is_written_over_what_is_there() {
+    let (lab, place) = (lab().await, Place::new());
+    let (target, full) = (place.path("backup"), place.path("full"));
+    back_up(&lab, &target, false).await.unwrap();
+    fs::create_dir_all(&full).unwrap();
+    fs::write(full.join("thesis.txt"), "mine").unwrap();
+    for error in [
+        put_back(&target, &full).await.unwrap_err(),
+        back_up(&lab, &full, false).await.unwrap_err(),
+        back_up(&lab, &lab.dir.path().join("in the middle"), false).await.unwrap_err(),
+        put_back(&full, &place.path("new")).await.unwrap_err(),
+    ] {
+        assert_eq!(error.kind(), Kind::Precondition, "{error}");
+    }
+    assert_eq!(fs::read_dir(&full).unwrap().count(), 1);
+    let held = crate::lock::DataLock::take(&target).unwrap();
+    assert_eq!(back_up(&lab, &target, false).await.unwrap_err().kind(), Kind::Precondition, "somebody is at it");
+    drop(held);
+    // An empty folder will do.
+    fs::create_dir_all(place.path("empty")).unwrap();
+    assert!(put_back(&target, &place.path("empty")).await.unwrap());
+}

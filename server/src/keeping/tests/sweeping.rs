@@ -1,0 +1,133 @@
+//! The sweep removes what nobody needs, and nothing that anybody does, whatever goes on meanwhile.
+
+use std::{
+    fs,
+    time::{Duration, SystemTime},
+};
+
+use super::{super::sweep::Tally, *};
+use crate::{
+    blobs::Copying,
+    domain::{episode::Upload, job::JobSpec},
+    keeping::{Room, forget},
+};
+
+const DAY: Duration = Duration::from_secs(24 * 60 * 60);
+
+fn room(lab: &Lab, trash_days: u32) -> Room {
+    let data_dir = lab.dir.path().to_owned();
+    fs::create_dir_all(data_dir.join("cache")).unwrap();
+    Room { store: lab.store.clone(), blobs: lab.blobs.clone(), data_dir, trash_days }
+}
+
+fn in_days(days: u32) -> SystemTime {
+    SystemTime::now() + DAY * days + Duration::from_secs(60)
+}
+
+async fn stored(lab: &Lab, content: &[u8]) -> crate::domain::episode::Episode {
+    let upload = Upload { outcome: Outcome::Unknown, ..testing::upload(&lab.task, content) };
+    lab.blobs.put(content).unwrap();
+    lab.store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap()
+}
+
+#[tokio::test]
+async fn the_trash_is_emptied_after_its_days() {
+    let lab = lab().await;
+    let (room, gone) = (room(&lab, 30), stored(&lab, b"mistake").await);
+    let cache = room.data_dir.join(format!("cache/{}-0123456789abcdef.frames", gone.recording));
+    fs::write(&cache, b"decoded").unwrap();
+    lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
+    assert_eq!(room.sweep(in_days(29)).await.unwrap(), Tally::default());
+    assert!(lab.blobs.contains(&gone.recording));
+    let tally = room.sweep(in_days(30)).await.unwrap();
+    assert_eq!(tally, Tally { episodes: 1, purged: 0, blobs: 1, bytes: 7, caches: 1 });
+    assert!(!lab.blobs.contains(&gone.recording) && !cache.exists());
+    assert!(checked(lab.dir.path(), false).await.findings.is_empty());
+}
+
+#[tokio::test]
+async fn content_that_another_episode_has_stays() {
+    let lab = lab().await;
+    // The same bytes as the encoder's.
+    let (room, gone) = (room(&lab, 0), stored(&lab, b"encoder").await);
+    lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
+    let tally = room.sweep(in_days(1)).await.unwrap();
+    assert_eq!((tally.episodes, tally.blobs), (1, 0));
+    assert!(lab.blobs.contains(&lab.checkpoint));
+}
+
+#[tokio::test]
+async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
+    let lab = lab().await;
+    let room = room(&lab, 30);
+    let orphan = lab.blobs.put(b"of a job that died").unwrap();
+    assert_eq!(room.sweep(SystemTime::now()).await.unwrap().blobs, 0, "too young");
+    // An attempt that began before it was put may have put it.
+    let encoder = crate::domain::id::EncoderId::new();
+    let snapshot_id = lab.store.create_snapshot(&lab.task.id, &Default::default()).await.unwrap().id;
+    let spec = JobSpec::Pretrain { snapshot_id, spec: Default::default() };
+    let job = results::job(&lab.store, &lab.task, spec, encoder.as_str()).await;
+    let claimed = lab.store.claim_job("token").await.unwrap().unwrap();
+    assert_eq!(claimed.id, job);
+    assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 0, "an attempt is running");
+    results::set_state(&lab.store, &job, crate::domain::job::JobState::Failed, "").await;
+    assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1);
+    assert!(!lab.blobs.contains(&orphan) && lab.blobs.contains(&lab.recording));
+}
+
+#[tokio::test]
+async fn an_upload_that_a_crash_cut_before_its_row_keeps_its_blob() {
+    let lab = lab().await;
+    let room = room(&lab, 30);
+    let upload = Upload { committed: 4, ..testing::upload(&lab.task, b"late") };
+    lab.store.insert_upload(&upload).await.unwrap();
+    lab.blobs.put(b"late").unwrap();
+    room.sweep(in_days(9)).await.unwrap();
+    assert!(lab.blobs.contains(&upload.blake3));
+    lab.store.delete_upload(&upload.id).await.unwrap();
+    room.sweep(in_days(9)).await.unwrap();
+    assert!(!lab.blobs.contains(&upload.blake3));
+}
+
+#[tokio::test]
+async fn nothing_goes_while_the_folder_is_copied() {
+    let lab = lab().await;
+    let (room, orphan) = (room(&lab, 30), lab.blobs.put(b"orphan").unwrap());
+    let copying = Copying::begin(lab.dir.path()).unwrap();
+    assert_eq!(room.sweep(in_days(2)).await.unwrap().blobs, 0);
+    assert!(lab.blobs.contains(&orphan));
+    drop(copying);
+    assert_eq!(room.sweep(in_days(2)).await.unwrap().blobs, 1);
+}
+
+/// The same content is pushed and deleted again and again, while another task tries to remove it all the time. What is
+/// stored is there, every time.
+#[tokio::test(flavor = "multi_thread", worker_threads = 4)]
+async fn a_sweep_never_takes_what_an_upload_has_just_stored() {
+    let lab = lab().await;
+    let content = b"pushed again and again";
+    let blob = BlobId::from(blake3::hash(content));
+    let (store, blobs, sought) = (lab.store.clone(), lab.blobs.clone(), blob.clone());
+    let stop = tokio_util::sync::CancellationToken::new();
+    let stopped = stop.clone();
+    let removing = tokio::spawn(async move {
+        let mut removed = 0_u32;
+        while !stopped.is_cancelled() {
+            removed += u32::from(forget(&store, &blobs, &sought).await.unwrap().is_some());
+            tokio::task::yield_now().await;
+        }
+        removed
+    });
+    for _ in 0..200 {
+        let upload = testing::upload(&lab.task, content);
+        let naming = lab.blobs.naming().await;
+        lab.blobs.put(content).unwrap();
+        let episode = lab.store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap();
+        drop(naming);
+        assert_eq!(lab.blobs.get(&blob).unwrap(), content, "what was acknowledged is there");
+        lab.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
+        lab.store.sweep_trash(crate::domain::time::Millis(i64::MAX)).await.unwrap();
+    }
+    stop.cancel();
+    assert!(removing.await.unwrap() > 0, "they met");
+}

@@ -1,0 +1,94 @@
+//! What `check` asks of rows: that documents read back, that what a row says of other rows is so. Only reads.
+
+use futures::TryStreamExt as _;
+use gleaner_recording::{Report, TaskSpec};
+use serde::de::DeserializeOwned;
+
+use super::{Store, fault};
+use crate::{
+    domain::{
+        evaluation::SeedResult, id::EpisodeId, job::JobSpec, order::JobOrder, schedule::PipelineSpec,
+        snapshot::RoleRule,
+    },
+    error::Result,
+};
+
+/// Columns that hold JSON: whose, and whether it reads.
+const DOCUMENTS: [(&str, &str, fn(&str) -> Option<String>); 9] = [
+    ("its spec", "select id, spec from tasks", unreadable::<TaskSpec>),
+    ("its report", "select id, report from episodes", unreadable::<Report>),
+    ("its rule", "select id, rule from snapshots", unreadable::<RoleRule>),
+    ("its spec", "select id, spec from jobs", unreadable::<JobSpec>),
+    ("its order", "select id, ordered from jobs where ordered <> ''", unreadable::<JobOrder>),
+    ("its experts", "select id, expert_ids from score_runs", unreadable::<Vec<EpisodeId>>),
+    (
+        "its modality scale",
+        "select id, modality_scale from score_runs where modality_scale is not null",
+        unreadable::<[f64; 3]>,
+    ),
+    ("its pipeline", "select id, pipeline from schedules", unreadable::<PipelineSpec>),
+    ("its trials", "select id, seeds from evaluations", unreadable::<Vec<SeedResult>>),
+];
+
+/// What foreign keys cannot say. Each answers with whom, and what is wrong; each is true of one moment.
+const RULES: [&str; 11] = [
+    // An episode is visible whole: with a label from its first moment on, which is the newest of its history.
+    "select id, 'its label is not the newest of its history' from episodes where not exists \
+     (select 1 from labels where labels.id = (select max(id) from labels where episode_id = episodes.id) \
+      and labels.outcome = episodes.outcome and labels.cohort = episodes.cohort)",
+    "select id, 'more of it is committed than it has' from uploads where committed > size_bytes or committed < 0",
+    "select id, 'it has no expert or no imperfect episode' from snapshots where \
+     (select count(distinct role) from snapshot_episodes where snapshot_id = snapshots.id) < 2",
+    // A job that succeeded has its result, and no other job has.
+    "select id, 'it succeeded, and its ' || kind || ' result ' || result_id || ' is not there' from jobs \
+     where state = 'succeeded' and not exists (select 1 from encoders where id = result_id) \
+     and not exists (select 1 from score_runs where id = result_id) \
+     and not exists (select 1 from policies where id = result_id) \
+     and not exists (select 1 from exports where id = result_id) \
+     and not exists (select 1 from evaluations where id = result_id)",
+    "select id, 'its job ' || job_id || ' did not make it' from \
+     (select id, job_id from encoders union all select id, job_id from score_runs union all select id, job_id from policies \
+      union all select id, job_id from exports union all select id, job_id from evaluations where job_id is not null) \
+     as made where not exists (select 1 from jobs where jobs.id = job_id and result_id = made.id and state = 'succeeded')",
+    "select id, 'it waits for a job that will give nothing' from jobs where state = 'queued' and exists \
+     (select 1 from job_dependencies join jobs as needed on needed.id = needs \
+      where job_id = jobs.id and needed.state in ('failed', 'cancelled'))",
+    "select id, 'it has ended, and still has a checkpoint or a token' from jobs \
+     where state in ('succeeded', 'failed', 'cancelled') and (checkpoint is not null or token_hash is not null)",
+    // Scores: one entry a step, and every imperfect episode of the snapshot.
+    "select score_run_id, 'its scores of ' || episode_id || ' do not fit the steps' from episode_scores \
+     join episodes on episodes.id = episode_id where length(w) <> 8 * steps or length(q) <> 4 * steps \
+     or length(match_episode) not in (0, 4 * steps) or length(match_step) <> length(match_episode) \
+     or length(distances) <> 3 * length(match_episode)",
+    "select score_runs.id, 'it has no scores of ' || snapshot_episodes.episode_id from score_runs \
+     join snapshot_episodes using (snapshot_id) where role = 'imperfect' and not exists (select 1 from episode_scores \
+     where score_run_id = score_runs.id and episode_scores.episode_id = snapshot_episodes.episode_id)",
+    "select score_runs.id, 'its expert ' || value || ' is not in its snapshot' from score_runs, json_each(expert_ids) \
+     where json_valid(expert_ids) and not exists (select 1 from snapshot_episodes where \
+     snapshot_episodes.snapshot_id = score_runs.snapshot_id and episode_id = value and role = 'expert')",
+    "select name, 'it points at no policy' from deployments where not exists \
+     (select 1 from deployment_changes where deployment_changes.name = deployments.name)",
+];
+
+impl Store {
+    /// What is wrong with the rows: of whom, and what.
+    pub(crate) async fn wrong_rows(&self) -> Result<Vec<(String, String)>> {
+        let mut wrong = Vec::new();
+        for (what, query, unreadable) in DOCUMENTS {
+            let mut rows = sqlx::query_as::<_, (String, String)>(query).fetch(self.read());
+            while let Some((id, json)) = rows.try_next().await.map_err(fault("checking documents"))? {
+                wrong.extend(unreadable(&json).map(|error| (id, format!("{what} does not read: {error}"))));
+            }
+        }
+        for rule in RULES {
+            let found: Vec<(String, String)> =
+                sqlx::query_as(rule).fetch_all(self.read()).await.map_err(fault("checking rows"))?;
+            wrong.extend(found);
+        }
+        Ok(wrong)
+    }
+}
+
+fn unreadable<T: DeserializeOwned>(json: &str) -> Option<String> {
+    serde_json::from_str::<T>(json).err().map(|error| error.to_string())
+}

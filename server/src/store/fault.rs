@@ -1,0 +1,94 @@
+//! What a database error means: our fault, or a disk that takes nothing more, or one that is too slow.
+
+use crate::error::{DISK_FULL, DISK_READ_ONLY, Error};
+
+/// SQLite's codes, with the extended part where only that tells.
+const BUSY: i32 = 5;
+const READ_ONLY: i32 = 8;
+const FULL: i32 = 13;
+/// Writing, syncing, cutting a file, and making room for the index of the log.
+const WRITE_FAILED: [i32; 5] = [778, 1034, 1290, 1546, 4874];
+
+/// Turns a database error into ours, saying what was being done.
+pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
+    move |error| {
+        if matches!(error, sqlx::Error::PoolTimedOut) {
+            return too_slow();
+        }
+        let code = error.as_database_error().and_then(|error| error.code()?.parse::<i32>().ok());
+        match code {
+            Some(code) if code == FULL => Error::refused_by_disk(DISK_FULL, doing, error),
+            Some(code) if code & 0xff == READ_ONLY || WRITE_FAILED.contains(&code) => {
+                Error::refused_by_disk(DISK_READ_ONLY, doing, error)
+            }
+            Some(code) if code & 0xff == BUSY => too_slow(),
+            Some(_) | None => Error::internal(doing, error),
+        }
+    }
+}
+
+fn too_slow() -> Error {
+    Error::unavailable(
+        "the server's database does not come to this: its disk is slow or another program holds it. Try again",
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::super::{Look, testing};
+    use crate::{domain::episode::Outcome, error::Kind};
+
+    /// SQLite says the same of a database that may not grow as of a disk that is full.
+    #[tokio::test]
+    async fn a_full_disk_refuses_writes_only_and_is_forgiven_when_there_is_room() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let pages = "pragma max_page_count = ";
+        testing::run(&store, &format!("{pages}1")).await;
+        let mut refused = None;
+        for _ in 0..1000 {
+            let upload = testing::upload(&task, &[7; 100]);
+            if let Err(error) = store.insert_upload(&upload).await {
+                refused = Some(error);
+                break;
+            }
+        }
+        let error = refused.unwrap();
+        assert_eq!(error.kind(), Kind::Exhausted, "{error}");
+        assert!(error.message().contains("disk is full") && error.to_string().contains("opening an upload"), "{error}");
+        assert_eq!(store.tasks().await.unwrap().len(), 1, "reading goes on");
+        testing::run(&store, &format!("{pages}1000000")).await;
+        testing::episode(&store, &task, Outcome::Success, "").await;
+    }
+
+    #[tokio::test]
+    async fn a_database_that_cannot_be_written_says_so() {
+        let (dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        store.close().await;
+        let look = Look::open(&dir.path().join("gleaner.db")).await.unwrap();
+        let error = look.store.insert_upload(&testing::upload(&task, b"x")).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Exhausted, "{error}");
+        assert!(error.message().contains("cannot be written"), "{error}");
+    }
+
+    /// A disk that takes its time holds up who writes, and nobody who reads.
+    #[tokio::test]
+    async fn a_slow_write_holds_up_no_reader() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let slow = store.write().await.unwrap();
+        let upload = testing::upload(&task, b"waits");
+        let waiting = store.insert_upload(&upload);
+        tokio::pin!(waiting);
+        assert!(futures::poll!(&mut waiting).is_pending());
+        assert_eq!(store.tasks().await.unwrap().len(), 1);
+        assert!(store.uploads().await.unwrap().is_empty());
+        drop(slow);
+        waiting.await.unwrap();
+        assert_eq!(store.uploads().await.unwrap().len(), 1);
+        let error = super::fault("waiting")(sqlx::Error::PoolTimedOut);
+        assert!(error.kind() == Kind::Unavailable && error.message().contains("Try again"), "{error}");
+    }
+}

@@ -1,0 +1,120 @@
+//! Databases as earlier versions left them, dumped as SQL: each is opened, migrated, and is sound afterwards.
+//!
+//! A change of the schema adds a sample of the schema before it: `tests/samples/README.md` says how.
+
+use super::super::{look::newest_schema, *};
+use crate::{domain::order::JobFilter, error::Kind};
+
+/// Each with its version, and how many rows of which table it must still have.
+const SAMPLES: [(i64, &str, &[(&str, i64)]); 3] = [
+    (
+        8,
+        include_str!("../../../../tests/samples/schema_0008.sql"),
+        &[("episodes", 12), ("labels", 12), ("jobs", 2), ("encoders", 1), ("policies", 1), ("deployment_changes", 2)],
+    ),
+    (
+        10,
+        include_str!("../../../../tests/samples/schema_0010.sql"),
+        &[("episodes", 12), ("jobs", 2), ("policies", 1), ("evaluations", 1), ("job_metrics", 6)],
+    ),
+    (
+        17,
+        include_str!("../../../../tests/samples/schema_0017.sql"),
+        &[("episodes", 14), ("jobs", 7), ("score_runs", 1), ("datasets", 1), ("policies", 2), ("export_files", 33)],
+    ),
+];
+
+async fn load(path: &Path, dump: &'static str) {
+    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+    let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.unwrap();
+    sqlx::raw_sql(dump).execute(&pool).await.unwrap();
+    pool.close().await;
+}
+
+#[tokio::test]
+async fn every_sample_is_migrated_whole() {
+    for (version, dump, counts) in SAMPLES {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("gleaner.db");
+        load(&path, dump).await;
+
+        // Looking migrates a copy, and leaves the file as it is.
+        let before = std::fs::read(&path).unwrap();
+        let look = Look::open(&path).await.unwrap();
+        assert_eq!(look.schema, version);
+        assert_eq!(look.store.wrong_rows().await.unwrap(), [], "schema {version}");
+        look.store.close().await;
+        assert!(std::fs::read(&path).unwrap() == before, "schema {version}");
+
+        let store = Store::open(&path).await.unwrap();
+        assert_eq!(known_version(&store).await, newest_schema());
+        assert_eq!(store.integrity().await.unwrap(), [], "schema {version}");
+        assert_eq!(store.wrong_rows().await.unwrap(), [], "schema {version}");
+        for (table, expected) in counts {
+            let query = format!("select count(*) from {table}");
+            let found: i64 = sqlx::query_scalar(sqlx::AssertSqlSafe(query)).fetch_one(store.read()).await.unwrap();
+            assert_eq!(found, *expected, "{table} of schema {version}");
+        }
+        reads(&store).await;
+    }
+}
+
+/// Everything reads back through the doors that the server uses.
+async fn reads(store: &Store) {
+    for (task, _) in store.tasks().await.unwrap() {
+        for policy in store.policies(&task.id).await.unwrap() {
+            store.evaluations(&policy.id).await.unwrap();
+        }
+        for run in store.score_runs(&task.id).await.unwrap() {
+            for episode in store.scored_episodes(&run.id).await.unwrap() {
+                store.episode_scores(&run.id, &episode).await.unwrap();
+            }
+        }
+        for dataset in store.datasets(&task.id).await.unwrap() {
+            store.dataset_contents(&dataset.id).await.unwrap();
+        }
+        for snapshot in store.snapshots(&task.id).await.unwrap() {
+            assert!(!store.recordings(&snapshot.id).await.unwrap().is_empty());
+        }
+    }
+    assert!(!store.jobs(&JobFilter { task_id: None, state: None }, None, 100).await.unwrap().0.is_empty());
+    store.deployments(None).await.unwrap();
+    store.named_blobs().await.unwrap();
+}
+
+async fn known_version(store: &Store) -> i64 {
+    sqlx::query_scalar("select max(version) from _sqlx_migrations").fetch_one(store.read()).await.unwrap()
+}
+
+#[tokio::test]
+async fn a_newer_database_is_refused_with_both_versions_and_left_alone() {
+    let (dir, store) = testing::store().await;
+    let newer = newest_schema() + 5;
+    testing::run(
+        &store,
+        &format!(
+            "insert into _sqlx_migrations (version, description, success, checksum, execution_time) \
+             values ({newer}, 'tomorrow', 1, x'00', 1)"
+        ),
+    )
+    .await;
+    store.close().await;
+    let path = dir.path().join("gleaner.db");
+    let before = std::fs::read(&path).unwrap();
+    for error in [Store::open(&path).await.unwrap_err(), Look::open(&path).await.unwrap_err()] {
+        assert_eq!(error.kind(), Kind::Precondition, "{error}");
+        for part in [newer, newest_schema()] {
+            assert!(error.message().contains(&part.to_string()), "{error}");
+        }
+    }
+    assert!(std::fs::read(&path).unwrap() == before);
+}
+
+#[tokio::test]
+async fn a_file_that_is_no_database_of_ours_is_told() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("gleaner.db");
+    load(&path, "create table songs (name text)").await;
+    let error = Look::open(&path).await.unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("no database of gleaner"), "{error}");
+}

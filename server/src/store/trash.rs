@@ -1,0 +1,180 @@
+//! Episodes that are deleted: into the trash, back from it, and out of it for good.
+
+use sqlx::{Sqlite, Transaction};
+
+use super::{Store, commit, episode, fault, row};
+use crate::{
+    domain::{
+        episode::Episode,
+        id::{BlobId, EpisodeId, SnapshotId},
+        time::Millis,
+    },
+    error::{Error, Result},
+};
+
+/// What a sweep took out of the trash.
+#[derive(Debug, Default)]
+pub(crate) struct Swept {
+    /// Episodes that are gone with their rows.
+    pub(crate) removed: u64,
+    /// Episodes whose recordings are gone; snapshots hold their rows.
+    pub(crate) purged: u64,
+    /// Their recordings, which nothing may need any more.
+    pub(crate) recordings: Vec<BlobId>,
+}
+
+impl Store {
+    /// Puts all these episodes into the trash or, when one must stay, none. The answer is in the order of `ids`. One
+    /// that is there already stays as long as it would have.
+    ///
+    /// # Errors
+    /// NotFound names the first unknown episode; Precondition the first that a snapshot holds, unless `force`.
+    pub(crate) async fn delete_episodes(&self, ids: &[EpisodeId], force: bool) -> Result<Vec<Episode>> {
+        let mut tx = self.write().await?;
+        let mut deleted = Vec::with_capacity(ids.len());
+        for id in ids {
+            let before = episode::by_id(&mut tx, id).await?;
+            let before = before.ok_or_else(|| Error::not_found("episode", format!("{id}; nothing was deleted")))?;
+            if !force {
+                refuse_what_is_needed(&mut tx, id).await?;
+            }
+            sqlx::query(
+                "update episodes set deleted_at = coalesce(deleted_at, ?), delete_forced = max(delete_forced, ?) \
+                 where id = ?",
+            )
+            .bind(Millis::now().0)
+            .bind(force)
+            .bind(id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("deleting an episode"))?;
+            deleted.push(episode::by_id(&mut tx, id).await?.unwrap_or(before));
+        }
+        commit(tx).await?;
+        Ok(deleted)
+    }
+
+    /// Takes all these episodes out of the trash, or none. One that is not in it stays as it is.
+    ///
+    /// # Errors
+    /// NotFound names the first that is unknown or gone for good.
+    pub(crate) async fn undelete_episodes(&self, ids: &[EpisodeId]) -> Result<Vec<Episode>> {
+        let mut tx = self.write().await?;
+        let mut back = Vec::with_capacity(ids.len());
+        for id in ids {
+            sqlx::query("update episodes set deleted_at = null, delete_forced = 0 where id = ? and purged_at is null")
+                .bind(id.as_str())
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("taking an episode back"))?;
+            let episode = episode::by_id(&mut tx, id).await?;
+            back.push(episode.ok_or_else(|| {
+                Error::not_found("episode", format!("{id}: unknown, or removed for good; nothing was taken back"))
+            })?);
+        }
+        commit(tx).await?;
+        Ok(back)
+    }
+
+    /// Takes out of the trash for good what was put there before `time`. An episode that a snapshot holds leaves its
+    /// row, and goes only if it was deleted by force and no job of its task is under way.
+    pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
+        let mut tx = self.write().await?;
+        let gone: Vec<(String, String)> = sqlx::query_as(
+            "select id, recording from episodes where deleted_at < ? \
+             and not exists (select 1 from snapshot_episodes where episode_id = episodes.id) \
+             and not exists (select 1 from episode_scores where episode_id = episodes.id)",
+        )
+        .bind(time.0)
+        .fetch_all(&mut *tx)
+        .await
+        .map_err(fault("looking through the trash"))?;
+        for (id, _) in &gone {
+            for query in ["delete from labels where episode_id = ?", "delete from episodes where id = ?"] {
+                sqlx::query(query).bind(id).execute(&mut *tx).await.map_err(fault("emptying the trash"))?;
+            }
+        }
+        // The newest labels may have gone, and their numbers are given again.
+        sqlx::query("update schedules set label_mark = min(label_mark, (select coalesce(max(id), 0) from labels))")
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("emptying the trash"))?;
+        let purged: Vec<String> = sqlx::query_scalar(
+            "update episodes set purged_at = ?1 where deleted_at < ?2 and delete_forced and purged_at is null \
+             and not exists (select 1 from jobs where jobs.task_id = episodes.task_id and state in ('queued', 'running')) \
+             returning recording",
+        )
+        .bind(Millis::now().0)
+        .bind(time.0)
+        .fetch_all(&mut *tx)
+        .await
+        .map_err(fault("emptying the trash"))?;
+        commit(tx).await?;
+        let (removed, counted) = (gone.len() as u64, purged.len() as u64);
+        let recordings = gone.into_iter().map(|(_, recording)| recording).chain(purged);
+        let recordings = recordings.map(|blob| row::id("episodes.recording", blob)).collect::<Result<_>>()?;
+        Ok(Swept { removed, purged: counted, recordings })
+    }
+
+    /// Refuses a snapshot of which a recording is gone: nothing can be learned from it any more.
+    ///
+    /// # Errors
+    /// Precondition.
+    pub(crate) async fn expect_recordings(&self, snapshot: &SnapshotId) -> Result<()> {
+        let gone: Option<String> = sqlx::query_scalar(
+            "select id from episodes join snapshot_episodes on episode_id = id \
+             where snapshot_id = ? and purged_at is not null order by id limit 1",
+        )
+        .bind(snapshot.as_str())
+        .fetch_optional(self.read())
+        .await
+        .map_err(fault("looking for what was deleted"))?;
+        match gone {
+            None => Ok(()),
+            Some(episode) => Err(Error::precondition(format!(
+                "the recording of {episode}, which {snapshot} holds, was deleted for good: make a new snapshot, or push \
+                 the recording again"
+            ))),
+        }
+    }
+
+    /// When the longest running attempt began; what it made may not have its rows yet.
+    pub(crate) async fn oldest_running(&self) -> Result<Option<Millis>> {
+        let oldest: Option<i64> = sqlx::query_scalar("select min(started_at) from jobs where state = 'running'")
+            .fetch_one(self.read())
+            .await
+            .map_err(fault("asking what is running"))?;
+        Ok(oldest.map(Millis))
+    }
+}
+
+/// Says who needs an episode: the snapshots that hold it, and what was made from them.
+async fn refuse_what_is_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<()> {
+    let (snapshots, first): (i64, Option<String>) =
+        sqlx::query_as("select count(*), min(snapshot_id) from snapshot_episodes where episode_id = ?")
+            .bind(id.as_str())
+            .fetch_one(&mut **tx)
+            .await
+            .map_err(fault("asking who holds an episode"))?;
+    let Some(first) = first else { return Ok(()) };
+    let (runs, datasets, policies): (i64, i64, i64) = sqlx::query_as(
+        "with held(id) as (select snapshot_id from snapshot_episodes where episode_id = ?), \
+         runs(id) as (select id from score_runs where snapshot_id in held), \
+         sets(id) as (select id from datasets where score_run_id in runs) \
+         select (select count(*) from runs), (select count(*) from sets), \
+         (select count(*) from policies join jobs on jobs.id = job_id where dataset_id in sets \
+          or json_extract(jobs.spec, '$.snapshot_id') in held)",
+    )
+    .bind(id.as_str())
+    .fetch_one(&mut **tx)
+    .await
+    .map_err(fault("asking what was made from an episode"))?;
+    let others = if snapshots > 1 { format!(" and {} more snapshots", snapshots - 1) } else { String::new() };
+    Err(Error::precondition(format!(
+        "{id} is in {first}{others}; {runs} score runs, {datasets} datasets and {policies} policies come from them. Force \
+         it to delete it all the same: its recording then goes, and what was made from it cannot be made again"
+    )))
+}
+
+#[cfg(test)]
+mod tests;
