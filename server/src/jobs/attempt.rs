@@ -6,7 +6,10 @@ use tokio::process::Child;
 use tracing::Instrument as _;
 
 use super::{Room, lease::Lease, process, token::Mint};
-use crate::domain::{attempt::AttemptEnd, job::Job};
+use crate::{
+    domain::{attempt::AttemptEnd, job::Job},
+    telemetry::memory,
+};
 
 /// How long a worker that was asked to stop may take.
 const GRACE: Duration = Duration::from_secs(10);
@@ -19,7 +22,14 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
         let lease = room.leases.grant(&attempt);
         tracing::info!("attempt started");
         let end = match process::start(&room.config, room.server, &mint.token(&job.id)) {
-            Ok(child) => watch_over(room, child, &lease).await,
+            Ok(child) => {
+                crate::fail_point::pass("worker.started");
+                let memory = memory::of_worker(child.id().unwrap_or(0), job.spec.kind().as_str());
+                tokio::select! {
+                    end = watch_over(room, child, &lease) => end,
+                    never = memory => match never {},
+                }
+            }
             Err(error) => AttemptEnd::Broken(format!("the worker could not be started: {error}")),
         };
         // A stop is why, whatever the process looked like when it ended.

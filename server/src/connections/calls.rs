@@ -1,0 +1,145 @@
+//! Who calls how often: so many calls a second, so many at once, for each client.
+
+use std::{
+    collections::HashMap,
+    net::IpAddr,
+    num::NonZeroU32,
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicU32, Ordering::Relaxed},
+    },
+};
+
+use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter, clock::Clock as _};
+
+use crate::error::{Error, Result};
+
+/// Calls between two times at which clients that have not called for a while are forgotten.
+const TIDY_EVERY: u32 = 4096;
+
+/// Who a call is counted for.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub(crate) enum Client {
+    /// Whoever has this token, by its id. Put among a call's extensions by who has checked it.
+    Token(Arc<str>),
+    /// Whoever is at this address and has no token.
+    Address(IpAddr),
+}
+
+/// The clients' calls.
+pub(super) struct Calls {
+    rate: DefaultKeyedRateLimiter<Client>,
+    per_second: u32,
+    tidied: AtomicU32,
+    running: Arc<Running>,
+}
+
+struct Running {
+    most: usize,
+    by_client: Mutex<HashMap<Client, usize>>,
+}
+
+/// A call that runs until this is dropped.
+pub(super) struct Call {
+    running: Arc<Running>,
+    client: Client,
+}
+
+impl Calls {
+    pub(super) fn new(per_second: u32, at_once: usize) -> Self {
+        let one = NonZeroU32::MIN;
+        let burst = NonZeroU32::new(per_second.saturating_mul(2)).unwrap_or(one);
+        let quota = Quota::per_second(NonZeroU32::new(per_second).unwrap_or(one)).allow_burst(burst);
+        Self {
+            rate: RateLimiter::keyed(quota),
+            per_second,
+            tidied: AtomicU32::new(0),
+            running: Arc::new(Running { most: at_once, by_client: Mutex::default() }),
+        }
+    }
+
+    /// Lets a call in.
+    ///
+    /// # Errors
+    /// Exhausted, saying when to try again.
+    pub(super) fn begin(&self, client: Client) -> Result<Call> {
+        if self.tidied.fetch_add(1, Relaxed) % TIDY_EVERY == TIDY_EVERY - 1 {
+            self.rate.retain_recent();
+        }
+        if let Err(early) = self.rate.check_key(&client) {
+            let wait = early.wait_time_from(self.rate.clock().now()).as_millis().max(1);
+            metrics::counter!("gleaner_calls_refused_total", "reason" => "rate").increment(1);
+            return Err(Error::exhausted(format!(
+                "more than {} calls a second (--calls-per-second); try again in {wait} ms",
+                self.per_second
+            )));
+        }
+        let mut by_client = self.running.by_client();
+        let running = by_client.entry(client.clone()).or_default();
+        if *running >= self.running.most {
+            metrics::counter!("gleaner_calls_refused_total", "reason" => "at_once").increment(1);
+            let most = self.running.most;
+            return Err(Error::exhausted(format!(
+                "{most} calls run already (--calls-at-once); end one, then try again"
+            )));
+        }
+        *running += 1;
+        drop(by_client);
+        Ok(Call { running: Arc::clone(&self.running), client })
+    }
+}
+
+impl Running {
+    fn by_client(&self) -> MutexGuard<'_, HashMap<Client, usize>> {
+        self.by_client.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Drop for Call {
+    fn drop(&mut self) {
+        let mut by_client = self.running.by_client();
+        if let Some(running) = by_client.get_mut(&self.client) {
+            *running -= 1;
+            if *running == 0 {
+                by_client.remove(&self.client);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::error::Kind;
+
+    fn token(name: &str) -> Client {
+        Client::Token(name.into())
+    }
+
+    #[test]
+    fn who_calls_too_often_is_told_when_to_call_again_and_others_go_on() {
+        let calls = Calls::new(1, 100);
+        calls.begin(token("a")).unwrap();
+        calls.begin(token("a")).unwrap();
+        let error = calls.begin(token("a")).err().unwrap();
+        assert_eq!(error.kind(), Kind::Exhausted);
+        assert!(error.message().contains("try again in ") && error.message().contains("--calls-per-second"), "{error}");
+        calls.begin(token("b")).unwrap();
+        calls.begin(Client::Address([127, 0, 0, 1].into())).unwrap();
+    }
+
+    #[test]
+    fn so_many_run_at_once_and_no_more() {
+        let calls = Calls::new(1000, 2);
+        let first = calls.begin(token("a")).unwrap();
+        let _second = calls.begin(token("a")).unwrap();
+        let error = calls.begin(token("a")).err().unwrap();
+        assert!(error.message().contains("--calls-at-once"), "{error}");
+        let other = calls.begin(token("b")).unwrap();
+        drop(first);
+        let _third = calls.begin(token("a")).unwrap();
+        drop(other);
+        assert_eq!(calls.running.by_client().len(), 1, "who runs nothing is forgotten");
+    }
+}

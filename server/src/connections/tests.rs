@@ -1,0 +1,139 @@
+//! Peers that hold connections for nothing.
+
+#![allow(clippy::unwrap_used)]
+use std::{io::ErrorKind, net::SocketAddr, time::Duration};
+
+use futures::StreamExt as _;
+use tokio::{
+    io::{AsyncReadExt as _, AsyncWriteExt as _, DuplexStream, duplex},
+    net::{TcpListener, TcpStream},
+    time::{Instant, timeout},
+};
+use tokio_util::sync::CancellationToken;
+
+use super::{
+    guarded::{Guarded, Terms},
+    link::Link,
+    *,
+};
+
+const FIRST_CALL: Duration = Duration::from_secs(8);
+const STALL: Duration = Duration::from_secs(30);
+const LONG: Duration = Duration::from_secs(3600);
+
+/// A connection under watch, its peer's end, and what cuts it.
+fn guarded() -> (Guarded<DuplexStream>, DuplexStream, CancellationToken) {
+    let (ours, theirs) = duplex(16);
+    let peer: SocketAddr = "10.0.0.1:1".parse().unwrap();
+    let cut = CancellationToken::new();
+    let terms = Terms { first_call_by: Instant::now() + FIRST_CALL, stall: STALL, cut: cut.clone() };
+    let place = Places::new(1, 1).take(peer.ip()).ok().unwrap();
+    (Guarded::new(ours, Link::new(peer), place, terms), theirs, cut)
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_connection_without_a_call_ends_whatever_is_said_on_it() {
+    let (mut ours, mut theirs, _cut) = guarded();
+    let begun = Instant::now();
+    let drip = tokio::spawn(async move {
+        while theirs.write_all(b"x").await.is_ok() {
+            tokio::time::sleep(Duration::from_secs(1)).await;
+        }
+    });
+    let ended = loop {
+        match ours.read_u8().await {
+            Ok(_) => {}
+            Err(error) => break error,
+        }
+    };
+    assert_eq!(ended.kind(), ErrorKind::TimedOut);
+    assert_eq!(begun.elapsed(), FIRST_CALL);
+    drop(ours);
+    drip.await.unwrap();
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_connection_with_a_call_may_be_silent_and_its_bytes_are_counted() {
+    let (mut ours, mut theirs, _cut) = guarded();
+    ours.link().call();
+    theirs.write_all(b"abc").await.unwrap();
+    let mut read = [0; 3];
+    ours.read_exact(&mut read).await.unwrap();
+    assert_eq!(ours.link().received(), 3);
+    assert!(timeout(LONG, ours.read_u8()).await.is_err(), "the transport's pings find out whether it is there");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_peer_that_takes_nothing_is_given_up_and_a_slow_one_is_not() {
+    let (mut ours, _theirs, _cut) = guarded();
+    let begun = Instant::now();
+    assert_eq!(ours.write_all(&[0; 100]).await.unwrap_err().kind(), ErrorKind::TimedOut);
+    assert_eq!(begun.elapsed(), STALL);
+
+    let (mut ours, mut theirs, _cut) = guarded();
+    let slow = tokio::spawn(async move {
+        let mut taken = 0;
+        while theirs.read_u8().await.is_ok() {
+            taken += 1;
+            tokio::time::sleep(STALL / 2).await;
+        }
+        taken
+    });
+    ours.write_all(&[0; 100]).await.unwrap();
+    drop(ours);
+    assert_eq!(slow.await.unwrap(), 100);
+}
+
+#[tokio::test(start_paused = true)]
+async fn every_connection_can_be_cut() {
+    let (mut ours, _theirs, cut) = guarded();
+    ours.link().call();
+    let (ended, ()) = tokio::join!(ours.read_u8(), async { cut.cancel() });
+    assert_eq!(ended.unwrap_err().kind(), ErrorKind::ConnectionAborted);
+}
+
+async fn listen() -> (TcpListener, SocketAddr) {
+    let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
+    let address = listener.local_addr().unwrap();
+    (listener, address)
+}
+
+/// What a peer reads last: nothing, or that it was thrown out.
+async fn ended(stream: &mut TcpStream) -> bool {
+    matches!(timeout(LONG, stream.read(&mut [0; 8])).await.unwrap(), Ok(0) | Err(_))
+}
+
+#[tokio::test]
+async fn the_connection_too_many_is_closed_and_the_next_has_its_place() {
+    let config = ConnectionsConfig { max_connections_per_address: 2, ..ConnectionsConfig::default() };
+    let (listener, address) = listen().await;
+    let mut incoming = Connections::new(config).plain(listener);
+    let mut peers = Vec::new();
+    let mut kept = Vec::new();
+    for _ in 0..2 {
+        peers.push(TcpStream::connect(address).await.unwrap());
+        kept.push(incoming.next().await.unwrap().unwrap());
+    }
+    assert!(ended(&mut TcpStream::connect(address).await.unwrap()).await);
+    kept.pop();
+    assert!(ended(&mut peers[1]).await);
+    let _next = TcpStream::connect(address).await.unwrap();
+    incoming.next().await.unwrap().unwrap();
+}
+
+#[tokio::test]
+async fn a_handshake_that_does_not_end_holds_up_nobody_and_is_ended() {
+    let config = ConnectionsConfig { first_call_seconds: 1, ..ConnectionsConfig::default() };
+    let connections = Connections::new(config);
+    let (listener, address) = listen().await;
+    let mut incoming = incoming(&connections, listener, |mut stream| async move {
+        stream.read_u8().await?;
+        Ok(stream)
+    });
+    let mut silent = TcpStream::connect(address).await.unwrap();
+    let mut good = TcpStream::connect(address).await.unwrap();
+    good.write_all(b"hello").await.unwrap();
+    let through = incoming.next().await.unwrap().unwrap();
+    assert_eq!(through.link().peer(), good.local_addr().unwrap());
+    assert!(ended(&mut silent).await);
+}

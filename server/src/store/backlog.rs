@@ -1,0 +1,36 @@
+//! How much work there is: for who watches the server.
+
+use super::{Store, fault, row};
+use crate::{
+    domain::{job::JobState, time::Millis},
+    error::Result,
+};
+
+/// The jobs there are.
+#[derive(Debug, Default)]
+pub(crate) struct Backlog {
+    /// Jobs in each state that has any.
+    pub(crate) jobs: Vec<(JobState, u64)>,
+    /// When the oldest job that still waits was queued.
+    pub(crate) oldest_queued: Option<Millis>,
+}
+
+impl Store {
+    /// Counts the jobs.
+    pub(crate) async fn backlog(&self) -> Result<Backlog> {
+        let counts: Vec<(String, i64, i64)> =
+            sqlx::query_as("select state, count(*), min(created_at) from jobs group by state")
+                .fetch_all(self.read())
+                .await
+                .map_err(fault("counting jobs"))?;
+        let mut backlog = Backlog::default();
+        for (word, count, oldest) in counts {
+            let state = row::parsed("jobs.state", JobState::from_word(&word))?;
+            if state == JobState::Queued {
+                backlog.oldest_queued = Some(Millis(oldest));
+            }
+            backlog.jobs.push((state, row::count("count(*)", count)?));
+        }
+        Ok(backlog)
+    }
+}

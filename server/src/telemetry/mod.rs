@@ -1,0 +1,39 @@
+//! What the server tells of itself: logs, metrics and traces. Knows no room's inside; any room may call it.
+
+pub(crate) mod memory;
+pub(crate) mod metrics;
+pub(crate) mod request;
+mod rpc;
+mod traces;
+
+use tracing_subscriber::{EnvFilter, Layer as _, layer::SubscriberExt as _, util::SubscriberInitExt as _};
+
+pub use self::traces::Traces;
+pub(crate) use self::rpc::RpcLayer;
+
+/// What to say, and to whom.
+#[derive(Debug, Clone, Copy)]
+pub struct Telling<'a> {
+    /// What to log, as a tracing filter.
+    pub filter: &'a str,
+    /// Log as JSON lines.
+    pub json: bool,
+    /// Where to send traces; `None`: nowhere.
+    pub otlp_endpoint: Option<&'a str>,
+}
+
+/// Sends logs to standard error, as text or JSON lines, and traces to a collector if one is named. With a collector,
+/// call it within the runtime that is to send them, and keep what it gives until all is said.
+///
+/// # Errors
+/// A sentence when the filter or the endpoint cannot be used, or logging was set up before.
+pub fn start(telling: Telling<'_>) -> Result<Traces, String> {
+    let Telling { filter, json, otlp_endpoint } = telling;
+    let filter = EnvFilter::try_new(filter).map_err(|error| format!("--log {filter:?}: {error}"))?;
+    let logs = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    let logs = if json { logs.json().boxed() } else { logs.boxed() };
+    let (traces, layer) = Traces::to(otlp_endpoint)?;
+    let result = tracing_subscriber::registry().with(logs.with_filter(filter)).with(layer).try_init();
+    result.map_err(|error| error.to_string())?;
+    Ok(traces)
+}

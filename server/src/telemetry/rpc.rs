@@ -1,0 +1,161 @@
+//! The layer around every call, outermost: its span, its id, how long it took and how it ended.
+
+use std::{
+    pin::Pin,
+    task::{Context, Poll},
+    time::Instant,
+};
+
+use http::{HeaderMap, HeaderValue, Request, Response};
+use http_body::{Body, Frame, SizeHint};
+use tonic::{Code, Status};
+use tower::{Layer, Service};
+use tracing::Span;
+use ulid::Ulid;
+
+use super::{metrics, request};
+
+/// Wraps the services; see [`RpcService`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RpcLayer;
+
+impl<S> Layer<S> for RpcLayer {
+    type Service = RpcService<S>;
+
+    fn layer(&self, inner: S) -> RpcService<S> {
+        RpcService { inner }
+    }
+}
+
+/// Gives each call a span and an id, and counts it.
+#[derive(Debug, Clone)]
+pub(crate) struct RpcService<S> {
+    inner: S,
+}
+
+impl<S, I, O> Service<Request<I>> for RpcService<S>
+where
+    S: Service<Request<I>, Response = Response<O>>,
+    S::Future: Send + 'static,
+    O: Body,
+{
+    type Response = Response<Told<O>>;
+    type Error = S::Error;
+    type Future = Pin<Box<dyn Future<Output = Result<Self::Response, S::Error>> + Send>>;
+
+    fn poll_ready(&mut self, cx: &mut Context<'_>) -> Poll<Result<(), S::Error>> {
+        self.inner.poll_ready(cx)
+    }
+
+    fn call(&mut self, request: Request<I>) -> Self::Future {
+        let call = Call::begin(request.uri().path());
+        let answer = call.within(|| self.inner.call(request));
+        Box::pin(Within { call: Some(call), answer: Box::pin(answer) })
+    }
+}
+
+/// One call.
+struct Call {
+    id: Ulid,
+    span: Span,
+    path: String,
+    begun: Instant,
+    /// How it ended, once that is known.
+    code: Option<Code>,
+}
+
+impl Call {
+    fn begin(path: &str) -> Self {
+        let id = Ulid::generate();
+        let span = tracing::info_span!("rpc", rpc.path = path, request.id = %id, rpc.code = tracing::field::Empty);
+        Self { id, span, path: path.to_owned(), begun: Instant::now(), code: None }
+    }
+
+    fn within<T>(&self, work: impl FnOnce() -> T) -> T {
+        self.span.in_scope(|| request::within(self.id, work))
+    }
+
+    /// Reads how the call ended, and tells the caller of one that failed its id.
+    fn ends(&mut self, metadata: &mut HeaderMap) {
+        let Some(status) = metadata.get(Status::GRPC_STATUS) else { return };
+        let code = Code::from_bytes(status.as_bytes());
+        self.code = Some(code);
+        if code != Code::Ok
+            && let Ok(id) = HeaderValue::from_str(&self.id.to_string())
+        {
+            metadata.insert(request::HEADER, id);
+        }
+    }
+}
+
+impl Drop for Call {
+    fn drop(&mut self) {
+        // Without a word how it ended: the caller has gone, or broke it off.
+        let code = self.code.unwrap_or(Code::Cancelled);
+        self.span.record("rpc.code", metrics::code(code));
+        metrics::rpc(&self.path, code, self.begun.elapsed());
+    }
+}
+
+/// An answer on its way.
+struct Within<F> {
+    /// Until the answer has it.
+    call: Option<Call>,
+    answer: Pin<Box<F>>,
+}
+
+impl<F, O, E> Future for Within<F>
+where
+    F: Future<Output = Result<Response<O>, E>>,
+{
+    type Output = Result<Response<Told<O>>, E>;
+
+    fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
+        let Self { call, answer } = &mut *self;
+        let Some(at) = call.as_ref() else { return Poll::Pending };
+        let answered = std::task::ready!(at.within(|| answer.as_mut().poll(cx)));
+        Poll::Ready(answered.map(|mut response| {
+            if let Some(call) = call.as_mut() {
+                call.ends(response.headers_mut());
+            }
+            let call = call.take();
+            response.map(|body| Told { body, call })
+        }))
+    }
+}
+
+/// An answer's body, polled for its call.
+pub(crate) struct Told<O> {
+    body: O,
+    /// Until the answer has ended.
+    call: Option<Call>,
+}
+
+impl<O: Body + Unpin> Body for Told<O> {
+    type Data = O::Data;
+    type Error = O::Error;
+
+    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<O::Data>, O::Error>>> {
+        let Self { body, call } = &mut *self;
+        let Some(at) = call.as_mut() else { return Pin::new(body).poll_frame(cx) };
+        let mut polled = at.within(|| Pin::new(body).poll_frame(cx));
+        if let Poll::Ready(Some(Ok(frame))) = &mut polled
+            && let Some(trailers) = frame.trailers_mut()
+        {
+            at.ends(trailers);
+        }
+        if let Poll::Ready(None) = &polled {
+            // It may be kept for a while yet.
+            *call = None;
+        }
+        polled
+    }
+
+    fn is_end_stream(&self) -> bool {
+        self.body.is_end_stream()
+    }
+
+    fn size_hint(&self) -> SizeHint {
+        self.body.size_hint()
+    }
+}

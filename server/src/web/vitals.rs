@@ -1,0 +1,31 @@
+//! What is measured when somebody looks: jobs, the disk, memory.
+
+use metrics::gauge;
+
+use crate::{
+    domain::{job::JobState, time::Millis},
+    error::{Error, Result},
+    service::Rooms,
+    telemetry::memory,
+};
+
+/// Measures.
+#[expect(clippy::cast_precision_loss, reason = "far below 2^52 of anything")]
+pub(super) async fn take(rooms: &Rooms) -> Result<()> {
+    let backlog = rooms.store.backlog().await?;
+    for state in JobState::ALL {
+        let count = backlog.jobs.iter().find(|(of, _)| *of == state).map_or(0, |(_, count)| *count);
+        gauge!("gleaner_jobs", "state" => state.as_str()).set(count as f64);
+    }
+    let waited = backlog.oldest_queued.map_or(0, |since| (Millis::now().0 - since.0).max(0));
+    gauge!("gleaner_queue_age_seconds").set(waited as f64 / 1000.0);
+    let folder = rooms.config.data_dir.clone();
+    let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&folder))
+        .await
+        .map_err(|error| Error::internal("looking at the disk", error))?
+        .map_err(|error| Error::internal("looking at the disk", error))?;
+    gauge!("gleaner_disk_free_bytes").set((disk.f_bavail * disk.f_frsize) as f64);
+    gauge!("gleaner_disk_size_bytes").set((disk.f_blocks * disk.f_frsize) as f64);
+    gauge!("gleaner_memory_bytes").set(memory::resident(std::process::id()).unwrap_or(0) as f64);
+    Ok(())
+}
