@@ -94,11 +94,13 @@ async fn nothing_but_its_health_is_told_to_who_has_no_token() {
         assert_eq!(code, if open { Code::Ok } else { Code::Unauthenticated }, "{}", rpc.path());
     }
     let health = "/grpc.health.v1.Health/Check";
+    // The message that asks reflection for the list of services.
+    const LIST_SERVICES: [u8; 2] = [0x3a, 0];
     let reflection = "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo";
     assert_eq!(raw::call(&channel, health, None, Vec::new()).await, Code::Ok);
     assert_eq!(raw::call(&channel, reflection, None, Vec::new()).await, Code::Unauthenticated);
     let viewer = server.token("viewer", &[]).await;
-    assert_eq!(raw::call(&channel, reflection, Some(&viewer), Vec::new()).await, Code::Ok);
+    assert_eq!(raw::call(&channel, reflection, Some(&viewer), LIST_SERVICES.to_vec()).await, Code::Ok);
     assert_eq!(
         raw::call(&channel, "/gleaner.v1.TaskService/Nothing", Some(&viewer), Vec::new()).await,
         Code::Unimplemented
@@ -218,7 +220,7 @@ async fn no_log_and_no_file_tells_a_token() {
     server.command(&["token", "revoke", "gone"]).await.unwrap();
     let unknown = "gleaner_a_token_of_another_server";
     let channel = raw::connect(&server).await;
-    for token in [&good, &gone, unknown] {
+    for token in [good.as_str(), gone.as_str(), unknown] {
         for rpc in [Rpc::TaskServiceListTasks, Rpc::TaskServiceCreateTask, Rpc::WorkerServiceGetAssignment] {
             raw::call(&channel, rpc.path(), Some(token), Vec::new()).await;
         }
@@ -230,7 +232,7 @@ async fn no_log_and_no_file_tells_a_token() {
     let private = key.lines().nth(1).unwrap();
     let files =
         ["gleaner.db", "gleaner.db-wal"].map(|name| std::fs::read(server.data_dir().join(name)).unwrap_or_default());
-    for secret in [&good, &gone, unknown, private] {
+    for secret in [good.as_str(), gone.as_str(), unknown, private] {
         assert!(!log.contains(secret), "{}", log.lines().find(|line| line.contains(secret)).unwrap());
         let tells = |bytes: &[u8]| bytes.windows(secret.len()).any(|part| part == secret.as_bytes());
         assert!(!files.iter().any(|bytes| tells(bytes)));

@@ -77,7 +77,7 @@ async fn no_text_of_any_rpc_leads_out_of_the_data_folder() {
     }
     assert!(calls.len() > 1000);
     let codes: Vec<_> = futures::stream::iter(calls).buffer_unordered(32).collect().await;
-    assert!(codes.iter().filter(|code| **code == tonic::Code::InvalidArgument).count() > 500, "they were read");
+    assert!(codes.iter().filter(|code| **code == tonic::Code::InvalidArgument).count() > 300, "they were read");
     let new: Vec<String> = tree(&outer).difference(&before).cloned().collect();
     assert!(!new.iter().any(|path| path.contains("escaped")), "{new:?}");
     assert!(new.iter().all(|path| path.starts_with("data/")), "{new:?}");
