@@ -3,10 +3,11 @@
 //! Records are read one at a time, so memory follows the largest record, not the file. Knows nothing of
 //! dialects or tasks.
 
+mod chunks;
 mod record;
 
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
@@ -14,11 +15,10 @@ use mcap::McapError;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use crate::error::RecordingError;
+use crate::limits::Limits;
 
 pub(crate) use record::Record;
 
-/// Largest single record; images and attachments are far below.
-const MAX_RECORD_BYTES: usize = 256 << 20;
 /// Bytes asked of the file at once.
 const READ_BYTES: usize = 256 << 10;
 
@@ -37,6 +37,7 @@ pub(crate) enum Ending {
 /// Those of `visit`; [`RecordingError::Io`], `Empty`, `NotMcap`, `TooLarge` and `Damaged`.
 pub(crate) fn scan(
     path: &Path,
+    limits: &Limits,
     visit: &mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>,
 ) -> Result<Ending, RecordingError> {
     let io = |source| RecordingError::Io { path: path.to_path_buf(), source };
@@ -48,11 +49,14 @@ pub(crate) fn scan(
     if file.read_exact(&mut magic).is_err() || magic != mcap::MAGIC {
         return Err(RecordingError::NotMcap { path: path.to_path_buf() });
     }
+    chunks::check(&file, limits)?;
+    file.seek(SeekFrom::Start(mcap::MAGIC.len() as u64)).map_err(io)?;
     let options = LinearReaderOptions::default()
         .with_skip_start_magic(true)
         .with_validate_chunk_crcs(true)
-        .with_record_length_limit(MAX_RECORD_BYTES);
+        .with_record_length_limit(limits.chunk_bytes);
     let mut reader = LinearReader::new_with_options(options);
+    let mut records = 0;
     loop {
         match next_event(&mut reader) {
             None => return Ok(Ending::Whole),
@@ -62,15 +66,59 @@ pub(crate) fn scan(
                 reader.notify_read(read);
             }
             Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                records += 1;
+                check(records, data.len(), limits)?;
                 if let Some(record) = record::parse(opcode, data)? {
+                    check_names(&record, limits)?;
                     visit(record)?;
                 }
             }
             // Other closing bytes than the magic are a cut too: all records have been read by then.
             Some(Err(McapError::UnexpectedEof | McapError::BadMagic)) => return Ok(Ending::Cut),
-            Some(Err(error)) => return Err(damaged(&error)),
+            Some(Err(error)) => return Err(damaged(&error, limits)),
         }
     }
+}
+
+/// Holds a record's number and length against the limits.
+fn check(records: u64, bytes: usize, limits: &Limits) -> Result<(), RecordingError> {
+    let too_large = |problem| Err(RecordingError::TooLarge { problem });
+    if records > limits.records {
+        return too_large(format!("the file has more than {} records; split the recording", limits.records));
+    }
+    if bytes > limits.record_bytes {
+        return too_large(format!(
+            "a record has {bytes} bytes and may have {}; record smaller messages",
+            limits.record_bytes
+        ));
+    }
+    Ok(())
+}
+
+/// Names end up in reports, messages and logs.
+fn check_names(record: &Record<'_>, limits: &Limits) -> Result<(), RecordingError> {
+    let names = match record {
+        Record::Schema { name, encoding, .. } => [("a schema's name", *name), ("a schema's encoding", *encoding)],
+        Record::Channel { topic, encoding, .. } => [("a topic", *topic), ("a channel's encoding", *encoding)],
+        Record::Header { profile } => [("the profile", *profile), ("", "")],
+        Record::Metadata { name, .. } => [("the name of metadata", *name), ("", "")],
+        Record::Message { .. } => return Ok(()),
+    };
+    for (what, name) in names {
+        if name.len() > limits.name_bytes {
+            let problem = format!(
+                "{what} has {} bytes and may have {}; record it under a shorter name",
+                name.len(),
+                limits.name_bytes
+            );
+            return Err(RecordingError::TooLarge { problem });
+        }
+        if name.chars().any(char::is_control) {
+            let problem = format!("{what} has control characters: {name:?}; record it under a plain name");
+            return Err(RecordingError::Damaged { problem });
+        }
+    }
+    Ok(())
 }
 
 /// The container crate still panics on some hostile bytes; those are damage like any other.
@@ -85,10 +133,12 @@ fn next_event(reader: &mut LinearReader) -> Option<Result<LinearReadEvent<'_>, M
     }
 }
 
-fn damaged(error: &McapError) -> RecordingError {
+fn damaged(error: &McapError, limits: &Limits) -> RecordingError {
     if matches!(error, McapError::RecordTooLarge { .. } | McapError::ChunkTooLarge(_)) {
-        let limit = MAX_RECORD_BYTES >> 20;
-        let problem = format!("{error}; a record may have {limit} MiB, so the file is damaged or of another kind");
+        let problem = format!(
+            "{error}; a chunk may have {} bytes, packed and unpacked, so the file is damaged or of another kind",
+            limits.chunk_bytes
+        );
         return RecordingError::TooLarge { problem };
     }
     RecordingError::Damaged { problem: format!("{error}; record or copy the file again") }
@@ -109,7 +159,7 @@ mod tests {
         let path = folder.path().join("a.mcap");
         std::fs::write(&path, bytes).unwrap();
         let mut messages = 0;
-        let ending = scan(&path, &mut |record| {
+        let ending = scan(&path, &Limits::default(), &mut |record| {
             messages += usize::from(matches!(record, Record::Message { .. }));
             Ok(())
         });

@@ -2,12 +2,14 @@
 //!
 //! Knows schemas and encodings. Must not know tasks, mappings or steps.
 
+mod budget;
 mod cdr;
 mod json;
 mod protobuf;
 mod ros2msg;
 mod value;
 
+use crate::limits::Limits;
 pub(crate) use value::Value;
 
 /// Turns the messages of one channel into values.
@@ -15,7 +17,10 @@ pub(crate) use value::Value;
 pub(crate) enum Decoder {
     Protobuf(protobuf::Decoder),
     Cdr(cdr::Decoder),
-    Json,
+    Json {
+        /// Deepest nesting.
+        depth: usize,
+    },
 }
 
 /// What an MCAP channel says about its messages.
@@ -33,11 +38,11 @@ pub(crate) struct ChannelSchema<'a> {
 
 impl Decoder {
     /// Prepares to read a channel's messages; the error says why that can't be done and the mend.
-    pub(crate) fn new(schema: ChannelSchema<'_>) -> Result<Self, String> {
+    pub(crate) fn new(schema: ChannelSchema<'_>, limits: &Limits) -> Result<Self, String> {
         match (schema.message_encoding, schema.schema_encoding) {
             ("protobuf", "protobuf") => protobuf::Decoder::new(schema.name, schema.data).map(Self::Protobuf),
             ("cdr", "ros2msg") => cdr::Decoder::new(schema.name, schema.data).map(Self::Cdr),
-            ("json", _) => Ok(Self::Json),
+            ("json", _) => Ok(Self::Json { depth: limits.json_depth }),
             (message, schema) => Err(format!(
                 "messages are encoded as `{message}` with a `{schema}` schema, which can't be read; record with \
                  protobuf (protobuf schema), cdr (ros2msg schema) or json"
@@ -50,7 +55,7 @@ impl Decoder {
         match self {
             Self::Protobuf(decoder) => decoder.decode(bytes),
             Self::Cdr(decoder) => decoder.decode(bytes),
-            Self::Json => json::decode(bytes),
+            Self::Json { depth } => json::decode(bytes, *depth),
         }
     }
 }

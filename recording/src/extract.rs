@@ -14,6 +14,7 @@ use crate::channels::Channels;
 use crate::container::{Record, scan};
 use crate::copy::Copier;
 use crate::error::RecordingError;
+use crate::limits::Limits;
 use crate::plan::{Plan, plan};
 use crate::spec::TaskSpec;
 use crate::whole_file::write_whole;
@@ -45,7 +46,7 @@ pub struct Kept {
 /// As [`crate::read_episode`], and [`RecordingError::Step`] when the stretch is not in the episode.
 pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<(), RecordingError> {
     spec.validate()?;
-    let plan = plan(path, spec)?;
+    let plan = plan(path, spec, &Limits::ADMITTED)?;
     let steps = check(kept, plan.stamps.len())?;
     let source = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let origin = [
@@ -127,14 +128,14 @@ struct Copy<'a> {
 
 impl Copy<'_> {
     fn run(mut self, path: &Path, origin: BTreeMap<String, String>) -> Result<BufWriter<File>, RecordingError> {
-        let mut channels = Channels::default();
-        scan(path, &mut |record| {
+        let mut channels = Channels::new(&Limits::ADMITTED);
+        scan(path, &Limits::ADMITTED, &mut |record| {
             if let Record::Message { header, data } = record {
                 let Some((topic, at, _)) = channels.next(header.channel_id) else { return Ok(()) };
                 self.message(topic, at, header, data)?;
                 return self.quality(topic, at, header);
             }
-            channels.learn(&record, &|_| false);
+            channels.learn(&record, &|_| false)?;
             self.copier.declare(&record)
         })?;
         let origin = Metadata { name: "gleaner".to_owned(), metadata: origin };

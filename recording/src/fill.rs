@@ -10,6 +10,7 @@ use crate::container::{Record, scan};
 use crate::dialect::Value;
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
+use crate::limits::Limits;
 use crate::picture::{self, Channel};
 use crate::plan::Plan;
 use crate::report::{FindingCode, Severity};
@@ -19,7 +20,7 @@ use crate::spec::TaskSpec;
 ///
 /// # Errors
 /// Those of the container, and [`RecordingError::TooLarge`] when the frames do not fit into memory.
-pub(crate) fn fill(path: &Path, spec: &TaskSpec, plan: &mut Plan) -> Result<Vec<u8>, RecordingError> {
+pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Plan) -> Result<Vec<u8>, RecordingError> {
     let step_bytes = frame_bytes_per_step(spec);
     let mut filler = Filler {
         spec,
@@ -31,12 +32,12 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, plan: &mut Plan) -> Result<Vec<
         problems: plan.images.iter().map(|_| None).collect(),
     };
     if step_bytes > 0 {
-        let mut channels = Channels::default();
-        scan(path, &mut |record| {
+        let mut channels = Channels::new(limits);
+        scan(path, limits, &mut |record| {
             if let Record::Message { header, data } = record {
                 filler.message(channels.next(header.channel_id), data);
             } else {
-                channels.learn(&record, &|topic| filler.places.contains_key(topic));
+                channels.learn(&record, &|topic| filler.places.contains_key(topic))?;
             }
             Ok(())
         })?;

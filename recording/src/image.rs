@@ -1,6 +1,7 @@
 //! Pixels in and out: color images to RGB bytes, depth images to millimetres.
 //!
-//! Every size is checked before memory is reserved for it. Must not know messages or topics.
+//! Every size is checked before memory is reserved for it, and memory follows the size that is wanted. Must not know
+//! messages or topics.
 
 mod raw;
 
@@ -13,8 +14,9 @@ use crate::error::RecordingError;
 
 pub(crate) use raw::{RawImage, raw_color, raw_depth};
 
-/// Most bytes that decoding one image may reserve.
-const MAX_DECODE_BYTES: u64 = 1 << 30;
+/// Most bytes that decoding one image may reserve: for each pixel, and for tables and what comes beside the pixels.
+const BYTES_PER_PIXEL: u64 = 16;
+const BYTES_ASIDE: u64 = 32 << 20;
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Bytes that ROS's depth compression puts before its PNG.
 const ROS_DEPTH_PREFIX: usize = 12;
@@ -124,7 +126,8 @@ fn decode(bytes: &[u8], codec: ImageFormat, height: u32, width: u32) -> Result<D
     }
     let mut reader = ImageReader::with_format(Cursor::new(bytes), codec);
     let mut limits = Limits::default();
-    limits.max_alloc = Some(MAX_DECODE_BYTES);
+    let pixels = u64::from(height) * u64::from(width);
+    limits.max_alloc = Some(pixels.saturating_mul(BYTES_PER_PIXEL).saturating_add(BYTES_ASIDE));
     reader.limits(limits);
     let decoder = reader.into_decoder().map_err(mend)?;
     let (found_width, found_height) = decoder.dimensions();

@@ -19,8 +19,12 @@ mod error;
 mod extract;
 mod fill;
 mod frames;
+#[cfg(feature = "fuzzing")]
+#[doc(hidden)]
+pub mod fuzzing;
 mod image;
 mod inspect;
+mod limits;
 mod path;
 mod picture;
 mod plan;
@@ -39,7 +43,8 @@ pub use error::RecordingError;
 pub use extract::{Kept, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_jpeg};
-pub use read::{Reading, read_episode};
+pub use limits::{Limits, MOST_JSON_DEPTH};
+pub use read::{Reading, read_episode, read_episode_within};
 pub use report::{Finding, FindingCode, Report, Severity, TopicReport};
 pub use salvage::salvage;
 pub use spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};

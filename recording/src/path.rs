@@ -3,7 +3,14 @@
 //! Works on [`Value`] alone, so it is the same for every dialect. A field after a list applies to each of
 //! the list's elements: `joints.position` is every joint's position.
 
+use std::collections::HashMap;
+
 use crate::dialect::Value;
+
+/// Longest path in bytes.
+const MOST_BYTES: usize = 1024;
+/// Most names that an error repeats.
+const NAMES_SHOWN: usize = 32;
 
 /// A parsed field path.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -32,6 +39,9 @@ impl Path {
     /// Parses a path; the error says what is wrong and how paths look.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let explain = |what: &str| format!("`{text}`: {what}; paths look like `a.b`, `a.b[2]` or `a.b[0:9]`");
+        if text.len() > MOST_BYTES {
+            return Err(format!("has {} bytes, at most {MOST_BYTES} are read", text.len()));
+        }
         let mut segments = Vec::new();
         for part in text.split('.') {
             let (name, brackets) = part.find('[').map_or((part, ""), |at| part.split_at(at));
@@ -77,13 +87,15 @@ impl Path {
         if values.len() != names.len() {
             return Err(Missing::Path(format!("there are {} values for {} names", values.len(), names.len())));
         }
+        // Of a name that comes twice the first counts.
+        let by_name: HashMap<&str, f64> = names.iter().map(String::as_str).zip(values).rev().collect();
         let begin = out.len();
         for name in wanted {
-            if let Some(&value) = names.iter().position(|found| found == name).and_then(|at| values.get(at)) {
+            if let Some(&value) = by_name.get(name.as_str()) {
                 out.push(value);
             } else {
                 out.truncate(begin);
-                return Err(Missing::Names(format!("no `{name}` among the names {}", names.join(", "))));
+                return Err(Missing::Names(format!("no `{name}` among the names {}", first_names(&names))));
             }
         }
         Ok(())
@@ -100,6 +112,12 @@ impl Segment {
             }
         }
     }
+}
+
+/// Some of the names, for an error.
+fn first_names(names: &[String]) -> String {
+    let more = if names.len() > NAMES_SHOWN { ", …" } else { "" };
+    names.iter().take(NAMES_SHOWN).map(String::as_str).collect::<Vec<_>>().join(", ") + more
 }
 
 /// Follows the segments and hands each value at their end to `found`, which may refuse it.

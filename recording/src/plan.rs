@@ -13,6 +13,7 @@ use std::path::Path;
 use crate::container::Ending;
 use crate::error::RecordingError;
 use crate::inspect;
+use crate::limits::Limits;
 use crate::picture::Channel;
 use crate::report::{FindingCode, Report, Severity};
 use crate::spec::TaskSpec;
@@ -57,9 +58,9 @@ pub(crate) struct ImageStream {
 ///
 /// # Errors
 /// [`RecordingError::Rejected`] when no step can be made; findings that leave steps are in the report.
-pub(crate) fn plan(path: &Path, spec: &TaskSpec) -> Result<Plan, RecordingError> {
+pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan, RecordingError> {
     let (spec, own) = (&choice::readable(spec), spec.mappings.len());
-    let tracks = collect(path, spec)?;
+    let tracks = collect(path, spec, limits)?;
     let mut report = begin_report(&tracks);
     let at = choice::choose_mapping(&tracks, spec, own, &mut report)?;
     let mapping = &spec.mappings[at];

@@ -5,6 +5,7 @@ use std::path::Path;
 use crate::error::RecordingError;
 use crate::fill::fill;
 use crate::frames::Episode;
+use crate::limits::Limits;
 use crate::plan::plan;
 use crate::report::Report;
 use crate::spec::TaskSpec;
@@ -26,9 +27,17 @@ pub struct Reading {
 /// [`RecordingError::Rejected`] carries the whole report when a finding forbids the use; the other
 /// variants say why the file could not be read at all.
 pub fn read_episode(path: &Path, spec: &TaskSpec) -> Result<Reading, RecordingError> {
-    spec.validate()?;
-    let mut plan = plan(path, spec)?;
-    let frames = fill(path, spec, &mut plan)?;
+    read_episode_within(path, spec, &Limits::default())
+}
+
+/// As [`read_episode`], under other limits than the usual.
+///
+/// # Errors
+/// As [`read_episode`].
+pub fn read_episode_within(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Reading, RecordingError> {
+    spec.validate_within(limits)?;
+    let mut plan = plan(path, spec, limits)?;
+    let frames = fill(path, spec, limits, &mut plan)?;
     let report = std::mem::take(&mut plan.report).sorted();
     if report.has_errors() {
         return Err(RecordingError::Rejected(Box::new(report)));

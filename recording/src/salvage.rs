@@ -6,6 +6,7 @@ use crate::channels::Channels;
 use crate::container::{Record, scan};
 use crate::copy::Copier;
 use crate::error::RecordingError;
+use crate::limits::Limits;
 use crate::whole_file::write_whole;
 use crate::write::{ACTION_TOPIC, mcap_writer};
 
@@ -18,14 +19,14 @@ pub fn salvage(torn: &Path, out: &Path) -> Result<u64, RecordingError> {
     let mut actions = 0;
     write_whole(out, |file| {
         let mut copier = Copier::new(mcap_writer(file, "")?);
-        let mut channels = Channels::default();
-        let read = scan(torn, &mut |record| {
+        let mut channels = Channels::new(&Limits::default());
+        let read = scan(torn, &Limits::default(), &mut |record| {
             if let Record::Message { header, data } = record {
                 let Some((topic, _, _)) = channels.next(header.channel_id) else { return Ok(()) };
                 actions += u64::from(topic == ACTION_TOPIC);
                 return copier.message(header, data);
             }
-            channels.learn(&record, &|_| false);
+            channels.learn(&record, &|_| false)?;
             copier.declare(&record)
         });
         match read {
@@ -62,7 +63,7 @@ mod tests {
                 let torn = [&bytes[..cut], tail].concat();
                 let (folder, actions) = salvaged(&torn);
                 let (actions, path) = (actions.unwrap(), folder.path().join("whole"));
-                let ending = scan(&path, &mut |_| Ok(())).unwrap();
+                let ending = scan(&path, &Limits::default(), &mut |_| Ok(())).unwrap();
                 assert_eq!(ending, Ending::Whole, "cut at {cut}");
                 if actions >= 2 {
                     let reading = read_episode(&path, &written_arm()).unwrap();

@@ -1,6 +1,7 @@
 //! Tests of the whole crate: real recordings, each finding, and damaged files.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)]
 
+mod bombs;
 mod corpus;
 mod damage;
 mod findings;

@@ -10,6 +10,7 @@ use crate::channels::Channels;
 use crate::container::{Ending, Record, scan};
 use crate::dialect::{Decoder, Value};
 use crate::error::RecordingError;
+use crate::limits::Limits;
 use crate::path::{Missing, Path};
 use crate::report::{FindingCode, TopicReport};
 use crate::spec::{FieldSource, TaskSpec};
@@ -75,11 +76,11 @@ pub(crate) struct Failure {
 }
 
 /// Reads the stamps and numbers of a recording.
-pub(crate) fn collect(path: &FilePath, spec: &TaskSpec) -> Result<Tracks, RecordingError> {
+pub(crate) fn collect(path: &FilePath, spec: &TaskSpec, limits: &Limits) -> Result<Tracks, RecordingError> {
     let mut wanted = wanted_tracks(spec)?;
     let mut tracks = Tracks::default();
-    let mut channels = Channels::default();
-    let ending = scan(path, &mut |record| match record {
+    let mut channels = Channels::new(limits);
+    let ending = scan(path, limits, &mut |record| match record {
         Record::Message { header, data } => {
             let Some((topic, _, decoder)) = channels.next(header.channel_id) else {
                 return Ok(());
@@ -98,7 +99,7 @@ pub(crate) fn collect(path: &FilePath, spec: &TaskSpec) -> Result<Tracks, Record
             Ok(())
         }
         Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
-            if let Some(report) = channels.learn(&record, &|topic| wanted.contains_key(topic)) {
+            if let Some(report) = channels.learn(&record, &|topic| wanted.contains_key(topic))? {
                 tracks.topics.entry(report.topic.clone()).or_insert(report);
             }
             Ok(())

@@ -6,9 +6,16 @@ use std::collections::BTreeSet;
 
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
+use crate::limits::Limits;
 use crate::path::Path;
 use crate::spec::{FieldSource, FieldSpec, Mapping, TaskSpec};
 
+/// Most cameras, fields of one kind, and mappings.
+const MAX_CAMERAS: usize = 16;
+const MAX_FIELDS: usize = 256;
+const MAX_MAPPINGS: usize = 32;
+/// Longest topic in bytes.
+const MAX_TOPIC_BYTES: usize = 1024;
 /// Largest image side that a task may ask for.
 const MAX_IMAGE_SIDE: u32 = 8192;
 /// Most numbers that one field may hold.
@@ -33,6 +40,7 @@ impl TaskSpec {
         }
         self.validate_cameras()?;
         self.validate_fields()?;
+        few("mappings", self.mappings.len(), MAX_MAPPINGS)?;
         let mut names = BTreeSet::new();
         for (i, mapping) in self.mappings.iter().enumerate() {
             if !is_plain(&mapping.name) || !names.insert(&mapping.name) {
@@ -46,7 +54,26 @@ impl TaskSpec {
         Ok(())
     }
 
+    /// As [`TaskSpec::validate`], and that no image is larger than these limits let it be.
+    ///
+    /// # Errors
+    /// As [`TaskSpec::validate`].
+    pub fn validate_within(&self, limits: &Limits) -> Result<(), RecordingError> {
+        self.validate()?;
+        for (i, camera) in self.cameras.iter().enumerate() {
+            let pixels = u64::from(camera.height) * u64::from(camera.width);
+            if pixels > limits.image_pixels {
+                return wrong(
+                    format!("cameras[{i}]"),
+                    format!("{pixels} pixels are more than the limit of {}; use smaller images", limits.image_pixels),
+                );
+            }
+        }
+        Ok(())
+    }
+
     fn validate_cameras(&self) -> Result<(), RecordingError> {
+        few("cameras", self.cameras.len(), MAX_CAMERAS)?;
         let mut names = BTreeSet::new();
         for (i, camera) in self.cameras.iter().enumerate() {
             if !is_plain(&camera.name) || !names.insert(&camera.name) {
@@ -76,6 +103,7 @@ impl TaskSpec {
         }
         let mut names = BTreeSet::new();
         for (kind, fields) in [("proprioception", &self.proprioception), ("action", &self.action)] {
+            few(kind, fields.len(), MAX_FIELDS)?;
             for (i, FieldSpec { name, size }) in fields.iter().enumerate() {
                 if !is_identifier(name) || !names.insert(name) {
                     return wrong(
@@ -96,6 +124,11 @@ impl TaskSpec {
     }
 
     fn validate_mapping(&self, mapping: &Mapping, at: &str) -> Result<(), RecordingError> {
+        few(&format!("{at}.cameras"), mapping.cameras.len(), MAX_CAMERAS)?;
+        few(&format!("{at}.fields"), mapping.fields.len(), 2 * MAX_FIELDS)?;
+        if let Some(clock) = &mapping.clock {
+            topic(&format!("{at}.clock"), clock, "topic whose stamps are the steps")?;
+        }
         for (i, source) in mapping.cameras.iter().enumerate() {
             let Some(camera) = self.cameras.iter().find(|camera| camera.name == source.camera) else {
                 return wrong(
@@ -103,8 +136,9 @@ impl TaskSpec {
                     format!("the task has no camera `{}`", source.camera),
                 );
             };
-            if source.color.is_empty() {
-                return wrong(format!("{at}.cameras[{i}].color"), "give the topic of the color images");
+            topic(&format!("{at}.cameras[{i}].color"), &source.color, "topic of the color images")?;
+            if let Some(depth) = &source.depth {
+                topic(&format!("{at}.cameras[{i}].depth"), depth, "topic of the depth images")?;
             }
             if camera.depth != source.depth.is_some() {
                 let mend = if camera.depth {
@@ -129,12 +163,13 @@ impl TaskSpec {
         else {
             return wrong(format!("{at}.field"), format!("the task has no field `{}`", source.field));
         };
-        if source.topic.is_empty() {
-            return wrong(format!("{at}.topic"), "give the topic of the messages");
-        }
+        topic(&format!("{at}.topic"), &source.topic, "topic of the messages")?;
         if source.paths.is_empty() {
             return wrong(format!("{at}.paths"), "give at least one path into the message");
         }
+        // Each path gives a value or more.
+        few(&format!("{at}.paths"), source.paths.len(), field.size as usize)?;
+        few(&format!("{at}.names"), source.names.len(), field.size as usize)?;
         for (i, path) in source.paths.iter().enumerate() {
             if let Err(problem) = Path::parse(path) {
                 return wrong(format!("{at}.paths[{i}]"), problem);
@@ -152,6 +187,24 @@ impl TaskSpec {
         }
         Ok(())
     }
+}
+
+/// A list of things of which there are never many.
+fn few(field: &str, count: usize, most: usize) -> Result<(), RecordingError> {
+    if count <= most {
+        return Ok(());
+    }
+    wrong(field, format!("has {count} entries, more than {most}"))
+}
+
+fn topic(field: &str, topic: &str, what: &str) -> Result<(), RecordingError> {
+    if topic.is_empty() {
+        return wrong(field, format!("give the {what}"));
+    }
+    if topic.len() > MAX_TOPIC_BYTES || topic.chars().any(char::is_control) {
+        return wrong(field, format!("give the {what}: at most {MAX_TOPIC_BYTES} bytes without control characters"));
+    }
+    Ok(())
 }
 
 /// Every wanted name has exactly one source.
@@ -191,35 +244,4 @@ fn is_identifier(name: &str) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-    use super::*;
-    use crate::spec::tests::arm;
-
-    fn problem(change: impl FnOnce(&mut TaskSpec)) -> String {
-        let mut spec = arm();
-        change(&mut spec);
-        spec.validate().unwrap_err().to_string()
-    }
-
-    #[test]
-    fn accepts_a_sound_task() {
-        arm().validate().unwrap();
-    }
-
-    #[test]
-    fn names_the_field_that_is_wrong() {
-        assert!(problem(|s| s.rate_hz = f64::NAN).contains("rate_hz"));
-        assert!(problem(|s| s.tolerance = 0.6).contains("tolerance"));
-        assert!(problem(|s| s.name.clear()).contains("name"));
-        assert!(problem(|s| s.action.clear()).contains("action"));
-        assert!(problem(|s| s.cameras[0].height = 0).contains("cameras[0].height"));
-        assert!(problem(|s| s.proprioception[0].name = "timestamp".into()).contains("proprioception[0].name"));
-        assert!(problem(|s| s.action[0].name = "joint_position".into()).contains("action[0].name"));
-        assert!(problem(|s| s.mappings[0].cameras.clear()).contains("`front` has no source"));
-        assert!(problem(|s| s.mappings[0].fields[0].field = "elbow".into()).contains("no field `elbow`"));
-        assert!(problem(|s| s.mappings[0].fields[0].paths = vec!["a[".into()]).contains("fields[0].paths[0]"));
-        assert!(problem(|s| s.mappings[0].fields[0].names = vec!["a".into()]).contains("names"));
-    }
-}
+mod tests;

@@ -1,7 +1,7 @@
 //! ROS 2 messages in CDR, read by their `ros2msg` definitions.
 //!
-//! Every length is checked against the bytes that are left before anything is reserved for it, and every
-//! element takes at least one byte, so a message costs no more than its size.
+//! Every length is checked against the bytes that are left before anything is reserved for it, every element takes
+//! at least one byte, and the values are counted, so what a message costs follows its size.
 
 mod cursor;
 
@@ -52,6 +52,7 @@ impl Decoder {
             // An empty struct is not allowed in the interface language, so ROS sends one unused byte.
             cursor.take(1)?;
         }
+        cursor.budget.take(definition.fields.len())?;
         let mut fields = Vec::with_capacity(definition.fields.len());
         for field in &definition.fields {
             let value = self.field(field, cursor, depth).map_err(|problem| prefix(&field.name, &problem))?;
@@ -77,6 +78,7 @@ impl Decoder {
         match field.kind {
             Kind::Scalar(Scalar::U8) => Ok(Value::Bytes(cursor.take(count)?.into())),
             Kind::Text | Kind::WideText | Kind::Message(_) => {
+                cursor.budget.take(count)?;
                 let mut items = Vec::new();
                 for _ in 0..count {
                     items.push(self.element(field.kind, cursor, depth)?);

@@ -50,7 +50,7 @@ fn the_messages_are_the_originals_with_quality_beside_them() {
         [serde_json::json!({"step": 3, "q": 0.5, "w": -2.0}), serde_json::json!({"step": 4, "q": 0.75, "w": -1.5})]
     );
     let mut names = Vec::new();
-    scan(&out, &mut |record| {
+    scan(&out, &Limits::default(), &mut |record| {
         if let Record::Metadata { name, values } = record {
             names.push((name.to_owned(), values.get("source").cloned()));
         }

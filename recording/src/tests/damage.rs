@@ -3,7 +3,7 @@
 use super::scene::{Scene, numbers_only, read_bytes};
 use super::{fixture, pick_cube};
 use crate::write::tests::{written, written_arm};
-use crate::{FindingCode, RecordingError, Severity};
+use crate::{FindingCode, Limits, RecordingError, Severity};
 
 #[test]
 fn a_cut_file_gives_the_steps_before_the_cut_and_says_so() {
@@ -73,7 +73,7 @@ fn changed_messages_never_panic() {
     use crate::picture::{Channel, decode};
     for name in ["pick_cube_ros2.mcap", "pick_cube_foxglove.mcap"] {
         let (mut schemas, mut messages) = (Vec::new(), Vec::new());
-        scan(&fixture(name), &mut |record| {
+        scan(&fixture(name), &Limits::default(), &mut |record| {
             match record {
                 Record::Schema { name, encoding, data, .. } => {
                     schemas.push((name.to_owned(), encoding.to_owned(), data.to_vec()));
@@ -89,7 +89,7 @@ fn changed_messages_never_panic() {
             for _ in 0..30 {
                 let message_encoding = if encoding == "ros2msg" { "cdr" } else { "protobuf" };
                 let schema = ChannelSchema { message_encoding, schema_encoding: &encoding, name: &name, data: &data };
-                if let Ok(decoder) = Decoder::new(schema) {
+                if let Ok(decoder) = Decoder::new(schema, &Limits::default()) {
                     let mut message = messages[next(messages.len())].clone();
                     let at = next(message.len().min(64));
                     message[at] = u8::try_from(next(256)).unwrap();

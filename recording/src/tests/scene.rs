@@ -8,7 +8,7 @@ use mcap::records::MessageHeader;
 use serde_json::{Value, json};
 
 use crate::spec::tests::arm;
-use crate::{Finding, FindingCode, Reading, RecordingError, Report, Severity, TaskSpec, read_episode};
+use crate::{Finding, FindingCode, Limits, Reading, RecordingError, Report, Severity, TaskSpec, read_episode_within};
 
 /// The small test task without its camera, read from JSON topics.
 pub(super) fn numbers_only() -> TaskSpec {
@@ -88,10 +88,14 @@ impl Scene {
 }
 
 pub(super) fn read_bytes(bytes: &[u8], spec: &TaskSpec) -> Result<Reading, RecordingError> {
+    read_bytes_within(bytes, spec, &Limits::default())
+}
+
+pub(super) fn read_bytes_within(bytes: &[u8], spec: &TaskSpec, limits: &Limits) -> Result<Reading, RecordingError> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
     write(&path, bytes);
-    read_episode(&path, spec)
+    read_episode_within(&path, spec, limits)
 }
 
 fn write(path: &Path, bytes: &[u8]) {

@@ -1,6 +1,7 @@
 //! The bytes of one CDR message: alignment, byte order and checked lengths.
 
 use crate::dialect::Value;
+use crate::dialect::budget::Budget;
 use crate::dialect::ros2msg::Scalar;
 
 /// A place in the bytes after the encapsulation header, to which alignment is relative.
@@ -8,12 +9,14 @@ pub(super) struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
     big_endian: bool,
+    /// Of the values that the message becomes.
+    pub(super) budget: Budget,
 }
 
 impl<'a> Cursor<'a> {
     /// At the beginning of a message whose encapsulation header is taken off.
     pub(super) fn new(bytes: &'a [u8], big_endian: bool) -> Self {
-        Self { bytes, at: 0, big_endian }
+        Self { bytes, at: 0, big_endian, budget: Budget::new() }
     }
 
     pub(super) fn left(&self) -> usize {
