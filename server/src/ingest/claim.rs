@@ -9,23 +9,34 @@ use std::{
     time::{Duration, Instant},
 };
 
-use tokio::sync::OwnedMutexGuard;
+use tokio::sync::{OwnedMutexGuard, watch};
 use tokio_util::sync::CancellationToken;
 
 use crate::domain::id::UploadId;
 
-/// How long an upload that was offered to one client is not offered to another one.
-const OFFER: Duration = Duration::from_secs(10);
+/// How long who holds an upload, or was offered it, may show no sign of life until it is offered to somebody else.
+const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The claims on all open uploads; clones share them.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Claims(Arc<Mutex<HashMap<UploadId, Holder>>>);
+#[derive(Debug, Clone)]
+pub(super) struct Claims {
+    holders: Arc<Mutex<HashMap<UploadId, Holder>>>,
+    patience: Duration,
+}
 
 #[derive(Debug, Default)]
 struct Holder {
     lock: Arc<tokio::sync::Mutex<()>>,
     leave: CancellationToken,
     offered: Option<Instant>,
+    /// Marked by each sign of life.
+    life: watch::Sender<()>,
+}
+
+impl Holder {
+    fn is_idle(&self, patience: Duration) -> bool {
+        self.offered.is_none_or(|since| since.elapsed() >= patience) && self.lock.try_lock().is_ok()
+    }
 }
 
 /// The right to write one upload, until it is dropped.
@@ -34,33 +45,86 @@ pub(super) struct Claim {
     _held: OwnedMutexGuard<()>,
     /// Cancelled when somebody else wants to write.
     pub(super) leave: CancellationToken,
+    life: watch::Sender<()>,
+}
+
+impl Claim {
+    /// A sign of life: bytes have come.
+    pub(super) fn alive(&self) {
+        self.life.send_replace(());
+    }
+}
+
+impl Default for Claims {
+    fn default() -> Self {
+        Self::with_patience(PATIENCE)
+    }
 }
 
 impl Claims {
+    pub(super) fn with_patience(patience: Duration) -> Self {
+        Self { holders: Arc::default(), patience }
+    }
+
     /// Takes an upload over: tells its present holder to leave and waits until it has.
     pub(super) async fn take(&self, id: &UploadId) -> Claim {
-        let (lock, leave) = {
+        let (lock, leave, life) = {
             let mut holders = self.holders();
             let holder = holders.entry(id.clone()).or_default();
             holder.leave.cancel();
             holder.leave = CancellationToken::new();
             holder.offered = None;
-            (Arc::clone(&holder.lock), holder.leave.clone())
+            (Arc::clone(&holder.lock), holder.leave.clone(), holder.life.clone())
         };
-        Claim { _held: lock.lock_owned().await, leave }
+        let claim = Claim { _held: lock.lock_owned().await, leave, life };
+        claim.alive();
+        claim
     }
 
     /// Offers an upload to a client that may go on with it. False when another one is at it: two clients that
-    /// push the same file must not take one upload from each other in turns.
-    pub(super) fn offer(&self, id: &UploadId) -> bool {
+    /// push the same file must not take one upload from each other in turns. But one that has died, and whose
+    /// connection nobody has missed yet, is not in the way of its own successor for long.
+    pub(super) async fn offer(&self, id: &UploadId) -> bool {
+        let Some((lock, mut life)) = self.offer_at_once(id) else { return true };
+        let left = async {
+            // Whoever holds it. One that was offered it and has not come yet holds nothing.
+            if lock.try_lock().is_err() {
+                drop(lock.lock().await);
+            } else {
+                std::future::pending::<()>().await;
+            }
+        };
+        tokio::select! {
+            biased;
+            // An error means that the upload is over.
+            _ = life.changed() => false,
+            () = left => self.offer_at_once(id).is_none(),
+            () = tokio::time::sleep(self.patience) => {
+                self.promise(id);
+                true
+            }
+        }
+    }
+
+    /// Notes that a client was given an upload that nobody else knows of.
+    pub(super) fn promise(&self, id: &UploadId) {
+        self.holders().entry(id.clone()).or_default().offered = Some(Instant::now());
+    }
+
+    /// Whether nobody writes an upload or was offered it.
+    pub(super) fn is_idle(&self, id: &UploadId) -> bool {
+        self.holders().get(id).is_none_or(|holder| holder.is_idle(self.patience))
+    }
+
+    /// `None` when it is the caller's now; else what to wait for.
+    fn offer_at_once(&self, id: &UploadId) -> Option<(Arc<tokio::sync::Mutex<()>>, watch::Receiver<()>)> {
         let mut holders = self.holders();
         let holder = holders.entry(id.clone()).or_default();
-        let offered = holder.offered.is_some_and(|since| since.elapsed() < OFFER);
-        if offered || holder.lock.try_lock().is_err() {
-            return false;
+        if holder.is_idle(self.patience) {
+            holder.offered = Some(Instant::now());
+            return None;
         }
-        holder.offered = Some(Instant::now());
-        true
+        Some((Arc::clone(&holder.lock), holder.life.subscribe()))
     }
 
     /// Forgets an upload that is not open any more.
@@ -70,7 +134,7 @@ impl Claims {
 
     fn holders(&self) -> MutexGuard<'_, HashMap<UploadId, Holder>> {
         // The map is whole after every statement, so a panic elsewhere does not spoil it.
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+        self.holders.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -82,7 +146,6 @@ mod tests {
     async fn the_newest_comer_wins_once_the_old_one_has_left() {
         let (claims, id) = (Claims::default(), UploadId::new());
         let first = claims.take(&id).await;
-        assert!(!claims.offer(&id), "somebody writes it");
         let second = claims.take(&id);
         tokio::pin!(second);
         assert!(futures::poll!(&mut second).is_pending());
@@ -91,9 +154,42 @@ mod tests {
         let second = second.await;
         assert!(!second.leave.is_cancelled());
         drop(second);
-        assert!(claims.offer(&id));
-        assert!(!claims.offer(&id), "offered to another one a moment ago");
+        assert!(claims.offer(&id).await);
         drop(claims.take(&id).await);
-        assert!(claims.offer(&id), "who was offered it has been and gone");
+        assert!(claims.offer(&id).await, "who was offered it has been and gone");
+    }
+
+    /// Two clients push one file; a third comes after one has died without a word.
+    #[tokio::test(start_paused = true)]
+    async fn who_is_alive_keeps_an_upload_and_who_is_not_loses_it() {
+        let (claims, id) = (Claims::default(), UploadId::new());
+        let held = claims.take(&id).await;
+        let offer = claims.offer(&id);
+        tokio::pin!(offer);
+        assert!(futures::poll!(&mut offer).is_pending());
+        held.alive();
+        assert!(!offer.await, "somebody writes it");
+
+        let begun = tokio::time::Instant::now();
+        assert!(claims.offer(&id).await, "nothing has come for a while");
+        assert_eq!(begun.elapsed(), PATIENCE);
+        drop(held);
+
+        let offer = claims.offer(&id);
+        tokio::pin!(offer);
+        assert!(futures::poll!(&mut offer).is_pending(), "offered to another one a moment ago");
+        drop(claims.take(&id).await);
+        assert!(!offer.await, "that one has come");
+    }
+
+    #[tokio::test]
+    async fn who_leaves_makes_room_at_once() {
+        let (claims, id) = (Claims::default(), UploadId::new());
+        let held = claims.take(&id).await;
+        let offer = claims.offer(&id);
+        tokio::pin!(offer);
+        assert!(futures::poll!(&mut offer).is_pending());
+        drop(held);
+        assert!(offer.await);
     }
 }

@@ -1,6 +1,6 @@
 //! Recordings that the server made itself: the way of an upload, without a client.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::{Ingest, NewUpload, Started, off_runtime};
 use crate::{
@@ -63,7 +63,9 @@ impl Ingest {
     async fn finish_file(&self, id: &UploadId, recording: &Path, size: u64) -> Result<Episode> {
         let (part, recording) = (self.part_path(id), recording.to_owned());
         off_runtime("linking a recording", move || link(&recording, &part)).await?;
+        crate::fail_point::pass("rollout.linked");
         self.store.commit_upload(id, size).await?;
+        crate::fail_point::pass("rollout.committed");
         self.finish(id).await.map(|inspected| inspected.episode)
     }
 
@@ -77,22 +79,30 @@ impl Ingest {
     }
 }
 
-fn link(recording: &Path, part: &PathBuf) -> Result<()> {
+fn link(recording: &Path, part: &Path) -> Result<()> {
     let fault = |error| Error::internal(format!("linking {}", recording.display()), error);
     std::fs::File::open(recording).and_then(|file| file.sync_all()).map_err(fault)?;
-    match std::fs::remove_file(part) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => return Err(fault(error)),
-        Ok(()) | Err(_) => {}
-    }
-    std::fs::hard_link(recording, part).map_err(fault)?;
+    // In one move, so that there is always a part.
+    let draft = part.with_extension("draft");
+    clear(&draft).map_err(fault)?;
+    std::fs::hard_link(recording, &draft).and_then(|()| std::fs::rename(&draft, part)).map_err(fault)?;
+    // When the part was the recording already, the move was none.
+    clear(&draft).map_err(fault)?;
     part.parent().map_or(Ok(()), sync_folder)
+}
+
+fn clear(path: &Path) -> std::io::Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(error),
+        Ok(()) | Err(_) => Ok(()),
+    }
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
 
-    use std::fs;
+    use std::{fs, path::PathBuf};
 
     use super::*;
     use crate::ingest::testing::{Fixture, USABLE, playing, real};

@@ -46,7 +46,9 @@ impl Part {
     pub(super) async fn append(mut self, data: Bytes) -> Result<Self> {
         off_runtime("writing a part file", move || {
             self.file.write_all(&data).map_err(|error| refused("writing", &self.path, error))?;
+            crate::fail_point::pass("upload.bytes_written");
             self.size = self.size.saturating_add(data.len() as u64);
+            self.claim.alive();
             Ok(self)
         })
         .await
@@ -56,6 +58,7 @@ impl Part {
     pub(super) async fn sync(mut self) -> Result<Self> {
         off_runtime("syncing a part file", move || {
             self.file.sync_data().map_err(|error| refused("syncing", &self.path, error))?;
+            crate::fail_point::pass("upload.bytes_synced");
             self.synced = self.size;
             Ok(self)
         })
@@ -64,7 +67,7 @@ impl Part {
 }
 
 fn open_at(path: &Path, committed: u64) -> io::Result<File> {
-    let mut file = File::options().create(true).truncate(false).write(true).open(path)?;
+    let mut file = File::options().write(true).open(path)?;
     let size = file.metadata()?.len();
     if size < committed {
         return Err(io::Error::other(format!("it has {size} bytes, but {committed} were acknowledged")));

@@ -1,26 +1,25 @@
 //! At start: what a crash left is put right, before anything new comes in.
 
-use std::{collections::HashMap, fs, path::Path};
+use std::{
+    collections::HashMap,
+    fs,
+    path::Path,
+    time::{Duration, SystemTime},
+};
 
 use super::{off_runtime, part, part_path};
 use crate::{
-    blobs::Blobs,
+    blobs::{Blobs, sync_folder},
     domain::{episode::Upload, time::Millis},
     error::{Error, Result},
     store::Store,
 };
 
-/// An upload that nobody finished for this long is forgotten.
-const ABANDONED_AFTER_DAYS: i64 = 7;
-
-/// Makes the folders; empties `tmp`; removes part files without a row and abandoned uploads; cuts parts that are
-/// longer than what was acknowledged, and gives up those that are shorter, which a sound disk never makes.
-pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
-    let week = ABANDONED_AFTER_DAYS * 24 * 60 * 60 * 1000;
-    let abandoned = store.delete_uploads_before(Millis(Millis::now().0 - week)).await?;
-    if abandoned > 0 {
-        tracing::info!(upload.count = abandoned, "abandoned uploads are forgotten");
-    }
+/// Makes the folders; empties `tmp`; removes part files without a row, and uploads that nobody went on with for
+/// `keep_for`; cuts parts that are longer than what was acknowledged, and gives up those that are shorter, which a sound
+/// disk never makes.
+pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs, keep_for: Duration) -> Result<()> {
+    forget_abandoned(data_dir, store, keep_for).await?;
     let uploads = store.uploads().await?;
     let (data_dir, blobs) = (data_dir.to_owned(), blobs.clone());
     let torn = off_runtime("putting uploads right", move || {
@@ -28,11 +27,33 @@ pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Re
         for folder in ["uploads", "cache", "tmp"] {
             fs::create_dir_all(data_dir.join(folder)).map_err(fault)?;
         }
+        // What is acknowledged in a folder is lost with the folder's name.
+        sync_folder(&data_dir)?;
         empty(&data_dir.join("tmp")).map_err(fault)?;
         settle_parts(&data_dir, uploads, &blobs).map_err(fault)
     })
     .await?;
     for upload in torn {
+        store.delete_upload(&upload.id).await?;
+    }
+    Ok(())
+}
+
+/// Forgets the uploads whose last byte came before `keep_for`.
+async fn forget_abandoned(data_dir: &Path, store: &Store, keep_for: Duration) -> Result<()> {
+    let keep_millis = i64::try_from(keep_for.as_millis()).unwrap_or(i64::MAX);
+    let old = store.uploads_before(Millis(Millis::now().0.saturating_sub(keep_millis))).await?;
+    let data_dir = data_dir.to_owned();
+    let abandoned = off_runtime("looking for abandoned uploads", move || {
+        let quiet = |upload: &Upload| {
+            let written = fs::metadata(part_path(&data_dir, &upload.id)).and_then(|part| part.modified());
+            written.map_or(true, |at| SystemTime::now().duration_since(at).is_ok_and(|since| since > keep_for))
+        };
+        Ok(old.into_iter().filter(quiet).collect::<Vec<_>>())
+    })
+    .await?;
+    for upload in abandoned {
+        tracing::info!(upload.id = %upload.id, upload.committed = upload.committed, "nobody went on with an upload: it is forgotten");
         store.delete_upload(&upload.id).await?;
     }
     Ok(())

@@ -128,7 +128,8 @@ impl Ingest {
         .await?;
         crate::fail_point::pass("upload.digest_checked");
         let task = self.store.task_by_id(&upload.task_id).await?;
-        let inspected = self.inspector.inspect(&recording, &task.spec, &upload.file_name).await?;
+        let inspected = self.inspector.inspect(&recording, &task.spec, &upload.file_name).await;
+        let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
         crate::fail_point::pass("upload.inspected");
         inspected.keep_frames(&super::frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
         crate::fail_point::pass("upload.frames_kept");
