@@ -4,10 +4,11 @@ use std::collections::HashMap;
 
 use super::Jobs;
 use crate::{
+    blobs,
     domain::{
         dataset::KeptEpisode,
         episode::Episode,
-        id::{DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId},
+        id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId},
         job::{Job, JobSpec},
         snapshot::Role,
         work::{FrozenRun, InputEpisode, Inputs, KeptInput},
@@ -28,7 +29,7 @@ impl Jobs {
             imperfect: Vec::new(),
             kept: Vec::new(),
             encoder: None,
-            checkpoint: job.checkpoint.clone(),
+            checkpoint: self.whole_checkpoint(job).await?,
             segment_length: 0,
             policy: None,
             base: None,
@@ -70,6 +71,23 @@ impl Jobs {
             }
         }
         Ok(inputs)
+    }
+
+    /// The checkpoint to resume from. One that the disk has lost or spoilt is never resumed from: it goes, with what was
+    /// reported up to it, and the job begins anew and ends as it would have.
+    async fn whole_checkpoint(&self, job: &Job) -> Result<Option<BlobId>> {
+        let Some(blob) = &job.checkpoint else { return Ok(None) };
+        let path = self.0.blobs.path(blob);
+        let found = tokio::task::spawn_blocking(move || path.exists().then(|| blobs::digest(&path)).transpose()).await;
+        let found = found.map_err(|error| Error::internal("looking at a checkpoint", error))??;
+        if found.as_ref() == Some(blob) {
+            return Ok(job.checkpoint.clone());
+        }
+        let damage = if found.is_some() { "is damaged" } else { "is gone" };
+        tracing::error!(job.id = %job.id, blob.id = %blob, damage, "a job's checkpoint cannot be used: the job begins anew");
+        self.0.store.drop_checkpoint(&job.id).await?;
+        self.0.forget(blob.clone()).await;
+        Ok(None)
     }
 
     async fn by_role(&self, snapshot: &SnapshotId) -> Result<(Vec<InputEpisode>, Vec<InputEpisode>)> {

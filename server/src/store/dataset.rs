@@ -132,7 +132,9 @@ impl Store {
             return same.dataset();
         }
         insert(&mut tx, &dataset).await?;
+        crate::fail_point::pass("dataset.row_written");
         commit(tx).await?;
+        crate::fail_point::pass("dataset.committed");
         Ok(dataset)
     }
 

@@ -66,7 +66,9 @@ impl Store {
         .map_err(fault("changing a deployment"))?;
         // Read before it is final: who is told of an error may take it that nothing has moved.
         let deployment = deployment(&mut *tx, name).await?;
+        crate::fail_point::pass("deployment.row_written");
         commit(tx).await?;
+        crate::fail_point::pass("deployment.committed");
         Ok(deployment)
     }
 

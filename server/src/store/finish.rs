@@ -50,7 +50,9 @@ impl Store {
             JobResult::Evaluation(evaluation) => evaluation::insert(&mut tx, evaluation).await?,
         }
         let moved = queue::advance(&mut tx, &job, JobState::Succeeded, "done", "").await?;
+        crate::fail_point::pass("result.rows_written");
         commit(tx).await?;
+        crate::fail_point::pass("result.committed");
         Ok(moved)
     }
 }

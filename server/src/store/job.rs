@@ -179,7 +179,9 @@ impl Store {
         for job in &plan.jobs {
             queued.extend(by_id(&mut tx, &job.id).await?);
         }
+        crate::fail_point::pass("jobs.rows_written");
         commit(tx).await?;
+        crate::fail_point::pass("jobs.committed");
         Ok(queued)
     }
 }

@@ -38,7 +38,9 @@ impl Store {
                 .await
                 .map_err(fault("keeping a metric"))?;
         }
+        crate::fail_point::pass("progress.rows_written");
         commit(tx).await?;
+        crate::fail_point::pass("progress.committed");
         Ok(job.cancel_requested)
     }
 

@@ -39,11 +39,11 @@ impl Store {
         .fetch_optional(&mut *tx)
         .await
         .map_err(fault("claiming a job"))?;
-        let job = match claimed {
-            Some(id) => by_id(&mut tx, &row::id("jobs.id", id)?).await?,
-            None => None,
-        };
+        let Some(id) = claimed else { return Ok(None) };
+        let job = by_id(&mut tx, &row::id("jobs.id", id)?).await?;
+        crate::fail_point::pass("claim.row_written");
         commit(tx).await?;
+        crate::fail_point::pass("claim.committed");
         Ok(job)
     }
 
@@ -80,7 +80,9 @@ impl Store {
         if next.state == JobState::Queued {
             metric::cut_back(&mut tx, &job.id, job.checkpoint_step).await?;
         }
+        crate::fail_point::pass("attempt.row_written");
         commit(tx).await?;
+        crate::fail_point::pass("attempt.committed");
         Ok(Some(moved))
     }
 
@@ -112,7 +114,9 @@ impl Store {
         } else {
             advance(&mut tx, &job, JobState::Cancelled, "cancelled", "").await?
         };
+        crate::fail_point::pass("cancel.row_written");
         commit(tx).await?;
+        crate::fail_point::pass("cancel.committed");
         Ok(moved)
     }
 
@@ -130,8 +134,24 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("saving a checkpoint"))?;
+        crate::fail_point::pass("checkpoint.row_written");
         commit(tx).await?;
+        crate::fail_point::pass("checkpoint.committed");
         Ok(job.checkpoint.filter(|old| old != blob))
+    }
+}
+
+impl Store {
+    /// Has a running job begin anew: without its checkpoint and what was reported up to it.
+    pub(crate) async fn drop_checkpoint(&self, id: &JobId) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("update jobs set checkpoint = null, checkpoint_step = null, done = 0 where id = ?")
+            .bind(id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("dropping a checkpoint"))?;
+        metric::cut_back(&mut tx, id, None).await?;
+        commit(tx).await
     }
 }
 
