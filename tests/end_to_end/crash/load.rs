@@ -1,0 +1,234 @@
+//! The load: eight clients that push, and one each that runs jobs, holds sessions and curates. Each goes on by itself
+//! when the server is back; an answer that is not what was asked for is a finding and ends the test.
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+};
+
+use bytes::Bytes;
+use futures::{StreamExt as _, stream};
+use gleaner_client::{UploadLabel, Uploaded};
+use gleaner_proto::v1::*;
+use tokio::task::JoinSet;
+use tokio_util::sync::CancellationToken;
+use tonic::{Code, Status};
+
+use super::{
+    curator,
+    lab::{Lab, insist, pause, recording, was_gone},
+    sessions,
+};
+use crate::lab::{self as common, Recording};
+
+/// Clients that push at the same time.
+const PUSHING: usize = 8;
+
+/// The running load.
+pub struct Load {
+    pushing: JoinSet<()>,
+    others: JoinSet<()>,
+    stop: CancellationToken,
+}
+
+/// Starts everything.
+pub fn start(lab: &Arc<Lab>) -> Load {
+    let (mut pushing, mut others, stop) = (JoinSet::new(), JoinSet::new(), CancellationToken::new());
+    let next = Arc::new(AtomicU64::new(0));
+    for _ in 0..PUSHING {
+        pushing.spawn(push_all(Arc::clone(lab), Arc::clone(&next)));
+    }
+    others.spawn(jobs(Arc::clone(lab), stop.clone()));
+    others.spawn(sessions::hold(Arc::clone(lab), stop.clone()));
+    others.spawn(curator::curate(Arc::clone(lab), stop.clone()));
+    Load { pushing, others, stop }
+}
+
+impl Load {
+    /// Fails the test as soon as one of them has found something.
+    pub fn expect_sound(&mut self) {
+        for clients in [&mut self.pushing, &mut self.others] {
+            while let Some(ended) = clients.try_join_next() {
+                ended.unwrap();
+            }
+        }
+    }
+
+    /// Waits until everything is pushed, then lets the others end what they are at.
+    pub async fn end(self) {
+        let Self { pushing, others, stop } = self;
+        pushing.join_all().await;
+        stop.cancel();
+        others.join_all().await;
+    }
+}
+
+async fn push_all(lab: Arc<Lab>, next: Arc<AtomicU64>) {
+    loop {
+        let n = next.fetch_add(1, Ordering::Relaxed);
+        if n >= lab.settings.uploads {
+            return;
+        }
+        lab.due.subscribe().wait_for(|due| *due > n).await.unwrap();
+        match n % 20 {
+            3 => spoil(&lab, n).await,
+            9 => slowly(&lab, n).await,
+            14 => twice(&lab, n).await,
+            _ => drop(push(&lab, &recording(lab.settings.seed, n).await).await),
+        }
+    }
+}
+
+/// Pushes as `gleaner push` does; when that has lost patience, it is called again.
+async fn push(lab: &Lab, recording: &Recording) -> Uploaded {
+    lab.ledger.attempts(&blake3::hash(&recording.bytes).to_hex());
+    let path = lab.recordings.path().join(&recording.name);
+    tokio::fs::write(&path, &recording.bytes).await.unwrap();
+    let label =
+        UploadLabel { outcome: recording.outcome, cohort: recording.cohort.clone(), author: "crash test".to_owned() };
+    loop {
+        match lab.client.upload(common::TASK, &path, &label, |_| {}).await {
+            Ok(uploaded) => {
+                lab.ledger.stored(&uploaded.episode);
+                return uploaded;
+            }
+            Err(error) if error.is_transient() => pause().await,
+            Err(error) => panic!("{}: {error}", recording.name),
+        }
+    }
+}
+
+/// Two clients push the same content at the same time.
+async fn twice(lab: &Lab, n: u64) {
+    let one = recording(lab.settings.seed, n).await;
+    let other = Recording { name: format!("again-{}", one.name), ..one.clone() };
+    let (one, other) = tokio::join!(push(lab, &one), push(lab, &other));
+    assert_eq!(one.episode.id, other.episode.id, "one content is one episode");
+}
+
+/// What is no recording is refused and never seen.
+async fn spoil(lab: &Lab, n: u64) {
+    let bytes: Bytes = format!("no recording {n} {}", lab.settings.seed).repeat(100).into();
+    lab.ledger.spoils(blake3::hash(&bytes).to_hex().to_string());
+    let path = lab.recordings.path().join(format!("garbage-{n}.mcap"));
+    tokio::fs::write(&path, &bytes).await.unwrap();
+    let label = UploadLabel { outcome: Outcome::Success, cohort: "garbage".into(), author: String::new() };
+    loop {
+        match lab.client.upload(common::TASK, &path, &label, |_| {}).await {
+            Err(error) if error.is_transient() => pause().await,
+            Err(error) if error.code() == Some(Code::InvalidArgument) => return,
+            other => panic!("{} was taken for a recording: {other:?}", path.display()),
+        }
+    }
+}
+
+/// Holds its stream open until a half is committed, and sends nothing that was committed a second time.
+async fn slowly(lab: &Lab, n: u64) {
+    let recording = recording(lab.settings.seed, n).await;
+    lab.ledger.attempts(&blake3::hash(&recording.bytes).to_hex());
+    let mut committed = 0;
+    loop {
+        match half_and_half(lab, &recording, &mut committed).await {
+            Ok(episode) => return lab.ledger.stored(&episode),
+            Err(status) if was_gone(&status) => pause().await,
+            Err(status) => panic!("{}: {status}", recording.name),
+        }
+    }
+}
+
+async fn half_and_half(lab: &Lab, recording: &Recording, committed: &mut u64) -> Result<Episode, Status> {
+    let (mut api, whole) = (lab.api.clone(), recording.bytes.len() as u64);
+    let started = common::start(&mut api, common::TASK, recording).await?;
+    if let Some(episode) = started.existing {
+        return Ok(episode);
+    }
+    let id = started.upload_id;
+    assert!(started.committed_size >= *committed, "{} fell below {committed}", started.committed_size);
+    *committed = started.committed_size;
+    let half = whole / 2;
+    if *committed < half {
+        let (api_of_stream, id_of_stream) = (lab.api.clone(), id.clone());
+        let message = |from: u64, to: u64| WriteUploadRequest {
+            upload_id: id.clone(),
+            offset: from,
+            data: recording.bytes.slice(usize::try_from(from).unwrap()..usize::try_from(to).unwrap()),
+        };
+        let rest = message(half, whole);
+        let later = stream::once(async move {
+            // An error means that the stream will end with one too.
+            let _ = until_committed(api_of_stream, id_of_stream, half).await;
+            rest
+        });
+        let messages = stream::iter([message(*committed, half)]).chain(later);
+        *committed = api.episodes.write_upload(messages).await?.into_inner().committed_size;
+    } else if *committed < whole {
+        let rest = recording.bytes.slice(usize::try_from(*committed).unwrap()..);
+        *committed = common::write(&mut api, &id, *committed, rest).await?;
+    }
+    assert_eq!(*committed, whole);
+    common::finish(&mut api, &id).await
+}
+
+async fn until_committed(mut api: crate::api::Api, id: String, bytes: u64) -> Result<(), Status> {
+    loop {
+        let request = GetUploadRequest { upload_id: id.clone() };
+        if api.episodes.get_upload(request).await?.into_inner().committed_size >= bytes {
+            return Ok(());
+        }
+        pause().await;
+    }
+}
+
+/// Submits, sometimes cancels, and waits for the end, whatever dies meanwhile.
+async fn jobs(lab: Arc<Lab>, stop: CancellationToken) {
+    let mut n = 0_u32;
+    while !stop.is_cancelled() {
+        n += 1;
+        let spec = match n % 4 {
+            0 => common::score(&lab.encoder),
+            1 | 3 => lab.pretrain(4 + n % 4),
+            _ => common::train(train_spec::Data::ExpertsOf(lab.encoder.clone()), 2 + n % 5),
+        };
+        let request = SubmitJobRequest {
+            task: common::TASK.into(),
+            spec: Some(JobSpec { spec: Some(spec) }),
+            key: format!("crash {n}"),
+            ..SubmitJobRequest::default()
+        };
+        let submitted = insist!(lab, jobs.submit_job(request)).unwrap();
+        let job = submitted.into_inner().job.unwrap();
+        lab.ledger.job(&job);
+        let cancelled = n.is_multiple_of(3);
+        if cancelled {
+            cancel(&lab, &job.id).await;
+        }
+        let ended = watch(&lab, &job.id).await;
+        match ended.state() {
+            JobState::Succeeded if ended.kind() == JobKind::Train => lab.ledger.made_policy(ended.result_id.clone()),
+            JobState::Succeeded => {}
+            JobState::Cancelled if cancelled => {}
+            state => panic!("{} ended as {state:?}: {}", ended.id, ended.error),
+        }
+        lab.ledger.job(&ended);
+    }
+}
+
+async fn cancel(lab: &Lab, id: &str) {
+    pause().await;
+    let request = CancelJobRequest { job_id: id.to_owned() };
+    match insist!(lab, jobs.cancel_job(request)) {
+        Ok(_) => {}
+        // It has ended, or an earlier call was heard whose answer was lost.
+        Err(status) => assert_eq!(status.code(), Code::FailedPrecondition, "{status}"),
+    }
+}
+
+async fn watch(lab: &Lab, id: &str) -> Job {
+    loop {
+        match lab.client.watch(id, |_| {}).await {
+            Ok(job) => return job,
+            Err(error) if error.is_transient() || error.code().is_none() => pause().await,
+            Err(error) => panic!("{id}: {error}"),
+        }
+    }
+}
