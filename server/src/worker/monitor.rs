@@ -73,6 +73,7 @@ impl Monitor for Watcher {
 
     fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String> {
         let blob = self.blobs.put(bytes).map_err(|error| error.to_string())?;
+        crate::fail_point::pass("checkpoint.blob_kept");
         let (saved, answer) = oneshot::channel();
         self.say(Event::Checkpoint { step, blob, saved });
         answer.blocking_recv().map_err(|_| "the server did not take it".to_owned())

@@ -71,7 +71,9 @@ impl Work {
     }
 
     fn keep(&self, bytes: &[u8]) -> Result<BlobId, Failure> {
-        Ok(self.blobs.put(bytes)?)
+        let blob = self.blobs.put(bytes)?;
+        crate::fail_point::pass("result.blob_kept");
+        Ok(blob)
     }
 
     /// L = L_MTP + L_TR + L_AA over D_u = D_e ∪ D_i.
