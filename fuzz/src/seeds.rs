@@ -28,6 +28,9 @@ pub fn write(target: &str) {
         "cdr" => schemas(target, dialects::ros2(), ros2()),
         "protobuf" => foxglove().and_then(|steps| schemas(target, dialects::foxglove(), steps)),
         "image" => images(),
+        "checkpoint" => checkpoints(),
+        "observation" => seed(target, "raw", &observation()),
+        "wire" => messages(),
         _ => Ok(()),
     };
     written.unwrap_or_else(|fault| panic!("writing the first inputs of {target}: {fault}"));
@@ -206,6 +209,58 @@ fn images() -> Result<(), Fault> {
     for kind in 9..18_u8 {
         let size = [SIDE, SIDE, SIDE * 4].map(u32::to_le_bytes).concat();
         seed("image", &format!("raw-{kind}"), &[&[kind][..], &size, &[7; 256]].concat())?;
+    }
+    Ok(())
+}
+
+/// A checkpoint's header with one small tensor: what is read before anything is believed.
+fn checkpoints() -> Result<(), Fault> {
+    for (name, policy) in [("encoder", ""), ("bc", r#","policy":"bc""#), ("act", r#","policy":"act","act":{"chunk_length":2}"#)] {
+        let kind = if policy.is_empty() { "encoder" } else { "policy" };
+        let header = format!(
+            r#"{{"format_version":1,"kind":"{kind}","step":3,"finished":true,"shape":{{"cameras":[{{"name":"top","height":16,"width":16}}],"proprioception":2,"action":1}},"model":{{"preset":"tiny","segment_length":0}}{policy},"spec":"{{}}"}}"#
+        );
+        let head = serde_json::json!({
+            "__metadata__": {"gleaner": header},
+            "a.weight": {"dtype": "F32", "shape": [1, 2], "data_offsets": [0, 8]},
+        });
+        let head = head.to_string();
+        seed("checkpoint", name, &[&(head.len() as u64).to_le_bytes()[..], head.as_bytes(), &[0; 8]].concat())?;
+    }
+    Ok(())
+}
+
+/// One field of a protobuf message: its number and its bytes.
+fn field(number: u8, bytes: &[u8]) -> Vec<u8> {
+    let mut out = vec![number << 3 | 2];
+    let mut length = bytes.len();
+    while length >= 128 {
+        out.push(length as u8 | 128);
+        length >>= 7;
+    }
+    out.push(length as u8);
+    [&out, bytes].concat()
+}
+
+/// Of the task that the server's doors for the fuzzer have.
+fn observation() -> Vec<u8> {
+    const RAW: [u8; 2] = [8, 3];
+    let image = |data: &[u8]| [&RAW[..], &field(2, data)].concat();
+    let top = [field(1, b"top"), field(2, &image(&[1; 192])), field(3, &image(&[2; 128]))].concat();
+    let wrist = [field(1, b"wrist"), field(2, &field(2, &jpeg()))].concat();
+    let proprioception: Vec<u8> = [0.5_f32, -0.5].iter().flat_map(|value| value.to_le_bytes()).collect();
+    [vec![8, 1], field(2, &top), field(2, &wrist), field(3, &proprioception)].concat()
+}
+
+/// Of each kind a message of texts, of ids, and of messages.
+fn messages() -> Result<(), Fault> {
+    for kind in 0..31_u8 {
+        let id = field(1, b"ep_01ARZ3NDEKTSV4RRFFQ69G5FAV");
+        let text = [field(1, b"pick_cube"), field(2, b"x"), vec![24, 1], vec![32, 2]].concat();
+        let nested = [field(1, &text), field(2, &field(1, &text)), field(3, &observation())].concat();
+        for (name, message) in [("id", id), ("text", text.clone()), ("nested", nested)] {
+            seed("wire", &format!("{kind}-{name}"), &[&[kind][..], &message].concat())?;
+        }
     }
     Ok(())
 }

@@ -14,7 +14,11 @@ use clap::{Args, Parser, Subcommand};
 
 pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
-    connections::ConnectionsConfig, keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RestoreConfig}, policies::PoliciesConfig, recordings::RecordingsConfig, telemetry::TelemetryConfig,
+    connections::ConnectionsConfig,
+    keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RestoreConfig},
+    policies::PoliciesConfig,
+    recordings::RecordingsConfig,
+    telemetry::TelemetryConfig,
     uploads::UploadsConfig,
 };
 

@@ -29,7 +29,10 @@ pub mod worker;
 #[doc(hidden)]
 pub use wire::fuzzing;
 
-use std::{net::{Ipv4Addr, SocketAddr}, sync::Arc};
+use std::{
+    net::{Ipv4Addr, SocketAddr},
+    sync::Arc,
+};
 
 use tokio::net::TcpListener;
 use tokio_util::task::AbortOnDropHandle;

@@ -83,6 +83,8 @@ impl AttemptEnd {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     const SECOND_OF_THREE: Standing =
@@ -121,6 +123,35 @@ mod tests {
         for end in [AttemptEnd::Stopped, killed(), wrong] {
             let next = end.next(Standing { cancel_requested: true, ..SECOND_OF_THREE });
             assert_eq!((next.state, next.error.as_str()), (JobState::Cancelled, ""));
+        }
+    }
+
+    proptest! {
+        /// However attempts end, one after the other: each move is legal, and no job gets more than it may have.
+        #[test]
+        fn a_job_never_gets_more_attempts_than_it_may(
+            max_attempts in 1..6_u32,
+            ends in proptest::collection::vec((0..3_u8, prop::bool::weighted(0.1)), 1..40),
+        ) {
+            let (mut state, mut used) = (JobState::Queued, 0);
+            for (end, cancel_requested) in ends {
+                if state.ended() {
+                    break;
+                }
+                prop_assert!(state.may_become(JobState::Running));
+                let attempt = used + 1;
+                prop_assert!(attempt <= max_attempts);
+                let end = match end {
+                    0 => AttemptEnd::Stopped,
+                    1 => killed(),
+                    _ => AttemptEnd::Hopeless("wrong".to_owned()),
+                };
+                let next = end.next(Standing { attempt, max_attempts, checkpoint_step: None, cancel_requested });
+                prop_assert!(JobState::Running.may_become(next.state));
+                prop_assert_eq!(next.state == JobState::Failed, !next.error.is_empty());
+                prop_assert!(next.attempt <= attempt);
+                (state, used) = (next.state, next.attempt);
+            }
         }
     }
 }

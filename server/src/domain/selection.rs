@@ -152,6 +152,8 @@ fn what_if(selection: Selection, filter: Filter, candidates: &[Candidate]) -> Wh
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use proptest::prelude::*;
+
     use super::*;
 
     fn candidate(cohort: &str, q: &[f32]) -> Candidate {
@@ -206,5 +208,59 @@ mod tests {
         let episodes: Vec<_> = counts[1].episodes.iter().map(|(_, kept, of)| (*kept, *of)).collect();
         assert_eq!(episodes, [(2, 3), (1, 2), (0, 0)]);
         assert_eq!((counts[2].threshold, counts[2].total.segments), (None, 0));
+    }
+
+    /// Episodes of few different scores, so that ties are common.
+    fn candidates() -> impl Strategy<Value = Vec<Candidate>> {
+        let score = (0..8_u8, 0..4_u8).prop_map(|(q, w)| (f32::from(q) / 7.0, -f64::from(w)));
+        let one = ("[ab]", proptest::collection::vec(score, 0..12)).prop_map(|(cohort, scores)| Candidate {
+            episode_id: EpisodeId::new(),
+            cohort,
+            w: scores.iter().map(|(_, w)| *w).collect(),
+            q: scores.iter().map(|(q, _)| *q).collect(),
+        });
+        proptest::collection::vec(one, 0..6)
+    }
+
+    fn selection() -> impl Strategy<Value = Selection> {
+        prop_oneof![(0.0..=1.0_f64).prop_map(Selection::Beta), (0.001..=1.0_f64).prop_map(Selection::TopFraction)]
+    }
+
+    proptest! {
+        #[test]
+        fn counts_add_up_and_are_those_of_the_filter(candidates in candidates(), selection in selection()) {
+            let counted = count(&[selection], &candidates).remove(0);
+            let filter = Filter::new(selection, &ranked(&candidates));
+            let kept = |one: &Candidate| one.w.iter().zip(&one.q).filter(|&(&w, &q)| filter.keeps(w, q)).count() as u64;
+            let each: Vec<u64> = candidates.iter().map(kept).collect();
+            prop_assert_eq!(counted.episodes.iter().map(|(_, kept, _)| *kept).collect::<Vec<_>>(), each.clone());
+            let Kept { segments, of_segments, episodes, of_episodes } = counted.total;
+            prop_assert_eq!(segments, each.iter().sum::<u64>());
+            prop_assert_eq!(of_segments, candidates.iter().map(|one| one.w.len() as u64).sum::<u64>());
+            prop_assert_eq!(episodes, each.iter().filter(|&&kept| kept > 0).count() as u64);
+            prop_assert_eq!(of_episodes, candidates.len() as u64);
+            let of_cohorts = counted.cohorts.values().fold(Kept::default(), |sum, kept| Kept {
+                segments: sum.segments + kept.segments,
+                of_segments: sum.of_segments + kept.of_segments,
+                episodes: sum.episodes + kept.episodes,
+                of_episodes: sum.of_episodes + kept.of_episodes,
+            });
+            prop_assert_eq!(of_cohorts, counted.total);
+            prop_assert_eq!(counted.threshold.is_some(), segments > 0);
+            if let Selection::TopFraction(fraction) = selection && of_segments > 0 {
+                prop_assert!(segments >= rank(fraction, usize::try_from(of_segments).unwrap()) as u64);
+            }
+        }
+
+        /// A stricter rule keeps no more.
+        #[test]
+        fn keeping_less_is_a_subset(candidates in candidates(), one in 0.0..=1.0_f64, other in 0.0..=1.0_f64) {
+            let (low, high) = if one < other { (one, other) } else { (other, one) };
+            let counted = count(&[Selection::Beta(low), Selection::Beta(high)], &candidates);
+            prop_assert!(counted[1].total.segments <= counted[0].total.segments);
+            let fractions = [Selection::TopFraction(low.max(0.001)), Selection::TopFraction(high.max(0.001))];
+            let counted = count(&fractions, &candidates);
+            prop_assert!(counted[0].total.segments <= counted[1].total.segments);
+        }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Nothing here may be trusted to return: hostile bytes can abort this process, and that is what it is for.
 
-use gleaner_recording::{RecordingError, Report, TaskSpec, read_episode, salvage};
+use gleaner_recording::{RecordingError, Report, TaskSpec, read_episode_within, salvage};
 
 use super::limits;
 use crate::{
@@ -40,7 +40,7 @@ fn judge(config: &InspectConfig) -> Result<()> {
         Some(out) => salvage(&config.recording, out).map(Verdict::Salvaged),
         None => {
             let spec = spec(config)?;
-            read_episode(&config.recording, &spec).and_then(|reading| {
+            read_episode_within(&config.recording, &spec, &config.limits.limits()).and_then(|reading| {
                 reading.episode.write_cache(&config.frames).map(|()| Verdict::Usable(reading.report))
             })
         }

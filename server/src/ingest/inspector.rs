@@ -37,6 +37,8 @@ pub(super) struct Inspector {
     tmp: PathBuf,
     memory_bytes: u64,
     seconds: u64,
+    /// What a recording may hold, as the child's flags.
+    limits: Vec<String>,
     permits: Semaphore,
 }
 
@@ -55,6 +57,7 @@ impl Inspector {
             tmp: data_dir.join("tmp"),
             memory_bytes: limits.inspect_memory_bytes,
             seconds: limits.inspect_seconds,
+            limits: limits.recordings.flags(),
             permits: Semaphore::new(limits.inspect_parallel.max(1)),
         })
     }
@@ -141,6 +144,7 @@ impl Inspector {
             .arg("--frames")
             .arg(folder.join(FRAMES))
             .args(["--memory-bytes", &self.memory_bytes.to_string(), "--seconds", &self.seconds.to_string()])
+            .args(&self.limits)
             .args(extra)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -229,7 +233,9 @@ impl Inspected {
         off_runtime("keeping decoded frames", move || {
             let fault = |error| Error::internal(format!("keeping {}", place.display()), error);
             std::fs::File::open(&from).and_then(|file| file.sync_all()).map_err(fault)?;
+            crate::fail_point::pass("frames.synced");
             std::fs::rename(&from, &place).map_err(fault)?;
+            crate::fail_point::pass("frames.renamed");
             place.parent().map_or(Ok(()), sync_folder)
         })
         .await

@@ -15,6 +15,8 @@ use crate::{
 
 /// More attempts than this help nobody.
 const MAX_ATTEMPTS: u32 = 100;
+/// Most jobs to wait for.
+const MAX_NEEDS: usize = 100;
 /// Longest key, in characters.
 const LONGEST_KEY: usize = 200;
 
@@ -29,6 +31,9 @@ pub(crate) fn job_id(text: &str) -> Result<JobId> {
 /// Invalid names the field and the mend.
 pub(crate) fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
     let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts, key } = request;
+    if needs.len() > MAX_NEEDS {
+        return Err(Error::invalid("needs", format!("are {}, must be at most {MAX_NEEDS}", needs.len())));
+    }
     let needs =
         needs.iter().enumerate().map(|(i, id)| JobId::parse(&format!("needs[{i}]"), id)).collect::<Result<_>>()?;
     if max_attempts.is_some_and(|attempts| attempts == 0 || attempts > MAX_ATTEMPTS) {
@@ -183,6 +188,8 @@ mod tests {
         let refusal = |request| submit_request(request).unwrap_err().message().to_owned();
         let needs = vec![JobId::new().into(), "ep_x".into()];
         assert!(refusal(v1::SubmitJobRequest { needs, ..request.clone() }).starts_with("needs[1]: "));
+        let needs = vec![JobId::new().into(); 101];
+        assert!(refusal(v1::SubmitJobRequest { needs, ..request.clone() }).starts_with("needs: are 101"));
         assert!(
             refusal(v1::SubmitJobRequest { max_attempts: Some(0), ..request.clone() }).starts_with("max_attempts: ")
         );

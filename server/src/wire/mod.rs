@@ -6,6 +6,8 @@ pub(crate) mod dataset;
 pub(crate) mod episode;
 pub(crate) mod evaluation;
 pub(crate) mod field;
+#[cfg(feature = "fuzzing")]
+pub mod fuzzing;
 pub(crate) mod inference;
 pub(crate) mod job;
 pub(crate) mod order;

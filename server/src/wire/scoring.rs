@@ -131,4 +131,24 @@ mod tests {
         assert_eq!(data(b"x").unwrap(), "x");
         assert!(data(b"").unwrap_err().message().starts_with("data: "));
     }
+
+    #[test]
+    fn an_opening_is_checked() {
+        let open = |score_run_id: String, file_name: &str| {
+            let open = v1::ScoreRecordingOpen { score_run_id, file_name: file_name.to_owned(), size_bytes: 7 };
+            recording_open(Some(v1::ScoreRecordingRequest {
+                message: Some(score_recording_request::Message::Open(open)),
+            }))
+        };
+        let run = || String::from(ScoreRunId::new());
+        assert!(open(run(), "a.mcap").is_ok() && open(run(), "").is_ok());
+        for (opened, field) in [
+            (open("../x".into(), ""), "open.score_run_id: "),
+            (open(run(), &"x".repeat(256)), "open.file_name: "),
+            (open(run(), "a\nb"), "open.file_name: "),
+        ] {
+            let said = opened.err().unwrap();
+            assert!(said.message().starts_with(field), "{field} expected: {said}");
+        }
+    }
 }

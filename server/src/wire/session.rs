@@ -109,6 +109,21 @@ mod tests {
     }
 
     #[test]
+    fn an_opening_of_a_session_is_checked() {
+        for (open, field) in [
+            (v1::SessionOpen { deployment: String::new(), ..record("", false) }, "open.deployment: "),
+            (v1::SessionOpen { deployment: "../x".into(), ..record("", false) }, "open.deployment: "),
+            (v1::SessionOpen { control_rate_hz: -1.0, ..record("", false) }, "open.control_rate_hz: "),
+            (v1::SessionOpen { control_rate_hz: 1e5, ..record("", false) }, "open.control_rate_hz: "),
+            (record(&"x".repeat(256), true), "open.cohort: "),
+            (record("a\u{7}", true), "open.cohort: "),
+        ] {
+            let said = opened(open).unwrap_err();
+            assert!(said.message().starts_with(field), "{field} expected: {said}");
+        }
+    }
+
+    #[test]
     fn a_recorded_sessions_cohort_is_the_deployments_name_unless_it_is_said() {
         for (open, expected) in
             [(record("", true), Some("arm@prod")), (record("night", true), Some("night")), (record("", false), None)]

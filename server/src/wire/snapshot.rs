@@ -25,10 +25,13 @@ pub(crate) fn create_request(request: v1::CreateSnapshotRequest) -> Result<(Stri
     Ok((field::text("task", task)?, rule_from_proto("rule", rule)?))
 }
 
+/// Most cohorts on one side of a rule.
+const MAX_COHORTS: usize = 1000;
+
 /// Reads a rule; none is the default one: success is expert, failure imperfect.
 ///
 /// # Errors
-/// Invalid when a cohort is on both sides, or a limit is negative or not a number.
+/// Invalid when a cohort is on both sides or is no tag, when there are too many, or a limit is negative or not a number.
 pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<RoleRule> {
     let v1::RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed } =
         rule.unwrap_or_default();
@@ -38,6 +41,8 @@ pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<Ro
             format!("is {imperfect_per_expert}, must be above 0, such as 1 or 3, or 0 for all of them"),
         ));
     }
+    let expert_cohorts = cohorts(&format!("{at}.expert_cohorts"), expert_cohorts)?;
+    let imperfect_cohorts = cohorts(&format!("{at}.imperfect_cohorts"), imperfect_cohorts)?;
     let rule = RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed };
     match rule.contradiction() {
         Some(cohort) => {
@@ -45,6 +50,13 @@ pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<Ro
         }
         None => Ok(rule),
     }
+}
+
+fn cohorts(at: &str, named: Vec<String>) -> Result<Vec<String>> {
+    if named.len() > MAX_COHORTS {
+        return Err(Error::invalid(at, format!("are {}, must be at most {MAX_COHORTS}", named.len())));
+    }
+    named.into_iter().enumerate().map(|(place, cohort)| field::tag(&format!("{at}[{place}]"), cohort)).collect()
 }
 
 /// A rule.
@@ -118,6 +130,15 @@ mod tests {
             seed: 3,
         };
         assert_eq!(rule_from_proto("rule", Some(rule_to_proto(fine.clone()))).unwrap(), fine);
+    }
+
+    #[test]
+    fn cohorts_are_few_and_plain() {
+        let refusal = |rule| rule_from_proto("rule", Some(rule)).unwrap_err().message().to_owned();
+        let strange = v1::RoleRule { imperfect_cohorts: vec!["a".into(), "b\n".into()], ..v1::RoleRule::default() };
+        assert!(refusal(strange).starts_with("rule.imperfect_cohorts[1]: "));
+        let many = v1::RoleRule { expert_cohorts: vec!["a".into(); 1001], ..v1::RoleRule::default() };
+        assert!(refusal(many).starts_with("rule.expert_cohorts: are 1001"));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use gleaner_proto::v1;
 use gleaner_recording::{
-    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, RecordingError, TaskSpec,
+    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Limits, Mapping, RecordingError, TaskSpec,
 };
 
 use super::field;
@@ -18,10 +18,10 @@ const TOLERANCE: f64 = 0.25;
 ///
 /// # Errors
 /// Invalid names the field, such as `spec.cameras[0].height`, and the mend.
-pub(crate) fn create_request(request: v1::CreateTaskRequest) -> Result<TaskSpec> {
+pub(crate) fn create_request(request: v1::CreateTaskRequest, limits: &Limits) -> Result<TaskSpec> {
     let v1::CreateTaskRequest { spec } = request;
     let spec = spec_from(field::required("spec", spec)?)?;
-    spec.validate().map_err(|error| {
+    spec.validate_within(limits).map_err(|error| {
         if let RecordingError::Spec { field, problem } = error {
             Error::invalid(&format!("spec.{field}"), problem)
         } else {
@@ -184,26 +184,26 @@ mod tests {
     fn refusal(change: impl FnOnce(&mut v1::TaskSpec)) -> String {
         let mut spec = spec_to(spec());
         change(&mut spec);
-        create_request(v1::CreateTaskRequest { spec: Some(spec) }).unwrap_err().to_string()
+        create_request(v1::CreateTaskRequest { spec: Some(spec) }, &Limits::default()).unwrap_err().to_string()
     }
 
     #[test]
     fn a_spec_survives_the_wire() {
         let request = v1::CreateTaskRequest { spec: Some(spec_to(spec())) };
-        assert_eq!(create_request(request).unwrap(), spec());
+        assert_eq!(create_request(request, &Limits::default()).unwrap(), spec());
     }
 
     #[test]
     fn what_is_left_out_gets_its_default() {
         let mut sent = spec_to(spec());
         (sent.tolerance, sent.alignment) = (None, 0);
-        let spec = create_request(v1::CreateTaskRequest { spec: Some(sent) }).unwrap();
+        let spec = create_request(v1::CreateTaskRequest { spec: Some(sent) }, &Limits::default()).unwrap();
         assert_eq!((spec.tolerance, spec.alignment), (0.25, Alignment::LatestBefore));
     }
 
     #[test]
     fn a_wrong_field_is_named_by_its_path() {
-        let missing = create_request(v1::CreateTaskRequest { spec: None }).unwrap_err();
+        let missing = create_request(v1::CreateTaskRequest { spec: None }, &Limits::default()).unwrap_err();
         assert_eq!(missing.to_string(), "spec: must be set");
         assert!(refusal(|spec| spec.cameras[0].height = 0).starts_with("spec.cameras[0].height: "));
         assert!(refusal(|spec| spec.alignment = 9).starts_with("spec.alignment: "));

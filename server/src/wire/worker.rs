@@ -100,7 +100,7 @@ pub(crate) fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, Jo
     } = response;
     let job = field::required("job", job)?;
     let inputs = Inputs {
-        task: task::create_request(v1::CreateTaskRequest { spec })?,
+        task: task::create_request(v1::CreateTaskRequest { spec }, &gleaner_recording::Limits::ADMITTED)?,
         experts: experts.into_iter().map(episode_from).collect::<Result<_>>()?,
         imperfect: imperfect.into_iter().map(episode_from).collect::<Result<_>>()?,
         kept: kept.into_iter().map(kept_from).collect::<Result<_>>()?,

@@ -111,3 +111,69 @@ fn base_scores_survive_the_wire_without_q() {
     let read = base_scores_from(base_scores(scores.clone())).unwrap();
     assert_eq!(read, EpisodeScores { q: Vec::new(), ..scores });
 }
+
+/// What a worker says is checked like what anybody says: each wrong field of each message is named.
+#[test]
+fn every_wrong_field_of_a_worker_is_named() {
+    use v1::complete_job_request::Message;
+    let refused = |message| {
+        let sent = v1::CompleteJobRequest { message: Some(message) };
+        Completion::default().push(sent).unwrap_err().message().to_owned()
+    };
+    let digest = || blob("x").to_string();
+    let policy = |blob: String, kind: &str| Message::Policy(v1::PolicyResult { blob, kind: kind.into() });
+    let file = |name: &str, blob: String| {
+        Message::Export(v1::ExportResult { files: vec![v1::ExportedFile { name: name.into(), blob, size_bytes: 1 }] })
+    };
+    let right = v1::ScoreResult { similarity: "last_l2".into(), normaliser: "minmax".into(), ..Default::default() };
+    let score = |spoil: fn(&mut v1::ScoreResult)| {
+        let mut result = right.clone();
+        spoil(&mut result);
+        Message::Score(result)
+    };
+    for (message, field) in [
+        (Message::Encoder(v1::EncoderResult { blob: "../x".into() }), "message.encoder.blob: "),
+        (policy(String::new(), "bc"), "message.policy.blob: "),
+        (policy(digest(), ""), "message.policy.kind: "),
+        (file("a/../b", digest()), "message.export.files.name: "),
+        (file("a", "b".into()), "message.export.files.blob: "),
+        (score(|r| r.lo = f64::NAN), "message.score: "),
+        (score(|r| r.hi = f64::INFINITY), "message.score: "),
+        (score(|r| r.quantiles = vec![1.0, 0.0]), "message.score: "),
+        (score(|r| r.expert_ids = vec!["x".into()]), "message.score.expert_ids: "),
+        (score(|r| r.similarity.clear()), "message.score.similarity: "),
+        (score(|r| r.normaliser = "\0".into()), "message.score.normaliser: "),
+        (Message::Evaluation(v1::EvaluationResult { seeds: Vec::new() }), "message.evaluation.seeds: "),
+        (Message::EpisodeScores(v1::EpisodeScores::default()), "message.episode_scores: must follow"),
+    ] {
+        let said = refused(message);
+        assert!(said.starts_with(field), "{field} expected in {said:?}");
+    }
+    assert!(checkpoint_request(v1::SaveCheckpointRequest { step: 1, blob: "x".into() }).is_err());
+    let metric = |name: &str| v1::Metric { step: 1, name: name.into(), value: 0.5 };
+    let progress = |spoil: fn(&mut v1::ReportProgressRequest)| {
+        let mut request = v1::ReportProgressRequest { metrics: vec![metric("loss")], ..Default::default() };
+        spoil(&mut request);
+        progress_request(request).unwrap_err().message().to_owned()
+    };
+    assert!(progress(|r| r.message = "a\nb".into()).starts_with("message: "));
+    assert!(progress(|r| r.metrics[0].name.clear()).starts_with("metrics[0].name: "));
+}
+
+#[test]
+fn every_wrong_field_of_an_episodes_scores_is_named() {
+    let right = v1::EpisodeScores {
+        episode_id: EpisodeId::new().into(),
+        role: v1::Role::Imperfect.into(),
+        ..v1::EpisodeScores::default()
+    };
+    let refused = |spoil: fn(&mut v1::EpisodeScores)| {
+        let mut scores = right.clone();
+        spoil(&mut scores);
+        completion::scores_from(scores).unwrap_err().message().to_owned()
+    };
+    assert!(completion::scores_from(right.clone()).is_ok());
+    assert!(refused(|s| s.episode_id = "x".into()).starts_with("message.episode_scores.episode_id: "));
+    assert!(refused(|s| s.role = 0).starts_with("message.episode_scores.role: "));
+    assert!(refused(|s| s.distance_m.push(0.5)).starts_with("message.episode_scores: the three distances"));
+}

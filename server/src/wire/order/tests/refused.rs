@@ -104,3 +104,93 @@ fn a_wrong_field_is_named_by_its_path() {
         assert!(message.starts_with(field), "{field} expected in {message:?}");
     }
 }
+
+type Sent = v1::job_spec::Spec;
+
+fn score_with(change: impl FnOnce(&mut v1::ScoreSpec)) -> Sent {
+    let mut spec = v1::ScoreSpec { encoder_id: EncoderId::new().into(), ..v1::ScoreSpec::default() };
+    change(&mut spec);
+    Sent::Score(spec)
+}
+
+fn train_with(change: impl FnOnce(&mut v1::TrainSpec)) -> Sent {
+    let data = Some(v1::train_spec::Data::ExpertsIn(SnapshotId::new().into()));
+    let mut spec = v1::TrainSpec { data, policy: v1::PolicyKind::Act.into(), ..v1::TrainSpec::default() };
+    change(&mut spec);
+    Sent::Train(spec)
+}
+
+fn evaluate_with(change: impl FnOnce(&mut v1::EvaluateSpec)) -> Sent {
+    let subject = Some(v1::evaluate_spec::Subject::PolicyId(PolicyId::new().into()));
+    let mut spec = v1::EvaluateSpec { subject, ..v1::EvaluateSpec::default() };
+    change(&mut spec);
+    Sent::Evaluate(spec)
+}
+
+#[test]
+fn every_enum_of_a_spec_is_checked() {
+    for wrong in [-1, 77] {
+        for (spec, field) in [
+            (pretrain_with(|spec| spec.preset = wrong), "spec.pretrain.preset: "),
+            (pretrain_with(|spec| spec.device = wrong), "spec.pretrain.device: "),
+            (score_with(|spec| spec.device = wrong), "spec.score.device: "),
+            (train_with(|spec| spec.preset = wrong), "spec.train.preset: "),
+            (train_with(|spec| spec.device = wrong), "spec.train.device: "),
+            (train_with(|spec| spec.policy = wrong), "spec.train.policy: "),
+            (evaluate_with(|spec| spec.device = wrong), "spec.evaluate.device: "),
+        ] {
+            let message = refusal(spec);
+            assert!(message.starts_with(field), "{field} expected in {message:?}");
+        }
+    }
+}
+
+#[test]
+fn every_number_of_a_spec_is_checked() {
+    type Optim = fn(&mut v1::OptimSpec);
+    let optims: [(Optim, &str); 8] = [
+        (|optim| optim.steps = Some(0), "optim.steps: "),
+        (|optim| optim.batch = Some(0), "optim.batch: "),
+        (|optim| optim.batch = Some(u32::MAX), "optim.batch: "),
+        (|optim| optim.learning_rate = Some(0.0), "optim.learning_rate: "),
+        (|optim| optim.learning_rate = Some(f64::INFINITY), "optim.learning_rate: "),
+        (|optim| optim.weight_decay = Some(-0.1), "optim.weight_decay: "),
+        (|optim| optim.clip_norm = Some(0.0), "optim.clip_norm: "),
+        (|optim| optim.clip_norm = Some(f64::NAN), "optim.clip_norm: "),
+    ];
+    for (change, field) in optims {
+        let mut optim = v1::OptimSpec::default();
+        change(&mut optim);
+        let message = refusal(pretrain_with(|spec| spec.optim = Some(optim)));
+        assert!(message.starts_with(&format!("spec.pretrain.{field}")), "{field} expected in {message:?}");
+        let message = refusal(train_with(|spec| spec.optim = Some(optim)));
+        assert!(message.starts_with(&format!("spec.train.{field}")), "{field} expected in {message:?}");
+    }
+    let shaken = |shift_pixels, brightness, contrast| Some(v1::Augmentation { shift_pixels, brightness, contrast });
+    let act = |chunk, kl, latent| Some(v1::ActSpec { chunk_length: chunk, kl_weight: kl, latent_size: latent });
+    let scale = |image, proprioception, action| Some(v1::ModalityScale { image, proprioception, action });
+    for (spec, field) in [
+        (pretrain_with(|spec| spec.augmentation = shaken(1025, 0.0, 0.0)), "spec.pretrain.augmentation.shift_pixels: "),
+        (pretrain_with(|spec| spec.augmentation = shaken(0, 1.1, 0.0)), "spec.pretrain.augmentation.brightness: "),
+        (train_with(|spec| spec.augmentation = shaken(0, 0.0, -0.1)), "spec.train.augmentation.contrast: "),
+        (train_with(|spec| spec.checkpoint_every = Some(0)), "spec.train.checkpoint_every: "),
+        (train_with(|spec| spec.act = act(Some(257), None, None)), "spec.train.act.chunk_length: "),
+        (train_with(|spec| spec.act = act(None, Some(f64::NAN), None)), "spec.train.act.kl_weight: "),
+        (train_with(|spec| spec.act = act(None, None, Some(0))), "spec.train.act.latent_size: "),
+        (train_with(|spec| spec.lambda = Some(-1.0)), "spec.train.lambda: "),
+        (train_with(|spec| spec.lambda = Some(f64::INFINITY)), "spec.train.lambda: "),
+        (score_with(|spec| spec.modality_scale = scale(-1.0, 1.0, 1.0)), "spec.score.modality_scale.image: "),
+        (
+            score_with(|spec| spec.modality_scale = scale(1.0, f64::NAN, 1.0)),
+            "spec.score.modality_scale.proprioception: ",
+        ),
+        (score_with(|spec| spec.modality_scale = scale(1.0, 1.0, 1e7)), "spec.score.modality_scale.action: "),
+        (evaluate_with(|spec| spec.episodes = Some(1_000_001)), "spec.evaluate.episodes: "),
+        (evaluate_with(|spec| spec.max_steps = Some(10_001)), "spec.evaluate.max_steps: "),
+        (evaluate_with(|spec| spec.seeds = (0..1001).collect()), "spec.evaluate.seeds: "),
+        (evaluate_with(|spec| spec.seeds = vec![u64::MAX]), "spec.evaluate.seeds: "),
+    ] {
+        let message = refusal(spec);
+        assert!(message.starts_with(field), "{field} expected in {message:?}");
+    }
+}
