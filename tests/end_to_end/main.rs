@@ -30,6 +30,7 @@ mod inference;
 mod keeping;
 mod lab;
 mod live;
+mod load;
 mod method;
 mod real_recordings;
 mod refusals;

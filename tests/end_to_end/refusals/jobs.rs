@@ -1,0 +1,162 @@
+//! JobService. What can be wrong inside a job's spec is in `bad_settings` and, field by field, beside the conversions.
+
+use gleaner_proto::v1::*;
+use tonic::Code;
+
+use super::{alive, nobody, refuse};
+use crate::{api::Api, bad_input::refused, lab, shared::shared};
+
+type Spoil = fn(&mut SubmitJobRequest);
+
+#[tokio::test]
+async fn jobs_that_cannot_be_queued() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let good = SubmitJobRequest {
+        task: lab::TASK.into(),
+        spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
+        ..SubmitJobRequest::default()
+    };
+    let with = |spoil: Spoil| {
+        let mut request = good.clone();
+        spoil(&mut request);
+        request
+    };
+    refuse!(api.jobs:
+        submit_job(with(|r| r.task.clear())) => InvalidArgument ["task: "];
+        submit_job(with(|r| r.task = "nobody".into())) => NotFound ["nobody"];
+        submit_job(with(|r| r.spec = None)) => InvalidArgument ["spec: "];
+        submit_job(with(|r| r.spec = Some(JobSpec { spec: None }))) => InvalidArgument ["spec: "];
+        submit_job(with(|r| r.needs = vec!["x".into()])) => InvalidArgument ["needs[0]: "];
+        submit_job(with(|r| r.needs = vec![nobody("job"); 101])) => InvalidArgument ["needs: are 101"];
+        submit_job(with(|r| r.needs = vec![nobody("job")])) => NotFound [&nobody("job")];
+        submit_job(with(|r| r.max_attempts = Some(0))) => InvalidArgument ["max_attempts: "];
+        submit_job(with(|r| r.max_attempts = Some(101))) => InvalidArgument ["max_attempts: "];
+        submit_job(with(|r| r.key = "x".repeat(201))) => InvalidArgument ["key: "];
+        submit_job(with(|r| r.key = "\0".into())) => InvalidArgument ["key: "];
+    );
+    alive(&mut api).await;
+}
+
+/// What a spec names must be there, of the right kind and of this task.
+#[tokio::test]
+async fn inputs_that_are_not_there() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let pretrain = |snapshot: &str| {
+        job_spec::Spec::Pretrain(PretrainSpec { snapshot_id: snapshot.to_owned(), ..PretrainSpec::default() })
+    };
+    let score = |encoder: &str, snapshot: &str, extends: &str| {
+        job_spec::Spec::Score(ScoreSpec {
+            encoder_id: encoder.to_owned(),
+            snapshot_id: snapshot.to_owned(),
+            extends: extends.to_owned(),
+            ..ScoreSpec::default()
+        })
+    };
+    let export = |dataset: &str, format| job_spec::Spec::Export(ExportSpec { dataset_id: dataset.to_owned(), format });
+    let evaluate =
+        |subject| job_spec::Spec::Evaluate(EvaluateSpec { subject: Some(subject), ..EvaluateSpec::default() });
+    use evaluate_spec::Subject;
+    use train_spec::Data;
+    let encoder = shared.encoder.as_str();
+    let wrong = |spec, field: &str| (spec, Code::InvalidArgument, field.to_owned());
+    let absent = |spec, id: String| (spec, Code::NotFound, id);
+    for (spec, code, words) in [
+        wrong(pretrain("x"), "spec.pretrain.snapshot_id: "),
+        absent(pretrain(&nobody("snap")), nobody("snap")),
+        wrong(score("", "", ""), "spec.score.encoder_id: "),
+        absent(score(&nobody("enc"), "", ""), nobody("enc")),
+        wrong(score(encoder, "x", ""), "spec.score.snapshot_id: "),
+        absent(score(encoder, &nobody("snap"), ""), nobody("snap")),
+        absent(score(encoder, "", &nobody("run")), nobody("run")),
+        wrong(lab::train(Data::DatasetId("x".into()), 2), "spec.train.dataset_id: "),
+        absent(lab::train(Data::DatasetId(nobody("ds")), 2), nobody("ds")),
+        wrong(lab::train(Data::ExpertsOf("x".into()), 2), "spec.train.experts_of: "),
+        absent(lab::train(Data::ExpertsOf(nobody("enc")), 2), nobody("enc")),
+        wrong(lab::train(Data::ExpertsIn("x".into()), 2), "spec.train.experts_in: "),
+        wrong(export("x", 1), "spec.export.dataset_id: "),
+        absent(export(&nobody("ds"), 1), nobody("ds")),
+        wrong(export(&nobody("ds"), 9), "spec.export.format: "),
+        wrong(evaluate(Subject::PolicyId("x".into())), "spec.evaluate.policy_id: "),
+        absent(evaluate(Subject::PolicyId(nobody("pol"))), nobody("pol")),
+        wrong(evaluate(Subject::Deployment("../x".into())), "spec.evaluate.deployment: "),
+        absent(evaluate(Subject::Deployment("nobody@prod".into())), "nobody@prod".to_owned()),
+    ] {
+        refused(&api.submit(lab::TASK, spec).await.unwrap_err(), code, &[&words]);
+    }
+    alive(&mut api).await;
+}
+
+#[tokio::test]
+async fn pipelines_that_have_gaps() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let whole = PipelineSpec {
+        pretrain: Some(PretrainSpec::default()),
+        score: true,
+        beta: Some(0.9),
+        train: Some(TrainSpec::default()),
+        ..PipelineSpec::default()
+    };
+    let submit = |task: &str, spoil: fn(&mut PipelineSpec)| {
+        let mut pipeline = whole.clone();
+        spoil(&mut pipeline);
+        SubmitPipelineRequest { task: task.to_owned(), pipeline: Some(pipeline), priority: 0 }
+    };
+    let data = |r: &mut PipelineSpec| r.train.as_mut().unwrap().data = Some(train_spec::Data::ExpertsOf(nobody("enc")));
+    let subject = |r: &mut PipelineSpec| {
+        let subject = Some(evaluate_spec::Subject::PolicyId(nobody("pol")));
+        r.evaluate = Some(EvaluateSpec { subject, ..EvaluateSpec::default() });
+    };
+    let named = |r: &mut PipelineSpec| {
+        r.scoring = Some(ScoreSpec { encoder_id: nobody("enc"), ..ScoreSpec::default() });
+    };
+    refuse!(api.jobs:
+        submit_pipeline(submit("", |_| {})) => InvalidArgument ["task: "];
+        submit_pipeline(submit("nobody", |_| {})) => NotFound ["nobody"];
+        submit_pipeline(SubmitPipelineRequest { task: lab::TASK.into(), ..Default::default() }) => InvalidArgument ["pipeline: "];
+        submit_pipeline(submit(lab::TASK, |r| r.pretrain = None)) => InvalidArgument ["pipeline.pretrain: "];
+        submit_pipeline(submit(lab::TASK, |r| r.pretrain.as_mut().unwrap().preset = 77)) => InvalidArgument ["pipeline.pretrain.preset: "];
+        submit_pipeline(submit(lab::TASK, |r| r.score = false)) => InvalidArgument ["pipeline.beta: "];
+        submit_pipeline(submit(lab::TASK, |r| r.beta = Some(2.0))) => InvalidArgument ["pipeline.beta: "];
+        submit_pipeline(submit(lab::TASK, |r| r.beta = None)) => InvalidArgument ["pipeline.train: "];
+        submit_pipeline(submit(lab::TASK, |r| r.top_fraction = Some(0.5))) => InvalidArgument ["pipeline.top_fraction: "];
+        submit_pipeline(submit(lab::TASK, |r| (r.beta, r.top_fraction) = (None, Some(0.0)))) => InvalidArgument ["pipeline.top_fraction: "];
+        submit_pipeline(submit(lab::TASK, |r| r.train.as_mut().unwrap().policy = 77)) => InvalidArgument ["pipeline.train.policy: "];
+        submit_pipeline(submit(lab::TASK, data)) => InvalidArgument ["pipeline.train.data: "];
+        submit_pipeline(submit(lab::TASK, named)) => InvalidArgument ["pipeline.scoring.encoder_id: "];
+        submit_pipeline(submit(lab::TASK, subject)) => InvalidArgument ["pipeline.evaluate.subject: "];
+    );
+    alive(&mut api).await;
+}
+
+#[tokio::test]
+async fn jobs_that_are_not_there() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let list = |spoil: fn(&mut ListJobsRequest)| {
+        let mut request = ListJobsRequest::default();
+        spoil(&mut request);
+        request
+    };
+    let unknown = nobody("job");
+    let all = api.jobs.list_jobs(ListJobsRequest::default()).await.unwrap().into_inner().jobs;
+    let ended = all.iter().find(|job| job.state() == JobState::Succeeded).unwrap().id.clone();
+    refuse!(api.jobs:
+        get_job(GetJobRequest { job_id: "x".into() }) => InvalidArgument ["job_id: "];
+        get_job(GetJobRequest { job_id: unknown.clone() }) => NotFound [&unknown];
+        list_jobs(list(|r| r.task = "nobody".into())) => NotFound ["nobody"];
+        list_jobs(list(|r| r.state = 77)) => InvalidArgument ["state: "];
+        list_jobs(list(|r| r.page_size = 1001)) => InvalidArgument ["page_size: "];
+        list_jobs(list(|r| r.page_token = "1".into())) => InvalidArgument ["page_token: "];
+        cancel_job(CancelJobRequest { job_id: "x".into() }) => InvalidArgument ["job_id: "];
+        cancel_job(CancelJobRequest { job_id: unknown.clone() }) => NotFound [&unknown];
+        cancel_job(CancelJobRequest { job_id: ended.clone() }) => FailedPrecondition [&ended];
+        watch_job(WatchJobRequest { job_id: "x".into() }) => InvalidArgument ["job_id: "];
+        watch_job(WatchJobRequest { job_id: unknown.clone() }) => NotFound [&unknown];
+        list_metrics(ListMetricsRequest { job_id: "x".into() }) => InvalidArgument ["job_id: "];
+        list_metrics(ListMetricsRequest { job_id: unknown.clone() }) => NotFound [&unknown];
+    );
+    alive(&mut api).await;
+}

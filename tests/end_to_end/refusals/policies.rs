@@ -1,0 +1,100 @@
+//! PolicyService, and the two rpcs of the Open Inference Protocol that only look. Wrong observations are in `live`, wrong
+//! tensors in `inference`.
+
+use gleaner_proto::{
+    inference::{
+        ModelMetadataRequest, ModelReadyRequest, RepositoryIndexRequest,
+        grpc_inference_service_client::GrpcInferenceServiceClient,
+    },
+    v1::*,
+};
+
+use super::{alive, nobody, refuse};
+use crate::{
+    api::Api,
+    shared::{NAME, shared},
+};
+
+#[tokio::test]
+async fn policies_that_are_not_there() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let deploy = |name: &str, policy: &str, run: &str| DeployRequest {
+        name: name.to_owned(),
+        policy_id: policy.to_owned(),
+        score_run_id: run.to_owned(),
+    };
+    let (policy, unknown) = (shared.policy.as_str(), nobody("pol"));
+    let roll_back = |name: &str| RollBackRequest { name: name.to_owned() };
+    let act = |deployment: &str| ActRequest { deployment: deployment.to_owned(), observations: vec![] };
+    refuse!(api.policies:
+        list_policies(ListPoliciesRequest { task: "nobody".into() }) => NotFound ["nobody"];
+        deploy(deploy("", policy, "")) => InvalidArgument ["name: "];
+        deploy(deploy("../prod", policy, "")) => InvalidArgument ["name: "];
+        deploy(deploy(&"x".repeat(129), policy, "")) => InvalidArgument ["name: "];
+        deploy(deploy("x@prod", "pol_7", "")) => InvalidArgument ["policy_id: "];
+        deploy(deploy("x@prod", &unknown, "")) => NotFound [&unknown];
+        deploy(deploy("x@prod", policy, "run_7")) => InvalidArgument ["score_run_id: "];
+        deploy(deploy("x@prod", policy, &nobody("run"))) => NotFound [&nobody("run")];
+        roll_back(roll_back("a b")) => InvalidArgument ["name: "];
+        roll_back(roll_back("nobody@prod")) => NotFound ["nobody@prod"];
+        roll_back(roll_back(NAME)) => FailedPrecondition [NAME];
+        list_deployments(ListDeploymentsRequest { task: "nobody".into() }) => NotFound ["nobody"];
+        act(act("../x")) => InvalidArgument ["deployment: "];
+        act(act("nobody@prod")) => NotFound ["nobody@prod"];
+        act(act(NAME)) => InvalidArgument ["observations: "];
+        list_evaluations(ListEvaluationsRequest { policy_id: "x".into() }) => InvalidArgument ["policy_id: "];
+        list_evaluations(ListEvaluationsRequest { policy_id: unknown.clone() }) => NotFound [&unknown];
+        get_evaluation(GetEvaluationRequest { evaluation_id: "x".into() }) => InvalidArgument ["evaluation_id: "];
+        get_evaluation(GetEvaluationRequest { evaluation_id: nobody("eval") }) => NotFound [&nobody("eval")];
+    );
+    alive(&mut api).await;
+}
+
+#[tokio::test]
+async fn evaluations_that_make_no_sense() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let seed = SeedResult { seed: 1, episodes: 10, successes: 3, mean_steps: 20.0 };
+    let report = |policy: &str, simulation: &str, seeds: Vec<SeedResult>| ReportEvaluationRequest {
+        policy_id: policy.to_owned(),
+        simulation: simulation.to_owned(),
+        seeds,
+    };
+    let of = |seeds| report(&shared.policy, "lab/bench", seeds);
+    refuse!(api.policies:
+        report_evaluation(report("x", "lab", vec![seed])) => InvalidArgument ["policy_id: "];
+        report_evaluation(report(&nobody("pol"), "lab", vec![seed])) => NotFound [&nobody("pol")];
+        report_evaluation(report(&shared.policy, "", vec![seed])) => InvalidArgument ["simulation: "];
+        report_evaluation(report(&shared.policy, &"x".repeat(201), vec![seed])) => InvalidArgument ["simulation: "];
+        report_evaluation(of(vec![])) => InvalidArgument ["seeds: "];
+        report_evaluation(of(vec![seed, seed])) => InvalidArgument ["seeds[1].seed: "];
+        report_evaluation(of(vec![SeedResult { episodes: 0, ..seed }])) => InvalidArgument ["seeds[0].episodes: "];
+        report_evaluation(of(vec![SeedResult { successes: 11, ..seed }])) => InvalidArgument ["seeds[0].successes: "];
+        report_evaluation(of(vec![SeedResult { mean_steps: f64::NAN, ..seed }])) => InvalidArgument ["seeds[0].mean_steps: "];
+    );
+    alive(&mut api).await;
+}
+
+#[tokio::test]
+async fn models_that_are_not_there() {
+    struct Face {
+        models: GrpcInferenceServiceClient<tonic::transport::Channel>,
+    }
+    let shared = shared().await;
+    let mut face = Face { models: GrpcInferenceServiceClient::connect(shared.server.url().to_owned()).await.unwrap() };
+    let describe =
+        |name: &str, version: &str| ModelMetadataRequest { name: name.to_owned(), version: version.to_owned() };
+    let ready = |name: &str, version: &str| ModelReadyRequest { name: name.to_owned(), version: version.to_owned() };
+    refuse!(face.models:
+        model_metadata(describe("../x", "")) => InvalidArgument ["name: "];
+        model_metadata(describe("nobody", "")) => NotFound ["nobody"];
+        model_metadata(describe(NAME, "7")) => InvalidArgument ["version: "];
+        model_metadata(describe(NAME, &nobody("pol"))) => NotFound [NAME];
+        model_ready(ready("", "")) => InvalidArgument ["name: "];
+        model_ready(ready(NAME, "x")) => InvalidArgument ["version: "];
+        repository_index(RepositoryIndexRequest { repository_name: "x".into(), ready: false }) => InvalidArgument ["repository_name: "];
+    );
+    let answer = face.models.model_ready(ready("nobody", "")).await.unwrap().into_inner();
+    assert!(!answer.ready, "what is not there is not ready, and asking is no mistake");
+}

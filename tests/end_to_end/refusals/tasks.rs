@@ -1,0 +1,88 @@
+//! TaskService.
+
+use gleaner_proto::v1::*;
+use tonic::Code;
+
+use super::{alive, refuse};
+use crate::{api::Api, bad_input::refused, lab, shared::shared};
+
+type Spoil = fn(&mut TaskSpec);
+
+const SPOILED: &[(&str, Spoil)] = &[
+    ("spec.name: ", |s| s.name.clear()),
+    ("spec.name: ", |s| s.name = "../etc/passwd".into()),
+    ("spec.name: ", |s| s.name = "x".repeat(129)),
+    ("spec.rate_hz: ", |s| s.rate_hz = f64::NAN),
+    ("spec.rate_hz: ", |s| s.rate_hz = 10_001.0),
+    ("spec.cameras: has 17", |s| s.cameras = vec![s.cameras[0].clone(); 17]),
+    ("spec.cameras[0].name: ", |s| s.cameras[0].name = "a b".into()),
+    ("spec.cameras[1].name: ", |s| s.cameras[1].name = s.cameras[0].name.clone()),
+    ("spec.cameras[0].height: ", |s| s.cameras[0].height = 0),
+    ("spec.cameras[1].width: ", |s| s.cameras[1].width = u32::MAX),
+    ("spec.cameras: all images", |s| {
+        s.cameras.iter_mut().for_each(|camera| (camera.height, camera.width) = (8192, 8192));
+        s.cameras = s.cameras.iter().cycle().take(16).cloned().collect();
+        s.cameras.iter_mut().enumerate().for_each(|(at, camera)| camera.name = at.to_string());
+    }),
+    ("spec.proprioception: has 257", |s| s.proprioception = vec![s.proprioception[0].clone(); 257]),
+    ("spec.proprioception[0].name: ", |s| s.proprioception[0].name = "timestamp".into()),
+    ("spec.proprioception[0].size: ", |s| s.proprioception[0].size = 0),
+    ("spec.action: ", |s| s.action.clear()),
+    ("spec.action[0].name: ", |s| s.action[0].name = s.proprioception[0].name.clone()),
+    ("spec.action[0].size: ", |s| s.action[0].size = 65_537),
+    ("spec.alignment: ", |s| s.alignment = 9),
+    ("spec.tolerance: ", |s| s.tolerance = Some(0.51)),
+    ("spec.tolerance: ", |s| s.tolerance = Some(f64::NAN)),
+    ("spec.mappings: ", |s| s.mappings.clear()),
+    ("spec.mappings: has 33", |s| s.mappings = vec![s.mappings[0].clone(); 33]),
+    ("spec.mappings[0].name: ", |s| s.mappings[0].name = "/".into()),
+    ("spec.mappings[0].clock: ", |s| s.mappings[0].clock = "\u{7}".into()),
+    ("spec.mappings[0].cameras: ", |s| s.mappings[0].cameras.truncate(1)),
+    ("spec.mappings[0].cameras[0].camera: ", |s| s.mappings[0].cameras[0].camera = "ceiling".into()),
+    ("spec.mappings[0].cameras[0].color: ", |s| s.mappings[0].cameras[0].color.clear()),
+    ("spec.mappings[0].cameras[0].depth: ", |s| s.mappings[0].cameras[0].depth.clear()),
+    ("spec.mappings[0].fields: ", |s| s.mappings[0].fields.truncate(1)),
+    ("spec.mappings[0].fields[0].field: ", |s| s.mappings[0].fields[0].field = "elbow".into()),
+    ("spec.mappings[0].fields[0].topic: ", |s| s.mappings[0].fields[0].topic = "x".repeat(1025)),
+    ("spec.mappings[0].fields[0].paths: ", |s| s.mappings[0].fields[0].paths.clear()),
+    ("spec.mappings[0].fields[0].paths[0]: ", |s| s.mappings[0].fields[0].paths[0] = "a..b[".into()),
+    ("spec.mappings[0].fields[0].names: ", |s| {
+        s.mappings[0].fields[0].names = vec!["a".into(); s.proprioception[0].size as usize + 1];
+    }),
+];
+
+#[tokio::test]
+async fn tasks_that_cannot_be_made() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let sim = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config());
+    let good = TaskSpec { name: "never_made".into(), ..gleaner_client::spec::to_proto(&sim) };
+    for (words, spoil) in SPOILED {
+        let mut spec = good.clone();
+        spoil(&mut spec);
+        let error = api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap_err();
+        refused(&error, Code::InvalidArgument, &[]);
+        assert!(error.message().starts_with(words), "{words} was expected: {error}");
+    }
+    refuse!(api.tasks:
+        create_task(CreateTaskRequest { spec: None }) => InvalidArgument ["spec: "];
+        create_task(CreateTaskRequest { spec: Some(TaskSpec { name: lab::TASK.into(), ..good }) }) => AlreadyExists [lab::TASK];
+    );
+    alive(&mut api).await;
+}
+
+#[tokio::test]
+async fn tasks_that_are_not_there() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let ask = |task: &str| GetTaskRequest { task: task.to_owned() };
+    refuse!(api.tasks:
+        get_task(ask("")) => NotFound ["task"];
+        get_task(ask("nobody")) => NotFound ["nobody"];
+        get_task(ask("task_01ARZ3NDEKTSV4RRFFQ69G5FAV")) => NotFound ["task_01ARZ3NDEKTSV4RRFFQ69G5FAV"];
+        get_task(ask("../../etc/passwd\0")) => NotFound ["etc"];
+        // What is repeated to the caller is cut.
+        get_task(ask(&"ü".repeat(1 << 20))) => NotFound ["(and more)"];
+    );
+    alive(&mut api).await;
+}
