@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test crash-test test-python lint-python metaworld fmt lint doc deny check bench bench-serving peers peers-serving
+.PHONY: demo build test crash-test test-python lint-python metaworld fmt lint doc deny check bench bench-serving load-test peers peers-serving fuzz
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -7,6 +7,7 @@ PYTHON ?= python3
 PYTHON_ENV = target/python
 METAWORLD_ENV = target/metaworld
 BENCH_PROFILE ?= bench
+FUZZ_SECONDS ?= 30
 
 # The main job, start to end, on an embedded database: a table at the end, a report in $(DEMO_DIR). The
 # development profile is optimised too, and `make test` then compiles little more.
@@ -78,9 +79,18 @@ peers: .libtorch
 bench-serving: .libtorch
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/serving/run.sh
 
+# 200 clients for ten minutes, hostile ones beside them, thousands of connections held for nothing: does the server hold?
+# LOAD_ARGS="--seconds 30" is the short form.
+load-test: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/load/run.sh $(LOAD_ARGS)
+
 # The same load on servers in Python that run the same network. Fetches PyTorch (about 3 GB) the first time.
 peers-serving: .libtorch
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/peers/serving.sh
+
+# Every fuzz target for half a minute; `fuzz/run.sh 1200` is the long form. Needs the nightly toolchain and cargo-fuzz.
+fuzz: .libtorch
+	fuzz/run.sh $(FUZZ_SECONDS)
 
 # What CI runs.
 check: fmt lint test doc deny
