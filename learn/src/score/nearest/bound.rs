@@ -3,6 +3,7 @@
 
 use tch::{Device, Tensor};
 
+use super::lanes::{Lanes, WIDE};
 use crate::batch::{int, rows};
 use crate::score::features::Features;
 use crate::score::similarity::{Kind, Metric, to_unit};
@@ -13,7 +14,7 @@ pub(super) const U: f64 = 5.960_464_477_539_063e-8;
 const SLACK: f64 = 16.0 * U;
 /// More than what products below the range of single precision lose; far below any distance that
 /// is told apart.
-const UNDERFLOW: f64 = 1e-32;
+pub(super) const UNDERFLOW: f64 = 1e-32;
 /// A smaller factor is as good as none.
 const LEAST_FACTOR: f64 = 1e-30;
 
@@ -21,6 +22,8 @@ const LEAST_FACTOR: f64 = 1e-30;
 pub(super) struct Frame {
     kind: Kind,
     centre: [Vec<f32>; 3],
+    /// The same, padded with zeros.
+    lanes: [Vec<Lanes<f32>>; 3],
 }
 
 /// One modality's rows in the frame: centred, for angles centred unit vectors.
@@ -94,7 +97,39 @@ impl Frame {
             let count = features.count().max(1) as f64;
             sum.iter().map(|sum| single(sum / count)).collect()
         };
-        Self { kind, centre: [0, 1, 2].map(centre) }
+        let centre = [0, 1, 2].map(centre);
+        let padded = |values: &[f32]| Lanes(std::array::from_fn(|i| values.get(i).copied().unwrap_or_default()));
+        let lanes = centre.each_ref().map(|centre: &Vec<f32>| centre.chunks(WIDE).map(padded).collect());
+        Self { kind, centre, lanes }
+    }
+
+    /// The centre of `modality`, padded with zeros.
+    pub(super) fn lanes(&self, modality: usize) -> &[Lanes<f32>] {
+        &self.lanes[modality]
+    }
+
+    /// Row `at` of `modality` before it is centred: for angles its unit vector, put into `unit`.
+    pub(super) fn row<'a>(
+        &self,
+        features: &'a Features,
+        (modality, at): (usize, usize),
+        unit: &'a mut Vec<f32>,
+    ) -> &'a [f32] {
+        let row = features.row(modality, at);
+        if self.kind == Kind::Euclidean {
+            return row;
+        }
+        let factor = to_unit(row);
+        unit.clear();
+        unit.extend(row.iter().map(|x| single(f64::from(*x) * factor)));
+        unit
+    }
+
+    /// How far a row that in the frame is no longer than `norm` may lie from where it should.
+    pub(super) fn moved(&self, norm: f64) -> f64 {
+        // Centring errs by U of every difference, a unit vector by U of every value: 1 in all.
+        let unit = if self.kind == Kind::Angular { 1.0 } else { 0.0 };
+        1.01 * U * (norm + unit)
     }
 
     /// Rows `from..to` of `modality`.
@@ -114,9 +149,7 @@ impl Frame {
             }
         };
         let _ = placed.g_sub_(&Tensor::from_slice(centre).view([1, int(width)]));
-        // Centring errs by U of every difference, a unit vector by U of every value: 1 in all.
-        let unit = if self.kind == Kind::Angular { 1.0 } else { 0.0 };
-        Framed::new(placed, |norm| 1.01 * U * (norm + unit))
+        Framed::new(placed, |norm| self.moved(norm))
     }
 }
 

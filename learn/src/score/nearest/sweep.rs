@@ -4,7 +4,7 @@
 use tch::{Device, Kind, Tensor};
 
 use super::bound::{Framed, limit};
-use super::level::{Buffers, GROUP, Level, Placed};
+use super::level::{GROUP, Level, Placed};
 use super::{Experts, Match};
 use crate::batch::int;
 use crate::score::features::Features;
@@ -20,7 +20,8 @@ pub(super) struct Sweep<'a> {
     levels: Vec<[Level; 3]>,
     queries: &'a Features,
     ranges: &'a [(usize, usize)],
-    buffers: Buffers,
+    /// Where a tile's products are written.
+    buffer: Tensor,
     /// The lower bounds of a tile, `[rows, GROUP, groups]` one after the other, and what is least in
     /// each group: as the library writes them and as we read them.
     sum: Tensor,
@@ -58,13 +59,14 @@ impl<'a> Sweep<'a> {
     ) -> Self {
         let widest = ranges.iter().map(|(from, to)| to - from).max().unwrap_or(0);
         let size = rows.min(queries.count()) * widest.next_multiple_of(GROUP);
+        let zeros = || Tensor::zeros([int(size)], (Kind::Float, Device::Cpu));
         Self {
             experts,
             levels: levels.iter().map(|level| level.each_ref().map(Level::share)).collect(),
             queries,
             ranges,
-            buffers: Buffers::new(size),
-            sum: Tensor::zeros([int(size)], (Kind::Float, Device::Cpu)),
+            buffer: zeros(),
+            sum: zeros(),
             bounds: vec![0.0; size],
             lows: vec![0.0; size / GROUP],
             tried: vec![0; levels.len()],
@@ -72,14 +74,19 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// Improves `best`, of the queries that begin at `begin`.
-    pub(super) fn block(&mut self, begin: usize, best: &mut [Option<Match>]) {
+    /// Improves `best`, of those of the queries that begin at `begin` whose numbers `rows` has.
+    pub(super) fn block(&mut self, begin: usize, rows: &[usize], best: &mut [Option<Match>]) {
+        let rows = &rows[rows.partition_point(|row| *row < begin)..];
+        let rows = &rows[..rows.partition_point(|row| *row < begin + best.len())];
+        if rows.is_empty() {
+            return;
+        }
         let experts = self.experts;
         let framed: [Framed; 3] =
             std::array::from_fn(|i| experts.frame.apply(self.queries, i, (begin, begin + best.len())));
         let mut blocks: Vec<Option<Block>> = self.levels.iter().map(|_| None).collect();
         for range in self.ranges {
-            let mut open: Vec<usize> = (0..best.len()).collect();
+            let mut open: Vec<usize> = rows.iter().map(|row| row - begin).collect();
             for (level, block) in blocks.iter_mut().enumerate().skip(self.first_level()) {
                 let block = block.get_or_insert_with(|| place(&self.levels[level], &framed));
                 self.bound((level, block), *range, (&open, best.len()));
@@ -113,7 +120,7 @@ impl<'a> Sweep<'a> {
         });
         let mut first = true;
         for (level, placed) in self.levels[level].iter().zip(&block.placed).filter(|(level, _)| level.counts()) {
-            let tile = (&self.experts.relative, &self.buffers);
+            let tile = (&self.experts.relative, &self.buffer);
             level.bound((placed, some.as_ref()), from, (&mut sum, first), tile);
             first = false;
         }

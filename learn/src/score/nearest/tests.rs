@@ -16,6 +16,7 @@ const METRICS: [Metric; 4] = [
     Metric { kind: Kind::Euclidean, scale: [0.5, 0.0, 3.0] },
     Metric { kind: Kind::Angular, scale: [0.0, 2.0, 0.1] },
 ];
+const VIEWS: [View; 2] = [View::Along, View::Whole];
 const TILES: [Tiles; 4] = [
     Tiles { queries: 128, experts: 512 },
     Tiles { queries: 1, experts: 1 },
@@ -92,7 +93,10 @@ fn found(
     metric: Metric,
     (tiles, without): (Tiles, Option<u32>),
 ) -> Vec<(u32, u32, f64)> {
-    winners(&Reference::with_tiles(&numbered(episodes), metric, tiles), queries, without)
+    let found = winners(&Reference::with_tiles(&numbered(episodes), metric, tiles), queries, without);
+    let uncoded = Reference::with_views(&numbered(episodes), metric, tiles, &VIEWS);
+    assert_eq!(winners(&uncoded, queries, without), found);
+    found
 }
 
 fn winners(reference: &Reference, queries: &Features, without: Option<u32>) -> Vec<(u32, u32, f64)> {
@@ -129,6 +133,7 @@ fn near_duplicates() -> (Vec<Features>, Features) {
     (episodes, queries)
 }
 
+mod coded;
 mod filter;
 
 #[test]
@@ -224,7 +229,7 @@ fn every_view_by_itself_finds_the_same() {
     let (episodes, queries) = near_duplicates();
     for metric in METRICS {
         let expected = brute_force(&episodes, &queries, metric, Some(3));
-        for view in View::all() {
+        for view in VIEWS {
             let reference = Reference::with_views(&numbered(&episodes), metric, TILES[2], &[view, View::Whole]);
             assert_eq!(winners(&reference, &queries, Some(3)), expected);
         }
@@ -264,12 +269,13 @@ fn the_cheaper_level_rules_out_nothing_that_is_near() {
         for metric in [METRICS[0], METRICS[3]] {
             let expected = brute_force(&episodes, &queries, metric, None);
             assert_eq!((expected[0].0, expected[0].1), (1, 17));
-            for (tiles, view) in View::all().into_iter().flat_map(|view| [(TILES[0], view), (TILES[2], view)]) {
+            for (tiles, view) in VIEWS.into_iter().flat_map(|view| [(TILES[0], view), (TILES[2], view)]) {
                 let views = [view, View::Whole];
                 let reference = Reference::with_views(&numbered(&episodes), metric, tiles, &views);
-                assert_eq!(reference.levels.len(), 2);
+                assert_eq!(reference.levels().len(), 2);
                 assert_eq!(winners(&reference, &queries, None), expected);
             }
+            assert_eq!(winners(&Reference::new(&numbered(&episodes), metric), &queries, None), expected);
         }
     }
 }
