@@ -35,7 +35,6 @@ use std::{
 };
 
 use tokio::net::TcpListener;
-use tokio_util::task::AbortOnDropHandle;
 
 use crate::{
     access::tls::Tls,
@@ -128,14 +127,7 @@ pub async fn run(
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
     connections::claim_descriptors();
     let rooms = Rooms::open(config, listeners.for_workers()?).await?;
-    let _pages = listeners.pages.take().map(|listener| {
-        let rooms = rooms.clone();
-        AbortOnDropHandle::new(tokio::spawn(async move {
-            if let Err(error) = web::serve(rooms, listener).await {
-                tracing::error!(%error, "the pages are gone");
-            }
-        }))
-    });
+    let _pages = listeners.pages.take().map(|listener| web::open(rooms.clone(), listener)).transpose()?;
     let served = service::serve(&rooms, listeners, stop).await;
     rooms.close().await;
     tracing::info!("stopped");

@@ -29,7 +29,7 @@ pub struct ConnectionsConfig {
     #[arg(long, env = "GLEANER_SLOW_SECONDS", default_value_t = 8, value_name = "S")]
     pub slow_seconds: u64,
     /// Calls per second of one token, or of one address without tokens; twice as many may come at once.
-    #[arg(long, env = "GLEANER_CALLS_PER_SECOND", default_value_t = 500, value_name = "N")]
+    #[arg(long, env = "GLEANER_CALLS_PER_SECOND", default_value_t = 1000, value_name = "N")]
     pub calls_per_second: u32,
     /// Calls of one token, or of one address without tokens, that may run at once; a session is one.
     #[arg(long, env = "GLEANER_CALLS_AT_ONCE", default_value_t = 2048, value_name = "N")]
@@ -103,7 +103,7 @@ impl Default for ConnectionsConfig {
             stall_seconds: 30,
             min_bytes_per_second: 4096,
             slow_seconds: 8,
-            calls_per_second: 500,
+            calls_per_second: 1000,
             calls_at_once: 2048,
         }
     }

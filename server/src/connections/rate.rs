@@ -68,6 +68,8 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_keeps_the_rate_goes_on_for_ever_and_who_drips_does_not() {
         let (mut good, mut drips) = (LeastRate::new(PATIENCE, 1000, 0), LeastRate::new(PATIENCE, 1000, 0));
+        good.wait(0);
+        drips.wait(0);
         let mut dry = None;
         for second in 1..=60 {
             let now = after(1).await;

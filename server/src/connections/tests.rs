@@ -31,6 +31,11 @@ fn guarded() -> (Guarded<DuplexStream>, DuplexStream, CancellationToken) {
     (Guarded::new(ours, Link::new(peer), place, terms), theirs, cut)
 }
 
+/// Timers have steps of a millisecond.
+fn about(time: Duration, limit: Duration) -> bool {
+    time >= limit && time < limit + Duration::from_millis(5)
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_connection_without_a_call_ends_whatever_is_said_on_it() {
     let (mut ours, mut theirs, _cut) = guarded();
@@ -47,7 +52,7 @@ async fn a_connection_without_a_call_ends_whatever_is_said_on_it() {
         }
     };
     assert_eq!(ended.kind(), ErrorKind::TimedOut);
-    assert_eq!(begun.elapsed(), FIRST_CALL);
+    assert!(about(begun.elapsed(), FIRST_CALL));
     drop(ours);
     drip.await.unwrap();
 }
@@ -68,7 +73,7 @@ async fn a_peer_that_takes_nothing_is_given_up_and_a_slow_one_is_not() {
     let (mut ours, _theirs, _cut) = guarded();
     let begun = Instant::now();
     assert_eq!(ours.write_all(&[0; 100]).await.unwrap_err().kind(), ErrorKind::TimedOut);
-    assert_eq!(begun.elapsed(), STALL);
+    assert!(about(begun.elapsed(), STALL));
 
     let (mut ours, mut theirs, _cut) = guarded();
     let slow = tokio::spawn(async move {

@@ -11,6 +11,7 @@ use axum::{Router, extract::State, http::StatusCode, routing::get};
 use http::{HeaderValue, header::CONNECTION};
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::net::TcpListener;
+use tokio_util::task::AbortOnDropHandle;
 
 use self::gate::Gate;
 use crate::{
@@ -32,18 +33,26 @@ struct Shown {
     metrics: PrometheusHandle,
 }
 
-/// Serves the pages.
+/// Opens the pages, until what this gives is dropped. Call it before anything is counted.
 ///
 /// # Errors
-/// Internal when metrics cannot be set up or the listener fails.
-pub(crate) async fn serve(rooms: Rooms, listener: TcpListener) -> Result<()> {
+/// Internal when metrics cannot be set up.
+pub(crate) fn open(rooms: Rooms, listener: TcpListener) -> Result<AbortOnDropHandle<()>> {
+    let metrics = telemetry::metrics::recorder()?;
+    Ok(AbortOnDropHandle::new(tokio::spawn(async move {
+        if let Err(error) = serve(rooms, listener, metrics).await {
+            tracing::error!(%error, "the pages are gone");
+        }
+    })))
+}
+
+async fn serve(rooms: Rooms, listener: TcpListener, metrics: PrometheusHandle) -> Result<()> {
     let config = ConnectionsConfig {
         max_connections: CONNECTIONS,
         max_connections_per_address: CONNECTIONS,
         ..rooms.config.connections.clone()
     };
     let gate = Gate::new(config, listener)?;
-    let metrics = telemetry::metrics::recorder()?;
     let pages = Router::new()
         .route("/metrics", get(show_metrics))
         .route("/healthz", get(health))
