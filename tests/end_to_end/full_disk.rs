@@ -93,7 +93,12 @@ async fn a_full_disk_refuses_writes_until_there_is_room_and_loses_nothing() {
     let half = RECORDINGS[7].bytes.len() / 2;
     let committed = lab::write(&mut api, &upload, 0, RECORDINGS[7].bytes.slice(..half)).await.unwrap();
 
+    let whole = lab::start(&mut api, lab::TASK, &RECORDINGS[8]).await.unwrap().upload_id;
+    lab::write(&mut api, &whole, 0, RECORDINGS[8].bytes.clone()).await.unwrap();
+
     let ballast = disk.fill();
+    let status = lab::finish(&mut api, &whole).await.unwrap_err();
+    assert!(status.code() == Code::ResourceExhausted && status.message().contains("disk is full"), "{status}");
     let status = lab::write(&mut api, &upload, committed, RECORDINGS[7].bytes.slice(half..)).await.unwrap_err();
     assert!(status.code() == Code::ResourceExhausted && status.message().contains("disk is full"), "{status}");
     let status = refused(&mut api, &episode.id).await;
@@ -114,7 +119,8 @@ async fn a_full_disk_refuses_writes_until_there_is_room_and_loses_nothing() {
     let rest = usize::try_from(committed.committed_size).unwrap();
     lab::write(&mut api, &upload, committed.committed_size, RECORDINGS[7].bytes.slice(rest..)).await.unwrap();
     lab::finish(&mut api, &upload).await.unwrap();
-    assert_eq!(api.episodes.list_episodes(request).await.unwrap().into_inner().episodes.len(), 2);
+    lab::finish(&mut api, &whole).await.unwrap();
+    assert_eq!(api.episodes.list_episodes(request).await.unwrap().into_inner().episodes.len(), 3);
     sound(&disk.data()).await;
 
     // It starts and stops on a full disk, too: nothing that was acknowledged is gone.

@@ -10,7 +10,10 @@ use std::sync::{Arc, atomic::AtomicU64};
 use rustix::fs::{StatVfsMountFlags, statvfs};
 
 use super::Blobs;
-use crate::error::{Error, Result};
+use crate::error::{DISK_FULL, Error, Kind, Result};
+
+/// With less than this free, a process that writes files meets a full disk.
+const NOTHING: u64 = 1 << 20;
 
 /// What stays free, and how that is found out.
 #[derive(Debug, Clone, Default)]
@@ -52,6 +55,15 @@ impl Blobs {
         )))
     }
 
+    /// What a fault means that another process has met on this disk, and could not say: when nothing is free, that.
+    pub(crate) fn blame(&self, fault: Error) -> Error {
+        let full = self.free().is_ok_and(|free| free < NOTHING);
+        match fault.kind() {
+            Kind::Internal if full => Error::refused_by_disk(DISK_FULL, "another process met a fault", fault),
+            _ => fault,
+        }
+    }
+
     /// The bytes that may still be written.
     fn free(&self) -> Result<u64> {
         #[cfg(test)]
@@ -75,7 +87,6 @@ fn free(folder: &Path) -> Result<u64> {
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::*;
-    use crate::error::Kind;
 
     #[test]
     fn what_would_leave_too_little_is_refused_until_there_is_room() {
@@ -93,6 +104,18 @@ mod tests {
         assert!(blobs.expect_room(0).is_err());
         free.store(u64::MAX, std::sync::atomic::Ordering::Relaxed);
         blobs.expect_room(u64::MAX - 40).unwrap();
+    }
+
+    #[test]
+    fn a_fault_on_a_full_disk_is_the_disks() {
+        let dir = tempfile::tempdir().unwrap();
+        let free = Arc::new(AtomicU64::new(4096));
+        let blobs = Blobs::open(dir.path()).unwrap().playing(&free);
+        let fault = || Error::internal("inspecting a recording", "exit status: 1");
+        assert_eq!(blobs.blame(fault()).kind(), Kind::Exhausted);
+        assert_eq!(blobs.blame(Error::invalid("recording", "torn")).kind(), Kind::Invalid);
+        free.store(u64::MAX, std::sync::atomic::Ordering::Relaxed);
+        assert_eq!(blobs.blame(fault()).kind(), Kind::Internal);
     }
 
     #[test]

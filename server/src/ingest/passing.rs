@@ -67,7 +67,8 @@ impl Ingest {
         let recording = folder.path().join("recording.mcap");
         self.receive(&recording, &declared, chunks).await?;
         let shown = if declared.file_name.is_empty() { "the recording" } else { &declared.file_name };
-        let inspected = self.inspector.inspect(&recording, task, shown).await?;
+        let inspected = self.inspector.inspect(&recording, task, shown).await;
+        let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
         let frames = open_frames(inspected.frames_path()).await?;
         let report = inspected.report.clone();
         off_runtime("forgetting a recording", move || {

@@ -7,7 +7,7 @@
 
 use std::{
     collections::HashSet,
-    path::PathBuf,
+    path::Path,
     time::{Duration, SystemTime},
 };
 
@@ -82,7 +82,7 @@ impl Room {
     }
 }
 
-fn remove_caches(folder: &PathBuf, named: &HashSet<BlobId>, old: SystemTime) -> Result<u64> {
+fn remove_caches(folder: &Path, named: &HashSet<BlobId>, old: SystemTime) -> Result<u64> {
     let fault = |error| Error::internal(format!("sweeping {}", folder.display()), error);
     let mut removed = 0;
     for entry in std::fs::read_dir(folder).map_err(fault)? {

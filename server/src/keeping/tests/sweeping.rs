@@ -62,17 +62,19 @@ async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
     let room = room(&lab, 30);
     let orphan = lab.blobs.put(b"of a job that died").unwrap();
     assert_eq!(room.sweep(SystemTime::now()).await.unwrap().blobs, 0, "too young");
-    // An attempt that began before it was put may have put it.
+    // What was put since an attempt began may be the attempt's.
     let encoder = crate::domain::id::EncoderId::new();
     let snapshot_id = lab.store.create_snapshot(&lab.task.id, &Default::default()).await.unwrap().id;
     let spec = JobSpec::Pretrain { snapshot_id, spec: Default::default() };
     let job = results::job(&lab.store, &lab.task, spec, encoder.as_str()).await;
     let claimed = lab.store.claim_job("token").await.unwrap().unwrap();
     assert_eq!(claimed.id, job);
-    assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 0, "an attempt is running");
+    let its_own = lab.blobs.put(b"of the job that runs").unwrap();
+    assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1, "the attempt is younger than that one");
+    assert!(!lab.blobs.contains(&orphan) && lab.blobs.contains(&its_own));
     results::set_state(&lab.store, &job, crate::domain::job::JobState::Failed, "").await;
     assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1);
-    assert!(!lab.blobs.contains(&orphan) && lab.blobs.contains(&lab.recording));
+    assert!(!lab.blobs.contains(&its_own) && lab.blobs.contains(&lab.recording));
 }
 
 #[tokio::test]
