@@ -9,49 +9,49 @@ use serde::Serialize;
 
 /// Loads a server from this process and says what serving costs.
 #[derive(Debug, Parser)]
-pub(crate) struct Options {
+pub struct Options {
     /// The gleaner-server to measure.
     #[arg(long, default_value = "target/release/gleaner-server")]
-    pub(crate) server_bin: PathBuf,
+    pub server_bin: PathBuf,
     /// What to measure.
     #[arg(long, value_delimiter = ',', default_value = "load,training,limits")]
-    pub(crate) parts: Vec<Part>,
+    pub parts: Vec<Part>,
     /// Size of the policy.
     #[arg(long, value_enum, default_value_t = Size::Tiny)]
-    pub(crate) preset: Size,
+    pub preset: Size,
     /// Sessions at a time. Targets need 1 and 16.
     #[arg(long, value_delimiter = ',', default_value = "1,4,16,64")]
-    pub(crate) sessions: Vec<usize>,
+    pub sessions: Vec<usize>,
     /// How often each measurement is taken; what is compared takes turns.
     #[arg(long, default_value_t = 5)]
-    pub(crate) rounds: u32,
+    pub rounds: u32,
     /// Seconds of one measurement, after a warm-up of a quarter of it.
     #[arg(long, default_value_t = 2.0)]
     seconds: f64,
     /// Idle sessions to open.
     #[arg(long, default_value_t = 1000)]
-    pub(crate) idle_sessions: u32,
+    pub idle_sessions: u32,
     /// Threads of the training job that runs beside.
     #[arg(long, default_value_t = 2)]
-    pub(crate) worker_threads: u32,
+    pub worker_threads: u32,
     /// A Python with what benches/peers/requirements.lock lists, for the peers.
     #[arg(long, default_value = "python3")]
-    pub(crate) python: PathBuf,
+    pub python: PathBuf,
     /// Folder of the peers' programs.
     #[arg(long, default_value = "benches/peers")]
-    pub(crate) peers: PathBuf,
+    pub peers: PathBuf,
     /// Folder of the Python code that was generated from the server's own .proto files.
     #[arg(long, default_value = "target/peers")]
-    pub(crate) peers_generated: PathBuf,
+    pub peers_generated: PathBuf,
     /// Where to write everything as JSON.
     #[arg(long)]
-    pub(crate) out: Option<PathBuf>,
+    pub out: Option<PathBuf>,
 }
 
 /// A part of the bench.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Part {
+pub enum Part {
     /// Sessions in a closed loop, JPEG and raw, beside the model alone.
     Load,
     /// One session while a training job runs.
@@ -65,19 +65,19 @@ pub(crate) enum Part {
 /// Sizes of the model.
 #[derive(Debug, Clone, Copy, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Size {
+pub enum Size {
     Tiny,
     Small,
     Base,
 }
 
 impl Options {
-    pub(crate) fn has(&self, part: Part) -> bool {
+    pub fn has(&self, part: Part) -> bool {
         self.parts.contains(&part)
     }
 
     /// How long one measurement takes after its warm-up.
-    pub(crate) fn slice(&self) -> Duration {
+    pub fn slice(&self) -> Duration {
         Duration::try_from_secs_f64(self.seconds).unwrap_or(Duration::from_secs(1))
     }
 }

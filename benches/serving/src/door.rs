@@ -13,13 +13,13 @@ use crate::Result;
 
 /// Where a server listens, and how it is spoken to.
 #[derive(Debug, Clone)]
-pub(crate) enum Address {
+pub enum Address {
     Session { url: String, deployment: String },
     WebSocket { url: String },
 }
 
 /// One robot's connection.
-pub(crate) struct Door {
+pub struct Door {
     line: Line,
     /// The next observation's.
     stamp_ns: i64,
@@ -31,15 +31,15 @@ enum Line {
 }
 
 /// What came back.
-pub(crate) struct Answer {
-    pub(crate) action: Vec<f32>,
-    pub(crate) round_trip: Duration,
+pub struct Answer {
+    pub action: Vec<f32>,
+    pub round_trip: Duration,
     /// Where the server says the time went; peers do not say.
-    pub(crate) timings: Option<Timings>,
+    pub timings: Option<Timings>,
 }
 
 impl Door {
-    pub(crate) async fn open(address: &Address) -> Result<Self> {
+    pub async fn open(address: &Address) -> Result<Self> {
         let line = match address {
             Address::Session { url, deployment } => {
                 let client = Client::connect(url, None).await?;
@@ -51,7 +51,7 @@ impl Door {
         Ok(Self { line, stamp_ns: 0 })
     }
 
-    pub(crate) async fn open_many(address: &Address, count: usize) -> Result<Vec<Self>> {
+    pub async fn open_many(address: &Address, count: usize) -> Result<Vec<Self>> {
         let mut doors = Vec::with_capacity(count);
         for _ in 0..count {
             doors.push(Self::open(address).await?);
@@ -60,7 +60,7 @@ impl Door {
     }
 
     /// Sends an observation and waits for its answer; timed from before it is put into bytes until its action is there.
-    pub(crate) async fn act(&mut self, observation: &Observation) -> Result<Answer> {
+    pub async fn act(&mut self, observation: &Observation) -> Result<Answer> {
         self.stamp_ns += 1;
         let observation = Observation { stamp_ns: self.stamp_ns, ..observation.clone() };
         let begun = Instant::now();

@@ -13,7 +13,7 @@ use crate::prepare::Prepared;
 use crate::scene::{Images, SIDE, Step};
 
 /// A policy and one session's history.
-pub(crate) struct InProcess {
+pub struct InProcess {
     policy: Policy,
     history: History,
     taken: Vec<Duration>,
@@ -21,7 +21,7 @@ pub(crate) struct InProcess {
 
 impl InProcess {
     /// Loads it on this thread, with one thread for its tensors, as the server does.
-    pub(crate) fn load(prepared: &Prepared) -> Result<Self> {
+    pub fn load(prepared: &Prepared) -> Result<Self> {
         set_threads(1);
         let policy = Policy::load(&prepared.checkpoint)?;
         let history = History::new(policy.segment_length());
@@ -29,12 +29,7 @@ impl InProcess {
     }
 
     /// Answers requests for `slice`, after a quarter of it to warm up: `steps`, which are sent as `scene`.
-    pub(crate) fn add(
-        &mut self,
-        steps: &[Step],
-        (images, scene): (Images, &[Observation]),
-        slice: Duration,
-    ) -> Result<()> {
+    pub fn add(&mut self, steps: &[Step], (images, scene): (Images, &[Observation]), slice: Duration) -> Result<()> {
         let from = Instant::now() + slice / 4;
         for (step, observation) in steps.iter().zip(scene).cycle() {
             let begun = Instant::now();
@@ -53,7 +48,7 @@ impl InProcess {
     }
 
     /// What [`InProcess::add`] measured since the last call: the median, in milliseconds.
-    pub(crate) fn take_median(&mut self) -> f64 {
+    pub fn take_median(&mut self) -> f64 {
         quantile(&times(std::mem::take(&mut self.taken).into_iter()), 0.5)
     }
 

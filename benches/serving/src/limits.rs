@@ -31,7 +31,7 @@ const PATIENCE: u64 = 2;
 const WINDOW: u32 = 65_535;
 
 /// Opens sessions, each on a connection of its own, that then say nothing.
-pub(crate) async fn idle(options: &Options, server: &Program, prepared: &Prepared, report: &mut Report) -> Result<()> {
+pub async fn idle(options: &Options, server: &Program, prepared: &Prepared, report: &mut Report) -> Result<()> {
     let count = options.idle_sessions;
     let before = server.memory()?;
     let doors = Door::open_many(&prepared.address, usize::try_from(count)?).await?;
@@ -42,7 +42,7 @@ pub(crate) async fn idle(options: &Options, server: &Program, prepared: &Prepare
 }
 
 /// Asks and asks and reads nothing, on a server with little patience.
-pub(crate) async fn unread(options: &Options, folder: &Path, prepared: &Prepared, report: &mut Report) -> Result<()> {
+pub async fn unread(options: &Options, folder: &Path, prepared: &Prepared, report: &mut Report) -> Result<()> {
     let server = serve(options, folder, &["--session-idle-seconds", &PATIENCE.to_string()]).await?;
     let address = prepare::address(server.url());
     // Loads the policy, so that its memory is not counted.

@@ -12,7 +12,7 @@ use crate::door::Door;
 
 /// What was measured, round after round.
 #[derive(Default)]
-pub(crate) struct Load {
+pub struct Load {
     samples: Vec<Sample>,
     wall: Duration,
 }
@@ -24,32 +24,32 @@ struct Sample {
 
 /// A load in numbers; times in milliseconds.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Summary {
-    pub(crate) p50: f64,
-    pub(crate) p99: f64,
-    pub(crate) p999: f64,
-    pub(crate) actions_per_second: f64,
-    pub(crate) served: Option<Served>,
+pub struct Summary {
+    pub p50: f64,
+    pub p99: f64,
+    pub p999: f64,
+    pub actions_per_second: f64,
+    pub served: Option<Served>,
 }
 
 /// What only a server that tells its timings lets one know.
 #[derive(Debug, Clone, Serialize)]
-pub(crate) struct Served {
+pub struct Served {
     /// Part of all round trips' time in which the model ran.
-    pub(crate) model_share: f64,
-    pub(crate) model_p50: f64,
-    pub(crate) decode_p50: f64,
-    pub(crate) queue_p50: f64,
-    pub(crate) gather_p50: f64,
+    pub model_share: f64,
+    pub model_p50: f64,
+    pub decode_p50: f64,
+    pub queue_p50: f64,
+    pub gather_p50: f64,
     /// Round trip without the model.
-    pub(crate) extra_p50: f64,
-    pub(crate) extra_p99: f64,
-    pub(crate) mean_batch: f64,
+    pub extra_p50: f64,
+    pub extra_p99: f64,
+    pub mean_batch: f64,
 }
 
 impl Load {
     /// Adds one measurement: every door at once, for `slice`, after a quarter of it to warm up.
-    pub(crate) async fn add(&mut self, doors: &mut [Door], scene: &[Observation], slice: Duration) -> Result<()> {
+    pub async fn add(&mut self, doors: &mut [Door], scene: &[Observation], slice: Duration) -> Result<()> {
         let from = Instant::now() + slice / 4;
         let until = from + slice;
         let every = doors.iter_mut().enumerate().map(|(at, door)| keep_asking(door, scene, at, (from, until)));
@@ -58,7 +58,7 @@ impl Load {
         Ok(())
     }
 
-    pub(crate) fn summary(&self) -> Summary {
+    pub fn summary(&self) -> Summary {
         let round_trips = times(self.samples.iter().map(|sample| sample.round_trip));
         Summary {
             p50: quantile(&round_trips, 0.5),
@@ -113,14 +113,14 @@ async fn keep_asking(
 }
 
 /// In milliseconds, sorted.
-pub(crate) fn times(all: impl Iterator<Item = Duration>) -> Vec<f64> {
+pub fn times(all: impl Iterator<Item = Duration>) -> Vec<f64> {
     let mut times: Vec<f64> = all.map(milliseconds).collect();
     times.sort_by(f64::total_cmp);
     times
 }
 
 /// Of sorted times: the smallest that at least this part is not above. Not a number when there are none.
-pub(crate) fn quantile(sorted: &[f64], part: f64) -> f64 {
+pub fn quantile(sorted: &[f64], part: f64) -> f64 {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in a list, not below 0")]
     let place = (count(sorted.len()) * part).ceil() as usize;
     sorted.get(place.saturating_sub(1)).copied().unwrap_or(f64::NAN)

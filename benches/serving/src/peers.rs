@@ -35,12 +35,7 @@ struct Contender {
 }
 
 /// Measures ours and each peer in turns, on raw images.
-pub(crate) async fn beside_peers(
-    options: &Options,
-    prepared: &Prepared,
-    folder: &Path,
-    report: &mut Report,
-) -> Result<()> {
+pub async fn beside_peers(options: &Options, prepared: &Prepared, folder: &Path, report: &mut Report) -> Result<()> {
     let checkpoint = folder.join("policy.safetensors");
     std::fs::write(&checkpoint, &prepared.checkpoint)?;
     let mut programs = Vec::new();

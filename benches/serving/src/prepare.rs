@@ -28,20 +28,20 @@ const OPTIMISER_STEPS: u32 = 4;
 const BEGIN_NS: i64 = 1_700_000_000_000_000_000;
 
 /// What there is to measure.
-pub(crate) struct Prepared {
-    pub(crate) spec: TaskSpec,
+pub struct Prepared {
+    pub spec: TaskSpec,
     /// Steps as they are sent, over and over.
-    pub(crate) steps: Vec<Step>,
-    pub(crate) client: Client,
+    pub steps: Vec<Step>,
+    pub client: Client,
     /// Where sessions of the policy are opened.
-    pub(crate) address: Address,
-    pub(crate) preset: Preset,
+    pub address: Address,
+    pub preset: Preset,
     /// The policy's checkpoint.
-    pub(crate) checkpoint: Vec<u8>,
+    pub checkpoint: Vec<u8>,
 }
 
 /// Starts a server on a data folder, with further flags.
-pub(crate) async fn serve(options: &Options, folder: &Path, flags: &[&str]) -> Result<Program> {
+pub async fn serve(options: &Options, folder: &Path, flags: &[&str]) -> Result<Program> {
     let mut command = Command::new(&options.server_bin);
     command
         .args(["serve", "--listen", "127.0.0.1:0", "--worker-threads", &options.worker_threads.to_string()])
@@ -53,15 +53,21 @@ pub(crate) async fn serve(options: &Options, folder: &Path, flags: &[&str]) -> R
 }
 
 /// Where a server has sessions of the policy that was deployed.
-pub(crate) fn address(url: &str) -> Address {
+pub fn address(url: &str) -> Address {
     Address::Session { url: url.to_owned(), deployment: DEPLOYMENT.to_owned() }
 }
 
 /// A server with a policy deployed.
-pub(crate) async fn prepare(options: &Options, folder: &Path) -> Result<(Program, Prepared)> {
+pub async fn prepare(options: &Options, folder: &Path) -> Result<(Program, Prepared)> {
     let server = serve(options, folder, &[]).await?;
+    let prepared = furnish(&server, options.preset.into(), folder).await?;
+    Ok((server, prepared))
+}
+
+/// Has a server that has nothing yet train a policy and deploy it; its data are in `folder`.
+pub async fn furnish(server: &Program, preset: Preset, folder: &Path) -> Result<Prepared> {
     let client = Client::connect(server.url(), None).await?;
-    let (spec, preset) = (scene::task(), options.preset.into());
+    let spec = scene::task();
     client.tasks().create_task(CreateTaskRequest { spec: Some(wire::to_proto(&spec)) }).await?;
     push(&client, &spec, folder).await?;
     let encoder = succeed(&client, &spec, train::pretraining(preset, OPTIMISER_STEPS)).await?;
@@ -69,20 +75,14 @@ pub(crate) async fn prepare(options: &Options, folder: &Path) -> Result<(Program
     client.policies().deploy(DeployRequest { name: DEPLOYMENT.to_owned(), policy_id, ..Default::default() }).await?;
     let checkpoint = checkpoint(&folder.join("data/blobs"))?;
     let steps = scene::steps(99, 16);
-    let prepared = Prepared { spec, steps, client, address: address(server.url()), preset, checkpoint };
-    Ok((server, prepared))
+    Ok(Prepared { spec, steps, client, address: address(server.url()), preset, checkpoint })
 }
 
 async fn push(client: &Client, spec: &TaskSpec, folder: &Path) -> Result<()> {
     let mut items = Vec::new();
     for (seed, outcome) in (0..2 * EPISODES).zip([Outcome::Success, Outcome::Failure].into_iter().cycle()) {
         let path = folder.join(format!("{seed}.mcap"));
-        let mut writer = EpisodeWriter::create(File::create(&path)?, spec)?;
-        for (stamp, step) in (BEGIN_NS..).step_by(50_000_000).zip(scene::steps(seed, STEPS)) {
-            let Step { frames, proprioception, action } = &step;
-            writer.step(stamp, StepRef { frames, proprioception, action })?;
-        }
-        writer.finish()?;
+        record(spec, &scene::steps(seed, STEPS), &path)?;
         let label = UploadLabel { outcome, cohort: String::new(), author: "bench".to_owned() };
         items.push(PushItem { path, task: spec.name.clone(), label });
     }
@@ -91,6 +91,17 @@ async fn push(client: &Client, spec: &TaskSpec, folder: &Path) -> Result<()> {
         Some((item, error)) => Err(format!("{}: {error}", item.path.display()).into()),
         None => Ok(()),
     }
+}
+
+/// Writes a recording of steps.
+pub fn record(spec: &TaskSpec, steps: &[Step], path: &Path) -> Result<()> {
+    let mut writer = EpisodeWriter::create(File::create(path)?, spec)?;
+    for (stamp, step) in (BEGIN_NS..).step_by(50_000_000).zip(steps) {
+        let Step { frames, proprioception, action } = step;
+        writer.step(stamp, StepRef { frames, proprioception, action })?;
+    }
+    writer.finish()?;
+    Ok(())
 }
 
 fn finetuning(encoder: String) -> Spec {

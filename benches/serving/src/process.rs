@@ -17,14 +17,14 @@ const READY: &str = "listening on ";
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A running server; dropped, it is killed.
-pub(crate) struct Program {
+pub struct Program {
     child: Child,
     url: String,
 }
 
 impl Program {
     /// Starts it and waits until it listens. What it logs goes to a file.
-    pub(crate) async fn start(mut command: Command, log: &Path) -> Result<Self> {
+    pub async fn start(mut command: Command, log: &Path) -> Result<Self> {
         let mut child = command
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
@@ -48,12 +48,12 @@ impl Program {
         Ok(Self { child, url })
     }
 
-    pub(crate) fn url(&self) -> &str {
+    pub fn url(&self) -> &str {
         &self.url
     }
 
     /// Bytes of memory it holds now.
-    pub(crate) fn memory(&self) -> Result<u64> {
+    pub fn memory(&self) -> Result<u64> {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id().ok_or("it has ended")?))?;
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).ok_or("no VmRSS")?;
         let kilobytes: u64 = line.trim().trim_end_matches(" kB").parse()?;
@@ -61,7 +61,7 @@ impl Program {
     }
 
     /// Asks it to end and waits until it has.
-    pub(crate) async fn stop(mut self) -> Result<()> {
+    pub async fn stop(mut self) -> Result<()> {
         let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).and_then(Pid::from_raw);
         kill_process(pid.ok_or("it has ended by itself")?, Signal::TERM)?;
         tokio::time::timeout(PATIENCE, self.child.wait())
@@ -72,7 +72,7 @@ impl Program {
 }
 
 /// A thousand connections are a thousand files, here and in the server, which inherits the limit.
-pub(crate) fn allow_open_files() -> Result<()> {
+pub fn allow_open_files() -> Result<()> {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
     Ok(setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum })?)
 }

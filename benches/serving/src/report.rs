@@ -10,14 +10,16 @@ use crate::Result;
 use crate::cli::{Options, Part, Size};
 use crate::load::Summary;
 use crate::scene::Images;
+pub use crate::targets::Asked;
+use crate::targets::{Targets, time};
 
 /// Everything that was found.
 #[derive(Debug, Serialize)]
-pub(crate) struct Report {
+pub struct Report {
     conditions: Conditions,
-    pub(crate) rows: Vec<Row>,
-    pub(crate) peers: Vec<PeerRow>,
-    targets: Vec<Target>,
+    pub rows: Vec<Row>,
+    pub peers: Vec<PeerRow>,
+    targets: Targets,
 }
 
 /// On what it was measured.
@@ -36,50 +38,25 @@ struct Conditions {
 
 /// One load on our server; times in milliseconds.
 #[derive(Debug, Serialize)]
-pub(crate) struct Row {
-    pub(crate) images: Images,
-    pub(crate) sessions: usize,
-    pub(crate) beside_training: bool,
+pub struct Row {
+    pub images: Images,
+    pub sessions: usize,
+    pub beside_training: bool,
     /// Median of the same request on the same weights in this process: the model, and for JPEG the decoding.
-    pub(crate) alone: f64,
-    pub(crate) load: Summary,
+    pub alone: f64,
+    pub load: Summary,
 }
 
 /// The same load on one of several servers.
 #[derive(Debug, Serialize)]
-pub(crate) struct PeerRow {
-    pub(crate) server: &'static str,
-    pub(crate) sessions: usize,
-    pub(crate) load: Summary,
-}
-
-/// A figure that is asked for.
-#[derive(Debug, Serialize)]
-pub(crate) struct Asked {
-    what: String,
-    bound: f64,
-    at_least: bool,
-}
-
-#[derive(Debug, Serialize)]
-struct Target {
-    asked: Asked,
-    found: f64,
-    met: bool,
-}
-
-impl Asked {
-    pub(crate) fn most(what: &str, bound: f64) -> Self {
-        Self { what: what.to_owned(), bound, at_least: false }
-    }
-
-    pub(crate) fn least(what: &str, bound: f64) -> Self {
-        Self { what: what.to_owned(), bound, at_least: true }
-    }
+pub struct PeerRow {
+    pub server: &'static str,
+    pub sessions: usize,
+    pub load: Summary,
 }
 
 impl Report {
-    pub(crate) fn begin(options: &Options) -> Self {
+    pub fn begin(options: &Options) -> Self {
         let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
         let conditions = Conditions {
             preset: options.preset,
@@ -90,17 +67,16 @@ impl Report {
             worker_threads: options.worker_threads,
             load_average: load.split_whitespace().take(3).collect::<Vec<_>>().join(" "),
         };
-        Self { conditions, rows: Vec::new(), peers: Vec::new(), targets: Vec::new() }
+        Self { conditions, rows: Vec::new(), peers: Vec::new(), targets: Targets::default() }
     }
 
-    /// Holds a figure against what is asked. What is no number misses.
-    pub(crate) fn target(&mut self, asked: Asked, found: f64) {
-        let met = if asked.at_least { found >= asked.bound } else { found <= asked.bound };
-        self.targets.push(Target { asked, found, met });
+    /// Holds a figure against what is asked.
+    pub fn target(&mut self, asked: Asked, found: f64) {
+        self.targets.hold(asked, found);
     }
 
     /// Prints the tables and writes the file; says whether every target was met.
-    pub(crate) fn finish(&self, out: Option<&Path>) -> Result<bool> {
+    pub fn finish(&self, out: Option<&Path>) -> Result<bool> {
         let Conditions { preset, processors, worker_threads, load_average, .. } = &self.conditions;
         println!(
             "\npreset {}, 2 x 128 x 128 RGB, {processors} processors, load average {load_average} at the beginning",
@@ -113,11 +89,11 @@ impl Report {
         if !self.peers.is_empty() {
             println!("{}\n", self.beside_peers());
         }
-        println!("{}", self.verdicts());
+        println!("{}", self.targets.table());
         if let Some(out) = out {
             std::fs::write(out, serde_json::to_string_pretty(self)?)?;
         }
-        Ok(self.targets.iter().all(|target| target.met))
+        Ok(self.targets.met())
     }
 
     fn loads(&self) -> Table {
@@ -164,20 +140,10 @@ impl Report {
         }
         table
     }
-
-    fn verdicts(&self) -> Table {
-        let mut table = Table::new();
-        table.load_style(ASCII_MARKDOWN).set_header(["target", "asked", "found", ""]);
-        for Target { asked: Asked { what, bound, at_least }, found, met } in &self.targets {
-            let asked = format!("{} {bound}", if *at_least { "at least" } else { "at most" });
-            table.add_row([what.as_str(), &asked, &time(*found), if *met { "met" } else { "MISSED" }]);
-        }
-        table
-    }
 }
 
 /// What goes on, for who waits.
-pub(crate) fn say(line: &str) {
+pub fn say(line: &str) {
     println!("{line}");
 }
 
@@ -192,8 +158,4 @@ fn numbers(header: &[&str]) -> Table {
 
 fn first_cells(load: &Summary) -> [String; 4] {
     [time(load.p50), time(load.p99), time(load.p999), format!("{:.0}", load.actions_per_second)]
-}
-
-fn time(milliseconds: f64) -> String {
-    format!("{milliseconds:.2}")
 }

@@ -8,30 +8,30 @@ use gleaner_recording::{Alignment, CameraSpec, FieldSpec, TaskSpec, encode_jpeg,
 use crate::Result;
 
 /// Pixels a side.
-pub(crate) const SIDE: u32 = 128;
+pub const SIDE: u32 = 128;
 const CAMERAS: [&str; 2] = ["top", "hand"];
 const PROPRIOCEPTION: u32 = 38;
 const ACTION: u32 = 7;
 const JPEG_QUALITY: u8 = 90;
 
 /// One step.
-pub(crate) struct Step {
+pub struct Step {
     /// RGB of each camera, one after the other.
-    pub(crate) frames: Vec<u8>,
-    pub(crate) proprioception: Vec<f32>,
-    pub(crate) action: Vec<f32>,
+    pub frames: Vec<u8>,
+    pub proprioception: Vec<f32>,
+    pub action: Vec<f32>,
 }
 
 /// How images travel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
-pub(crate) enum Images {
+pub enum Images {
     Raw,
     Jpeg,
 }
 
 /// The task.
-pub(crate) fn task() -> TaskSpec {
+pub fn task() -> TaskSpec {
     let camera = |name: &str| CameraSpec { name: name.to_owned(), height: SIDE, width: SIDE, depth: false };
     let mut spec = TaskSpec {
         name: "serving".to_owned(),
@@ -48,7 +48,7 @@ pub(crate) fn task() -> TaskSpec {
 }
 
 /// Steps of one episode; every seed has others.
-pub(crate) fn steps(seed: u64, count: usize) -> Vec<Step> {
+pub fn steps(seed: u64, count: usize) -> Vec<Step> {
     let mut random = Random(seed * 2 + 1);
     (0..count).map(|step| one(&mut random, step)).collect()
 }
@@ -72,7 +72,7 @@ fn one(random: &mut Random, step: usize) -> Step {
 }
 
 /// A step as it is sent.
-pub(crate) fn observe(spec: &TaskSpec, step: &Step, images: Images) -> Result<Observation> {
+pub fn observe(spec: &TaskSpec, step: &Step, images: Images) -> Result<Observation> {
     if images == Images::Raw {
         return Ok(observation(spec, 0, step.frames.clone(), step.proprioception.clone())?);
     }

@@ -20,12 +20,7 @@ const THROUGHPUT: f64 = 2.0;
 const TAIL: f64 = 3.0;
 
 /// Every number of sessions, raw and JPEG.
-pub(crate) async fn alone(
-    options: &Options,
-    prepared: &Prepared,
-    model: &mut InProcess,
-    report: &mut Report,
-) -> Result<()> {
+pub async fn alone(options: &Options, prepared: &Prepared, model: &mut InProcess, report: &mut Report) -> Result<()> {
     for images in [Images::Raw, Images::Jpeg] {
         let rows = take_turns(options, prepared, model, (images, &options.sessions)).await?;
         let of = |sessions: usize| rows.iter().find(|row| row.sessions == sessions);
@@ -48,7 +43,7 @@ pub(crate) async fn alone(
 }
 
 /// One session of raw images while a training job runs.
-pub(crate) async fn beside_training(
+pub async fn beside_training(
     options: &Options,
     prepared: &Prepared,
     model: &mut InProcess,

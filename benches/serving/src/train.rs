@@ -12,7 +12,7 @@ use crate::Result;
 /// More steps than any measurement lasts.
 const ENDLESS: u32 = 1_000_000;
 
-pub(crate) fn pretraining(preset: Preset, steps: u32) -> Spec {
+pub fn pretraining(preset: Preset, steps: u32) -> Spec {
     Spec::Pretrain(PretrainSpec {
         preset: preset.into(),
         optim: Some(OptimSpec { steps: Some(steps), batch: Some(16), ..OptimSpec::default() }),
@@ -20,7 +20,7 @@ pub(crate) fn pretraining(preset: Preset, steps: u32) -> Spec {
     })
 }
 
-pub(crate) async fn submit(client: &Client, task: &TaskSpec, spec: Spec) -> Result<Job> {
+pub async fn submit(client: &Client, task: &TaskSpec, spec: Spec) -> Result<Job> {
     let request = SubmitJobRequest {
         task: task.name.clone(),
         spec: Some(JobSpec { spec: Some(spec) }),
@@ -30,14 +30,14 @@ pub(crate) async fn submit(client: &Client, task: &TaskSpec, spec: Spec) -> Resu
 }
 
 /// A training job that runs until it is told to stop.
-pub(crate) struct Busy<'a> {
+pub struct Busy<'a> {
     client: &'a Client,
     job: String,
 }
 
 impl<'a> Busy<'a> {
     /// Begins one and waits until it has taken a step.
-    pub(crate) async fn begin(client: &'a Client, task: &TaskSpec, preset: Preset) -> Result<Self> {
+    pub async fn begin(client: &'a Client, task: &TaskSpec, preset: Preset) -> Result<Self> {
         let job = submit(client, task, pretraining(preset, ENDLESS)).await?.id;
         let mut events = client.jobs().watch_job(WatchJobRequest { job_id: job.clone() }).await?.into_inner();
         while let Some(event) = events.message().await? {
@@ -49,12 +49,12 @@ impl<'a> Busy<'a> {
     }
 
     /// Steps it has taken.
-    pub(crate) async fn done(&self) -> Result<u64> {
+    pub async fn done(&self) -> Result<u64> {
         let request = gleaner_proto::v1::GetJobRequest { job_id: self.job.clone() };
         Ok(self.client.jobs().get_job(request).await?.into_inner().job.map_or(0, |job| job.done))
     }
 
-    pub(crate) async fn end(self) -> Result<()> {
+    pub async fn end(self) -> Result<()> {
         self.client.jobs().cancel_job(CancelJobRequest { job_id: self.job }).await?;
         Ok(())
     }

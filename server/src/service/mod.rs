@@ -56,7 +56,18 @@ impl Rooms {
         let rollouts = Rollouts::open(&config, ingest.clone())?;
         let policies = Policies::new(&config, store.clone(), blobs.clone(), scorers.clone(), rollouts.clone());
         let keeping = Keeping::start(&config, store.clone(), blobs.clone());
-        Ok(Self { config, store, blobs, ingest, jobs, keeping, policies, rollouts, scorers, stopping: CancellationToken::new() })
+        Ok(Self {
+            config,
+            store,
+            blobs,
+            ingest,
+            jobs,
+            keeping,
+            policies,
+            rollouts,
+            scorers,
+            stopping: CancellationToken::new(),
+        })
     }
 
     /// Stops workers and models, then closes the database.

@@ -10,7 +10,7 @@ use tokio_tungstenite::{MaybeTlsStream, WebSocketStream, connect_async_with_conf
 use crate::Result;
 
 /// A connection; one request at a time.
-pub(crate) struct WebSocket(WebSocketStream<MaybeTlsStream<TcpStream>>);
+pub struct WebSocket(WebSocketStream<MaybeTlsStream<TcpStream>>);
 
 impl WebSocket {
     /// Connects, without Nagle's wait, and takes the server's greeting.
