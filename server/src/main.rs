@@ -85,7 +85,8 @@ impl Stage {
             Command::Serve(config) => Some(config),
             Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) | Command::Inspect(_) => None,
         };
-        let runtime = serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
+        let runtime =
+            serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
         let _entered = runtime.as_ref().map(Runtime::enter);
         let otlp_endpoint = serving.and_then(|config| config.telemetry.otlp_endpoint.as_deref());
         let traces = telemetry::start(Telling { filter: &cli.log, json: cli.log_json, otlp_endpoint })?;

@@ -21,8 +21,8 @@ use tokio_util::task::AbortOnDropHandle;
 use tonic::{service::Routes, transport::Server};
 
 use super::{
-    Rooms, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace, policy::PoliciesFace,
-    schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, worker::Workers,
+    Rooms, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace,
+    policy::PoliciesFace, schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, worker::Workers,
 };
 use crate::{
     Listeners,
