@@ -124,11 +124,11 @@ async fn what_is_acknowledged_was_synced_before_in_the_right_order() {
     watching.wait().await.unwrap();
     let calls = calls(&std::fs::read_to_string(out.path()).unwrap());
     let part = format!("uploads/{upload}.part");
-    let folder = format!("blobs/{}>", &blake3[..2]);
+    let (folder, name) = blake3.split_at(2);
+    let (blob, folder) = (format!("blobs/{folder}/{name}"), format!("blobs/{folder}>"));
     in_order(&calls, (begun, started), &[("fsync", "/uploads>"), ROW]);
     in_order(&calls, (started, written), &[("fdatasync", part.as_str()), ROW]);
-    let placed =
-        [("fsync", part.as_str()), ("rename", blake3.as_str()), ("fsync", folder.as_str()), ("fsync", "/blobs>"), ROW];
+    let placed = [("fsync", part.as_str()), ("rename", &blob), ("fsync", &folder), ("fsync", "/blobs>"), ROW];
     in_order(&calls, (written, finished), &placed);
     in_order(&calls, (finished, labelled), &[ROW]);
     in_order(&calls, (pushed, submitted), &[ROW]);
