@@ -44,7 +44,7 @@ fn camera_images(camera: &CameraShape, images: &[&[u8]], device: Device) -> Tens
 
 /// Depth z in metres as z / (1 + z): the hand's centimetres keep their weight beside a far wall,
 /// and "no reading" stays 0.
-fn squash(millimetres: u16) -> f32 {
+pub(crate) fn squash(millimetres: u16) -> f32 {
     let metres = f32::from(millimetres) / 1000.0;
     metres / (1.0 + metres)
 }

@@ -9,7 +9,7 @@ mod windows;
 
 pub(crate) use chunks::Chunks;
 pub(crate) use draw::{Segment, Segments};
-pub(crate) use images::images;
+pub(crate) use images::{images, squash};
 pub(crate) use windows::Windows;
 
 use tch::{Device, Tensor};

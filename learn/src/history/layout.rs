@@ -4,7 +4,7 @@
 use tch::{Device, Tensor, no_grad_guard};
 
 use super::{Embedding, History, Step};
-use crate::batch::{Windows, images, rows, values};
+use crate::batch::{Windows, rows, values};
 use crate::error::{LearnError, guard};
 use crate::spec::TaskShape;
 
@@ -34,14 +34,14 @@ pub(crate) struct Stacked {
 
 impl Layout<'_> {
     /// Encodes frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes), with `embed`, which makes
-    /// `[N, d]` of the images of each camera.
+    /// `[N, d]` of N of them.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
     pub(crate) fn embed(
         &self,
         frames: &[&[u8]],
-        embed: impl Fn(&[Tensor]) -> Tensor,
+        embed: impl Fn(&[&[u8]]) -> Tensor,
     ) -> Result<Vec<Embedding>, LearnError> {
         let expected = self.shape.frame_bytes();
         for (i, frame) in frames.iter().enumerate() {
@@ -51,7 +51,7 @@ impl Layout<'_> {
             let _no_grad = no_grad_guard();
             let mut embeddings = Vec::with_capacity(frames.len());
             for chunk in frames.chunks(CHUNK) {
-                let embedded = values(&embed(&images(self.shape, chunk, self.device)));
+                let embedded = values(&embed(chunk));
                 embeddings.extend(embedded.chunks(self.width).map(|row| Embedding(row.to_vec())));
             }
             Ok(embeddings)

@@ -11,7 +11,7 @@ pub(crate) mod weights;
 pub(crate) use image_encoder::ImageEncoder;
 pub(crate) use size::Size;
 pub(crate) use tokens::Modality;
-pub(crate) use transformer::{Attention, Transformer, mask};
+pub(crate) use transformer::{Attention, Transformer};
 
 use std::collections::BTreeMap;
 
@@ -23,6 +23,7 @@ use crate::normalize::Statistics;
 use crate::spec::{ModelSpec, TaskShape};
 use heads::Heads;
 use tokens::Tokens;
+use transformer::{mask, whole_mask};
 
 /// The network of one task.
 pub(crate) struct Network {
@@ -34,6 +35,9 @@ pub(crate) struct Network {
     images: ImageEncoder,
     tokens: Tokens,
     transformer: Transformer,
+    /// The masks of a window without padding.
+    causal: Tensor,
+    bidirectional: Tensor,
 }
 
 impl Network {
@@ -67,6 +71,8 @@ impl Network {
             images: ImageEncoder::new(&(&root / "image"), shape, &size),
             tokens: Tokens::new(&(&root / "token"), shape, size.width, spec.window()),
             transformer: Transformer::new(&(&root / "transformer"), &size),
+            causal: whole_mask(spec.window(), Attention::Causal, device),
+            bidirectional: whole_mask(spec.window(), Attention::Bidirectional, device),
             shape: shape.clone(),
             spec,
             statistics,
@@ -97,7 +103,17 @@ impl Network {
 
     /// Images, per camera `[N, C, H, W]`, to one embedding a step `[N, d]`.
     pub(crate) fn embed_images(&self, images: &[Tensor]) -> Tensor {
-        self.images.forward(&self.statistics.images(images))
+        self.encode(&self.statistics.images(images))
+    }
+
+    /// Frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes), to one embedding each `[N, d]`.
+    pub(crate) fn embed_frames(&self, frames: &[&[u8]]) -> Tensor {
+        self.encode(&self.statistics.frames(&self.shape, frames, self.device()))
+    }
+
+    /// Standardised images, per camera `[N, C, H, W]`, to one embedding a step `[N, d]`.
+    pub(crate) fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.images.forward(images)
     }
 
     /// Embedded o `[N, d]`, m `[N, M]` and a `[N, A]` in physical units, to `[N, 3, d]`.
@@ -118,8 +134,19 @@ impl Network {
     /// `steps` is `[N, 3, d]`; `hidden` `[W, L, 3]` says which elements are masked out, M(τ).
     pub(crate) fn features(&self, steps: &Tensor, windows: &Windows, view: View<'_>, keep: usize) -> Tensor {
         let tokens = self.tokens.windows(steps, windows, view.hidden);
-        let mask = mask(&windows.valid, view.attention);
-        self.transformer.forward(&tokens, &mask, keep)
+        self.transformer.forward(&tokens, &self.mask(windows, view.attention), keep)
+    }
+
+    /// Which token sees which. Making it costs as much as a layer of one window, so what nearly every pass needs is
+    /// there already.
+    fn mask(&self, windows: &Windows, attention: Attention) -> Tensor {
+        if windows.length != self.spec.window() || windows.valid_places.contains(&false) {
+            return mask(&windows.valid, attention);
+        }
+        match attention {
+            Attention::Causal => self.causal.shallow_clone(),
+            Attention::Bidirectional => self.bidirectional.shallow_clone(),
+        }
     }
 }
 

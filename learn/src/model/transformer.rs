@@ -1,7 +1,7 @@
 //! A pre-norm transformer over the tokens of a window, and which token may see which.
 
 use tch::nn::{self, Module};
-use tch::{Kind, Tensor};
+use tch::{Device, Kind, Tensor};
 
 use super::Size;
 use super::tokens::MODALITIES;
@@ -32,6 +32,13 @@ pub(crate) fn mask(valid: &Tensor, attention: Attention) -> Tensor {
             seen.logical_and(&before).logical_or(&own)
         }
     }
+}
+
+/// As [`mask`], of windows of `length` steps without padding: `[1, 1, 3 L, 3 L]`, to be added to what a softmax takes.
+pub(super) fn whole_mask(length: usize, attention: Attention, device: Device) -> Tensor {
+    let seen = mask(&Tensor::ones([1, int(length)], (Kind::Bool, device)), attention);
+    let nothing = Tensor::zeros(seen.size().as_slice(), (Kind::Float, device));
+    nothing.masked_fill(&seen.logical_not(), f64::NEG_INFINITY)
 }
 
 struct Block {
@@ -145,6 +152,17 @@ mod tests {
             assert_eq!(row, &[false, false, false, true, true, true]);
         }
         assert!((0..6).all(|i| rows[i][i]));
+    }
+
+    #[test]
+    fn a_whole_windows_mask_says_the_same_in_sums() {
+        for attention in [Attention::Causal, Attention::Bidirectional] {
+            let seen = mask(&Windows::grid(&[true; 3], &[1, 3], Device::Cpu), attention);
+            let added = whole_mask(3, attention, Device::Cpu);
+            assert_eq!(added.size(), seen.size());
+            let weights = added.exp();
+            assert!(weights.equal(&seen.to_kind(Kind::Float)), "what is seen counts in full, the rest not at all");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use tch::{Device, Kind, Tensor};
 
 use super::Standard;
+use super::frames::Lookup;
 use crate::batch::images;
 use crate::spec::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
@@ -19,6 +20,8 @@ pub(crate) struct CameraStandard {
     /// channel's remaining deviation `[C, 1, 1]`. So the static background costs nothing, and a
     /// pixel that hardly ever changes is not blown up.
     pub(crate) target: Standard,
+    /// `input` for bytes.
+    pub(super) lookup: Lookup,
 }
 
 impl CameraStandard {
@@ -100,6 +103,7 @@ impl Sums {
         CameraStandard {
             input: Standard::new(&channel, &spread, &size, device),
             target: Standard::new(&target, &moving, &size, device),
+            lookup: Lookup::default(),
         }
     }
 }

@@ -3,6 +3,7 @@
 
 mod cameras;
 mod features;
+mod frames;
 
 pub(crate) use cameras::target_size;
 pub(crate) use features::FeatureScale;
@@ -16,6 +17,7 @@ use crate::error::LearnError;
 use crate::spec::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
 use cameras::CameraStandard;
+use frames::Lookup;
 
 /// A deviation below this part of the values' size is rounding noise: the dimension is constant.
 const CONSTANT: f64 = 1e-6;
@@ -144,6 +146,7 @@ impl Statistics {
                     named,
                     device,
                 )?,
+                lookup: Lookup::default(),
             })
         };
         Ok(Self {

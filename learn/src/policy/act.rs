@@ -73,8 +73,8 @@ impl Method for Act {
         self.scratch.parameters()
     }
 
-    fn embed_images(&self, images: &[Tensor]) -> Tensor {
-        self.scratch.embed_images(images)
+    fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.scratch.encode(images)
     }
 
     fn losses(&self, seen: &Seen, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {

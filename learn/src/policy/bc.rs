@@ -67,8 +67,8 @@ impl Method for Bc {
         self.scratch.parameters()
     }
 
-    fn embed_images(&self, images: &[Tensor]) -> Tensor {
-        self.scratch.embed_images(images)
+    fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.scratch.encode(images)
     }
 
     fn losses(&self, seen: &Seen, wanted: &Chunks, _: &mut ChaCha8Rng) -> Losses {

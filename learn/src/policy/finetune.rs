@@ -75,8 +75,8 @@ impl Method for CausalTransformer {
         self.0.parameters()
     }
 
-    fn embed_images(&self, images: &[Tensor]) -> Tensor {
-        self.0.embed_images(images)
+    fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.0.encode(images)
     }
 
     fn losses(&self, seen: &Seen, wanted: &Chunks, _: &mut ChaCha8Rng) -> Losses {

@@ -58,8 +58,13 @@ pub(super) trait Method: Send {
     /// Every parameter in name order.
     fn parameters(&self) -> Vec<(String, Tensor)>;
 
-    /// Images, per camera `[N, C, H, W]` of 0 … 1, to one embedding a step, `[N, d]`.
-    fn embed_images(&self, images: &[Tensor]) -> Tensor;
+    /// Standardised images, per camera `[N, C, H, W]`, to one embedding a step, `[N, d]`.
+    fn encode(&self, images: &[Tensor]) -> Tensor;
+
+    /// As [`Method::encode`], of images of 0 … 1.
+    fn embed_images(&self, images: &[Tensor]) -> Tensor {
+        self.encode(&self.about().statistics.images(images))
+    }
 
     /// −log P of what should be done after each window, up to constants. `rng` is for noise.
     fn losses(&self, seen: &Seen, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses;

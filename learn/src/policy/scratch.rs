@@ -71,8 +71,8 @@ impl Scratch {
         weights::load(&self.parameters(), named)
     }
 
-    pub(super) fn embed_images(&self, images: &[Tensor]) -> Tensor {
-        self.images.forward(&self.statistics.images(images))
+    pub(super) fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.images.forward(images)
     }
 
     /// What a policy that gives `chunk` actions at once was made for.

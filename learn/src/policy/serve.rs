@@ -72,7 +72,9 @@ impl Policy {
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
     pub fn embed(&self, frames: &[&[u8]]) -> Result<Vec<Embedding>, LearnError> {
-        layout(&self.method.about()).embed(frames, |images| self.method.embed_images(images))
+        let about = self.method.about();
+        let images = |frames: &[&[u8]]| about.statistics.frames(about.shape, frames, about.device);
+        layout(&about).embed(frames, |frames| self.method.encode(&images(frames)))
     }
 
     /// The next k actions of each history, the first for now, in physical units; one pass for all.

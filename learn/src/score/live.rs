@@ -110,7 +110,7 @@ impl LiveScorer {
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
     pub fn embed(&self, frames: &[&[u8]]) -> Result<Vec<Embedding>, LearnError> {
-        self.layout().embed(frames, |images| self.opened.network.embed_images(images))
+        self.layout().embed(frames, |frames| self.opened.network.embed_frames(frames))
     }
 
     /// The score of the newest segment of each history; one pass for all. Its last action must be set: a segment is
