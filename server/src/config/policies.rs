@@ -14,6 +14,10 @@ pub struct PoliciesConfig {
     /// period; 0: not at all.
     #[arg(long, env = "GLEANER_POLICY_BATCH_WAIT", default_value_t = 0.05)]
     pub policy_batch_wait: f64,
+    /// Threads that carry messages between robots and models; 0: half of the processors. The others are for the
+    /// models, one thread each: a message that wakes a second thread where a model runs costs more than it gains.
+    #[arg(long, env = "GLEANER_IO_THREADS", default_value_t = 0, value_name = "N")]
+    pub io_threads: usize,
     /// Requests that may wait for one policy.
     #[arg(long, env = "GLEANER_POLICY_QUEUE", default_value_t = 256)]
     pub policy_queue: usize,
@@ -30,6 +34,14 @@ pub struct PoliciesConfig {
 }
 
 impl PoliciesConfig {
+    /// Threads that carry messages: as set, or half of the processors.
+    pub fn io_threads(&self) -> usize {
+        match self.io_threads {
+            0 => std::thread::available_parallelism().map_or(1, |all| (all.get() / 2).max(1)),
+            threads => threads,
+        }
+    }
+
     /// How long a robot may be silent.
     pub fn session_idle(&self) -> Duration {
         Duration::from_secs(self.session_idle_seconds)
@@ -43,6 +55,9 @@ impl PoliciesConfig {
         if self.policy_batch == 0 || self.policy_queue == 0 {
             return Err("--policy-batch and --policy-queue: must be at least 1".to_owned());
         }
+        if self.io_threads > 1024 {
+            return Err("--io-threads: must be at most 1024".to_owned());
+        }
         if !(0.0..=0.5).contains(&self.policy_batch_wait) {
             return Err("--policy-batch-wait: must be between 0 and 0.5 of a control period".to_owned());
         }
@@ -50,5 +65,31 @@ impl PoliciesConfig {
             return Err("--session-idle-seconds: must be between 1 and 86400".to_owned());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Alone {
+        #[command(flatten)]
+        policies: PoliciesConfig,
+    }
+
+    fn with(args: &[&str]) -> PoliciesConfig {
+        Alone::try_parse_from([&["serve"], args].concat()).unwrap().policies
+    }
+
+    #[test]
+    fn half_of_the_processors_carry_messages_unless_it_is_said() {
+        let processors = std::thread::available_parallelism().unwrap().get();
+        assert_eq!(with(&[]).io_threads(), (processors / 2).max(1));
+        assert_eq!(with(&["--io-threads", "3"]).io_threads(), 3);
+        assert!(with(&["--io-threads", "5000"]).validate().unwrap_err().starts_with("--io-threads: "));
     }
 }

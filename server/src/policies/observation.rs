@@ -1,5 +1,5 @@
-//! Observations to steps: checks everything against the task's shape and decodes the images. Blocking work: never on
-//! the runtime, never on a model's thread.
+//! Observations to steps: checks everything against the task's shape and decodes the images. Blocking work, but for a
+//! few raw images: never on the runtime, never on a model's thread.
 
 use std::sync::Arc;
 
@@ -56,7 +56,11 @@ fn pixels(into: &mut Vec<u8>, camera: &CameraShape, path: &str, frame: &CameraFr
     let field = format!("{path}.color");
     let color = present(&field, frame.color.as_ref())?;
     let format = pixel_format(color.format, PixelFormat::Rgb8);
-    into.extend(decode_color(&color.data, format, height, width).map_err(|error| Error::invalid(&field, error))?);
+    if color.format == ImageFormat::Raw && color.data.len() == height as usize * width as usize * 3 {
+        into.extend_from_slice(&color.data);
+    } else {
+        into.extend(decode_color(&color.data, format, height, width).map_err(|error| Error::invalid(&field, error))?);
+    }
 
     let field = format!("{path}.depth");
     if !camera.depth {
@@ -114,6 +118,22 @@ fn names(shape: &TaskShape) -> String {
 /// Invalid, naming the field from `path` on.
 pub(crate) async fn frames(shape: Arc<TaskShape>, path: &'static str, observation: Observation) -> Result<Vec<u8>> {
     decode(move || step(&shape, path, &observation).map(|step| step.frame)).await
+}
+
+/// Images that together have at most so many bytes are copied before another thread would wake.
+const SMALL: usize = 512 << 10;
+
+/// As [`step`], for who must not block: raw images of a small task at once, all else beside the runtime.
+///
+/// # Errors
+/// As [`step`].
+pub(super) async fn step_of(shape: Arc<TaskShape>, path: &'static str, observation: Observation) -> Result<Step> {
+    let mut frames = observation.cameras.iter();
+    let raw = |image: &Option<Image>| image.as_ref().is_none_or(|image| image.format == ImageFormat::Raw);
+    if shape.frame_bytes() <= SMALL && frames.all(|frame| raw(&frame.color) && raw(&frame.depth)) {
+        return step(&shape, path, &observation);
+    }
+    decode(move || step(&shape, path, &observation)).await
 }
 
 /// Runs decoding beside the runtime, which it would hold up.
@@ -175,6 +195,28 @@ mod tests {
         let step = step(&shape(), "observation", &observation).unwrap();
         assert_eq!(step.frame.len(), shape().frame_bytes());
         assert!(step.frame[640..].iter().all(|&byte| byte.abs_diff(200) < 8));
+    }
+
+    #[tokio::test]
+    async fn few_raw_images_are_taken_at_once_and_all_else_beside() {
+        use futures::FutureExt as _;
+        let of = |shape: TaskShape, observation| step_of(Arc::new(shape), "observation", observation);
+        let at_once = of(shape(), right()).now_or_never().unwrap().unwrap();
+        assert_eq!(at_once.frame, step(&shape(), "observation", &right()).unwrap().frame);
+
+        let jpeg = gleaner_recording::encode_jpeg(&[200; 384], 8, 16, 90).unwrap();
+        let mut compressed = right();
+        compressed.cameras[0].color = Some(Image { format: ImageFormat::Jpeg, data: jpeg.into() });
+        assert!(of(shape(), compressed.clone()).now_or_never().is_none());
+        assert_eq!(of(shape(), compressed).await.unwrap().frame.len(), shape().frame_bytes());
+
+        let large = TaskShape {
+            cameras: vec![CameraShape { name: "top".into(), height: 512, width: 512, depth: false }],
+            ..shape()
+        };
+        let mut observation = right();
+        observation.cameras = vec![frame("top", raw(vec![0; 512 * 512 * 3]), None)];
+        assert!(of(large, observation).now_or_never().is_none());
     }
 
     #[test]

@@ -125,7 +125,7 @@ where
 {
     async fn act(self, path: &'static str, observation: Observation) -> Result<Vec<Vec<f32>>> {
         let shape = self.engine.shape();
-        let mut step = observation::decode(move || observation::step(&shape, path, &observation)).await?;
+        let mut step = observation::step_of(shape, path, observation).await?;
         let Some((key, place)) = self.place else {
             step.executed = None;
             let turn = Turn { history: None, skipped: 0, steps: vec![step] };

@@ -54,7 +54,7 @@ pub(super) async fn turn<M: Model>(
     }
     let shape = engine.shape();
     let begun = Instant::now();
-    let mut step = observation::decode(move || observation::step(&shape, "observation", &observation)).await?;
+    let mut step = observation::step_of(shape, "observation", observation).await?;
     due.stages.decoded(begun.elapsed());
     let gap = skipped > 0 || (withheld && step.executed.is_none());
     // The first step of a history has nothing before it.
