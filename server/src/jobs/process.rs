@@ -19,6 +19,7 @@ pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) ->
         .arg(&config.data_dir)
         .args(["--threads", &config.jobs.worker_threads.to_string()])
         .arg(format!("--nice={}", config.jobs.worker_nice))
+        .args(config.jobs.worker_idle.then_some("--idle"))
         .args(["--max-message-bytes", &config.limits.max_message_bytes.to_string()])
         .args(["--parent", &std::process::id().to_string()])
         .env_clear()

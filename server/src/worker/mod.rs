@@ -52,7 +52,13 @@ async fn serve(config: WorkerConfig) -> Result<()> {
         None => None,
     };
     let work = Work { data_dir: config.data_dir, threads: config.threads, blobs, inputs, base, monitor };
-    let working = tokio::task::spawn_blocking(move || work.perform(order));
+    let working = tokio::task::spawn_blocking(move || {
+        // Not this process's other thread: the server must hear that the worker lives.
+        if config.idle {
+            process::give_way();
+        }
+        work.perform(order)
+    });
     reporter::report(&mut client, events, &stop).await?;
     let made = match working.await {
         Ok(made) => made,

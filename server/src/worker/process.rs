@@ -1,6 +1,10 @@
 //! The process itself: that it ends with its server, gives way to serving, and how much memory it took.
 
 use rustix::process::{Pid, Signal};
+use thread_priority::{
+    NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+    thread_schedule_policy,
+};
 
 use crate::{
     config::WorkerConfig,
@@ -29,6 +33,17 @@ pub(super) fn settle(config: &WorkerConfig) -> Result<()> {
     Ok(())
 }
 
+/// Has this thread, and those it will start, run only when nobody else wants their processor.
+pub(super) fn give_way() {
+    let idle = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
+    // It would give back the niceness too, which only the privileged may; that counts for nothing here. So what holds
+    // is looked at instead.
+    let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, idle);
+    if !matches!(thread_schedule_policy(), Ok(policy) if policy == idle) {
+        tracing::warn!("the worker competes with serving at its niceness");
+    }
+}
+
 /// The most memory this process has held, in bytes; 0 where the system does not tell.
 pub(super) fn peak_memory() -> u64 {
     std::fs::read_to_string("/proc/self/status").map(|status| high_water(&status)).unwrap_or(0)
@@ -43,6 +58,18 @@ fn high_water(status: &str) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_thread_that_gives_way_and_those_it_starts_are_idle() {
+        let policies = std::thread::spawn(|| {
+            give_way();
+            let started = std::thread::spawn(thread_schedule_policy);
+            (thread_schedule_policy().ok(), started.join().ok().and_then(Result::ok))
+        });
+        let idle = Some(ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle));
+        assert_eq!(policies.join().ok(), Some((idle, idle)));
+        assert_ne!(thread_schedule_policy().ok(), idle, "the others stay as they are");
+    }
 
     #[test]
     fn the_high_water_mark_is_read() {
