@@ -75,6 +75,7 @@ impl Client {
             },
             progress: Arc::new(progress),
             stage: Stage::Unopened,
+            restarts: 0,
         };
         upload.run().await
     }
@@ -94,12 +95,16 @@ enum Step {
     Back(ClientError),
 }
 
+// How often an upload that is not open any more is begun anew without a pause.
+const RESTARTS: u32 = 3;
+
 struct Upload {
     service: EpisodeServiceClient<Transport>,
     path: PathBuf,
     start: StartUploadRequest,
     progress: Progress,
     stage: Stage,
+    restarts: u32,
 }
 
 impl Upload {
@@ -206,6 +211,12 @@ impl Upload {
         let error = ClientError::from(status);
         if !error.is_transient() && !recoverable.contains(&code) {
             return Err(error);
+        }
+        if code == Code::NotFound && self.restarts < RESTARTS {
+            // It has ended or was forgotten, and opening it tells which: that is no reason to wait.
+            self.restarts += 1;
+            self.stage = Stage::Unopened;
+            return Ok(Step::Forward);
         }
         self.stage = match std::mem::replace(&mut self.stage, Stage::Unopened) {
             Stage::Open { id, .. } if code != Code::NotFound => Stage::Open { id, committed: None },

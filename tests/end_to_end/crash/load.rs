@@ -74,13 +74,18 @@ async fn push_all(lab: Arc<Lab>, next: Arc<AtomicU64>) {
             3 => spoil(&lab, n).await,
             9 => slowly(&lab, n).await,
             14 => twice(&lab, n).await,
-            _ => drop(push(&lab, &recording(lab.settings.seed, n).await).await),
+            _ => push(&lab, &recording(lab.settings.seed, n).await).await,
         }
     }
 }
 
+async fn push(lab: &Lab, recording: &Recording) {
+    let uploaded = send(lab, recording).await;
+    lab.ledger.stored(&uploaded.episode);
+}
+
 /// Pushes as `gleaner push` does; when that has lost patience, it is called again.
-async fn push(lab: &Lab, recording: &Recording) -> Uploaded {
+async fn send(lab: &Lab, recording: &Recording) -> Uploaded {
     lab.ledger.attempts(&blake3::hash(&recording.bytes).to_hex());
     let path = lab.recordings.path().join(&recording.name);
     tokio::fs::write(&path, &recording.bytes).await.unwrap();
@@ -88,11 +93,9 @@ async fn push(lab: &Lab, recording: &Recording) -> Uploaded {
         UploadLabel { outcome: recording.outcome, cohort: recording.cohort.clone(), author: "crash test".to_owned() };
     loop {
         match lab.client.upload(common::TASK, &path, &label, |_| {}).await {
-            Ok(uploaded) => {
-                lab.ledger.stored(&uploaded.episode);
-                return uploaded;
-            }
-            Err(error) if error.is_transient() => pause().await,
+            Ok(uploaded) => return uploaded,
+            // Not found: the last answer was lost, and so was the patience to ask once more.
+            Err(error) if error.is_transient() || error.code() == Some(Code::NotFound) => pause().await,
             Err(error) => panic!("{}: {error}", recording.name),
         }
     }
@@ -102,8 +105,10 @@ async fn push(lab: &Lab, recording: &Recording) -> Uploaded {
 async fn twice(lab: &Lab, n: u64) {
     let one = recording(lab.settings.seed, n).await;
     let other = Recording { name: format!("again-{}", one.name), ..one.clone() };
-    let (one, other) = tokio::join!(push(lab, &one), push(lab, &other));
+    let (one, other) = tokio::join!(send(lab, &one), send(lab, &other));
     assert_eq!(one.episode.id, other.episode.id, "one content is one episode");
+    // Only now: another label would be told to the slower one.
+    lab.ledger.stored(&one.episode);
 }
 
 /// What is no recording is refused and never seen.
@@ -115,7 +120,7 @@ async fn spoil(lab: &Lab, n: u64) {
     let label = UploadLabel { outcome: Outcome::Success, cohort: "garbage".into(), author: String::new() };
     loop {
         match lab.client.upload(common::TASK, &path, &label, |_| {}).await {
-            Err(error) if error.is_transient() => pause().await,
+            Err(error) if error.is_transient() || error.code() == Some(Code::NotFound) => pause().await,
             Err(error) if error.code() == Some(Code::InvalidArgument) => return,
             other => panic!("{} was taken for a recording: {other:?}", path.display()),
         }
@@ -130,7 +135,7 @@ async fn slowly(lab: &Lab, n: u64) {
     loop {
         match half_and_half(lab, &recording, &mut committed).await {
             Ok(episode) => return lab.ledger.stored(&episode),
-            Err(status) if was_gone(&status) => pause().await,
+            Err(status) if was_gone(&status) || status.code() == Code::NotFound => pause().await,
             Err(status) => panic!("{}: {status}", recording.name),
         }
     }
