@@ -54,10 +54,10 @@ fn calls(text: &str) -> Vec<Call> {
     let mut begun: HashMap<&str, &str> = HashMap::new();
     let mut calls = Vec::new();
     for line in text.lines() {
-        let mut words = line.splitn(3, char::is_whitespace);
-        let (Some(thread), Some(at), Some(rest)) = (words.next(), words.next(), words.next()) else { continue };
+        // Threads' numbers are padded.
+        let Some((thread, rest)) = line.split_once(' ') else { continue };
+        let Some((at, rest)) = rest.trim_start().split_once(' ') else { continue };
         let Ok(at) = at.parse::<f64>() else { continue };
-        let rest = rest.trim_start();
         if let Some(start) = rest.strip_suffix("<unfinished ...>") {
             begun.insert(thread, start);
         } else if rest.starts_with("<...") {
