@@ -101,11 +101,11 @@ impl AccessConfig {
         let missing = match (self.tls_cert.is_some(), self.tokens_required(loopback, insecure)) {
             _ if loopback || insecure => return Ok(()),
             (true, true) => return Ok(()),
-            (false, _) => "--tls-cert and --tls-key encrypt",
-            (true, false) => "--require-tokens asks who they are",
+            (false, _) => "encrypt with --tls-cert and --tls-key",
+            (true, false) => "ask who they are with --require-tokens",
         };
         Err(format!(
-            "--listen {listen}: other machines can reach this address: {missing}. Or listen on 127.0.0.1, or accept the \
+            "--listen {listen}: other machines can reach this address: {missing}, or listen on 127.0.0.1, or accept the \
              risk with --insecure"
         ))
     }
