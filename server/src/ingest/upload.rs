@@ -46,8 +46,9 @@ impl Ingest {
         }
         let mut upload = new.open();
         if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
+            let existing = same_label(existing, upload.outcome, &upload.cohort)?;
             self.discard_idle(&upload).await?;
-            return same_label(existing, upload.outcome, &upload.cohort).map(Started::Existing);
+            return Ok(Started::Existing(existing));
         }
         self.blobs.expect_room(0)?;
         for open in self.store.uploads_of(&upload.task_id, &upload.blake3).await? {

@@ -64,10 +64,10 @@ fn messages(id: &UploadId, mut at: usize, lengths: &[usize]) -> Vec<Chunk> {
 
 /// How far a stream of these messages brings an upload of which `before` bytes are committed, and whether it is refused.
 fn told(before: usize, at: usize, lengths: &[usize]) -> (usize, bool) {
-    let mut end = at;
+    let mut end = before;
     for (place, length) in lengths.iter().enumerate() {
         if place == 0 && at != before || end + length > CONTENT.len() {
-            return (if place == 0 { before } else { end }, true);
+            return (end, true);
         }
         end += length;
     }
