@@ -9,10 +9,10 @@ use std::sync::Mutex;
 use futures::Stream;
 use gleaner_proto::v1::episode_service_server::{EpisodeService, EpisodeServiceServer};
 use gleaner_proto::v1::{
-    DeleteEpisodesRequest, DeleteEpisodesResponse, DownloadEpisodeRequest, DownloadEpisodeResponse, FinishUploadResponse, GetEpisodeRequest, GetEpisodeResponse,
-    GetUploadResponse, LabelEpisodesRequest, LabelEpisodesResponse, ListEpisodesRequest, ListEpisodesResponse,
-    ListLabelsRequest, ListLabelsResponse, StartUploadResponse, UndeleteEpisodesRequest,
-    UndeleteEpisodesResponse, WriteUploadResponse,
+    DeleteEpisodesRequest, DeleteEpisodesResponse, DownloadEpisodeRequest, DownloadEpisodeResponse,
+    FinishUploadResponse, GetEpisodeRequest, GetEpisodeResponse, GetUploadResponse, LabelEpisodesRequest,
+    LabelEpisodesResponse, ListEpisodesRequest, ListEpisodesResponse, ListLabelsRequest, ListLabelsResponse,
+    StartUploadResponse, UndeleteEpisodesRequest, UndeleteEpisodesResponse, WriteUploadResponse,
 };
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::{Request, Response, Status, Streaming};

@@ -2,7 +2,12 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
 
-use std::{ffi::OsString, io::Cursor, path::PathBuf, sync::{Arc, atomic::AtomicU64}};
+use std::{
+    ffi::OsString,
+    io::Cursor,
+    path::PathBuf,
+    sync::{Arc, atomic::AtomicU64},
+};
 
 use clap::Parser as _;
 use futures::stream;
