@@ -28,6 +28,16 @@ pub async fn command(words: &[&str], data_dir: &Path) -> (bool, String) {
     (output.status.success(), said)
 }
 
+/// Two experts and a failure; what each test here needs.
+async fn a_few(api: &mut Api) -> Vec<Episode> {
+    lab::create_task(api).await;
+    let mut episodes = Vec::new();
+    for recording in [&RECORDINGS[0], &RECORDINGS[1], &RECORDINGS[6]] {
+        episodes.push(lab::push(api, lab::TASK, recording).await.unwrap());
+    }
+    episodes
+}
+
 async fn listed(api: &mut Api, deleted: bool) -> Vec<Episode> {
     let request = ListEpisodesRequest { task: lab::TASK.into(), deleted, ..Default::default() };
     api.episodes.list_episodes(request).await.unwrap().into_inner().episodes
@@ -37,7 +47,7 @@ async fn listed(api: &mut Api, deleted: bool) -> Vec<Episode> {
 async fn a_lab_is_backed_up_while_it_runs_and_goes_on_from_the_copy() {
     let server = TestServer::start_with(&["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
-    let episodes = lab::set_up(&mut api).await;
+    let episodes = a_few(&mut api).await;
     let places = tempfile::tempdir().unwrap();
     let (backup, new) = (places.path().join("backup"), places.path().join("new"));
     let target = backup.to_str().unwrap();
@@ -82,7 +92,7 @@ fn blob(data_dir: &Path, blake3: &str) -> std::path::PathBuf {
 async fn an_episode_goes_in_two_steps() {
     let mut server = TestServer::start_with(&["--workers", "0", "--trash-days", "0"]).await;
     let mut api = Api::connect(&server).await;
-    let episodes = lab::set_up(&mut api).await;
+    let episodes = a_few(&mut api).await;
     let (first, second) = (&episodes[0], &episodes[1]);
     let delete = |id: &str, force| DeleteEpisodesRequest { episode_ids: vec![id.into()], force };
     let undelete = |id: &str| UndeleteEpisodesRequest { episode_ids: vec![id.into()] };

@@ -26,9 +26,9 @@ pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<
 }
 
 pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
+    let look = Look::open(&config.data_dir.join(DATABASE)).await?;
     // A server beside this removes no blob before its rows and its files are looked at.
     let _copying = Copying::begin(&config.data_dir)?;
-    let look = Look::open(&config.data_dir.join(DATABASE)).await?;
     let mut report = Report::new(config.data_dir.clone(), look.schema, !config.fast);
     for (subject, detail) in look.store.integrity().await? {
         report.problem(subject, detail);

@@ -58,6 +58,9 @@ mod tests {
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
         assert!(error.message().contains("disk is full") && error.to_string().contains("opening an upload"), "{error}");
         assert_eq!(store.tasks().await.unwrap().len(), 1, "reading goes on");
+        // SQLite has rolled back by itself: the connection is not left in a transaction that is none.
+        let again = store.insert_upload(&testing::upload(&task, &[7; 100])).await.err().map(|error| error.kind());
+        assert!(matches!(again, None | Some(Kind::Exhausted)), "{again:?}");
         testing::run(&store, &format!("{pages}1000000")).await;
         testing::episode(&store, &task, Outcome::Success, "").await;
     }

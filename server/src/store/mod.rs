@@ -3,8 +3,8 @@
 //! One connection writes, several read. Every write commits with `synchronous=FULL`: what returned is on disk.
 //! Values in and out are the domain's.
 
-pub(crate) mod backlog;
 mod audit;
+pub(crate) mod backlog;
 mod beside;
 mod blob;
 mod check;
@@ -31,14 +31,14 @@ mod snapshot;
 mod task;
 #[cfg(test)]
 pub(crate) mod testing;
-mod trash;
 mod token;
+mod trash;
 mod upload;
 
 use std::{path::Path, time::Duration};
 
 use sqlx::{
-    Sqlite, SqlitePool, Transaction,
+    Connection as _, Sqlite, SqlitePool, Transaction,
     sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous},
 };
 
@@ -72,7 +72,15 @@ impl Store {
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(Duration::from_secs(10));
         let doing = |error: sqlx::Error| Error::internal(format!("opening the database {}", path.display()), error);
-        let writer = SqlitePoolOptions::new().max_connections(1).connect_with(options.clone()).await.map_err(doing)?;
+        let writer = SqlitePoolOptions::new().max_connections(1).after_release(|connection, _| {
+            Box::pin(async move {
+                // What was dropped is rolled back by then. A disk that is full makes SQLite roll back by itself, which the
+                // connection does not see: it would refuse every transaction from then on. A new one takes its place.
+                connection.ping().await?;
+                Ok(!connection.is_in_transaction())
+            })
+        });
+        let writer = writer.connect_with(options.clone()).await.map_err(doing)?;
         check_version(&writer).await?;
         look::known_schema(&writer, path).await?;
         MIGRATIONS.run(&writer).await.map_err(|error| match error {

@@ -181,6 +181,7 @@ impl Course {
             if !self.claim().await {
                 break;
             }
+            self.look().await;
         }
         assert!(self.before.values().all(|job| job.state.ended()), "{:?}", self.before);
     }
