@@ -4,6 +4,7 @@
 //! Short here; `make crash-test` is the long form. `GLEANER_CRASH_KILLS`, `_UPLOADS`, `_TRAINING_KILLS` and `_SEED` set
 //! how much there is of each.
 
+mod again;
 mod check;
 mod curator;
 mod kills;
