@@ -64,7 +64,7 @@ mod tests {
         let policies = std::thread::spawn(|| {
             give_way();
             let started = std::thread::spawn(thread_schedule_policy);
-            (thread_schedule_policy().ok(), started.join().ok().and_then(Result::ok))
+            (thread_schedule_policy().ok(), started.join().ok().and_then(|policy| policy.ok()))
         });
         let idle = Some(ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle));
         assert_eq!(policies.join().ok(), Some((idle, idle)));
