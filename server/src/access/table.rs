@@ -30,9 +30,8 @@ pub(super) struct Rule {
 }
 
 /// What every gRPC server has, beside our own services.
-pub(super) const STANDARD: [(&str, Need); 4] = [
+pub(super) const STANDARD: [(&str, Need); 3] = [
     ("/grpc.health.v1.Health/Check", Need::Nothing),
-    ("/grpc.health.v1.Health/List", Need::Nothing),
     ("/grpc.health.v1.Health/Watch", Need::Nothing),
     ("/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", Need::Least(Role::Viewer)),
 ];

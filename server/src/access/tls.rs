@@ -36,8 +36,13 @@ const LOOK_EVERY: Duration = Duration::from_secs(2);
 #[derive(Debug)]
 pub(crate) struct Tls {
     files: Files,
+    /// What the files were like before they were read first.
+    first: Vec<Stamp>,
     current: RwLock<Arc<ServerConfig>>,
 }
+
+/// What changes when a file does: which one it is, when it was written, how long it is.
+type Stamp = Option<(u64, i64, i64, u64)>;
 
 /// A connection, encrypted or not.
 pub(crate) type Line = Either<TcpStream, TlsStream<TcpStream>>;
@@ -68,8 +73,9 @@ impl Tls {
     pub(crate) fn open(config: &AccessConfig) -> Result<Option<Self>> {
         let (Some(cert), Some(key)) = (config.tls_cert.clone(), config.tls_key.clone()) else { return Ok(None) };
         let files = Files { cert, key, client_ca: config.client_ca.clone() };
+        let first = files.stamps();
         let current = RwLock::new(Arc::new(files.read()?));
-        Ok(Some(Self { files, current }))
+        Ok(Some(Self { files, first, current }))
     }
 
     /// The handshake. Whoever calls puts a deadline around it.
@@ -90,7 +96,7 @@ impl Tls {
                 None
             }
         };
-        let mut seen = self.files.stamps();
+        let mut seen = self.first.clone();
         loop {
             let asked = async {
                 match &mut hangup {
@@ -143,8 +149,7 @@ impl Files {
         Ok(config)
     }
 
-    /// What changes when a file does.
-    fn stamps(&self) -> Vec<Option<(u64, i64, i64, u64)>> {
+    fn stamps(&self) -> Vec<Stamp> {
         let files = [Some(&self.cert), Some(&self.key), self.client_ca.as_ref()];
         let stamp = |path: &PathBuf| {
             let file = std::fs::metadata(path).ok()?;

@@ -155,7 +155,7 @@ const ROBOT: [&str; 9] = [
     "ModelInfer",
     "RepositoryIndex",
 ];
-const OPEN: [&str; 5] = ["ServerLive", "ServerReady", "Check", "Watch", "List"];
+const OPEN: [&str; 4] = ["ServerLive", "ServerReady", "Check", "Watch"];
 
 fn may(role: Role, path: &str) -> bool {
     let method = path.rsplit('/').next().unwrap();
