@@ -39,6 +39,8 @@ struct Side {
     factor: f64,
     /// The most that an expert was moved.
     moved: f64,
+    /// The root of the number of values.
+    root: f64,
 }
 
 /// Queries' codes.
@@ -54,36 +56,37 @@ pub(super) struct Queries {
 #[derive(Default)]
 pub(super) struct Scratch {
     unit: Vec<f32>,
-    placed: Vec<Lanes<f32>>,
+    placed: [Vec<Lanes<f32>>; 3],
 }
 
 impl Scratch {
     /// Row `at` of `modality`, in the frame, and its largest value's size.
     fn place(&mut self, frame: &Frame, features: &Features, (modality, at): (usize, usize)) -> f32 {
         let centre = frame.lanes(modality);
-        self.placed.resize(centre.len(), Lanes([0.0; WIDE]));
+        let placed = &mut self.placed[modality];
+        placed.resize(centre.len(), Lanes([0.0; WIDE]));
         let row = frame.row(features, (modality, at), &mut self.unit);
-        lanes::centre(row, centre, &mut self.placed)
+        lanes::centre(row, centre, placed)
     }
 
-    /// Codes of the row last placed, into `codes`; what is known of them, and how far from where it
-    /// should be `step` times them lies.
-    fn code(
-        &self,
-        (frame, width): (&Frame, usize),
-        (largest, step): (f32, f32),
-        codes: &mut [i32],
-    ) -> (lanes::Sums, f64) {
-        let sums = lanes::code(&self.placed, 1.0 / step, codes);
-        #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
-        let root = (width as f64).sqrt();
-        let rests = f64::from(sums.rests).sqrt() * 1.001 + DIVISION * root;
-        (sums, frame.moved(f64::from(largest) * root * 1.001) + f64::from(step) * rests)
+    /// Codes of the row of `modality` last placed into `codes`.
+    fn code(&self, modality: usize, grid: Grid, codes: &mut [i32]) -> lanes::Sums {
+        lanes::code(&self.placed[modality], grid.inverse, codes)
     }
 }
 
-fn step(largest: f32) -> f32 {
-    (largest / MOST).max(LEAST_STEP)
+/// What values are rounded to the multiples of.
+#[derive(Clone, Copy)]
+struct Grid {
+    step: f32,
+    inverse: f32,
+}
+
+impl Grid {
+    /// For values that are no larger than `largest` in size.
+    fn new(largest: f32) -> Self {
+        Self { step: (largest / MOST).max(LEAST_STEP), inverse: (MOST / largest).min(1.0 / LEAST_STEP) }
+    }
 }
 
 /// At most `square`, however it is rounded and added; and no more wrong below single precision.
@@ -102,7 +105,7 @@ impl Codes {
         let groups = experts.widths().map(|width| width.div_ceil(WIDE) * (WIDE / CODES));
         let (all, panels) = (groups.iter().sum(), experts.count().div_ceil(WIDE));
         let mut codes = Self {
-            sides: [0, 1, 2].map(|i| Side { step: 0.0, factor: factor(metric, i, 1.0), moved: 0.0 }),
+            sides: [0, 1, 2].map(|i| Side::new(factor(metric, i, 1.0), experts.widths()[i])),
             panels: vec![Lanes([0; WIDE]); panels * all],
             squares: vec![Lanes([FAR; WIDE]); panels * 3],
             groups,
@@ -119,15 +122,15 @@ impl Codes {
         let mut scratch = Scratch::default();
         let largest = (0..experts.count()).map(|at| scratch.place(frame, experts, (modality, at))).fold(0.0, f32::max);
         let (all, from) = (self.all, self.groups[..modality].iter().sum::<usize>());
-        let width = experts.widths()[modality];
         let side = &mut self.sides[modality];
-        side.step = step(largest);
+        let grid = Grid::new(largest);
+        side.step = grid.step;
         let scale = side.factor * f64::from(side.step).powi(2);
         let mut row = vec![0i32; self.groups[modality]];
         for at in 0..experts.count() {
             scratch.place(frame, experts, (modality, at));
-            let (sums, moved) = scratch.code((frame, width), (largest, side.step), &mut row);
-            side.moved = side.moved.max(moved);
+            let sums = scratch.code(modality, grid, &mut row);
+            side.moved = side.moved.max(side.moved(frame, (largest, grid), &sums));
             let (panel, lane) = (at / WIDE, at % WIDE);
             self.squares[panel * 3 + modality].0[lane] = below(scale * f64::from(sums.squares));
             for (to, code) in self.panels[panel * all + from..].iter_mut().zip(&row) {
@@ -160,22 +163,27 @@ impl Queries {
     }
 
     /// Rows `from..to` of `features`, in place of whatever was here.
-    pub(super) fn fill(&mut self, codes: &Codes, frame: &Frame, features: &Features, (from, to): (usize, usize)) {
-        let (all, count) = (codes.all, to - from);
-        self.codes.resize(count * all, 0);
-        self.terms.resize(count, [Terms::default(); 3]);
-        self.moved.resize(count, [0.0; 3]);
-        let rows = self.codes.chunks_exact_mut(all).zip(&mut self.terms).zip(&mut self.moved);
-        for (at, ((mut row, terms), moved)) in (from..to).zip(rows) {
-            for (modality, side) in codes.sides.iter().enumerate() {
-                let largest = self.scratch.place(frame, features, (modality, at));
-                let step = step(largest);
-                let (of_modality, rest) = row.split_at_mut(codes.groups[modality]);
-                let width = features.widths()[modality];
-                let (sums, by) = self.scratch.code((frame, width), (largest, step), of_modality);
-                terms[modality] = side.terms(step, &sums);
-                moved[modality] = by + side.moved;
-                row = rest;
+    pub(super) fn fill(&mut self, (codes, frame): (&Codes, &Frame), features: &Features, (from, to): (usize, usize)) {
+        self.codes.resize((to - from) * codes.all, 0);
+        self.terms.resize(to - from, [Terms::default(); 3]);
+        self.moved.resize(to - from, [0.0; 3]);
+        let rows = self.codes.chunks_exact_mut(codes.all).zip(&mut self.terms).zip(&mut self.moved);
+        for (at, ((mut place, terms), moved)) in (from..to).zip(rows) {
+            // The modalities side by side: none waits for another.
+            let mut largest = [0f32; 3];
+            for (modality, largest) in largest.iter_mut().enumerate() {
+                *largest = self.scratch.place(frame, features, (modality, at));
+            }
+            let grids = largest.map(Grid::new);
+            let mut sums = [lanes::Sums::default(); 3];
+            for (modality, sums) in sums.iter_mut().enumerate() {
+                let (of_modality, rest) = place.split_at_mut(codes.groups[modality]);
+                *sums = self.scratch.code(modality, grids[modality], of_modality);
+                place = rest;
+            }
+            for (i, side) in codes.sides.iter().enumerate() {
+                terms[i] = side.terms(grids[i].step, &sums[i]);
+                moved[i] = side.moved(frame, (largest[i], grids[i]), &sums[i]) + side.moved;
             }
         }
     }
@@ -186,6 +194,19 @@ impl Queries {
 }
 
 impl Side {
+    /// How far from where it should be a row with `sums` lies, as many steps of `grid`, that had no
+    /// value larger than `largest`.
+    fn moved(&self, frame: &Frame, (largest, grid): (f32, Grid), sums: &lanes::Sums) -> f64 {
+        let rests = f64::from(sums.rests.sqrt()) * 1.001 + DIVISION * self.root;
+        frame.moved(f64::from(largest) * self.root * 1.001) + f64::from(grid.step) * rests
+    }
+
+    fn new(factor: f64, width: usize) -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
+        let root = (width as f64).sqrt();
+        Self { step: 0.0, factor, moved: 0.0, root }
+    }
+
     /// Of a query with `sums` in steps of `step`.
     fn terms(&self, step: f32, sums: &lanes::Sums) -> Terms {
         let own = f64::from(step);

@@ -25,7 +25,7 @@ pub(super) const PANELS: usize = 4;
 pub(super) struct Lanes<T>(pub(super) [T; WIDE]);
 
 /// What is to be known of a row of codes.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Sums {
     /// Of the codes, and of their squares: whole numbers, exact.
     pub(super) codes: f32,

@@ -54,7 +54,7 @@ impl<'a> Scan<'a> {
             left.extend(begin..begin + best.len());
             return;
         }
-        self.queries.fill(self.codes, &self.experts.frame, self.features, (begin, begin + best.len()));
+        self.queries.fill((self.codes, &self.experts.frame), self.features, (begin, begin + best.len()));
         for (at, best) in best.iter().enumerate() {
             let limit = self.limit(at, best);
             let state = &mut self.states[at];

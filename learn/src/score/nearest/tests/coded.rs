@@ -22,7 +22,7 @@ fn bounds_are_below_distances_but_tight() {
         let frame = Frame::new(&experts, metric.kind);
         let Some(codes) = Codes::new(&experts, &frame, &metric) else { return };
         let mut placed = Queries::new();
-        placed.fill(&codes, &frame, &queries, (0, 50));
+        placed.fill((&codes, &frame), &queries, (0, 50));
         assert_eq!(codes.panels(), 203usize.div_ceil(WIDE));
         let mut bounds = [[Lanes([0f32; WIDE]); PANELS]; QUERIES];
         for (query, panel) in (0..50).flat_map(|query| (0..codes.panels()).map(move |panel| (query, panel))) {
