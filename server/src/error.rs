@@ -110,11 +110,7 @@ impl Error {
     }
 
     /// The disk takes nothing more: `why`, for the caller; `doing` and the source are for the log.
-    pub(crate) fn refused_by_disk(
-        why: &str,
-        doing: &str,
-        source: impl Into<Box<dyn StdError + Send + Sync>>,
-    ) -> Self {
+    pub(crate) fn refused_by_disk(why: &str, doing: &str, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
         let source: Box<dyn StdError + Send + Sync> = source.into();
         Self { kind: Kind::Exhausted, message: why.to_owned(), source: Some(format!("{doing}: {source}").into()) }
     }

@@ -58,10 +58,10 @@ impl Blobs {
     /// What a fault means that another process has met on this disk, and could not say: when nothing is free, that.
     pub(crate) fn blame(&self, fault: Error) -> Error {
         let full = self.free().is_ok_and(|free| free < NOTHING);
-        match fault.kind() {
-            Kind::Internal if full => Error::refused_by_disk(DISK_FULL, "another process met a fault", fault),
-            _ => fault,
+        if fault.kind() == Kind::Internal && full {
+            return Error::refused_by_disk(DISK_FULL, "another process met a fault", fault);
         }
+        fault
     }
 
     /// The bytes that may still be written.

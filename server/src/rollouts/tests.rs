@@ -62,7 +62,8 @@ impl Lab {
     }
 
     async fn episodes(&self) -> Vec<Episode> {
-        let filter = EpisodeFilter { task_id: self.fixture.task.id.clone(), outcome: None, cohort: None, deleted: false };
+        let filter =
+            EpisodeFilter { task_id: self.fixture.task.id.clone(), outcome: None, cohort: None, deleted: false };
         self.fixture.store.episodes(&filter, None, 100).await.unwrap().0
     }
 

@@ -13,8 +13,11 @@ use crate::{
     error::Result,
 };
 
-/// Columns that hold JSON: whose, and whether it reads.
-const DOCUMENTS: [(&str, &str, fn(&str) -> Option<String>); 9] = [
+/// What a column of JSON is, where it is, and why a value does not read.
+type Document = (&'static str, &'static str, fn(&str) -> Option<String>);
+
+/// Columns that hold JSON.
+const DOCUMENTS: [Document; 9] = [
     ("its spec", "select id, spec from tasks", unreadable::<TaskSpec>),
     ("its report", "select id, report from episodes", unreadable::<Report>),
     ("its rule", "select id, rule from snapshots", unreadable::<RoleRule>),

@@ -128,7 +128,9 @@ impl Store {
                 .await?
                 .ok_or_else(|| Error::not_found("episode", format!("{id}; nothing was labelled")))?;
             if episode.deleted_at.is_some() {
-                return Err(Error::precondition(format!("{id} is in the trash; nothing was labelled. Take it back first")));
+                return Err(Error::precondition(format!(
+                    "{id} is in the trash; nothing was labelled. Take it back first"
+                )));
             }
             episode.outcome = label.outcome;
             if let Some(cohort) = &label.cohort {

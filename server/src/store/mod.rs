@@ -83,13 +83,15 @@ impl Store {
         let writer = writer.connect_with(options.clone()).await.map_err(doing)?;
         check_version(&writer).await?;
         look::known_schema(&writer, path).await?;
-        MIGRATIONS.run(&writer).await.map_err(|error| match error {
-            sqlx::migrate::MigrateError::VersionMissing(version) => Error::precondition(format!(
-                "the database {} has a migration {version} that this program does not know: use the gleaner-server that \
-                 made it",
-                path.display()
-            )),
-            error => Error::internal("migrating the database", error),
+        MIGRATIONS.run(&writer).await.map_err(|error| {
+            if let sqlx::migrate::MigrateError::VersionMissing(version) = error {
+                return Error::precondition(format!(
+                    "the database {} has a migration {version} that this program does not know: use the gleaner-server \
+                     that made it",
+                    path.display()
+                ));
+            }
+            Error::internal("migrating the database", error)
         })?;
         let readers = SqlitePoolOptions::new().max_connections(4).connect_with(options).await.map_err(doing)?;
         Ok(Self { writer, readers })

@@ -31,10 +31,11 @@ pub(crate) fn from_error(error: Error) -> Status {
             ));
         }
     };
-    match error.kind() {
-        // With a cause it is the disk's doing, and somebody should know.
-        Kind::Exhausted if std::error::Error::source(&error).is_some() => tracing::error!(%error, "the disk refuses"),
-        _ => tracing::debug!(%error, ?code, "request refused"),
+    if error.kind() == Kind::Exhausted && std::error::Error::source(&error).is_some() {
+        // It is the disk's doing, and somebody should know.
+        tracing::error!(%error, "the disk refuses");
+    } else {
+        tracing::debug!(%error, ?code, "request refused");
     }
     Status::new(code, told(error.message()))
 }

@@ -5,8 +5,10 @@
 use super::super::{look::newest_schema, *};
 use crate::{domain::order::JobFilter, error::Kind};
 
-/// Each with its version, and how many rows of which table it must still have.
-const SAMPLES: [(i64, &str, &[(&str, i64)]); 3] = [
+/// A version, a dump, and how many rows of which table it must still have.
+type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
+
+const SAMPLES: [Sample; 3] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
