@@ -34,7 +34,7 @@ use std::{
     sync::Arc,
 };
 
-use tokio::net::TcpListener;
+use tokio::net::{TcpListener, TcpSocket};
 
 use crate::{
     access::tls::Tls,
@@ -63,14 +63,14 @@ impl Listeners {
     pub async fn bind(config: &ServeConfig) -> Result<Self> {
         let tls = Tls::open(&config.access)?.map(Arc::new);
         let workers = match tls {
-            Some(_) => Some(bind((Ipv4Addr::LOCALHOST, 0).into()).await?),
+            Some(_) => Some(bind((Ipv4Addr::LOCALHOST, 0).into())?),
             None => None,
         };
         let pages = match config.telemetry.web_listen {
-            Some(address) => Some(bind(address).await?),
+            Some(address) => Some(bind(address)?),
             None => None,
         };
-        Ok(Self { calls: bind(config.listen).await?, tls, workers, pages })
+        Ok(Self { calls: bind(config.listen)?, tls, workers, pages })
     }
 
     /// Where calls come in.
@@ -106,10 +106,19 @@ impl Listeners {
     }
 }
 
-async fn bind(address: SocketAddr) -> Result<TcpListener> {
-    TcpListener::bind(address)
-        .await
-        .map_err(|error| Error::precondition(format!("cannot listen on {address}: {error}")))
+/// Connections that the system may hold for us until they are accepted. Its own default is small: beyond it, who connects
+/// in a crowd is told that it is connected, and is not.
+const BACKLOG: u32 = 4096;
+
+fn bind(address: SocketAddr) -> Result<TcpListener> {
+    let listen = || {
+        let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
+        // A server that starts again need not wait for the connections of the one before.
+        socket.set_reuseaddr(true)?;
+        socket.bind(address)?;
+        socket.listen(BACKLOG)
+    };
+    listen().map_err(|error: std::io::Error| Error::precondition(format!("cannot listen on {address}: {error}")))
 }
 
 /// Serves on `listeners` until `stop` ends, then drains: open calls get a while, jobs are stopped to resume later.
