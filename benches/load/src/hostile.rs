@@ -10,7 +10,7 @@ use futures::stream::{self, FuturesUnordered};
 use gleaner_bench_serving::Result;
 use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
 use gleaner_proto::v1::task_service_client::TaskServiceClient;
-use gleaner_proto::v1::{DownloadEpisodeRequest, ListTasksRequest, StartUploadRequest, WriteUploadRequest};
+use gleaner_proto::v1::{DownloadEpisodeRequest, ListTasksRequest, Outcome, StartUploadRequest, WriteUploadRequest};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpSocket, TcpStream};
 use tokio_util::sync::CancellationToken;
@@ -157,6 +157,7 @@ async fn drip(target: &Target, number: u32) -> Result<Duration> {
         file_name: format!("drip-{number}.mcap"),
         size_bytes: 10 << 20,
         blake3: format!("{number:064x}"),
+        outcome: Outcome::Unknown.into(),
         ..StartUploadRequest::default()
     };
     let upload_id = episodes.start_upload(request).await?.into_inner().upload_id;
