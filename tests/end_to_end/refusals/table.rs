@@ -95,17 +95,8 @@ fn every_input_has_a_row_and_every_row_a_test() {
         assert!(!tests.is_empty() || wrong.starts_with(ANY), "{input} names no test");
         for test in tests {
             let at = code.find(&format!("fn {test}(")).unwrap_or_else(|| panic!("{input}: there is no test {test}"));
-            let before: String = code[..at].chars().rev().take(120).collect::<Vec<_>>().into_iter().rev().collect();
-            assert!(
-                before.contains("test]") || before.contains("proptest!") || in_proptest(&code, at),
-                "{test} is no test"
-            );
+            let before = code[..at].lines().rev().take(2).collect::<String>();
+            assert!(before.contains("test]"), "{test}, which {input} names, is no test");
         }
     }
-}
-
-/// The tests of properties have their attribute further above.
-fn in_proptest(code: &str, at: usize) -> bool {
-    let begin = code[..at].rfind("proptest! {");
-    begin.is_some_and(|begin| code[begin..at].contains("#[test]"))
 }
