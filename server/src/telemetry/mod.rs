@@ -8,8 +8,8 @@ mod traces;
 
 use tracing_subscriber::{EnvFilter, Layer as _, layer::SubscriberExt as _, util::SubscriberInitExt as _};
 
-pub use self::traces::Traces;
 pub(crate) use self::rpc::RpcLayer;
+pub use self::traces::Traces;
 
 /// What to say, and to whom.
 #[derive(Debug, Clone, Copy)]
