@@ -47,7 +47,19 @@ fn gather(message: &DynamicMessage, prefix: &str, deeper: usize, found: &mut Vec
                 texts.iter().filter_map(Value::as_str).for_each(|text| keep(&name, text, found));
             }
             // Numbers, bytes, and texts that are no names.
-            _ => {}
+            Value::Bool(_)
+            | Value::I32(_)
+            | Value::I64(_)
+            | Value::U32(_)
+            | Value::U64(_)
+            | Value::F32(_)
+            | Value::F64(_)
+            | Value::String(_)
+            | Value::Bytes(_)
+            | Value::EnumNumber(_)
+            | Value::Message(_)
+            | Value::List(_)
+            | Value::Map(_) => {}
         }
         if found.len() >= MOST {
             return;
