@@ -86,7 +86,11 @@ async fn a_snapshot_keeps_to_its_limits() {
     let (read, members) = store.snapshot(&frozen.id).await.unwrap();
     assert_eq!(read.rule, rule);
     assert_eq!(members.iter().filter(|member| member.cohort == "carol").count(), 2, "cohorts come evenly");
-    assert!(members.is_sorted_by_key(|member| member.episode_id.clone()));
+    let mut recordings = Vec::new();
+    for member in &members {
+        recordings.push(store.episode(&member.episode_id).await.unwrap().episode.recording);
+    }
+    assert!(recordings.is_sorted(), "in the order of what is in them, not of arrival");
 
     let none = RoleRule { imperfect_per_expert: 0.1, ..RoleRule::default() };
     let error = store.create_snapshot(&task.id, &none).await.unwrap_err();
