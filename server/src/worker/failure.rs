@@ -36,9 +36,14 @@ impl From<Error> for Failure {
         match error.kind() {
             Kind::Invalid | Kind::Precondition => Self::Hopeless(said),
             Kind::Cancelled => Self::Cancelled,
-            Kind::Unauthenticated | Kind::Forbidden | Kind::NotFound | Kind::Exists | Kind::Exhausted | Kind::Late | Kind::Unavailable | Kind::Internal => {
-                Self::Broken(said)
-            }
+            Kind::Unauthenticated
+            | Kind::Forbidden
+            | Kind::NotFound
+            | Kind::Exists
+            | Kind::Exhausted
+            | Kind::Late
+            | Kind::Unavailable
+            | Kind::Internal => Self::Broken(said),
         }
     }
 }
