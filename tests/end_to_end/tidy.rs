@@ -49,7 +49,15 @@ fn each_crate_is_named_in_its_room_only() {
         ("image", &["recording/"]),
         (
             "gleaner_proto",
-            &["server/src/wire/", "server/src/service/", "server/src/worker/", "server/src/access/", "client/", "tests/", "benches/"],
+            &[
+                "server/src/wire/",
+                "server/src/service/",
+                "server/src/worker/",
+                "server/src/access/",
+                "client/",
+                "tests/",
+                "benches/",
+            ],
         ),
         ("axum", &["server/src/web/"]),
         (
