@@ -19,7 +19,7 @@ const ENDING: Duration = Duration::from_secs(10);
 
 #[tokio::test]
 async fn each_service_says_that_it_stops() {
-    let mut server = TestServer::start_with(&["--drain-seconds", "1"]).await;
+    let mut server = TestServer::start().await;
     let channel = Channel::from_shared(server.url().to_owned()).unwrap().connect().await.unwrap();
     let mut watches = Vec::new();
     for service in ["", "gleaner.v1.TaskService", "gleaner.v1.PolicyService", "inference.GRPCInferenceService"] {
@@ -29,8 +29,10 @@ async fn each_service_says_that_it_stops() {
         assert_eq!(first.status(), ServingStatus::Serving, "{service}");
         watches.push((service, watch));
     }
-    let told = async {
-        for (service, watch) in &mut watches {
+    drop(channel);
+    // Who was told goes; the server then has nothing left to wait for.
+    let told = async move {
+        for (service, mut watch) in watches {
             assert_eq!(watch.next().await.unwrap().unwrap().status(), ServingStatus::NotServing, "{service}");
         }
     };

@@ -10,6 +10,10 @@ use super::{
 };
 use crate::error::{Error, Result};
 
+/// A server that has just started may still be migrating: so long it is waited for.
+const STARTING: Duration = Duration::from_secs(10);
+const LOOK_EVERY: Duration = Duration::from_millis(50);
+
 impl Store {
     /// Opens a database that a server may have open. It is not migrated: that would change it under that server.
     ///
@@ -29,9 +33,14 @@ impl Store {
             .await
             .map_err(|error| unusable(error.to_string()))?;
         check_version(&pool).await?;
-        if known_schema(&pool, path).await? != newest_schema() {
-            return Err(unusable("the server that runs on it is of an older version; use its own program".to_owned()));
-        }
+        let migrated = tokio::time::timeout(STARTING, async {
+            while known_schema(&pool, path).await? != newest_schema() {
+                tokio::time::sleep(LOOK_EVERY).await;
+            }
+            Ok(())
+        });
+        let older = |_| unusable("the server that runs on it is of an older version; use its own program".to_owned());
+        migrated.await.map_err(older)??;
         Ok(Self { writer: pool.clone(), readers: pool })
     }
 }

@@ -111,7 +111,7 @@ async fn episodes_that_are_not_there() {
         list_episodes(list(|r| r.page_size = 1001)) => InvalidArgument ["page_size: "];
         list_episodes(list(|r| r.page_token = "1".into())) => InvalidArgument ["page_token: "];
         label_episodes(label(&[], 1)) => InvalidArgument ["episode_ids: "];
-        label_episodes(label(&[known.as_str(); 1001], 1)) => InvalidArgument ["episode_ids: "];
+        label_episodes(label(&[known.as_str(); 10_001], 1)) => InvalidArgument ["episode_ids: "];
         label_episodes(label(&[&known, "x"], 1)) => InvalidArgument ["episode_ids[1]: "];
         label_episodes(label(&[&known, &unknown], 1)) => NotFound [&unknown];
         label_episodes(label(&[&known], 0)) => InvalidArgument ["outcome: "];
