@@ -1,0 +1,88 @@
+//! What the processes get that the server starts: workers and inspections.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::{RecordingsConfig, Secret};
+
+/// What a worker process needs. Its token comes by the environment, so that no process list shows it.
+#[derive(Debug, Clone, Args)]
+pub struct WorkerConfig {
+    /// Address of the server.
+    #[arg(long)]
+    pub server: String,
+    /// The server's data directory.
+    #[arg(long)]
+    pub data_dir: PathBuf,
+    /// Threads of the tensor library.
+    #[arg(long, default_value_t = 2)]
+    pub threads: u32,
+    /// Niceness to take on.
+    #[arg(long, default_value_t = 0)]
+    pub nice: i32,
+    /// Work only when nobody else wants the processor.
+    #[arg(long)]
+    pub idle: bool,
+    /// Process to end with: the server, when it started this worker on its own machine.
+    #[arg(long)]
+    pub parent: Option<u32>,
+    /// Largest gRPC message, in bytes.
+    #[arg(long, default_value_t = 32 << 20)]
+    pub max_message_bytes: usize,
+    /// The token of this attempt of its job.
+    #[arg(long, env = "GLEANER_JOB_TOKEN", hide_env_values = true)]
+    pub token: Secret,
+}
+
+/// What an inspection needs.
+#[derive(Debug, Clone, Args)]
+pub struct InspectConfig {
+    /// The recording.
+    #[arg(long)]
+    pub recording: PathBuf,
+    /// The task's spec, as JSON.
+    #[arg(long)]
+    pub spec: PathBuf,
+    /// Where to put the report.
+    #[arg(long)]
+    pub report: PathBuf,
+    /// Where to put the decoded frames.
+    #[arg(long)]
+    pub frames: PathBuf,
+    /// Copy what is whole of the recording to here, instead of inspecting it.
+    #[arg(long)]
+    pub salvage: Option<PathBuf>,
+    /// Most memory to take, in bytes.
+    #[arg(long)]
+    pub memory_bytes: u64,
+    /// Most processor time to take, in seconds.
+    #[arg(long)]
+    pub seconds: u64,
+    /// Limits on what the recording may hold.
+    #[command(flatten)]
+    pub limits: RecordingsConfig,
+}
+
+/// What of this process's environment a worker gets: where programs and libraries are, which devices may be
+/// used, and what to log. Nothing else, so that no secret of the server's reaches it.
+pub fn worker_environment() -> Vec<(&'static str, std::ffi::OsString)> {
+    const PASSED: [&str; 11] = [
+        "PATH",
+        "HOME",
+        "TMPDIR",
+        "TZ",
+        "LANG",
+        "LD_LIBRARY_PATH",
+        "CUDA_VISIBLE_DEVICES",
+        "MKL_NUM_THREADS",
+        "RUST_BACKTRACE",
+        "GLEANER_LOG",
+        "GLEANER_LOG_JSON",
+    ];
+    let passed = PASSED.into_iter().filter_map(|name| std::env::var_os(name).map(|value| (name, value)));
+    #[cfg(feature = "fail-points")]
+    let passed = passed.chain(std::env::var_os(super::FAIL_POINT).map(|name| (super::FAIL_POINT, name)));
+    // Threads that wait must sleep: beside any other busy process, spinning ones make each step take ten times as long.
+    passed.chain([("OMP_WAIT_POLICY", "PASSIVE".into())]).collect()
+}
