@@ -18,9 +18,10 @@ RUN cargo build --release --locked -p gleaner-server -p gleaner-client --bin gle
 
 FROM debian:bookworm-slim
 RUN apt-get update \
- && apt-get install -y --no-install-recommends libstdc++6 \
+ && apt-get install -y --no-install-recommends ca-certificates libstdc++6 \
  && rm -rf /var/lib/apt/lists/* \
- && useradd --system --create-home --home-dir /var/lib/gleaner gleaner
+ && useradd --system --create-home --home-dir /var/lib/gleaner gleaner \
+ && install -d -o gleaner -g gleaner /var/lib/gleaner/data
 COPY --from=build /out/bin/ /usr/local/bin/
 COPY --from=build /out/lib/ /usr/local/lib/gleaner/
 ENV LD_LIBRARY_PATH=/usr/local/lib/gleaner \
