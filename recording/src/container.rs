@@ -31,14 +31,31 @@ pub(crate) enum Ending {
     Cut,
 }
 
+/// Takes a record.
+type Visit<'a> = &'a mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>;
+
 /// Hands every record of the file to `visit`, in the file's order.
 ///
 /// # Errors
 /// Those of `visit`; [`RecordingError::Io`], `Empty`, `NotMcap`, `TooLarge` and `Damaged`.
-pub(crate) fn scan(
+pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Ending, RecordingError> {
+    scan_with(LinearReaderOptions::default().with_validate_chunk_crcs(true), path, limits, visit)
+}
+
+/// As [`scan`], but nothing of a chunk is visited unless all of it is there and is what its checksum says: for what is
+/// taken over although the file is damaged.
+///
+/// # Errors
+/// As [`scan`].
+pub(crate) fn scan_whole_chunks(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Ending, RecordingError> {
+    scan_with(LinearReaderOptions::default().with_prevalidate_chunk_crcs(true), path, limits, visit)
+}
+
+fn scan_with(
+    options: LinearReaderOptions,
     path: &Path,
     limits: &Limits,
-    visit: &mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>,
+    visit: Visit<'_>,
 ) -> Result<Ending, RecordingError> {
     let io = |source| RecordingError::Io { path: path.to_path_buf(), source };
     let mut file = File::open(path).map_err(io)?;
@@ -51,10 +68,7 @@ pub(crate) fn scan(
     }
     chunks::check(&file, limits)?;
     file.seek(SeekFrom::Start(mcap::MAGIC.len() as u64)).map_err(io)?;
-    let options = LinearReaderOptions::default()
-        .with_skip_start_magic(true)
-        .with_validate_chunk_crcs(true)
-        .with_record_length_limit(limits.chunk_bytes);
+    let options = options.with_skip_start_magic(true).with_record_length_limit(limits.chunk_bytes);
     let mut reader = LinearReader::new_with_options(options);
     let mut records = 0;
     loop {

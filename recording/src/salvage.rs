@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use crate::channels::Channels;
-use crate::container::{Record, scan};
+use crate::container::{Record, scan_whole_chunks};
 use crate::copy::Copier;
 use crate::error::RecordingError;
 use crate::limits::Limits;
@@ -11,7 +11,8 @@ use crate::whole_file::write_whole;
 use crate::write::{ACTION_TOPIC, mcap_writer};
 
 /// Copies what is whole of a recording to `out`, and says how many actions are among it: the steps, if
-/// [`crate::EpisodeWriter`] wrote it. What a disk made of the tail after a power cut is torn off like a missing one.
+/// [`crate::EpisodeWriter`] wrote it. What a disk made of the tail after a power cut is torn off like a missing one, and a
+/// chunk goes as a whole: of one whose checksum is wrong nobody knows which messages are what they were.
 ///
 /// # Errors
 /// [`RecordingError::Empty`] or `NotMcap` when there is not even a beginning; [`RecordingError::Io`] or `Write`.
@@ -20,7 +21,7 @@ pub fn salvage(torn: &Path, out: &Path) -> Result<u64, RecordingError> {
     write_whole(out, |file| {
         let mut copier = Copier::new(mcap_writer(file, "")?);
         let mut channels = Channels::new(&Limits::default());
-        let read = scan(torn, &Limits::default(), &mut |record| {
+        let read = scan_whole_chunks(torn, &Limits::default(), &mut |record| {
             if let Record::Message { header, data } = record {
                 let Some((topic, _, _)) = channels.next(header.channel_id) else { return Ok(()) };
                 actions += u64::from(topic == ACTION_TOPIC);
@@ -42,7 +43,7 @@ mod tests {
     #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
     use super::*;
-    use crate::container::Ending;
+    use crate::container::{Ending, scan};
     use crate::read_episode;
     use crate::write::tests::{written, written_arm};
 
@@ -74,6 +75,40 @@ mod tests {
             }
         }
         assert!(kept.contains(&40) && kept.iter().any(|&actions| actions < 40), "{kept:?}");
+    }
+
+    /// Every message with its time, in the file's order.
+    fn messages(path: &Path) -> Vec<(u64, Vec<u8>)> {
+        let mut messages = Vec::new();
+        let ending = scan(path, &Limits::default(), &mut |record| {
+            if let Record::Message { header, data } = record {
+                messages.push((header.log_time, data.to_vec()));
+            }
+            Ok(())
+        });
+        assert_eq!(ending.unwrap(), Ending::Whole);
+        messages
+    }
+
+    #[test]
+    fn wherever_it_is_damaged_nothing_comes_out_that_was_not_in_it() {
+        let (bytes, folder) = (written(40), tempfile::tempdir().unwrap());
+        let whole = folder.path().join("whole");
+        std::fs::write(&whole, &bytes).unwrap();
+        let (all, mut cut) = (messages(&whole), 0);
+        for at in (64..bytes.len()).step_by(bytes.len() / 150) {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 0x10;
+            let (folder, actions) = salvaged(&damaged);
+            if actions.is_ok() {
+                let kept = messages(&folder.path().join("whole"));
+                // A chunk that is not found any more leaves a gap.
+                let mut rest = all.iter();
+                assert!(kept.iter().all(|message| rest.any(|one| one == message)), "damaged at {at}");
+                cut += usize::from(kept.len() < all.len());
+            }
+        }
+        assert!(cut > 50, "{cut}");
     }
 
     #[test]
