@@ -136,7 +136,7 @@ async fn one_request_sees_one_observation_as_act_does() {
             }
             _ => contents.fp32_contents.clone_from(&observation.proprioception),
         }
-        input.contents = Some(contents);
+        input.contents = Some(Box::new(contents));
     }
     assert!(close(&infer(&mut client, typed).await.unwrap(), &expected));
 }

@@ -15,7 +15,7 @@ const BYTES: &str = "BYTES";
 #[derive(Debug)]
 pub(super) enum Values {
     Raw(Bytes),
-    Typed(InferTensorContents),
+    Typed(Box<InferTensorContents>),
 }
 
 /// One input as it came.

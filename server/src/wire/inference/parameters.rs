@@ -1,6 +1,6 @@
 //! A request's parameters: which sequence it belongs to.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use gleaner_proto::inference::{InferParameter, infer_parameter::ParameterChoice};
 
@@ -19,7 +19,7 @@ const ID_BYTES: usize = 128;
 ///
 /// # Errors
 /// Invalid, naming the parameter; also for one that is not known, which would otherwise be without effect.
-pub(super) fn place(mut parameters: HashMap<String, InferParameter>) -> Result<Option<Place>> {
+pub(super) fn place(mut parameters: BTreeMap<String, InferParameter>) -> Result<Option<Place>> {
     let id = parameters.remove(ID).map(sequence_id).transpose()?.flatten();
     let start = flag(START, parameters.remove(START))?;
     let end = flag(END, parameters.remove(END))?;
@@ -115,7 +115,7 @@ mod tests {
             let error = result.unwrap_err();
             assert!(error.message().starts_with(start), "{start} expected: {error}");
         }
-        let empty = HashMap::from([(ID.to_owned(), InferParameter { parameter_choice: None })]);
+        let empty = BTreeMap::from([(ID.to_owned(), InferParameter { parameter_choice: None })]);
         assert!(place(empty).unwrap_err().message().starts_with("parameters.sequence_id: "));
     }
 }

@@ -22,6 +22,9 @@ use crate::{
     wire::policy::deployment_name,
 };
 
+/// Two for each of the most cameras, and more than the rest.
+const MOST_INPUTS: usize = 64;
+
 /// A request to infer, before its tensors are held against a task.
 #[derive(Debug)]
 pub(crate) struct Request {
@@ -114,6 +117,9 @@ fn beside(inputs: Vec<InferInputTensor>, raw: Vec<Bytes>) -> Result<Vec<Input>> 
             "raw_input_contents",
             format!("has {raw} entries for {inputs} inputs; send one each"),
         ));
+    }
+    if inputs.len() > MOST_INPUTS {
+        return Err(Error::invalid("inputs", format!("are {}; no task has so many tensors", inputs.len())));
     }
     let mut raw = raw.into_iter();
     inputs.into_iter().map(|input| with_values(input, raw.next())).collect()

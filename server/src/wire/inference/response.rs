@@ -1,6 +1,6 @@
 //! The reply to a request to infer: one tensor, its values raw.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 
 use gleaner_proto::inference::{ModelInferResponse, model_infer_response::InferOutputTensor};
 
@@ -23,12 +23,12 @@ pub(crate) fn infer_response(
         model_name: deployment,
         model_version: policy.to_string(),
         id,
-        parameters: HashMap::new(),
+        parameters: BTreeMap::new(),
         outputs: vec![InferOutputTensor {
             name: ACTION.to_owned(),
             datatype: "FP32".to_owned(),
             shape: vec![chunk, tensors.action],
-            parameters: HashMap::new(),
+            parameters: BTreeMap::new(),
             contents: None,
         }],
         raw_output_contents: vec![raw],
