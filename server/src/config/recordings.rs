@@ -29,6 +29,21 @@ pub struct RecordingsConfig {
     pub max_image_pixels: u64,
 }
 
+impl From<Limits> for RecordingsConfig {
+    fn from(limits: Limits) -> Self {
+        let Limits { chunk_bytes, record_bytes, records, channels, name_bytes, json_depth, image_pixels } = limits;
+        Self {
+            max_chunk_bytes: chunk_bytes,
+            max_record_bytes: record_bytes,
+            max_records: records,
+            max_channels: channels,
+            max_name_bytes: name_bytes,
+            max_json_depth: json_depth,
+            max_image_pixels: image_pixels,
+        }
+    }
+}
+
 impl RecordingsConfig {
     /// As the reader of recordings takes them.
     pub fn limits(&self) -> Limits {
@@ -125,6 +140,7 @@ mod tests {
             max_image_pixels: 7,
         };
         assert_eq!(read(&all.flags()), all);
+        assert_eq!(RecordingsConfig::from(all.limits()), all);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use clap::Args;
 /// How long unfinished uploads are kept.
 #[derive(Debug, Clone, Args)]
 pub struct UploadsConfig {
-    /// Days that an upload nobody goes on with is kept; the next start after that forgets it.
+    /// Days that an upload nobody goes on with is kept; then the sweep forgets it.
     #[arg(long, env = "GLEANER_KEEP_UPLOADS_DAYS", default_value_t = 14, value_parser = clap::value_parser!(u32).range(1..))]
     pub keep_uploads_days: u32,
 }

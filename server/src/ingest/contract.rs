@@ -172,6 +172,10 @@ async fn an_upload_is_kept_from_its_last_byte_on() {
     part.set_modified(SystemTime::now() - month).unwrap();
 
     f.reopen().await;
+    let held = f.ingest.claims.take(&quiet.id).await;
+    assert_eq!(f.ingest.forget_abandoned(SystemTime::now()).await.unwrap(), 0, "somebody has come back");
+    drop(held);
+    assert_eq!(f.ingest.forget_abandoned(SystemTime::now()).await.unwrap(), 1);
     assert_eq!(f.ingest.status(&quiet.id).await.unwrap_err().kind(), Kind::NotFound);
     assert!(!f.ingest.part_path(&quiet.id).exists());
     let again = f.start(b"recording").await;

@@ -8,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use gleaner_recording::{Report, TaskSpec};
+use gleaner_recording::{Limits, Report, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
 use tokio::{
@@ -19,7 +19,7 @@ use tokio::{
 
 use super::{inspect::Verdict, off_runtime, sync_folder};
 use crate::{
-    config::{LimitConfig, worker_environment},
+    config::{LimitConfig, RecordingsConfig, worker_environment},
     error::{Error, Result},
 };
 
@@ -37,8 +37,8 @@ pub(super) struct Inspector {
     tmp: PathBuf,
     memory_bytes: u64,
     seconds: u64,
-    /// What a recording may hold, as the child's flags.
-    limits: Vec<String>,
+    /// What a recording may hold.
+    limits: RecordingsConfig,
     permits: Semaphore,
 }
 
@@ -57,7 +57,7 @@ impl Inspector {
             tmp: data_dir.join("tmp"),
             memory_bytes: limits.inspect_memory_bytes,
             seconds: limits.inspect_seconds,
-            limits: limits.recordings.flags(),
+            limits: limits.recordings.clone(),
             permits: Semaphore::new(limits.inspect_parallel.max(1)),
         })
     }
@@ -74,9 +74,28 @@ impl Inspector {
     /// Invalid when the task cannot use the recording, or reading it broke a limit; Unavailable when the inspection
     /// was stopped; Internal when it failed by itself.
     pub(super) async fn inspect(&self, recording: &Path, spec: &TaskSpec, shown: &str) -> Result<Inspected> {
+        self.inspect_within(&self.limits, recording, spec, shown).await
+    }
+
+    /// Reads a recording that was let in before, maybe under wider limits on what it may hold than today's.
+    ///
+    /// # Errors
+    /// As [`Inspector::inspect`].
+    pub(super) async fn inspect_admitted(&self, recording: &Path, spec: &TaskSpec) -> Result<Inspected> {
+        let admitted = RecordingsConfig::from(Limits::ADMITTED);
+        self.inspect_within(&admitted, recording, spec, "the stored recording").await
+    }
+
+    async fn inspect_within(
+        &self,
+        limits: &RecordingsConfig,
+        recording: &Path,
+        spec: &TaskSpec,
+        shown: &str,
+    ) -> Result<Inspected> {
         let _permit = self.permit().await?;
         let folder = self.prepare(Some(spec)).await?;
-        let Verdict::Usable(report) = self.verdict(recording, folder.path(), &[], shown).await? else {
+        let Verdict::Usable(report) = self.verdict(recording, folder.path(), &limits.flags(), shown).await? else {
             return Err(Error::internal("inspecting a recording", "the verdict is of another kind"));
         };
         Ok(Inspected { report, folder })
@@ -106,7 +125,13 @@ impl Inspector {
     }
 
     /// What the child found, if it found nothing wrong.
-    async fn verdict(&self, recording: &Path, folder: &Path, extra: &[&OsStr], shown: &str) -> Result<Verdict> {
+    async fn verdict(
+        &self,
+        recording: &Path,
+        folder: &Path,
+        extra: &[impl AsRef<OsStr>],
+        shown: &str,
+    ) -> Result<Verdict> {
         let (status, said) = self.run(recording, folder, extra).await?;
         let report = folder.join(REPORT);
         let verdict = off_runtime("reading an inspection's report", move || Ok(std::fs::read(report).ok())).await?;
@@ -126,7 +151,7 @@ impl Inspector {
     }
 
     /// Runs the child to its end, or to the deadline's.
-    async fn run(&self, recording: &Path, folder: &Path, extra: &[&OsStr]) -> Result<(ExitStatus, String)> {
+    async fn run(&self, recording: &Path, folder: &Path, extra: &[impl AsRef<OsStr>]) -> Result<(ExitStatus, String)> {
         let fault = |error: std::io::Error| Error::internal("running an inspection", error);
         let (program, first) = self.command.split_first().ok_or_else(|| fault(std::io::ErrorKind::NotFound.into()))?;
         let mut child = Command::new(program)
@@ -144,7 +169,6 @@ impl Inspector {
             .arg("--frames")
             .arg(folder.join(FRAMES))
             .args(["--memory-bytes", &self.memory_bytes.to_string(), "--seconds", &self.seconds.to_string()])
-            .args(&self.limits)
             .args(extra)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
@@ -194,16 +218,17 @@ impl Inspector {
                      --inspect-memory-bytes at the server"
                 ),
             ),
-            // What the allocator does when it gets nothing, and what the kernel does.
-            Some(Signal::ABORT | Signal::KILL) => Error::invalid(
+            // What the allocator does when it gets nothing.
+            Some(Signal::ABORT) => Error::invalid(
                 "recording",
                 format!(
                     "reading it takes more than {mib} MiB of memory: the file is damaged, or the episode too long. \
                      Record it again, or raise --inspect-memory-bytes at the server"
                 ),
             ),
-            // What people and service managers send: nothing that the recording did.
-            Some(Signal::HUP | Signal::INT | Signal::QUIT | Signal::TERM) => {
+            // What people and service managers send, and the kernel when the machine has no memory left: nothing that
+            // the recording did, which has limits of its own.
+            Some(Signal::HUP | Signal::INT | Signal::QUIT | Signal::TERM | Signal::KILL) => {
                 Error::unavailable("the recording's inspection was stopped; ask again")
             }
             Some(_) => Error::invalid("recording", BROKE_READER),

@@ -66,7 +66,7 @@ impl Ingest {
         crate::fail_point::pass("rollout.linked");
         self.store.commit_upload(id, size).await?;
         crate::fail_point::pass("rollout.committed");
-        self.finish(id).await.map(|inspected| inspected.episode)
+        self.finish_here(id).await.map(|inspected| inspected.episode)
     }
 
     /// Copies what is whole of a torn recording to `out`, in a child under the limits of an inspection, and says how
@@ -75,7 +75,7 @@ impl Ingest {
     /// # Errors
     /// Invalid when there is nothing that can be read; Internal.
     pub(crate) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
-        self.inspector.salvage(torn, out).await
+        self.inspector.salvage(torn, out).await.map_err(|error| self.blobs.blame(error))
     }
 }
 
@@ -142,11 +142,14 @@ mod tests {
 
     #[tokio::test]
     async fn an_inspection_that_is_told_to_stop_says_nothing_of_the_recording() {
-        let f = playing("kill -TERM $$").await;
-        let (new, recording) = recorded(&f);
-        let error = f.ingest.keep(new, &recording).await.unwrap_err();
-        assert_eq!(error.kind(), Kind::Unavailable, "{error}");
-        assert_eq!(f.store.uploads().await.unwrap().len(), 1, "it can be finished again");
+        // KILL is also what the system sends when the whole machine has no memory left.
+        for signal in ["TERM", "KILL"] {
+            let f = playing(&format!("kill -{signal} $$")).await;
+            let (new, recording) = recorded(&f);
+            let error = f.ingest.keep(new, &recording).await.unwrap_err();
+            assert_eq!(error.kind(), Kind::Unavailable, "{error}");
+            assert_eq!(f.store.uploads().await.unwrap().len(), 1, "it can be finished again");
+        }
     }
 
     /// Ctrl-C goes to a whole group of processes.

@@ -26,7 +26,8 @@ pub(super) fn take(config: &InspectConfig) -> Result<()> {
     for (resource, limit) in [
         (Resource::Data, data),
         (Resource::As, address_space),
-        (Resource::Fsize, config.memory_bytes),
+        // What is mended is about as large as what was torn.
+        (Resource::Fsize, config.memory_bytes.saturating_add(if config.salvage.is_some() { recording } else { 0 })),
         (Resource::Nofile, OPEN_FILES),
         (Resource::Core, 0),
     ] {

@@ -23,6 +23,7 @@ mod write;
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
+    time::Duration,
 };
 
 use gleaner_recording::{Episode as Frames, TaskSpec};
@@ -55,6 +56,8 @@ pub struct Ingest {
     passing: Arc<Semaphore>,
     data_dir: Arc<Path>,
     max_upload_bytes: u64,
+    /// How long an upload that nobody goes on with is kept.
+    keep_for: Duration,
 }
 
 impl Ingest {
@@ -64,7 +67,7 @@ impl Ingest {
     /// Internal when the data directory or the database cannot be used.
     pub async fn open(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Result<Self> {
         let data_dir: Arc<Path> = config.data_dir.as_path().into();
-        recover::recover(&data_dir, &store, &blobs, config.uploads.keep_for()).await?;
+        recover::recover(&data_dir, &store, &blobs).await?;
         Ok(Self {
             store,
             blobs,
@@ -73,6 +76,7 @@ impl Ingest {
             passing: Arc::new(Semaphore::new(passing::AT_ONCE)),
             data_dir,
             max_upload_bytes: config.limits.max_upload_bytes,
+            keep_for: config.uploads.keep_for(),
         })
     }
 
@@ -86,7 +90,7 @@ impl Ingest {
             Ok(frames) => return Ok(frames),
             Err(error) => tracing::info!(blob.id = %recording, %error, "rebuilding a frame cache"),
         }
-        let inspected = self.inspector.inspect(&self.blobs.path(recording), task, "the stored recording").await;
+        let inspected = self.inspector.inspect_admitted(&self.blobs.path(recording), task).await;
         // It was read before, so it is not the caller who is wrong now.
         let inspected = inspected.map_err(|error| {
             if error.kind() != Kind::Invalid {

@@ -14,6 +14,9 @@ use crate::error::{Error, Result};
 /// Most such recordings at once: each may take as much disk as the largest upload, and then as much for its steps.
 pub(super) const AT_ONCE: usize = 4;
 
+/// After so many bytes it is asked again whether the disk has room.
+const LOOK_EVERY: u64 = 4 << 20;
+
 /// What a client says of a recording that it is going to send.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Declared {
@@ -88,12 +91,16 @@ impl Ingest {
     ) -> Result<()> {
         let fault = |error| refused("writing", path, error);
         let mut file = File::create_new(path).await.map_err(fault)?;
-        let mut size = 0_u64;
+        let (mut size, mut looked) = (0_u64, 0);
         while let Some(chunk) = chunks.next().await.transpose()? {
             size = size.saturating_add(chunk.len() as u64);
             self.within_limit(size)?;
             if declared.size_bytes.is_some_and(|declared| size > declared) {
                 break;
+            }
+            if size - looked >= LOOK_EVERY {
+                self.blobs.expect_room(0)?;
+                looked = size;
             }
             file.write_all(&chunk).await.map_err(fault)?;
         }

@@ -1,25 +1,18 @@
-//! At start: what a crash left is put right, before anything new comes in.
+//! What a crash left is put right at start, before anything new comes in; and now and then what clients gave up goes.
 
-use std::{
-    collections::HashMap,
-    fs,
-    path::Path,
-    time::{Duration, SystemTime},
-};
+use std::{collections::HashMap, fs, path::Path, sync::Arc, time::SystemTime};
 
-use super::{off_runtime, part, part_path};
+use super::{Ingest, off_runtime, part, part_path};
 use crate::{
     blobs::{Blobs, sync_folder},
     domain::{episode::Upload, time::Millis},
-    error::{Error, Result},
+    error::{Error, Kind, Result},
     store::Store,
 };
 
-/// Makes the folders; empties `tmp`; removes part files without a row, and uploads that nobody went on with for
-/// `keep_for`; cuts parts that are longer than what was acknowledged, and gives up those that are shorter, which a sound
-/// disk never makes.
-pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs, keep_for: Duration) -> Result<()> {
-    forget_abandoned(data_dir, store, keep_for).await?;
+/// Makes the folders; empties `tmp`, and `cache` of what was half written; removes part files without a row; cuts parts
+/// that are longer than what was acknowledged, and gives up those that are shorter, which a sound disk never makes.
+pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
     let uploads = store.uploads().await?;
     let (data_dir, blobs) = (data_dir.to_owned(), blobs.clone());
     let torn = off_runtime("putting uploads right", move || {
@@ -29,39 +22,58 @@ pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs, keep_
         }
         // What is acknowledged in a folder is lost with the folder's name.
         sync_folder(&data_dir)?;
-        empty(&data_dir.join("tmp")).map_err(fault)?;
+        empty(&data_dir.join("tmp"), |_| true).map_err(fault)?;
+        // Of workers that were killed.
+        let half = |path: &Path| path.extension().is_some_and(|extension| extension == "partial");
+        empty(&data_dir.join("cache"), half).map_err(fault)?;
         settle_parts(&data_dir, uploads, &blobs).map_err(fault)
     })
     .await?;
     for upload in torn {
-        store.delete_upload(&upload.id).await?;
+        match store.delete_upload(&upload.id).await {
+            // A disk that takes nothing is not in the way of the start: the next one does it.
+            Err(error) if matches!(error.kind(), Kind::Exhausted | Kind::Unavailable) => {
+                tracing::error!(upload.id = %upload.id, %error, "a torn upload stays");
+            }
+            deleted => deleted?,
+        }
     }
     Ok(())
 }
 
-/// Forgets the uploads whose last byte came before `keep_for`.
-async fn forget_abandoned(data_dir: &Path, store: &Store, keep_for: Duration) -> Result<()> {
-    let keep_millis = i64::try_from(keep_for.as_millis()).unwrap_or(i64::MAX);
-    let old = store.uploads_before(Millis(Millis::now().0.saturating_sub(keep_millis))).await?;
-    let data_dir = data_dir.to_owned();
-    let abandoned = off_runtime("looking for abandoned uploads", move || {
-        let quiet = |upload: &Upload| {
-            let written = fs::metadata(part_path(&data_dir, &upload.id)).and_then(|part| part.modified());
-            written.map_or(true, |at| SystemTime::now().duration_since(at).is_ok_and(|since| since > keep_for))
-        };
-        Ok(old.into_iter().filter(quiet).collect::<Vec<_>>())
-    })
-    .await?;
-    for upload in abandoned {
-        tracing::info!(upload.id = %upload.id, upload.committed = upload.committed, "nobody went on with an upload: it is forgotten");
-        store.delete_upload(&upload.id).await?;
+impl Ingest {
+    /// Forgets the uploads whose last byte came so long before `now` that nobody will go on with them, and says how many.
+    ///
+    /// # Errors
+    /// When the database or the disk refuses.
+    pub(crate) async fn forget_abandoned(&self, now: SystemTime) -> Result<u64> {
+        let before = now.checked_sub(self.keep_for).unwrap_or(SystemTime::UNIX_EPOCH);
+        let (old, data_dir) = (self.store.uploads_before(Millis::of(before)).await?, Arc::clone(&self.data_dir));
+        let abandoned = off_runtime("looking for abandoned uploads", move || {
+            let quiet = |upload: &Upload| {
+                let written = fs::metadata(part_path(&data_dir, &upload.id)).and_then(|part| part.modified());
+                written.map_or(true, |at| at < before)
+            };
+            Ok(old.into_iter().filter(quiet).collect::<Vec<_>>())
+        })
+        .await?;
+        let mut forgotten = 0;
+        for upload in abandoned.iter().filter(|upload| self.claims.is_idle(&upload.id)) {
+            tracing::info!(upload.id = %upload.id, upload.committed = upload.committed, "nobody went on with an upload: it is forgotten");
+            self.discard(&upload.id).await?;
+            forgotten += 1;
+        }
+        Ok(forgotten)
     }
-    Ok(())
 }
 
-fn empty(folder: &Path) -> std::io::Result<()> {
+/// Removes what of a folder is `unwanted`.
+fn empty(folder: &Path, unwanted: impl Fn(&Path) -> bool) -> std::io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
+        if !unwanted(&entry.path()) {
+            continue;
+        }
         match entry.file_type()?.is_dir() {
             true => fs::remove_dir_all(entry.path())?,
             false => fs::remove_file(entry.path())?,

@@ -29,7 +29,7 @@ use crate::{
 };
 
 /// Plays an inspector that finds nothing wrong.
-pub(super) const USABLE: &str = r#"printf '{"usable":{"mapping":"plain","steps":20}}' > "$report"; : > "$frames""#;
+pub(crate) const USABLE: &str = r#"printf '{"usable":{"mapping":"plain","steps":20}}' > "$report"; : > "$frames""#;
 
 /// Plays one that refuses, naming the file by our path as the reader does.
 pub(super) const REFUSING: &str = r#"printf '{"refused":"%s holds no /joints; record it"}' "$recording" > "$report""#;
@@ -53,12 +53,17 @@ pub(crate) fn room(rooms: &Arc<Semaphore>) -> Room {
 }
 
 /// An ingest whose inspector is this shell script. It finds `$recording`, `$report` and `$frames`.
-pub(super) async fn playing(script: &str) -> Fixture {
+pub(crate) async fn playing(script: &str) -> Fixture {
     let script = format!(
         r#"while [ $# -gt 1 ]; do case $1 in --recording) recording=$2;; --report) report=$2;; --frames) frames=$2;; esac
         shift 2; done; {script}"#
     );
     fixture(vec!["sh".into(), "-c".into(), script.into(), "sh".into()], &[]).await
+}
+
+/// An ingest over a folder and a database that there are.
+pub(crate) async fn open_on(dir: &TempDir, store: &Store) -> Ingest {
+    open(&serving(dir, &[]), store, &[]).await
 }
 
 /// An ingest whose inspector is the real one, in a child of this test binary.
@@ -81,12 +86,16 @@ async fn fixture(command: Vec<OsString>, flags: &[&str]) -> Fixture {
     let mut spec = testing::spec();
     spec.mappings.push(written_mapping(&spec));
     let task = store.insert_task(&spec).await.unwrap();
+    let config = serving(&dir, flags);
+    let ingest = open(&config, &store, &command).await;
+    Fixture { dir, store, task, ingest, command, config }
+}
+
+fn serving(dir: &TempDir, flags: &[&str]) -> Arc<ServeConfig> {
     let data_dir = dir.path().to_str().unwrap();
     let args = [&["gleaner-server", "serve", "--data-dir", data_dir], flags].concat();
     let Command::Serve(config) = Cli::try_parse_from(args).unwrap().command else { panic!("not serve") };
-    let config = Arc::new(*config);
-    let ingest = open(&config, &store, &command).await;
-    Fixture { dir, store, task, ingest, command, config }
+    Arc::new(*config)
 }
 
 async fn open(config: &Arc<ServeConfig>, store: &Store, command: &[OsString]) -> Ingest {
@@ -144,7 +153,7 @@ impl Fixture {
     }
 
     /// Start, write, finish.
-    pub(super) async fn push(&self, content: &[u8]) -> Result<InspectedEpisode> {
+    pub(crate) async fn push(&self, content: &[u8]) -> Result<InspectedEpisode> {
         let upload = self.start(content).await;
         self.write(&upload.id, 0, content).await?;
         self.ingest.finish(&upload.id).await

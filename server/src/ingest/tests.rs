@@ -136,8 +136,8 @@ async fn the_same_content_twice_is_the_same_episode() {
 #[tokio::test]
 async fn the_same_content_under_another_label_is_told() {
     let f = playing(USABLE).await;
-    let late = f.start(b"recording").await;
-    let early = f.beside(&late).await;
+    let early = f.start(b"recording").await;
+    let late = f.beside(&crate::domain::episode::Upload { cohort: "bob".into(), ..early.clone() }).await;
     for upload in [&late, &early] {
         f.write(&upload.id, 0, b"recording").await.unwrap();
     }
@@ -149,9 +149,7 @@ async fn the_same_content_under_another_label_is_told() {
         assert!(error.message().contains(part), "{error}");
     }
     // So it is when the content became visible while an upload was open.
-    let relabelled = crate::domain::episode::Upload { cohort: "bob".into(), ..late };
-    f.store.relabel_upload(&relabelled).await.unwrap();
-    assert_eq!(f.ingest.finish(&relabelled.id).await.unwrap_err().kind(), Kind::Exists);
+    assert_eq!(f.ingest.finish(&late.id).await.unwrap_err().kind(), Kind::Exists);
     assert!(f.files(&["uploads"]).is_empty());
 }
 
@@ -211,13 +209,15 @@ async fn a_start_puts_right_what_a_crash_left() {
     fs::write(part_path(&dir, &UploadId::new()), b"no row").unwrap();
     fs::create_dir(dir.join("tmp/inspect-x")).unwrap();
     fs::write(dir.join("tmp/blob-x"), b"half").unwrap();
+    fs::write(dir.join("cache/abc-0123.frames.7-0.partial"), b"half").unwrap();
+    fs::write(dir.join("cache/abc-0123.frames"), b"whole").unwrap();
 
     f.reopen().await;
     let open: Vec<_> = f.store.uploads().await.unwrap().into_iter().map(|upload| upload.id).collect();
     assert_eq!(open.len(), 2);
     assert!(open.contains(&longer.id) && open.contains(&placed.id));
     assert_eq!(fs::read(part_path(&dir, &longer.id)).unwrap(), b"long");
-    assert_eq!(f.files(&["uploads", "tmp"]), [part_path(&dir, &longer.id)]);
+    assert_eq!(f.files(&["uploads", "tmp", "cache"]), [dir.join("cache/abc-0123.frames"), part_path(&dir, &longer.id)]);
     assert_eq!(f.write(&longer.id, 4, b"er").await.unwrap(), 6);
     assert!(f.ingest.finish(&placed.id).await.is_ok());
 }

@@ -1,5 +1,7 @@
 //! The life of an upload but for its bytes: start, status, finish.
 
+use tracing::Instrument as _;
+
 use super::{Ingest, off_runtime, part};
 use crate::{
     blobs,
@@ -44,7 +46,7 @@ impl Ingest {
                 new.size_bytes, self.max_upload_bytes
             )));
         }
-        let mut upload = new.open();
+        let upload = new.open();
         if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
             let existing = same_label(existing, upload.outcome, &upload.cohort)?;
             self.discard_idle(&upload).await?;
@@ -52,15 +54,13 @@ impl Ingest {
         }
         self.blobs.expect_room(0)?;
         for open in self.store.uploads_of(&upload.task_id, &upload.blake3).await? {
-            if open.size_bytes == upload.size_bytes && self.claims.offer(&open.id).await {
-                upload.id = open.id;
-                if let Some(committed) = self.store.relabel_upload(&upload).await? {
-                    upload.committed = committed;
-                    return Ok(Started::Open(upload));
+            if open.is_like(&upload) && self.claims.offer(&open.id).await {
+                match self.store.upload(&open.id).await {
+                    Ok(open) => return Ok(Started::Open(open)),
+                    // It has ended while this call waited for it.
+                    Err(error) if error.kind() == Kind::NotFound => self.claims.forget(&open.id),
+                    Err(error) => return Err(error),
                 }
-                // It has ended while this call waited for it.
-                self.claims.forget(&upload.id);
-                upload.id = UploadId::new();
             }
         }
         if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
@@ -91,6 +91,15 @@ impl Ingest {
     /// Precondition while bytes are missing; Invalid when the content is not as declared or the task cannot use it
     /// (then nothing is kept); Exists when the same content became visible under another label; NotFound.
     pub(crate) async fn finish(&self, id: &UploadId) -> Result<InspectedEpisode> {
+        // A task of its own: a caller that goes away takes no minutes of inspection with it, and finds the episode later.
+        let (ingest, id) = (self.clone(), id.clone());
+        let finishing = async move { ingest.finish_here(&id).await };
+        let finished = tokio::spawn(finishing.in_current_span()).await;
+        finished.map_err(|error| Error::internal("finishing an upload", error))?
+    }
+
+    /// As [`Ingest::finish`], for as long as somebody waits for it.
+    pub(super) async fn finish_here(&self, id: &UploadId) -> Result<InspectedEpisode> {
         self.store.upload(id).await?;
         let _claim = self.claims.take(id).await;
         let upload = self.store.upload(id).await?;
@@ -195,6 +204,11 @@ impl NewUpload {
 }
 
 impl Upload {
+    /// Whether what is sent for one may go into the other: the same bytes, for an episode of the same label.
+    fn is_like(&self, other: &Self) -> bool {
+        self.size_bytes == other.size_bytes && self.outcome == other.outcome && self.cohort == other.cohort
+    }
+
     fn become_episode(&self, report: &gleaner_recording::Report) -> Episode {
         let warnings = report.findings.iter().filter(|f| f.severity == gleaner_recording::Severity::Warning).count();
         Episode {

@@ -108,13 +108,13 @@ impl Writing<'_> {
                 format!("the upload was declared as {} bytes, and this is more", self.upload.size_bytes),
             ));
         }
-        if part.size == part.synced {
+        if part.size - part.synced + data.len() as u64 > SYNC_BYTES {
+            self.settle().await?;
+        }
+        if self.part.as_ref().is_some_and(|part| part.size == part.synced) {
             // What came is kept; the client goes on from there when there is room.
             self.ingest.blobs.expect_room(0)?;
             self.sync_at = Instant::now() + SYNC_AFTER;
-        }
-        if part.size - part.synced + data.len() as u64 > SYNC_BYTES {
-            self.settle().await?;
         }
         if let Some(part) = self.part.take() {
             self.part = Some(part.append(data).await?);

@@ -117,25 +117,6 @@ impl Store {
         Ok(())
     }
 
-    /// Gives an open upload the name and label of a newer request for the same content, and says how much of it is
-    /// committed; `None` when it is not open any more.
-    pub(crate) async fn relabel_upload(&self, upload: &Upload) -> Result<Option<u64>> {
-        let mut tx = self.write().await?;
-        let committed: Option<i64> = sqlx::query_scalar(
-            "update uploads set file_name = ?, outcome = ?, cohort = ?, author = ? where id = ? returning committed",
-        )
-        .bind(&upload.file_name)
-        .bind(upload.outcome.as_str())
-        .bind(&upload.cohort)
-        .bind(&upload.author)
-        .bind(upload.id.as_str())
-        .fetch_optional(&mut *tx)
-        .await
-        .map_err(fault("relabelling an upload"))?;
-        commit(tx).await?;
-        committed.map(|committed| row::count("uploads.committed", committed)).transpose()
-    }
-
     /// Forgets an upload; one that is not open is no error.
     pub(crate) async fn delete_upload(&self, id: &UploadId) -> Result<()> {
         let mut tx = self.write().await?;
@@ -222,17 +203,5 @@ mod tests {
         store.insert_upload(&testing::upload(&task, b"recording")).await.unwrap();
         assert!(store.uploads_before(Millis(0)).await.unwrap().is_empty());
         assert_eq!(store.uploads_before(Millis(i64::MAX)).await.unwrap().len(), 1);
-    }
-
-    #[tokio::test]
-    async fn an_upload_that_is_over_is_not_relabelled() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        let upload = testing::upload(&task, b"recording");
-        store.insert_upload(&upload).await.unwrap();
-        store.commit_upload(&upload.id, 4).await.unwrap();
-        assert_eq!(store.relabel_upload(&upload).await.unwrap(), Some(4));
-        store.delete_upload(&upload.id).await.unwrap();
-        assert_eq!(store.relabel_upload(&upload).await.unwrap(), None);
     }
 }

@@ -50,11 +50,11 @@ class Rpc:
         """Ends every call and the connection."""
         self._channel.close()
 
-    def unary(self, method: str, request: Message, reply: type[Reply]) -> Reply:
-        """One request, one reply, once."""
+    def unary(self, method: str, request: Message, reply: type[Reply], *, hurry: bool = True) -> Reply:
+        """One request, one reply, once. Without `hurry` no time limit: the server answers or the connection breaks."""
         call = self._channel.unary_unary(_path(method), type(request).SerializeToString, reply.FromString)
         with translated():
-            answer: Reply = call(request, timeout=self._timeout, metadata=self._metadata)
+            answer: Reply = call(request, timeout=self._timeout if hurry else None, metadata=self._metadata)
         return answer
 
     def safe(self, method: str, request: Message, reply: type[Reply]) -> Reply:

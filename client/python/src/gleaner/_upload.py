@@ -68,7 +68,8 @@ class Upload:
             self._write()
             return None
         request = pb.FinishUploadRequest(upload_id=self.upload_id)
-        return self.rpc.unary("EpisodeService/FinishUpload", request, pb.FinishUploadResponse).episode
+        # The server reads the whole recording before it answers.
+        return self.rpc.unary("EpisodeService/FinishUpload", request, pb.FinishUploadResponse, hurry=False).episode
 
     def _open(self) -> Episode | None:
         if self.upload_id:

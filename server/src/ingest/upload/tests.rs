@@ -2,14 +2,17 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
 
-use std::sync::atomic::Ordering;
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+};
 
 use bytes::Bytes;
-use futures::stream;
+use futures::{Stream, StreamExt as _, stream};
 
 use super::*;
 use crate::ingest::{
-    Declared,
+    Chunk, Declared,
     testing::{USABLE, playing},
 };
 
@@ -42,13 +45,65 @@ async fn an_upload_waits_for_room_and_goes_on() {
     );
 }
 
+/// Pieces of a recording without end; the disk fills up when the n-th is asked for.
+fn filling(free: &Arc<AtomicU64>, n: usize) -> impl Stream<Item = Bytes> {
+    let (free, piece) = (Arc::clone(free), Bytes::from(vec![7; 1 << 20]));
+    stream::iter(1..).map(move |at| {
+        if at == n {
+            free.store(99, Ordering::Relaxed);
+        }
+        piece.clone()
+    })
+}
+
+#[tokio::test]
+async fn a_stream_that_fills_the_disk_ends_soon_after() {
+    let mut f = playing(USABLE).await;
+    let free = f.on_a_small_disk();
+    let upload = f.start(&vec![7; 64 << 20]).await;
+    let id = upload.id.clone();
+    let chunks = filling(&free, 4).enumerate().map(move |(at, data)| {
+        let (upload_id, offset) = (Some(id.clone()), (at as u64) << 20);
+        Ok(Chunk { upload_id, offset, data })
+    });
+    assert_eq!(f.ingest.write(chunks).await.unwrap_err().kind(), Kind::Exhausted);
+    let committed = f.ingest.status(&upload.id).await.unwrap().committed;
+    assert!((4 << 20..=6 << 20).contains(&committed), "{committed}");
+}
+
 #[tokio::test]
 async fn a_recording_that_is_only_looked_at_needs_room_too() {
     let mut f = playing(USABLE).await;
     let free = f.on_a_small_disk();
-    free.store(99, Ordering::Relaxed);
-    let chunks = stream::iter([Ok(Bytes::from_static(b"recording"))]);
-    let error = f.ingest.pass(&f.task.spec, Declared::default(), chunks).await.unwrap_err();
-    assert_eq!(error.kind(), Kind::Exhausted, "{error}");
-    assert!(f.files(&["tmp"]).is_empty());
+    for n in [1, 9] {
+        free.store(if n == 1 { 99 } else { u64::MAX }, Ordering::Relaxed);
+        let chunks = filling(&free, n).map(Ok);
+        let error = f.ingest.pass(&f.task.spec, Declared::default(), chunks).await.unwrap_err();
+        assert!(error.message().contains("--min-free-bytes"), "{error}");
+        assert!(f.files(&["tmp"]).is_empty());
+    }
+}
+
+/// Somebody who pushes the same file with another label gets an upload of their own; the first that ends decides.
+#[tokio::test]
+async fn an_upload_is_offered_to_nobody_with_another_label() {
+    let f = playing(USABLE).await;
+    let mine = f.start(b"recording").await;
+    f.write(&mine.id, 0, b"reco").await.unwrap();
+    for other in [
+        NewUpload { outcome: Outcome::Failure, ..f.new_upload(b"recording") },
+        NewUpload { cohort: "bob".into(), ..f.new_upload(b"recording") },
+    ] {
+        let Started::Open(theirs) = f.ingest.start(other).await.unwrap() else { panic!("there is no episode") };
+        assert!(theirs.id != mine.id && theirs.committed == 0);
+        assert_eq!(f.ingest.status(&mine.id).await.unwrap().outcome, Outcome::Success, "nobody relabels it");
+        f.write(&theirs.id, 0, b"recording").await.unwrap();
+    }
+    assert_eq!(f.start(b"recording").await.id, mine.id);
+    f.write(&mine.id, 4, b"rding").await.unwrap();
+    let stored = f.ingest.finish(&mine.id).await.unwrap().episode;
+    assert_eq!((stored.outcome, stored.cohort.as_str()), (Outcome::Success, "ada"));
+    for late in f.store.uploads().await.unwrap() {
+        assert_eq!(f.ingest.finish(&late.id).await.unwrap_err().kind(), Kind::Exists);
+    }
 }
