@@ -5,7 +5,7 @@ use std::{
     io::{self, Read as _, Write as _},
 };
 
-use super::{Blobs, fault};
+use super::{Blobs, digest, fault};
 use crate::{domain::id::BlobId, error::Result};
 
 const PIECE_BYTES: usize = 1 << 20;
@@ -22,11 +22,12 @@ pub(crate) enum Copied {
 }
 
 impl Blobs {
-    /// Copies a blob from another folder's, checked by its digest on the way.
+    /// Copies a blob from another folder's, checked by its digest on the way. One that is there already is taken to be what
+    /// its name says if its size is right or, with `verify`, if it reads so.
     ///
     /// # Errors
     /// When this side's disk refuses.
-    pub(crate) fn copy_from(&self, source: &Self, id: &BlobId) -> Result<Copied> {
+    pub(crate) fn copy_from(&self, source: &Self, id: &BlobId, verify: bool) -> Result<Copied> {
         let (from, to) = (source.path(id), self.path(id));
         let mut file = match File::open(&from) {
             Ok(file) => file,
@@ -36,7 +37,9 @@ impl Blobs {
             Err(error) => return Ok(Copied::Lacking(format!("cannot be read: {error}"))),
         };
         let size = file.metadata().map_err(fault("reading", &from))?.len();
-        if fs::metadata(&to).is_ok_and(|there| there.len() == size) {
+        let sized = fs::metadata(&to).is_ok_and(|there| there.len() == size);
+        // One that cannot be read is not there.
+        if sized && (!verify || digest(&to).is_ok_and(|found| found == *id)) {
             return Ok(Copied::There(size));
         }
         let draft = tempfile::Builder::new().prefix("copy-").tempfile_in(&self.unfinished);
@@ -75,13 +78,15 @@ mod tests {
         let (sound, rotten) = (source.put(&content).unwrap(), source.put(b"rotten").unwrap());
         fs::write(source.path(&rotten), b"rottem").unwrap();
         let size = content.len() as u64;
-        assert_eq!(target.copy_from(&source, &sound).unwrap(), Copied::New(size));
-        assert_eq!(target.copy_from(&source, &sound).unwrap(), Copied::There(size));
+        assert_eq!(target.copy_from(&source, &sound, false).unwrap(), Copied::New(size));
+        assert_eq!(target.copy_from(&source, &sound, false).unwrap(), Copied::There(size));
         assert!(target.get(&sound).unwrap() == content);
-        let Copied::Lacking(why) = target.copy_from(&source, &rotten).unwrap() else { unreachable!("it is rotten") };
+        let Copied::Lacking(why) = target.copy_from(&source, &rotten, false).unwrap() else {
+            unreachable!("it is rotten")
+        };
         assert!(why.contains("damaged"), "{why}");
         let gone = BlobId::from(blake3::hash(b"gone"));
-        assert!(matches!(target.copy_from(&source, &gone).unwrap(), Copied::Lacking(_)));
+        assert!(matches!(target.copy_from(&source, &gone, false).unwrap(), Copied::Lacking(_)));
         assert!(!target.contains(&rotten) && !target.contains(&gone));
         assert!(fs::read_dir(there.path().join("tmp")).unwrap().next().is_none());
     }
@@ -93,7 +98,20 @@ mod tests {
         let id = source.put(b"steps").unwrap();
         fs::create_dir_all(target.path(&id).parent().unwrap()).unwrap();
         fs::write(target.path(&id), b"st").unwrap();
-        assert_eq!(target.copy_from(&source, &id).unwrap(), Copied::New(5));
+        assert_eq!(target.copy_from(&source, &id, false).unwrap(), Copied::New(5));
+        assert_eq!(target.get(&id).unwrap(), b"steps");
+    }
+
+    #[test]
+    fn a_copy_that_has_rotted_is_made_again_by_who_looks() {
+        let (here, there) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let (source, target) = (Blobs::open(here.path()).unwrap(), Blobs::open(there.path()).unwrap());
+        let id = source.put(b"steps").unwrap();
+        target.put(b"steps").unwrap();
+        fs::write(target.path(&id), b"stepz").unwrap();
+        assert_eq!(target.copy_from(&source, &id, false).unwrap(), Copied::There(5));
+        assert_eq!(target.copy_from(&source, &id, true).unwrap(), Copied::New(5));
+        assert_eq!(target.copy_from(&source, &id, true).unwrap(), Copied::There(5));
         assert_eq!(target.get(&id).unwrap(), b"steps");
     }
 }

@@ -71,8 +71,9 @@ impl Blobs {
     /// Keeps these bytes; when this returns, they are on disk.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Exhausted when too little of the disk would stay free; Internal when it refuses.
     pub fn put(&self, bytes: &[u8]) -> Result<BlobId> {
+        self.expect_room(bytes.len() as u64)?;
         let id = BlobId::from(blake3::hash(bytes));
         let mut file = tempfile::Builder::new()
             .prefix("blob-")

@@ -55,6 +55,11 @@ impl Blobs {
         )))
     }
 
+    /// Whether nothing new can be begun: too little stays free, or hardly anything is, whatever is to be spared.
+    pub(crate) fn is_full(&self) -> bool {
+        self.expect_room(0).is_err() || self.free().is_ok_and(|free| free < NOTHING)
+    }
+
     /// What a fault means that another process has met on this disk, and could not say: when nothing is free, that.
     pub(crate) fn blame(&self, fault: Error) -> Error {
         let full = self.free().is_ok_and(|free| free < NOTHING);
@@ -116,6 +121,17 @@ mod tests {
         assert_eq!(blobs.blame(Error::invalid("recording", "torn")).kind(), Kind::Invalid);
         free.store(u64::MAX, std::sync::atomic::Ordering::Relaxed);
         assert_eq!(blobs.blame(fault()).kind(), Kind::Internal);
+    }
+
+    #[test]
+    fn a_full_disk_is_one_whatever_is_to_be_spared() {
+        let dir = tempfile::tempdir().unwrap();
+        let free = Arc::new(AtomicU64::new(4096));
+        let blobs = Blobs::open(dir.path()).unwrap().playing(&free);
+        blobs.expect_room(0).unwrap();
+        assert!(blobs.is_full());
+        free.store(2 << 20, std::sync::atomic::Ordering::Relaxed);
+        assert!(!blobs.is_full() && blobs.sparing(3 << 20).is_full());
     }
 
     #[test]

@@ -30,6 +30,9 @@ pub struct WorkerConfig {
     /// Largest gRPC message, in bytes.
     #[arg(long, default_value_t = 32 << 20)]
     pub max_message_bytes: usize,
+    /// Bytes of the disk that stay free.
+    #[arg(long, default_value_t = 0)]
+    pub min_free_bytes: u64,
     /// The token of this attempt of its job.
     #[arg(long, env = "GLEANER_JOB_TOKEN", hide_env_values = true)]
     pub token: Secret,

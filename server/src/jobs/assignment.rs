@@ -50,6 +50,8 @@ impl Jobs {
                 inputs.experts = experts;
                 if let Some(dataset) = dataset_id {
                     inputs.kept = self.kept(dataset, imperfect).await?;
+                    // Training does not ask what a step is like, and it may be millions of them.
+                    inputs.kept.iter_mut().flat_map(|kept| &mut kept.segments).for_each(|kept| kept.nearest = None);
                 }
                 if let Some(encoder) = encoder_id {
                     self.begin_from(&mut inputs, encoder).await?;

@@ -32,11 +32,10 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
             }
             Err(error) => AttemptEnd::Broken(format!("the worker could not be started: {error}")),
         };
-        // A stop is why, whatever the process looked like when it ended.
-        let end = if lease.stop.is_cancelled() { AttemptEnd::Stopped } else { end };
-        if let Err(error) = room.end_attempt(&attempt, &end).await {
-            tracing::error!(%error, "the end of the attempt was not kept; the next start of the server will");
-        }
+        // A stop is why, whatever the process looked like when it ended; and without room on the disk none can go on.
+        let stopped = lease.stop.is_cancelled() || room.blobs.is_full();
+        let end = if stopped { AttemptEnd::Stopped } else { end };
+        room.end_surely(&attempt, &end).await;
         room.leases.end(&attempt);
     }
     .instrument(span)

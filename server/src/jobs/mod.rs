@@ -21,7 +21,7 @@ mod tests;
 mod token;
 mod watch;
 
-use std::{net::SocketAddr, sync::Arc};
+use std::{net::SocketAddr, sync::Arc, time::Duration};
 
 use tokio::sync::{Notify, watch as state};
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
@@ -31,7 +31,7 @@ use crate::{
     blobs::Blobs,
     config::ServeConfig,
     domain::{
-        attempt::AttemptEnd,
+        attempt::{Attempt, AttemptEnd},
         id::{BlobId, JobId, ScheduleId},
         job::Job,
         schedule::Schedule,
@@ -41,6 +41,12 @@ use crate::{
     keeping,
     store::{Store, queue::Moved},
 };
+
+/// How often an attempt's end that cannot be written down is tried again.
+#[cfg(not(test))]
+const AGAIN_AFTER: Duration = Duration::from_secs(5);
+#[cfg(test)]
+const AGAIN_AFTER: Duration = Duration::from_millis(5);
 
 /// Handle to the queue; clones share it.
 #[derive(Clone)]
@@ -85,9 +91,14 @@ impl Jobs {
             stopping,
             tasks: TaskTracker::new(),
         });
-        for attempt in room.store.running_attempts().await? {
-            room.end_attempt(&attempt, &AttemptEnd::Stopped).await?;
-        }
+        let left = room.store.running_attempts().await?;
+        let recovering = Arc::clone(&room);
+        // While serving: a disk that is full or slow is not in the way of the start.
+        room.tasks.spawn(async move {
+            for attempt in left {
+                recovering.end_surely(&attempt, &AttemptEnd::Stopped).await;
+            }
+        });
         room.tasks.spawn(supervisor::supervise(Arc::clone(&room)));
         room.tasks.spawn(scheduler::schedule(Arc::clone(&room)));
         Ok(Self(room))
@@ -140,8 +151,19 @@ impl Jobs {
 }
 
 impl Room {
+    /// Ends an attempt, unless it is over already, however long the disk refuses to write that down: the job would run
+    /// for ever. If the server stops first, its next start does it.
+    async fn end_surely(&self, attempt: &Attempt, end: &AttemptEnd) {
+        while let Err(error) = self.end_attempt(attempt, end).await {
+            tracing::error!(job.id = %attempt.job_id, %error, "the end of an attempt cannot be written down; trying again");
+            if self.stopping.run_until_cancelled(tokio::time::sleep(AGAIN_AFTER)).await.is_none() {
+                return;
+            }
+        }
+    }
+
     /// Ends an attempt, unless it is over already.
-    async fn end_attempt(&self, attempt: &crate::domain::attempt::Attempt, end: &AttemptEnd) -> Result<()> {
+    async fn end_attempt(&self, attempt: &Attempt, end: &AttemptEnd) -> Result<()> {
         if let Some(moved) = self.store.end_attempt(attempt, end).await? {
             let job = self.settle(moved).await?;
             tracing::info!(

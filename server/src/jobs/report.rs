@@ -77,7 +77,7 @@ impl Jobs {
     /// When the database refuses.
     pub(crate) async fn fail(&self, attempt: &Attempt, error: String, retry: bool) -> Result<()> {
         // Where there is no room, no attempt can help and none is to blame: it waits in the queue.
-        let end = if self.0.leases.stopped(attempt) || self.0.blobs.expect_room(0).is_err() {
+        let end = if self.0.leases.stopped(attempt) || self.0.blobs.is_full() {
             AttemptEnd::Stopped
         } else if retry {
             AttemptEnd::Broken(error)

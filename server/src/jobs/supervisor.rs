@@ -35,13 +35,7 @@ async fn next_job(room: &Room) -> (Job, Mint) {
         // A permit is kept for us when something becomes ready between the look and the wait.
         let mint = Mint::new();
         // A job writes: it begins when there is room for what it makes.
-        let claimed = match room.blobs.expect_room(0) {
-            Ok(()) => room.store.claim_job(&mint.hash).await,
-            Err(error) => {
-                tracing::debug!(%error, "no job begins");
-                Ok(None)
-            }
-        };
+        let claimed = if room.blobs.is_full() { Ok(None) } else { room.store.claim_job(&mint.hash).await };
         match claimed {
             Ok(Some(job)) => {
                 room.changed.send_replace(());

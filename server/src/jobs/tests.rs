@@ -5,10 +5,14 @@
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 
-use super::testing::{self, Bench};
+use super::{
+    Jobs,
+    testing::{self, Bench},
+};
 use crate::{
     domain::{
-        id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, TaskId},
+        attempt::AttemptEnd,
+        id::{BlobId, DatasetId, EncoderId, EpisodeId, JobId, ScoreRunId, TaskId},
         job::{Job, JobSpec, JobState},
         order::{JobOrder, Queueing, TrainData},
         schedule::PipelineSpec,
@@ -230,7 +234,7 @@ async fn a_watcher_sees_every_metric_and_the_end() {
     let steps: Vec<u64> = rest.iter().flat_map(|(_, metrics)| metrics.iter().map(|metric| metric.step)).collect();
     assert_eq!(steps, (1..=5000).collect::<Vec<_>>());
     assert_eq!(rest.last().unwrap().0.state, JobState::Succeeded);
-    assert_eq!(bench.jobs.watch(&crate::domain::id::JobId::new()).await.err().unwrap().kind(), Kind::NotFound);
+    assert_eq!(bench.jobs.watch(&JobId::new()).await.err().unwrap().kind(), Kind::NotFound);
 }
 
 #[tokio::test]
@@ -249,9 +253,29 @@ async fn a_new_server_takes_up_what_a_dead_one_left() {
     let id = submit(&bench, pretrain()).await.unwrap().id;
     bench.claim().await;
     let next = testing::start(&bench.dir, &bench.store).await;
-    let job = bench.store.job(&id).await.unwrap();
-    assert_eq!((job.state, job.attempt), (JobState::Queued, 0));
+    assert_eq!(until_queued(&next, &id).await.attempt, 0);
     next.stop().await;
+}
+
+/// A start does not fail for it, and nothing has to be started again once the disk is well.
+#[tokio::test]
+async fn an_end_that_the_disk_refuses_is_written_down_once_it_can_be() {
+    let bench = Bench::new().await;
+    let id = submit(&bench, pretrain()).await.unwrap().id;
+    bench.claim().await;
+    crate::store::testing::run(&bench.store, "pragma query_only = on").await;
+    let next = testing::start(&bench.dir, &bench.store).await;
+    let (attempt, end) = (bench.store.running_attempts().await.unwrap().remove(0), AttemptEnd::Stopped);
+    assert_eq!(bench.store.end_attempt(&attempt, &end).await.unwrap_err().kind(), Kind::Exhausted);
+    crate::store::testing::run(&bench.store, "pragma query_only = off").await;
+    assert_eq!(until_queued(&next, &id).await.attempt, 0);
+    next.stop().await;
+}
+
+async fn until_queued(jobs: &Jobs, id: &JobId) -> Job {
+    let watched = jobs.watch(id).await.unwrap().map(|seen| seen.unwrap().0);
+    let queued = watched.filter(|job| std::future::ready(job.state == JobState::Queued));
+    Box::pin(queued).next().await.unwrap()
 }
 
 /// Where there is no room, no job is taken, and none that fails is to blame.

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use futures::stream;
 use gleaner_proto::v1::{self, worker_service_client::WorkerServiceClient};
+use tokio::time::{Instant, sleep};
 use tonic::{
     Code, Request, Status,
     metadata::{Ascii, MetadataValue},
@@ -24,6 +25,10 @@ use crate::{
 };
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// How long, and how often, a worker asks again for what the server cannot take now.
+pub(super) const PATIENCE: Duration = Duration::from_secs(600);
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+pub(super) const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 
 /// Adds the token to every call.
 #[derive(Clone)]
@@ -64,8 +69,17 @@ impl Client {
 
     /// Which job, what to do, and with what.
     pub(super) async fn assignment(&mut self) -> Result<(JobId, JobOrder, Inputs)> {
-        let response = self.0.get_assignment(v1::GetAssignmentRequest {}).await.map_err(refused)?;
-        wire::worker::assigned(response.into_inner())
+        let answer = patiently(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await;
+        match answer {
+            Ok(response) => wire::worker::assigned(response.into_inner()),
+            Err(status) => {
+                if status.code() == Code::FailedPrecondition {
+                    // Every attempt would be told the same.
+                    self.fail(status.message().to_owned(), false).await?;
+                }
+                Err(refused(status))
+            }
+        }
     }
 
     /// The scores of the run that the job goes on from.
@@ -81,25 +95,31 @@ impl Client {
 
     /// Tells how far it is; the answer says whether to stop.
     pub(super) async fn report_progress(&mut self, progress: Progress) -> Result<bool> {
-        let response = self.0.report_progress(wire::worker::progress(progress)).await.map_err(refused)?;
+        let request = wire::worker::progress(progress);
+        let response = patiently(async || self.0.report_progress(request.clone()).await).await.map_err(refused)?;
         Ok(response.into_inner().cancel)
     }
 
-    /// Names the blob to resume from.
-    pub(super) async fn save_checkpoint(&mut self, step: u64, blob: BlobId) -> Result<()> {
+    /// Names the blob to resume from. False when it is not there any more: another job had the same one, and gave it up.
+    pub(super) async fn save_checkpoint(&mut self, step: u64, blob: BlobId) -> Result<bool> {
         let request = v1::SaveCheckpointRequest { step, blob: blob.into() };
-        self.0.save_checkpoint(request).await.map_err(refused)?;
-        Ok(())
+        match patiently(async || self.0.save_checkpoint(request.clone()).await).await {
+            Ok(_) => Ok(true),
+            Err(status) if status.code() == Code::NotFound => Ok(false),
+            Err(status) => Err(refused(status)),
+        }
     }
 
     /// Ends the job with what it made. A result that the server does not take ends it too.
     pub(super) async fn complete(&mut self, made: Made) -> Result<()> {
-        let messages = stream::iter(wire::worker::completion_messages(made));
-        match self.0.complete_job(messages).await {
+        let messages = wire::worker::completion_messages(made);
+        match patiently(async || self.0.complete_job(stream::iter(messages.clone())).await).await {
             Ok(_) => Ok(()),
             Err(status) if status.code() == Code::Cancelled => Ok(()),
             Err(status) if matches!(status.code(), Code::InvalidArgument | Code::NotFound) => {
-                self.fail(format!("the server refused the result: {}", status.message()), false).await
+                // A blob that went away can be made again; a result that does not fit would not fit again.
+                let again = status.code() == Code::NotFound;
+                self.fail(format!("the server refused the result: {}", status.message()), again).await
             }
             Err(status) => Err(refused(status)),
         }
@@ -107,11 +127,64 @@ impl Client {
 
     /// Ends the attempt with an error.
     pub(super) async fn fail(&mut self, error: String, retry: bool) -> Result<()> {
-        self.0.fail_job(v1::FailJobRequest { error, retry }).await.map_err(refused)?;
+        let request = v1::FailJobRequest { error, retry };
+        patiently(async || self.0.fail_job(request.clone()).await).await.map_err(refused)?;
         Ok(())
+    }
+}
+
+/// Asks until the server takes it, for a while: a disk that is full or slow is nothing that a job should end for. Each
+/// time the server hears that the worker lives.
+async fn patiently<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
+    let (begun, mut pause) = (Instant::now(), FIRST_PAUSE);
+    loop {
+        let status = match ask().await {
+            Err(status) if matches!(status.code(), Code::ResourceExhausted | Code::Unavailable) => status,
+            answer => return answer,
+        };
+        if begun.elapsed() >= PATIENCE {
+            return Err(status);
+        }
+        tracing::warn!(code = ?status.code(), reason = status.message(), "the server does not take it; asking again");
+        sleep(pause).await;
+        pause = LONGEST_PAUSE.min(pause * 2);
     }
 }
 
 fn refused(status: Status) -> Error {
     Error::unavailable(format!("the server answered {:?}: {}", status.code(), status.message()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn what_the_server_cannot_take_now_is_asked_again_and_nothing_else_is() {
+        for code in [Code::ResourceExhausted, Code::Unavailable] {
+            let mut refusals = 5;
+            let asked = patiently(async || match refusals {
+                0 => Ok("taken"),
+                _ => {
+                    refusals -= 1;
+                    Err(Status::new(code, "not now"))
+                }
+            });
+            assert_eq!(asked.await.ok(), Some("taken"));
+        }
+        let (mut asked, begun) = (0, Instant::now());
+        let answer: tonic::Result<()> = patiently(async || {
+            asked += 1;
+            Err(Status::unavailable("never"))
+        })
+        .await;
+        assert!(answer.is_err() && begun.elapsed() >= PATIENCE && asked > 100, "{asked} times");
+        let (mut asked, wrong) = (0, Code::InvalidArgument);
+        let answer: tonic::Result<()> = patiently(async || {
+            asked += 1;
+            Err(Status::new(wrong, "wrong"))
+        })
+        .await;
+        assert_eq!((answer.err().map(|status| status.code()), asked), (Some(wrong), 1));
+    }
 }

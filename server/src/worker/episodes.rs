@@ -3,7 +3,7 @@
 use std::{path::PathBuf, sync::Arc};
 
 use gleaner_learn::{TaskShape, Trajectory, WeightedSegments};
-use gleaner_recording::{Episode, TaskSpec};
+use gleaner_recording::{Episode, Limits, TaskSpec, frame_bytes_per_step};
 
 use super::failure::Failure;
 use crate::{
@@ -68,8 +68,13 @@ impl Episodes<'_> {
             Err(error) => error,
         };
         tracing::info!(episode.id = %input.id, %problem, "rebuilding a frame cache");
+        let frames = u64::try_from(frame_bytes_per_step(self.task)).unwrap_or(u64::MAX);
+        self.blobs.expect_room(frames.saturating_mul(input.steps))?;
         let fault = |error| Failure::recording(input.id.as_str(), &error);
-        let reading = gleaner_recording::read_episode(&self.blobs.path(&input.recording), self.task).map_err(fault)?;
+        let recording = self.blobs.path(&input.recording);
+        // It was let in, maybe under wider limits than today's.
+        let reading =
+            gleaner_recording::read_episode_within(&recording, self.task, &Limits::ADMITTED).map_err(fault)?;
         // The mapped cache takes no memory of the process; what was decoded goes.
         reading.episode.write_cache(&cache).map_err(fault)?;
         Episode::open(&cache).map_err(fault)

@@ -41,7 +41,7 @@ pub fn run(config: WorkerConfig) -> Result<()> {
 }
 
 async fn serve(config: WorkerConfig) -> Result<()> {
-    let blobs = Blobs::open(&config.data_dir)?;
+    let blobs = Blobs::open(&config.data_dir)?.sparing(config.min_free_bytes);
     let mut client = Client::connect(&config).await?;
     let (job_id, order, inputs) = client.assignment().await?;
     tracing::info!(job.id = %job_id, "working");

@@ -1,13 +1,27 @@
 //! The monitor: carries what the working thread says to the reporter, and a wish to stop back.
 
+use std::time::{Duration, Instant};
+
 use gleaner_learn::Monitor;
 use tokio::sync::{mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
-use crate::{blobs::Blobs, domain::id::BlobId};
+use super::client::PATIENCE;
+use crate::{
+    blobs::Blobs,
+    domain::id::BlobId,
+    error::{Kind, Result},
+};
 
 /// Events that may wait for the reporter; then the working thread waits.
 const WAITING: usize = 1024;
+/// How often a checkpoint is put again that another job's cleaning up has taken meanwhile.
+const TRIES: u32 = 3;
+/// How often it is looked whether the disk has room again.
+#[cfg(not(test))]
+const LOOK_AGAIN: Duration = Duration::from_secs(2);
+#[cfg(test)]
+const LOOK_AGAIN: Duration = Duration::from_millis(1);
 
 /// What the working thread says.
 #[derive(Debug)]
@@ -29,8 +43,8 @@ pub(super) enum Event {
         step: u64,
         /// The blob.
         blob: BlobId,
-        /// Answered once the server names it.
-        saved: oneshot::Sender<()>,
+        /// Answered once the server names it; false when it has gone meanwhile.
+        saved: oneshot::Sender<bool>,
     },
 }
 
@@ -58,6 +72,24 @@ impl Watcher {
         self.say(Event::Phase(doing.to_owned()));
     }
 
+    /// Writes to the disk. While that has no room, and nobody wants the work to stop, it waits for some.
+    ///
+    /// # Errors
+    /// Exhausted when there was none for long; others at once.
+    pub(super) fn once_there_is_room<T>(&self, write: impl Fn(&Blobs) -> Result<T>) -> Result<T> {
+        let begun = Instant::now();
+        loop {
+            match write(&self.blobs) {
+                Err(error) if error.kind() == Kind::Exhausted && begun.elapsed() < PATIENCE && !self.cancelled() => {
+                    tracing::warn!(%error, "waiting for room on the disk");
+                    // A disk tells nobody when it has room again.
+                    std::thread::park_timeout(LOOK_AGAIN);
+                }
+                done => return done,
+            }
+        }
+    }
+
     fn say(&self, event: Event) {
         if self.events.blocking_send(event).is_err() {
             // The reporter is gone, so the server is: nobody would take a result.
@@ -71,12 +103,17 @@ impl Monitor for Watcher {
         self.say(Event::Progress { done: step, total, metrics: metrics.to_vec() });
     }
 
-    fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String> {
-        let blob = self.blobs.put(bytes).map_err(|error| error.to_string())?;
-        crate::fail_point::pass("checkpoint.blob_kept");
-        let (saved, answer) = oneshot::channel();
-        self.say(Event::Checkpoint { step, blob, saved });
-        answer.blocking_recv().map_err(|_| "the server did not take it".to_owned())
+    fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> std::result::Result<(), String> {
+        for _ in 0..TRIES {
+            let blob = self.once_there_is_room(|blobs| blobs.put(bytes)).map_err(|error| error.to_string())?;
+            crate::fail_point::pass("checkpoint.blob_kept");
+            let (saved, answer) = oneshot::channel();
+            self.say(Event::Checkpoint { step, blob, saved });
+            if answer.blocking_recv().map_err(|_| "the server did not take it".to_owned())? {
+                return Ok(());
+            }
+        }
+        Err("the checkpoint went away each time before the server named it".to_owned())
     }
 
     fn cancelled(&self) -> bool {
@@ -87,6 +124,11 @@ impl Monitor for Watcher {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used, clippy::panic)]
+    use std::sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    };
+
     use super::*;
 
     #[test]
@@ -94,16 +136,39 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let (mut watcher, mut events) = channel(blobs.clone());
-        let server = std::thread::spawn(move || match events.blocking_recv().unwrap() {
-            Event::Checkpoint { step, blob, saved } => {
+        let server = std::thread::spawn(move || {
+            // The first time as if it had gone in between: then it is put again.
+            for there in [false, true] {
+                let Event::Checkpoint { step, blob, saved } = events.blocking_recv().unwrap() else {
+                    panic!("a checkpoint was expected")
+                };
                 assert_eq!((step, blobs.get(&blob).unwrap()), (5, b"weights".to_vec()));
-                saved.send(()).unwrap();
+                std::fs::remove_file(blobs.path(&blob)).unwrap();
+                saved.send(there).unwrap();
             }
-            Event::Phase(_) | Event::Progress { .. } => panic!("a checkpoint was expected"),
         });
         watcher.checkpoint(5, b"weights").unwrap();
         server.join().unwrap();
         assert!(watcher.checkpoint(6, b"more").is_err(), "nobody takes it");
         assert!(watcher.cancelled(), "work without a server is in vain");
+    }
+
+    #[test]
+    fn what_the_disk_has_no_room_for_waits_until_it_has() {
+        let dir = tempfile::tempdir().unwrap();
+        let free = Arc::new(AtomicU64::new(0));
+        let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
+        let (watcher, _events) = channel(blobs);
+        let tries = std::cell::Cell::new(0);
+        let blob = watcher.once_there_is_room(|blobs| {
+            tries.set(tries.get() + 1);
+            let put = blobs.put(b"weights");
+            free.store(u64::MAX, Ordering::Relaxed);
+            put
+        });
+        assert!(blob.is_ok() && tries.get() == 2, "{tries:?}");
+        free.store(0, Ordering::Relaxed);
+        watcher.stop().cancel();
+        assert_eq!(watcher.once_there_is_room(|blobs| blobs.put(b"more")).unwrap_err().kind(), Kind::Exhausted);
     }
 }

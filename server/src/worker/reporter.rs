@@ -37,9 +37,9 @@ pub(super) async fn report(client: &mut Client, mut events: Receiver<Event>, sto
                 Some(Event::Checkpoint { step, blob, saved }) => {
                     // First the metrics up to this step: a resumed attempt does not report them again.
                     pending.tell(client, stop).await?;
-                    client.save_checkpoint(step, blob).await?;
+                    let there = client.save_checkpoint(step, blob).await?;
                     // The working thread waits for this; if it is gone there is nobody to tell.
-                    let _ = saved.send(());
+                    let _ = saved.send(there);
                 }
                 Some(event) => pending.take(event),
                 None => return pending.tell(client, stop).await,

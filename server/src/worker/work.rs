@@ -71,7 +71,7 @@ impl Work {
     }
 
     fn keep(&self, bytes: &[u8]) -> Result<BlobId, Failure> {
-        let blob = self.blobs.put(bytes)?;
+        let blob = self.monitor.once_there_is_room(|blobs| blobs.put(bytes))?;
         crate::fail_point::pass("result.blob_kept");
         Ok(blob)
     }
