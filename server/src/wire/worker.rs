@@ -1,6 +1,7 @@
 //! A worker's calls, both ways: the server answers through `to`-conversions, the worker reads them and reports.
 
 mod completion;
+mod kept;
 
 use gleaner_proto::v1;
 
@@ -8,12 +9,11 @@ pub(crate) use self::completion::{Completion, completion_messages};
 use super::{field, job, order, score, task};
 use crate::{
     domain::{
-        dataset::{KeptSegment, Nearest},
         id::{BlobId, EpisodeId, JobId},
         job::Job,
         order::JobOrder,
         score::EpisodeScores,
-        work::{FrozenRun, InputEpisode, Inputs, KeptInput, Progress},
+        work::{FrozenRun, InputEpisode, Inputs, Progress},
     },
     error::{Error, Result},
 };
@@ -24,12 +24,13 @@ const LONGEST_ERROR: usize = 2000;
 /// What a worker is given.
 pub(crate) fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
     let Inputs { task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length, policy, base } = inputs;
+    let (kept, match_episode_ids) = kept::to(kept);
     v1::GetAssignmentResponse {
         job: Some(job::job(assigned)),
         task: Some(task::spec_to(spec)),
         experts: experts.into_iter().map(episode_to).collect(),
         imperfect: imperfect.into_iter().map(episode_to).collect(),
-        kept: kept.into_iter().map(kept_to).collect(),
+        kept,
         encoder: encoder.map(String::from).unwrap_or_default(),
         checkpoint: checkpoint.map(String::from).unwrap_or_default(),
         segment_length,
@@ -40,6 +41,7 @@ pub(crate) fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResp
             quantiles,
             expert_ids: expert_ids.into_iter().map(Into::into).collect(),
         }),
+        match_episode_ids,
     }
 }
 
@@ -62,25 +64,6 @@ fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
     v1::AssignedEpisode { episode_id: id.into(), recording: recording.into(), steps, file_name }
 }
 
-fn kept_to(kept: KeptInput) -> v1::KeptSegments {
-    let KeptInput { episode, segments, similarities, qualities } = kept;
-    v1::KeptSegments {
-        episode: Some(episode_to(episode)),
-        end_steps: segments.iter().map(|segment| segment.end_step).collect(),
-        weights: segments.iter().map(|segment| segment.weight).collect(),
-        match_steps: segments
-            .iter()
-            .map(|segment| segment.nearest.as_ref().map_or(0, |nearest| nearest.end_step))
-            .collect(),
-        match_episode_ids: segments
-            .into_iter()
-            .map(|segment| segment.nearest.map(|nearest| nearest.episode_id.into()).unwrap_or_default())
-            .collect(),
-        similarities,
-        qualities,
-    }
-}
-
 /// What the worker reads: which job, what to do, and with what.
 ///
 /// # Errors
@@ -97,13 +80,14 @@ pub(crate) fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, Jo
         segment_length,
         policy,
         base,
+        match_episode_ids,
     } = response;
     let job = field::required("job", job)?;
     let inputs = Inputs {
         task: task::create_request(v1::CreateTaskRequest { spec }, &gleaner_recording::Limits::ADMITTED)?,
         experts: experts.into_iter().map(episode_from).collect::<Result<_>>()?,
         imperfect: imperfect.into_iter().map(episode_from).collect::<Result<_>>()?,
-        kept: kept.into_iter().map(kept_from).collect::<Result<_>>()?,
+        kept: kept::from(kept, match_episode_ids)?,
         encoder: blob_from("encoder", encoder)?,
         checkpoint: blob_from("checkpoint", checkpoint)?,
         segment_length,
@@ -120,31 +104,6 @@ fn episode_from(episode: v1::AssignedEpisode) -> Result<InputEpisode> {
         recording: BlobId::parse("recording", &recording)?,
         steps,
         file_name,
-    })
-}
-
-fn kept_from(kept: v1::KeptSegments) -> Result<KeptInput> {
-    let v1::KeptSegments { episode, end_steps, weights, match_steps, match_episode_ids, similarities, qualities } =
-        kept;
-    let count = end_steps.len();
-    let lengths = [weights.len(), match_steps.len(), match_episode_ids.len()];
-    if lengths.iter().any(|&length| length != count) || similarities.len() != qualities.len() {
-        return Err(Error::invalid("kept", "its lists must be of one length"));
-    }
-    let rows = end_steps.into_iter().zip(weights).zip(match_steps.into_iter().zip(match_episode_ids));
-    let segments = rows.map(|((end_step, weight), (match_step, expert))| {
-        let nearest = match expert.as_str() {
-            "" => None,
-            id => Some(Nearest { episode_id: EpisodeId::parse("kept.match_episode_ids", id)?, end_step: match_step }),
-        };
-        Ok(KeptSegment { end_step, weight, nearest })
-    });
-    let segments = segments.collect::<Result<_>>()?;
-    Ok(KeptInput {
-        episode: episode_from(field::required("kept.episode", episode)?)?,
-        segments,
-        similarities,
-        qualities,
     })
 }
 

@@ -2,13 +2,16 @@
 
 #![allow(clippy::unwrap_used)]
 use gleaner_recording::{FieldSource, Mapping};
+use prost::Message as _;
 
 use super::*;
 use crate::domain::{
+    dataset::{KeptSegment, Nearest},
     id::{DatasetId, TaskId},
     job::{JobSpec, JobState},
     snapshot::Role,
     time::Millis,
+    work::KeptInput,
 };
 
 fn blob(text: &str) -> BlobId {
@@ -82,6 +85,29 @@ fn an_assignment_survives_the_wire() {
     let (id, order, read) = assigned(assignment(job.clone(), inputs.clone())).unwrap();
     assert_eq!((id, read), (job.id, inputs));
     assert!(matches!(order, JobOrder::Export { .. }));
+}
+
+/// What a message of 32 MiB holds is told in the proto.
+#[test]
+fn millions_of_kept_steps_fit_a_message() {
+    let (expert, steps) = (EpisodeId::new(), 20_000_u32);
+    let kept = |nearest: Option<Nearest>, scored: usize| {
+        let segment = |end_step| KeptSegment { end_step, weight: 0.95, nearest: nearest.clone() };
+        let segments = (0..steps).map(segment).collect();
+        let (similarities, qualities) = (vec![-0.5; scored], vec![0.95; scored]);
+        kept::to(vec![KeptInput { episode: input("kept"), segments, similarities, qualities }])
+    };
+    let bytes = |(kept, ids): (Vec<v1::KeptSegments>, Vec<String>)| {
+        assert!(ids.len() <= 1);
+        kept[0].encoded_len()
+    };
+    let fit = |bytes: usize| (32 << 20) / bytes * usize::try_from(steps).unwrap();
+    assert!(fit(bytes(kept(None, 0))) > 4_000_000);
+    let export = kept(Some(Nearest { episode_id: expert, end_step: 20_000 }), 20_000);
+    assert!(fit(bytes(export.clone())) > 1_200_000);
+    let (mut segments, ids) = export;
+    segments[0].match_episodes[7] = 2;
+    assert!(kept::from(segments, ids).unwrap_err().message().starts_with("kept.match_episodes: "));
 }
 
 #[test]
