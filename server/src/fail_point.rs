@@ -5,7 +5,7 @@
 use crate::config::Cli;
 
 /// Every fail point. Each is passed at one place of the sources.
-pub const NAMES: [&str; 52] = [
+pub const NAMES: [&str; 54] = [
     "attempt.committed",
     "attempt.row_written",
     "blob.folder_synced",
@@ -46,6 +46,8 @@ pub const NAMES: [&str; 52] = [
     "rollout.synced",
     "snapshot.committed",
     "snapshot.rows_written",
+    "sweep.committed",
+    "sweep.rows_removed",
     "upload.blob_placed",
     "upload.bytes_synced",
     "upload.bytes_written",

@@ -35,6 +35,10 @@ pub struct BackupConfig {
     /// The data folder. A server may be running on it.
     #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
     pub data_dir: PathBuf,
+    /// Read what an earlier backup has, too, and copy again what is not what its name says. Without it only its size is
+    /// looked at.
+    #[arg(long)]
+    pub verify: bool,
     /// Afterwards remove from the backup the blobs that its new database no longer names.
     #[arg(long)]
     pub prune: bool,

@@ -5,7 +5,7 @@
 //! 2. the database is copied first, in one read transaction, to a draft: a blob that is put later is named by no row of
 //!    the copy, and need not be in it; the other way round a row could name a blob that came too late to be copied;
 //! 3. each blob is copied to a draft, checked by its digest, and renamed to its place; what an earlier backup has is
-//!    not copied again;
+//!    not copied again, unless it is to be verified and is not what its name says;
 //! 4. the database's draft is renamed over the earlier one, then the manifest is written.
 //!
 //! Cut before 4, the folder still is the earlier backup, with some blobs more. Uploads that are open are not in it:
@@ -44,7 +44,7 @@ pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> R
     let (look, made_at) = copy_database(source, target).await?;
     let needed = grouped(look.store.named_blobs().await?);
     look.store.close().await;
-    let copied = copy_blobs(&Blobs::at(source), &blobs, &needed)?;
+    let copied = copy_blobs(&Blobs::at(source), &blobs, &needed, config.verify)?;
     drop(copying);
     let manifest = Manifest {
         gleaner: env!("CARGO_PKG_VERSION").to_owned(),
@@ -90,10 +90,10 @@ struct CopiedBlobs {
     lacking: Vec<Lacking>,
 }
 
-fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed]) -> Result<CopiedBlobs> {
+fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed], verify: bool) -> Result<CopiedBlobs> {
     let (mut copied, mut pace) = (CopiedBlobs::default(), Pace::new("blobs backed up", needed.len()));
     for Needed { blob, by, size_bytes: _ } in needed {
-        match target.copy_from(source, blob)? {
+        match target.copy_from(source, blob, verify)? {
             Copied::New(size) => {
                 copied.new += 1;
                 copied.bytes += size;

@@ -176,7 +176,8 @@ fn lost(data_dir: &Path, blobs: &Blobs, upload: &Upload) -> Result<Option<String
     Ok(Some(format!("{has}, and {} were acknowledged", upload.committed)))
 }
 
-fn entries(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
+/// What is in a folder; nothing in one that is not there.
+pub(super) fn entries(folder: &Path) -> Result<Vec<std::path::PathBuf>> {
     let fault = |error| Error::internal(format!("listing {}", folder.display()), error);
     match fs::read_dir(folder) {
         Ok(found) => found.map(|entry| entry.map(|entry| entry.path())).collect::<io::Result<_>>().map_err(fault),

@@ -30,6 +30,7 @@ use crate::{
     blobs::Blobs,
     config::{KeepingCommand, ServeConfig},
     error::Result,
+    ingest::Ingest,
     store::Store,
 };
 
@@ -62,20 +63,21 @@ pub struct Keeping {
 struct Room {
     store: Store,
     blobs: Blobs,
+    ingest: Ingest,
     data_dir: PathBuf,
     trash_days: u32,
 }
 
 impl Keeping {
     /// Sweeps now and then until it is stopped.
-    pub(crate) fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs) -> Self {
+    pub(crate) fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, ingest: Ingest) -> Self {
         let (tasks, stopping) = (TaskTracker::new(), CancellationToken::new());
         let (data_dir, trash_days) = (config.data_dir.clone(), config.keeping.trash_days);
         let (watched, stopped) = (blobs.clone(), stopping.clone());
         tasks.spawn(async move {
             let _: Option<()> = stopped.run_until_cancelled(watch::watch(watched)).await;
         });
-        let room = Room { store, blobs, data_dir, trash_days };
+        let room = Room { store, blobs, ingest, data_dir, trash_days };
         let stopped = stopping.clone();
         tasks.spawn(async move {
             let sweeping = async {
@@ -108,6 +110,8 @@ impl Room {
                 blobs.removed = tally.blobs,
                 blobs.bytes = tally.bytes,
                 caches.removed = tally.caches,
+                uploads.forgotten = tally.uploads,
+                leavings.removed = tally.leavings,
                 "swept"
             ),
             Err(error) => tracing::error!(%error, "the sweep broke off; it is tried again later"),

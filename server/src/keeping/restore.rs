@@ -76,7 +76,7 @@ async fn fill(backup: &Path, place: &Path) -> Result<()> {
     let mut pace = Pace::new("blobs restored", needed.len());
     for Needed { blob, .. } in &needed {
         // What is lacking, the check tells.
-        if let Copied::Lacking(why) = blobs.copy_from(&source, blob)? {
+        if let Copied::Lacking(why) = blobs.copy_from(&source, blob, false)? {
             tracing::error!(blob.id = %blob, why, "the backup lacks a blob");
         }
         pace.one_more();

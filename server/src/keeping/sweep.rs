@@ -1,4 +1,4 @@
-//! The sweep: takes out of the trash what has been there long enough, and removes files that nobody needs.
+//! The sweep: takes out of the trash what has been there long enough, and removes files and uploads that nobody needs.
 //!
 //! It never races an upload or a job. A blob is removed under a lock that excludes whoever puts one in its place and
 //! commits its row (`blobs::hold`), and only after the rows were asked under that lock. What no row names at all may
@@ -11,7 +11,7 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use super::Room;
+use super::{Room, files};
 use crate::{
     blobs::Blobs,
     domain::{id::BlobId, time::Millis},
@@ -31,6 +31,9 @@ pub(super) struct Tally {
     pub(super) blobs: u64,
     pub(super) bytes: u64,
     pub(super) caches: u64,
+    pub(super) uploads: u64,
+    /// What processes that were killed have left in `tmp`.
+    pub(super) leavings: u64,
 }
 
 impl Room {
@@ -49,6 +52,9 @@ impl Room {
         let old = self.old_enough(now).await?;
         self.orphans(&named, old, &mut tally).await?;
         tally.caches = self.caches(named, old).await?;
+        let tmp = self.data_dir.join("tmp");
+        tally.leavings = off_runtime(move || remove_leavings(&tmp, old)).await?;
+        tally.uploads = self.ingest.forget_abandoned(now).await?;
         Ok(tally)
     }
 
@@ -96,6 +102,31 @@ fn remove_caches(folder: &Path, named: &HashSet<BlobId>, old: SystemTime) -> Res
         }
     }
     Ok(removed)
+}
+
+/// Removes what nobody has written to for long, and says how much there was.
+fn remove_leavings(tmp: &Path, old: SystemTime) -> Result<u64> {
+    let mut removed = 0;
+    for path in files::entries(tmp)? {
+        if written(&path).is_ok_and(|at| at < old) {
+            let is_folder = path.is_dir();
+            let gone = if is_folder { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
+            gone.map_err(|error| Error::internal(format!("removing {}", path.display()), error))?;
+            removed += 1;
+        }
+    }
+    Ok(removed)
+}
+
+/// When a file, or anything in a folder, was written last.
+fn written(path: &Path) -> std::io::Result<SystemTime> {
+    let mut newest = std::fs::symlink_metadata(path)?.modified()?;
+    if path.is_dir() {
+        for entry in std::fs::read_dir(path)? {
+            newest = newest.max(entry?.metadata()?.modified()?);
+        }
+    }
+    Ok(newest)
 }
 
 impl Tally {

@@ -15,6 +15,7 @@ use crate::{
     blobs::Blobs,
     config::CheckConfig,
     domain::{episode::Outcome, id::BlobId, task::Task},
+    ingest::{Ingest, testing::open_on},
     store::{
         Store,
         testing::{self, results},
@@ -26,6 +27,7 @@ pub(super) struct Lab {
     pub(super) store: Store,
     pub(super) blobs: Blobs,
     pub(super) task: Task,
+    pub(super) ingest: Ingest,
     /// Of an episode.
     pub(super) recording: BlobId,
     /// Of an encoder and a policy.
@@ -50,7 +52,8 @@ pub(super) async fn lab() -> Lab {
     for job in [&encoder.job_id, &policy.job_id] {
         results::set_state(&store, job, crate::domain::job::JobState::Succeeded, "").await;
     }
-    Lab { dir, store, blobs, task, recording: recording.unwrap(), checkpoint }
+    let ingest = open_on(&dir, &store).await;
+    Lab { dir, store, blobs, task, ingest, recording: recording.unwrap(), checkpoint }
 }
 
 pub(super) async fn checked(data_dir: &Path, fast: bool) -> Report {

@@ -109,7 +109,9 @@ impl Store {
         .fetch_all(&mut *tx)
         .await
         .map_err(fault("emptying the trash"))?;
+        crate::fail_point::pass("sweep.rows_removed");
         commit(tx).await?;
+        crate::fail_point::pass("sweep.committed");
         let (removed, counted) = (gone.len() as u64, purged.len() as u64);
         let recordings = gone.into_iter().map(|(_, recording)| recording).chain(purged);
         let recordings = recordings.map(|blob| row::id("episodes.recording", blob)).collect::<Result<_>>()?;

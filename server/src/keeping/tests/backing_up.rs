@@ -26,7 +26,7 @@ impl Place {
 }
 
 async fn back_up(lab: &Lab, target: &Path, prune: bool) -> Result<(bool, String)> {
-    let config = BackupConfig { target: target.to_owned(), data_dir: lab.dir.path().to_owned(), prune };
+    let config = BackupConfig { target: target.to_owned(), data_dir: lab.dir.path().to_owned(), verify: false, prune };
     let mut out = Vec::new();
     let sound = backup(&config, &mut out).await?;
     Ok((sound, String::from_utf8(out).unwrap()))
@@ -126,6 +126,10 @@ async fn a_backup_that_rots_is_found() {
     let report = checked(&target, false).await;
     assert!(report.findings[0].subject.contains(lab.recording.as_str()), "{:?}", report.findings);
     assert!(!put_back(&target, &place.path("new")).await.unwrap());
+    let verify =
+        BackupConfig { target: target.clone(), data_dir: lab.dir.path().to_owned(), verify: true, prune: false };
+    assert!(backup(&verify, &mut Vec::new()).await.unwrap());
+    assert!(checked(&target, false).await.sound, "it was copied again");
     let mut database = fs::read(target.join("gleaner.db")).unwrap();
     let last = database.len() - 1;
     database[last] ^= 1;

@@ -9,6 +9,7 @@ use super::{super::sweep::Tally, *};
 use crate::{
     blobs::Copying,
     domain::{episode::Upload, job::JobSpec},
+    ingest::testing::{USABLE, playing},
     keeping::{Room, forget},
 };
 
@@ -17,7 +18,7 @@ const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 fn room(lab: &Lab, trash_days: u32) -> Room {
     let data_dir = lab.dir.path().to_owned();
     fs::create_dir_all(data_dir.join("cache")).unwrap();
-    Room { store: lab.store.clone(), blobs: lab.blobs.clone(), data_dir, trash_days }
+    Room { store: lab.store.clone(), blobs: lab.blobs.clone(), ingest: lab.ingest.clone(), data_dir, trash_days }
 }
 
 fn in_days(days: u32) -> SystemTime {
@@ -40,7 +41,7 @@ async fn the_trash_is_emptied_after_its_days() {
     assert_eq!(room.sweep(in_days(29)).await.unwrap(), Tally::default());
     assert!(lab.blobs.contains(&gone.recording));
     let tally = room.sweep(in_days(30)).await.unwrap();
-    assert_eq!(tally, Tally { episodes: 1, purged: 0, blobs: 1, bytes: 7, caches: 1 });
+    assert_eq!(tally, Tally { episodes: 1, blobs: 1, bytes: 7, caches: 1, ..Tally::default() });
     assert!(!lab.blobs.contains(&gone.recording) && !cache.exists());
     assert!(checked(lab.dir.path(), false).await.findings.is_empty());
 }
@@ -106,30 +107,42 @@ async fn nothing_goes_while_the_folder_is_copied() {
 /// stored is there, every time.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn a_sweep_never_takes_what_an_upload_has_just_stored() {
-    let lab = lab().await;
-    let content = b"pushed again and again";
-    let blob = BlobId::from(blake3::hash(content));
-    let (store, blobs, sought) = (lab.store.clone(), lab.blobs.clone(), blob.clone());
+    let f = playing(USABLE).await;
+    let (blobs, content) = (f.ingest.blobs().clone(), b"pushed again and again");
+    let (store, removed_from, sought) = (f.store.clone(), blobs.clone(), BlobId::from(blake3::hash(content)));
     let stop = tokio_util::sync::CancellationToken::new();
     let stopped = stop.clone();
     let removing = tokio::spawn(async move {
         let mut removed = 0_u32;
         while !stopped.is_cancelled() {
-            removed += u32::from(forget(&store, &blobs, &sought).await.unwrap().is_some());
+            removed += u32::from(forget(&store, &removed_from, &sought).await.unwrap().is_some());
             tokio::task::yield_now().await;
         }
         removed
     });
-    for _ in 0..200 {
-        let upload = testing::upload(&lab.task, content);
-        let naming = lab.blobs.naming().await;
-        lab.blobs.put(content).unwrap();
-        let episode = lab.store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap();
-        drop(naming);
-        assert_eq!(lab.blobs.get(&blob).unwrap(), content, "what was acknowledged is there");
-        lab.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
-        lab.store.sweep_trash(crate::domain::time::Millis(i64::MAX)).await.unwrap();
+    for _ in 0..50 {
+        let episode = f.push(content).await.unwrap().episode;
+        assert_eq!(blobs.get(&episode.recording).unwrap(), content, "what was acknowledged is there");
+        f.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
+        f.store.sweep_trash(crate::domain::time::Millis(i64::MAX)).await.unwrap();
     }
     stop.cancel();
     assert!(removing.await.unwrap() > 0, "they met");
+}
+
+/// What nobody has written to for long, and no running attempt can have made.
+#[tokio::test]
+async fn what_killed_workers_left_goes() {
+    let lab = lab().await;
+    let (room, tmp) = (room(&lab, 30), lab.dir.path().join("tmp"));
+    fs::create_dir_all(tmp.join("export")).unwrap();
+    fs::write(tmp.join("export/half.mcap"), b"half").unwrap();
+    fs::write(tmp.join("blob-x"), b"half").unwrap();
+    assert_eq!(room.sweep(SystemTime::now()).await.unwrap().leavings, 0, "too young");
+    // Somebody writes within it.
+    let file = fs::File::options().write(true).open(tmp.join("export/half.mcap")).unwrap();
+    file.set_modified(in_days(2)).unwrap();
+    assert_eq!(room.sweep(in_days(2)).await.unwrap().leavings, 1);
+    assert_eq!(room.sweep(in_days(4)).await.unwrap().leavings, 1);
+    assert!(fs::read_dir(&tmp).unwrap().next().is_none());
 }
