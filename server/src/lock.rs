@@ -26,7 +26,9 @@ impl DataLock {
         let shown = data_dir.display();
         let unusable =
             |error: std::io::Error| Error::precondition(format!("cannot use the data folder {shown}: {error}"));
-        fs::create_dir_all(data_dir).map_err(unusable)?;
+        if !data_dir.is_dir() {
+            make(data_dir).map_err(unusable)?;
+        }
         let path = data_dir.join(FILE);
         let file = OpenOptions::new().create(true).write(true).truncate(false).open(&path).map_err(unusable)?;
         match file.try_lock() {
@@ -39,6 +41,19 @@ impl DataLock {
     }
 }
 
+/// Makes a folder whose name is on disk too, and those around it.
+fn make(folder: &Path) -> std::io::Result<()> {
+    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !parent.is_dir() {
+        make(parent)?;
+    }
+    match fs::create_dir(folder) {
+        Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => return Err(error),
+        Ok(()) | Err(_) => {}
+    }
+    File::open(parent)?.sync_all()
+}
+
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -47,7 +62,7 @@ mod tests {
     #[test]
     fn a_folder_has_one_server_at_a_time() {
         let dir = tempfile::tempdir().unwrap();
-        let folder = dir.path().join("lab");
+        let folder = dir.path().join("here/lab");
         let first = DataLock::take(&folder).unwrap();
         let message = DataLock::take(&folder).unwrap_err().message().to_owned();
         assert!(message.contains(&folder.display().to_string()) && message.contains("--data-dir"), "{message}");

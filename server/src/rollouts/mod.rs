@@ -36,7 +36,7 @@ use self::{
     tape::{Limits, Tape},
 };
 use crate::{
-    blobs::Blobs,
+    blobs::{Blobs, sync_folder},
     config::ServeConfig,
     domain::{
         episode::Outcome,
@@ -80,6 +80,8 @@ impl Rollouts {
     pub fn open(config: &ServeConfig, ingest: Ingest) -> Result<Self> {
         let folder = config.data_dir.join("rollouts");
         std::fs::create_dir_all(&folder).map_err(about::fault("making", &folder))?;
+        // What is synced in a folder is lost with the folder's name.
+        sync_folder(&config.data_dir)?;
         let rollouts = Self(Arc::new(Inner {
             ingest,
             folder,

@@ -56,6 +56,10 @@ impl Rollouts {
             Ok(None) => tracing::info!("a session has left less than two steps: no episode"),
             // Said where it was set aside.
             Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {}
+            Err(error) if error.kind() == Kind::Exhausted => {
+                // If the server stops first, the next start does it.
+                let _: Option<()> = self.0.stopping.run_until_cancelled(self.keep_later(&place)).await;
+            }
             Err(error) => tracing::error!(
                 error = &error as &dyn std::error::Error, file.path = %place.recording().display(),
                 "what a session has left cannot be kept now; the next start tries again"

@@ -62,3 +62,22 @@ fn frames_without_an_image_take_room_too() {
     let many = Observation { cameras: vec![frame(None); 1000], ..seen(0) };
     assert!(event::bytes(&many) > 1000 * size_of::<CameraFrame>() + 11_000);
 }
+
+/// A start on a full disk: what a session has left waits for room, and for no other start.
+#[tokio::test]
+async fn what_is_found_without_room_for_it_is_kept_once_there_is() {
+    let mut lab = Lab::new().await;
+    let free = lab.fixture.on_a_small_disk();
+    lab.rollouts = Rollouts::open(&lab.fixture.config, lab.fixture.ingest.clone()).unwrap();
+    let queue = event::Queue::new();
+    let (_, mut tape) = lab.tape(ALL);
+    (0..5).for_each(|number| tape.step(&step(number, &queue)));
+    tape.end(&broken_off()).unwrap();
+    free.store(0, Ordering::Relaxed);
+    let found = lab.rollouts.left().unwrap();
+    let waiting = tokio::time::timeout(AGAIN_AFTER * 5, lab.rollouts.recover(found.clone()));
+    assert!(waiting.await.is_err(), "there is no room yet");
+    free.store(u64::MAX, Ordering::Relaxed);
+    lab.rollouts.recover(found).await;
+    assert_eq!(lab.episodes().await[0].steps, 5);
+}
