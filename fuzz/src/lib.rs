@@ -10,7 +10,7 @@ use std::sync::Once;
 use std::time::Duration;
 
 use cap::Cap;
-use cpu_time::ThreadTime;
+use cpu_time::ProcessTime;
 
 /// Most memory that an input may take, over what the fuzzer has itself.
 const MOST_BYTES: usize = 512 << 20;
@@ -19,14 +19,15 @@ const MOST_BYTES: usize = 512 << 20;
 #[global_allocator]
 static ALLOCATOR: Cap<System> = Cap::new(System, MOST_BYTES);
 
-/// Most processor time that an input may take. The wall's clock would count what else the machine does.
+/// Most processor time that an input may take, on whatever threads it runs. The wall's clock would count what else the
+/// machine does.
 const MOST_TIME: Duration = Duration::from_secs(2);
 
 /// Runs one input, and ends the target when it takes too long.
 pub fn judge(input: impl FnOnce()) {
     static HOOK: Once = Once::new();
     HOOK.call_once(forgive);
-    let begun = ThreadTime::now();
+    let begun = ProcessTime::now();
     input();
     let spent = begun.elapsed();
     assert!(spent < MOST_TIME, "the input took {spent:?}");
