@@ -13,6 +13,7 @@ mod ledger;
 mod load;
 mod order;
 mod sessions;
+mod swept;
 mod torn;
 mod training;
 

@@ -16,20 +16,22 @@ use crate::{
     keeping::command,
     lab::{self, RECORDINGS},
     server::TestServer,
+    skipped::skipped,
 };
 
-/// A file system of 32 MiB in memory; gone when it is dropped.
+/// A small file system in memory; gone when it is dropped.
 struct SmallDisk(TempDir);
 
 impl SmallDisk {
     /// `None`, loudly, where nothing may be mounted.
-    fn mount() -> Option<Self> {
+    fn mount(mebibytes: u32) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
-        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", "size=32m", "tmpfs"]).arg(folder.path()).output();
+        let size = format!("size={mebibytes}m");
+        let mount = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(folder.path()).output();
         match mount {
             Ok(done) if done.status.success() => Some(Self(folder)),
             refused => {
-                eprintln!("SKIPPED: nothing may be mounted here, so no disk was full: {refused:?}");
+                skipped(&format!("nothing may be mounted here, so no disk was full: {refused:?}"));
                 None
             }
         }
@@ -84,7 +86,7 @@ async fn sound(data_dir: &Path) {
 
 #[tokio::test]
 async fn a_full_disk_refuses_writes_until_there_is_room_and_loses_nothing() {
-    let Some(disk) = SmallDisk::mount() else { return };
+    let Some(disk) = SmallDisk::mount(32) else { return };
     let mut server = TestServer::start_over(&disk.data(), &["--workers", "0", "--min-free-bytes", "0"]).await;
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
@@ -129,9 +131,37 @@ async fn a_full_disk_refuses_writes_until_there_is_room_and_loses_nothing() {
     sound(&disk.data()).await;
 }
 
+/// Neither the death of its worker nor that of the server ends it, nor can they be written down; it ends all the same once
+/// there is room.
+#[tokio::test]
+async fn a_job_outlasts_a_full_disk() {
+    let Some(disk) = SmallDisk::mount(128) else { return };
+    let mut server = TestServer::start_over(&disk.data(), &["--min-free-bytes", "0"]).await;
+    let mut api = Api::connect(&server).await;
+    let episodes = lab::set_up(&mut api).await;
+    let job = api.submit(lab::TASK, lab::pretrain(60)).await.unwrap();
+    api.watch_until(&job.id, |job| job.done > 5).await;
+    let ballast = disk.fill();
+    refused(&mut api, &episodes[0].id).await;
+    for worker in server.workers() {
+        let worker = rustix::process::Pid::from_raw(i32::try_from(worker).unwrap()).unwrap();
+        rustix::process::kill_process(worker, rustix::process::Signal::KILL).unwrap();
+    }
+    server.kill().await;
+    server.start_again().await;
+    let mut api = Api::connect(&server).await;
+    let request = GetJobRequest { job_id: job.id.clone() };
+    let waiting = api.jobs.get_job(request).await.unwrap().into_inner().job.unwrap();
+    assert!(matches!(waiting.state(), JobState::Running | JobState::Queued), "{waiting:?}");
+    std::fs::remove_file(ballast).unwrap();
+    let ended = api.watch(&job.id).await;
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "{}", ended.error);
+    sound(&disk.data()).await;
+}
+
 #[tokio::test]
 async fn a_mark_keeps_room_for_the_database() {
-    let Some(disk) = SmallDisk::mount() else { return };
+    let Some(disk) = SmallDisk::mount(32) else { return };
     let mark = (8 << 20).to_string();
     let server = TestServer::start_over(&disk.data(), &["--workers", "0", "--min-free-bytes", &mark]).await;
     let mut api = Api::connect(&server).await;
