@@ -109,6 +109,9 @@ fn threads(config: &ServeConfig) -> std::io::Result<Runtime> {
 
 #[expect(clippy::print_stdout, reason = "scripts that start a server on port 0 read this line")]
 async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
+    if let Err(error) = shutdown::outlive_hangups() {
+        tracing::warn!(%error, "SIGHUP would end the server");
+    }
     // Before anything is said: who starts a server must not wait for one that will not serve.
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;

@@ -14,12 +14,28 @@ use tokio::signal::unix::{SignalKind, signal};
 /// # Errors
 /// When the signals cannot be listened to.
 pub async fn requested() -> io::Result<()> {
-    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
-    tokio::select! {
-        _ = interrupt.recv() => {}
-        _ = terminate.recv() => {}
-    }
+    request()?.await;
     Ok(())
+}
+
+/// Listens from now on, not from when it is awaited.
+fn request() -> io::Result<impl Future<Output = ()>> {
+    let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
+    Ok(async move {
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+    })
+}
+
+/// Has this process outlive SIGHUP from now on: what reloads on it may come later, or never.
+///
+/// # Errors
+/// When the signal cannot be listened to.
+pub fn outlive_hangups() -> io::Result<()> {
+    // Who has once listened to a signal is not ended by it any more.
+    signal(SignalKind::hangup()).map(drop)
 }
 
 /// Has this process end within `limit`, whatever its clients, its disk or its threads do, and at once when it is asked
@@ -27,12 +43,12 @@ pub async fn requested() -> io::Result<()> {
 /// crash.
 ///
 /// # Errors
-/// When no thread can be had for it.
+/// When no thread can be had for it, or the signals cannot be listened to.
 pub fn must_end_within(limit: Duration) -> io::Result<()> {
+    let again = request()?;
     tokio::spawn(async {
-        if requested().await.is_ok() {
-            end("asked to stop a second time");
-        }
+        again.await;
+        end("asked to stop a second time")
     });
     let begun = Instant::now();
     // A thread: the runtime itself may be stuck.
@@ -40,15 +56,17 @@ pub fn must_end_within(limit: Duration) -> io::Result<()> {
         while let Some(left) = limit.checked_sub(begun.elapsed()).filter(|left| !left.is_zero()) {
             park_timeout(left);
         }
-        end("not everything ended in time");
+        end("not everything ended in time")
     })?;
     Ok(())
 }
 
 /// Not by `exit`, whose handlers may wait for what does not end.
-fn end(reason: &str) {
+fn end(reason: &str) -> ! {
     tracing::error!(reason, "the server ends at once");
     if let Err(error) = kill_process(getpid(), Signal::KILL) {
-        tracing::error!(%error, "the server cannot end itself");
+        tracing::error!(%error, "the server cannot kill itself");
     }
+    // The first process of a container cannot be killed from within it, not even by itself.
+    std::process::abort();
 }
