@@ -41,7 +41,8 @@ pub(crate) struct Tls {
     current: RwLock<Arc<ServerConfig>>,
 }
 
-/// What changes when a file does: which one it is, when it was written, how long it is.
+/// What changes when a file or who may read it does: which one it is, when it was last changed (which no program sets, as
+/// it may the time of writing), how long it is.
 type Stamp = Option<(u64, i64, i64, u64)>;
 
 /// A connection, encrypted or not.
@@ -97,6 +98,7 @@ impl Tls {
             }
         };
         let mut seen = self.first.clone();
+        let mut problem: Option<String> = None;
         loop {
             let asked = async {
                 match &mut hangup {
@@ -106,16 +108,28 @@ impl Tls {
             };
             tokio::select! {
                 _ = asked => {}
-                () = tokio::time::sleep(LOOK_EVERY) => if self.files.stamps() == seen { continue },
+                // What could not be read may be readable now, though no file has changed.
+                () = tokio::time::sleep(LOOK_EVERY) => {
+                    if problem.is_none() && self.files.stamps() == seen {
+                        continue;
+                    }
+                }
             }
             // Before they are read: what changes meanwhile is seen the next time.
             seen = self.files.stamps();
             match self.files.read() {
                 Ok(fresh) => {
                     *self.current.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(fresh);
+                    problem = None;
                     tracing::info!(tls.cert = %self.files.cert.display(), "the certificate was read again");
                 }
-                Err(error) => tracing::error!(%error, "the certificate in use stays"),
+                Err(error) => {
+                    let error = error.to_string();
+                    if problem.as_ref() != Some(&error) {
+                        tracing::error!(error, "the certificate in use stays");
+                    }
+                    problem = Some(error);
+                }
             }
         }
     }
@@ -153,7 +167,7 @@ impl Files {
         let files = [Some(&self.cert), Some(&self.key), self.client_ca.as_ref()];
         let stamp = |path: &PathBuf| {
             let file = std::fs::metadata(path).ok()?;
-            Some((file.ino(), file.mtime(), file.mtime_nsec(), file.len()))
+            Some((file.ino(), file.ctime(), file.ctime_nsec(), file.len()))
         };
         files.into_iter().flatten().map(stamp).collect()
     }
