@@ -15,20 +15,35 @@ pub(crate) fn resident(pid: u32) -> Option<u64> {
 
 /// Watches the memory of a worker for as long as it is polled.
 pub(crate) async fn of_worker(pid: u32, kind: &'static str) -> Infallible {
-    let gauge = Gone(metrics::gauge!("gleaner_worker_memory_bytes", "kind" => kind));
+    let mut share = Share::new(kind);
     loop {
-        #[expect(clippy::cast_precision_loss, reason = "far below 2^52 bytes")]
-        gauge.0.set(resident(pid).unwrap_or(0) as f64);
+        share.is(resident(pid).unwrap_or(0));
         tokio::time::sleep(EVERY).await;
     }
 }
 
-/// A gauge that falls to nothing when its worker has ended.
-struct Gone(metrics::Gauge);
+/// One worker's share in the gauge of all workers of its kind; given back when it has ended.
+struct Share {
+    gauge: metrics::Gauge,
+    bytes: f64,
+}
 
-impl Drop for Gone {
+impl Share {
+    fn new(kind: &'static str) -> Self {
+        Self { gauge: metrics::gauge!("gleaner_worker_memory_bytes", "kind" => kind), bytes: 0.0 }
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "far below 2^52 bytes")]
+    fn is(&mut self, bytes: u64) {
+        let bytes = bytes as f64;
+        self.gauge.increment(bytes - self.bytes);
+        self.bytes = bytes;
+    }
+}
+
+impl Drop for Share {
     fn drop(&mut self) {
-        self.0.set(0.0);
+        self.gauge.decrement(self.bytes);
     }
 }
 
@@ -40,5 +55,23 @@ mod tests {
     fn a_process_has_memory_and_one_that_is_not_there_has_none() {
         assert!(resident(std::process::id()).is_some_and(|bytes| bytes > 1 << 20));
         assert_eq!(resident(u32::MAX), None);
+    }
+
+    #[test]
+    fn two_workers_of_a_kind_add_up() {
+        let recorder = metrics_exporter_prometheus::PrometheusBuilder::new().build_recorder();
+        let shown = |bytes: &str| {
+            let page = recorder.handle().render();
+            assert!(page.contains(&format!("gleaner_worker_memory_bytes{{kind=\"train\"}} {bytes}\n")), "{page}");
+        };
+        metrics::with_local_recorder(&recorder, || {
+            let (mut one, mut other) = (Share::new("train"), Share::new("train"));
+            one.is(100);
+            other.is(50);
+            one.is(70);
+            shown("120");
+            drop(one);
+            shown("50");
+        });
     }
 }
