@@ -50,8 +50,8 @@ pub struct Listeners {
     calls: TcpListener,
     /// How calls are encrypted, if they are.
     tls: Option<Arc<Tls>>,
-    /// Where our own workers call when calls are encrypted: on this machine only, and without a certificate to check.
-    workers: Option<TcpListener>,
+    /// Where our own workers call, and nobody else: on this machine only, and without a certificate to check.
+    workers: TcpListener,
     pages: Option<TcpListener>,
 }
 
@@ -62,10 +62,7 @@ impl Listeners {
     /// Precondition when an address is taken or not ours, or the certificate cannot be used.
     pub async fn bind(config: &ServeConfig) -> Result<Self> {
         let tls = Tls::open(&config.access)?.map(Arc::new);
-        let workers = match tls {
-            Some(_) => Some(bind((Ipv4Addr::LOCALHOST, 0).into())?),
-            None => None,
-        };
+        let workers = bind((Ipv4Addr::LOCALHOST, 0).into())?;
         let pages = match config.telemetry.web_listen {
             Some(address) => Some(bind(address)?),
             None => None,
@@ -92,8 +89,7 @@ impl Listeners {
 
     /// Where our own workers call.
     fn for_workers(&self) -> Result<SocketAddr> {
-        let own = self.workers.as_ref().unwrap_or(&self.calls);
-        own.local_addr().map_err(|error| Error::internal("asking the workers' address", error))
+        self.workers.local_addr().map_err(|error| Error::internal("asking the workers' address", error))
     }
 
     /// Where the pages for machines are, if anywhere.
@@ -135,6 +131,10 @@ pub async fn run(
     let address = listeners.address()?;
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
     connections::claim_descriptors();
+    if listeners.pages.is_some() {
+        // Before anything is counted.
+        telemetry::metrics::recorder()?;
+    }
     let rooms = Rooms::open(config, listeners.for_workers()?).await?;
     let _pages = listeners.pages.take().map(|listener| web::open(rooms.clone(), listener)).transpose()?;
     let served = service::serve(&rooms, listeners, stop).await;

@@ -8,15 +8,14 @@ use std::{
 
 use bytes::Bytes;
 use http_body::Frame;
-use tokio_util::sync::WaitForCancellationFutureOwned;
 use tonic::{
     Code, Status,
     body::Body,
     codegen::http::{HeaderMap, Response},
 };
 
-use super::{caller::Caller, entry::Entry, guard};
-use crate::wire::status::from_error;
+use super::{book::Over, caller::Caller, entry::Entry, guard::unknown_token};
+use crate::wire::status::last_words;
 
 type Writing = Pin<Box<dyn Future<Output = ()> + Send>>;
 type Polled = Poll<Option<Result<Frame<Bytes>, Status>>>;
@@ -25,7 +24,7 @@ type Polled = Poll<Option<Result<Frame<Bytes>, Status>>>;
 pub(super) struct Answer {
     body: Body,
     /// Ends when the caller's token is over.
-    over: Option<Pin<Box<WaitForCancellationFutureOwned>>>,
+    over: Option<Over>,
     entry: Option<Entry>,
     /// The entry while it is written, and what the caller hears afterwards.
     writing: Option<(Writing, Option<Frame<Bytes>>)>,
@@ -42,7 +41,7 @@ impl Answer {
             return response;
         }
         let over = match caller {
-            Caller::Known(held) => Some(Box::pin(held.over.clone().cancelled_owned())),
+            Caller::Known(held) => Some(held.over()),
             Caller::Anyone if entry.is_none() => return response,
             Caller::Anyone => None,
         };
@@ -53,11 +52,7 @@ impl Answer {
     fn cut(&mut self) -> Frame<Bytes> {
         self.over = None;
         self.body = Body::empty();
-        let mut trailers = HeaderMap::new();
-        let status = from_error(guard::unknown_token());
-        // Fails for messages that fit no header; ours is plain.
-        let _ = status.add_header(&mut trailers);
-        Frame::trailers(trailers)
+        Frame::trailers(last_words(unknown_token()))
     }
 
     /// Begins to write how it ended.

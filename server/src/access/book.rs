@@ -3,6 +3,7 @@
 
 use std::{
     collections::HashMap,
+    pin::Pin,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
         atomic::{AtomicI64, Ordering::Relaxed},
@@ -11,7 +12,7 @@ use std::{
 };
 
 use tokio::time::Instant;
-use tokio_util::sync::CancellationToken;
+use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 
 use crate::{
     domain::{access::Token, time::Millis},
@@ -29,9 +30,18 @@ const USE_MS: i64 = 60_000;
 pub(crate) struct Held {
     pub(crate) token: Token,
     /// Cancelled when it is revoked or expires: what it has open ends then.
-    pub(super) over: CancellationToken,
+    over: CancellationToken,
     /// When it was last used, as the store knows.
     noted: AtomicI64,
+}
+
+/// Ends when a token is over.
+pub(super) type Over = Pin<Box<WaitForCancellationFutureOwned>>;
+
+impl Held {
+    pub(super) fn over(&self) -> Over {
+        Box::pin(self.over.clone().cancelled_owned())
+    }
 }
 
 /// Every live token; clones share it.
@@ -69,8 +79,7 @@ impl Book {
         loop {
             tokio::time::sleep(READ_EVERY).await;
             let mut read = self.0.read.lock().await;
-            *read = Instant::now();
-            if let Err(error) = self.read().await {
+            if let Err(error) = self.read_again(&mut read).await {
                 tracing::error!(%error, "the tokens cannot be read; those known are still good");
             }
         }
@@ -89,11 +98,18 @@ impl Book {
         let asked = Instant::now();
         let mut read = self.0.read.lock().await;
         if *read < asked {
-            *read = Instant::now();
-            self.read().await?;
+            self.read_again(&mut read).await?;
         }
         drop(read);
         Ok(self.known(hash))
+    }
+
+    /// Reads it, and then notes since when it is right.
+    async fn read_again(&self, read: &mut Instant) -> Result<()> {
+        let begun = Instant::now();
+        self.read().await?;
+        *read = begun;
+        Ok(())
     }
 
     /// Notes that a token was used, at most once a minute and without keeping its caller waiting.
@@ -110,7 +126,8 @@ impl Book {
         });
     }
 
-    fn known(&self, hash: &str) -> Option<Arc<Held>> {
+    /// The live token with this hash, if the book has it already.
+    pub(super) fn known(&self, hash: &str) -> Option<Arc<Held>> {
         self.live().get(hash).filter(|held| held.token.is_live(Millis::now())).cloned()
     }
 

@@ -103,6 +103,20 @@ impl Caller {
             self.bound().unwrap_or_default().join(", ")
         )))
     }
+
+    /// Lets it keep episodes of a deployment under a cohort. Cohorts decide what is learned from.
+    ///
+    /// # Errors
+    /// Forbidden when it is a robot and the cohort is not the one that is the deployment's by default, its name.
+    pub(crate) fn records_as(&self, deployment: &str, cohort: &str) -> Result<()> {
+        if self.is_bound() && cohort != deployment {
+            return Err(Error::forbidden(format!(
+                "open.cohort: a robot's episodes are kept as {deployment}; leave it out, or use a token of the role \
+                 contributor"
+            )));
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]
@@ -151,6 +165,10 @@ mod tests {
         let problem = robot.uses("arm@prod2").unwrap_err();
         assert!(problem.message().contains("arm@prod2") && problem.message().contains("token create"), "{problem}");
         assert!(caller(Role::Viewer).sees("any") && Caller::Anyone.uses("any").is_ok());
+        assert!(robot.records_as("arm@prod", "arm@prod").is_ok());
+        let problem = robot.records_as("arm@prod", "experts").unwrap_err();
+        assert!(problem.message().starts_with("open.cohort: "), "{problem}");
+        assert!(caller(Role::Contributor).records_as("arm@prod", "experts").is_ok());
     }
 
     #[test]

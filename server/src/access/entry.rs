@@ -47,10 +47,15 @@ impl Entry {
         }
     }
 
-    /// Writes it. An entry that cannot be written does not undo what was done; the log has it instead.
-    pub(super) async fn write(mut self, code: Code) {
-        if let Some(draft) = self.0.take() {
-            draft.write(code).await;
+    /// Writes it, and ends when it is on disk; it is written also if nobody waits for that. An entry that cannot be
+    /// written does not undo what was done; the log has it instead.
+    pub(super) fn write(mut self, code: Code) -> impl Future<Output = ()> + Send + use<> {
+        let writing = self.0.take().map(|draft| tokio::spawn(draft.write(code)));
+        async move {
+            if let Some(writing) = writing {
+                // It fails only with the runtime.
+                let _ = writing.await;
+            }
         }
     }
 }

@@ -2,12 +2,14 @@
 
 use std::{
     convert::Infallible,
+    num::NonZeroU32,
     pin::Pin,
     sync::Arc,
     task::{Context, Poll},
 };
 
 use bytes::Bytes;
+use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 use tonic::{
     Status,
     body::Body,
@@ -17,34 +19,63 @@ use tower::{Layer, Service};
 
 use super::{
     answer::Answer,
-    book::Book,
+    asked::Asked,
+    book::{Book, Held},
     caller::Caller,
     entry::Entry,
     secret,
-    table::{Need, rule},
+    table::{Need, Rule, rule},
+    worker::Worker,
 };
 use crate::{
-    connections::{Client, Link},
+    connections::{self, Call, Client, Connections, Link},
+    domain::id::TokenId,
     error::{Error, Result},
+    jobs::Jobs,
     store::Store,
     wire::status::{from_error, no_such_rpc},
 };
 
+/// What the transport gets.
+type Answered = std::result::Result<Response<Body>, Infallible>;
+
+/// Refusals by role of one token that are written to the audit log: one a second, and so many at once.
+const REFUSALS_AT_ONCE: u32 = 10;
+
 /// Stands before the services; clones share it.
 #[derive(Clone)]
-pub(crate) struct Guard(Arc<Inner>);
+pub(crate) struct Guard(Arc<Door>);
 
-struct Inner {
+/// Where it stands.
+enum Door {
+    /// Where everybody calls, and nobody's worker.
+    Callers(Callers),
+    /// Where workers call, and nobody else.
+    Workers(Jobs),
+}
+
+struct Callers {
     book: Book,
     store: Store,
     /// Whether who shows no token is sent away.
     required: bool,
+    connections: Connections,
+    /// Refusals by role that go to the audit log, by the token's id.
+    refusals: DefaultKeyedRateLimiter<TokenId>,
 }
 
 impl Guard {
-    /// Stands before services.
-    pub(crate) fn new(book: Book, store: Store, required: bool) -> Self {
-        Self(Arc::new(Inner { book, store, required }))
+    /// Stands before what everybody calls.
+    pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
+        let one = NonZeroU32::MIN;
+        let quota = Quota::per_second(one).allow_burst(NonZeroU32::new(REFUSALS_AT_ONCE).unwrap_or(one));
+        let refusals = RateLimiter::keyed(quota);
+        Self(Arc::new(Door::Callers(Callers { book, store, required, connections, refusals })))
+    }
+
+    /// Stands before what workers call.
+    pub(crate) fn of_workers(jobs: Jobs) -> Self {
+        Self(Arc::new(Door::Workers(jobs)))
     }
 }
 
@@ -71,7 +102,7 @@ where
 {
     type Response = Response<Body>;
     type Error = Infallible;
-    type Future = Pin<Box<dyn Future<Output = std::result::Result<Response<Body>, Infallible>> + Send>>;
+    type Future = Pin<Box<dyn Future<Output = Answered> + Send>>;
 
     fn poll_ready(&mut self, cx: &mut Context<'_>) -> Poll<std::result::Result<(), Infallible>> {
         self.inner.poll_ready(cx)
@@ -86,31 +117,81 @@ where
 }
 
 impl Guard {
-    async fn serve<S, B>(
-        self,
-        mut inner: S,
-        mut request: Request<Body>,
-    ) -> std::result::Result<Response<Body>, Infallible>
+    async fn serve<S, B>(self, inner: S, mut request: Request<Body>) -> Answered
     where
         S: Service<Request<Body>, Response = Response<B>, Error = Infallible>,
         B: http_body::Body<Data = Bytes, Error = Status> + Send + 'static,
     {
         secret::hide(request.headers_mut());
-        let path = request.uri().path().to_owned();
-        let Some(rule) = rule(&path) else { return Ok(no_such_rpc().into_http()) };
-        if matches!(rule.need, Need::Nothing | Need::Job) {
-            return Ok(inner.call(request).await?.map(Body::new));
+        match &*self.0 {
+            Door::Callers(callers) => callers.serve(inner, request).await,
+            Door::Workers(jobs) => serve_worker(jobs, inner, request).await,
         }
-        let caller = match self.authenticate(&mut request).await {
+    }
+}
+
+/// Serves a worker; its token is looked at before anything of its request is read.
+async fn serve_worker<S, B>(jobs: &Jobs, mut inner: S, mut request: Request<Body>) -> Answered
+where
+    S: Service<Request<Body>, Response = Response<B>, Error = Infallible>,
+    B: http_body::Body<Data = Bytes, Error = Status> + Send + 'static,
+{
+    match rule(request.uri().path()) {
+        Some(Rule { need: Need::Job, .. }) => {}
+        Some(_) | None => return Ok(no_such_rpc().into_http()),
+    }
+    match Worker::prove(jobs, request.headers()).await {
+        Ok(worker) => {
+            request.extensions_mut().insert(worker);
+            Ok(inner.call(request).await?.map(Body::new))
+        }
+        Err(error) => {
+            drop(request);
+            Ok(connections::refused(error).await)
+        }
+    }
+}
+
+impl Callers {
+    async fn serve<S, B>(&self, mut inner: S, mut request: Request<Body>) -> Answered
+    where
+        S: Service<Request<Body>, Response = Response<B>, Error = Infallible>,
+        B: http_body::Body<Data = Bytes, Error = Status> + Send + 'static,
+    {
+        // Counted before anything is asked of the disk: a flood, of unknown tokens too, costs no more than its answers.
+        let shown = secret::shown(request.headers());
+        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.book.known(hash));
+        match self.count(&request, known.as_deref()) {
+            Ok(None) => {}
+            Ok(Some(call)) => {
+                request.extensions_mut().insert(call);
+            }
+            Err(error) => {
+                drop(request);
+                return Ok(connections::refused(error).await);
+            }
+        }
+        let path = request.uri().path().to_owned();
+        let rule = match rule(&path) {
+            Some(Rule { need: Need::Nothing, .. }) => {
+                return Ok(inner.call(request.map(Asked::by_anybody)).await?.map(Body::new));
+            }
+            // Workers have a door of their own.
+            Some(Rule { need: Need::Job, .. }) | None => return Ok(no_such_rpc().into_http()),
+            Some(rule) => rule,
+        };
+        let caller = match self.authenticate(shown, known).await {
             Ok(caller) => caller,
             Err(error) => return Ok(from_error(error).into_http()),
         };
-        let entry = rule.audited.then(|| Entry::begin(self.0.store.clone(), caller.clone(), peer(&request), &path));
+        let begin = || Entry::begin(self.store.clone(), caller.clone(), peer(&request), &path);
         if let Err(error) = caller.permit(rule.need) {
-            let refused = from_error(error).into_http();
-            return Ok(Answer::watched(refused, &caller, entry).await);
+            let entry = (rule.audited && self.tells_of_refusal(&caller)).then(begin);
+            return Ok(Answer::watched(from_error(error).into_http(), &caller, entry).await);
         }
+        let entry = rule.audited.then(begin);
         request.extensions_mut().insert(caller.clone());
+        let request = request.map(|body| Asked::by(&caller, body));
         let request = match &entry {
             Some(entry) => request.map(|body| entry.overhear(body)),
             None => request,
@@ -119,18 +200,41 @@ impl Guard {
         Ok(Answer::watched(response, &caller, entry).await)
     }
 
+    /// Counts a call for its token, or for its address when it shows none that is known.
+    ///
+    /// # Errors
+    /// Exhausted, saying when to try again.
+    fn count(&self, request: &Request<Body>, known: Option<&Held>) -> Result<Option<Call>> {
+        let client = match known {
+            Some(held) => Some(Client::Token(held.token.id.as_str().into())),
+            // None over a connection that is not ours.
+            None => request.extensions().get::<Link>().map(Client::at),
+        };
+        client.map(|client| self.connections.count(client)).transpose()
+    }
+
     /// Who calls.
     ///
     /// # Errors
     /// Unauthenticated when a token is shown that is none of ours, or none where one is asked for.
-    async fn authenticate(&self, request: &mut Request<Body>) -> Result<Caller> {
-        let Some(hash) = secret::shown(request.headers())? else {
-            return if self.0.required { Err(no_token()) } else { Ok(Caller::Anyone) };
+    async fn authenticate(&self, shown: Result<Option<String>>, known: Option<Arc<Held>>) -> Result<Caller> {
+        let Some(hash) = shown? else {
+            return if self.required { Err(no_token()) } else { Ok(Caller::Anyone) };
         };
-        let held = self.0.book.find(&hash).await?.ok_or_else(unknown_token)?;
-        self.0.book.used(&held);
-        request.extensions_mut().insert(Client::Token(held.token.id.as_str().into()));
+        let held = match known {
+            Some(held) => held,
+            None => self.book.find(&hash).await?.ok_or_else(unknown_token)?,
+        };
+        self.book.used(&held);
         Ok(Caller::Known(held))
+    }
+
+    /// Whether the audit log hears of one more refusal by role: a flood of them must not fill it.
+    fn tells_of_refusal(&self, caller: &Caller) -> bool {
+        match caller {
+            Caller::Known(held) => self.refusals.check_key(&held.token.id).is_ok(),
+            Caller::Anyone => true,
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 //! Knows requests by their path and headers, and of their messages only names and ids. Must not know what an rpc does.
 
 mod answer;
+mod asked;
 mod book;
 mod caller;
 pub mod command;
@@ -14,5 +15,6 @@ mod secret;
 mod subject;
 mod table;
 pub(crate) mod tls;
+mod worker;
 
-pub(crate) use self::{book::Book, caller::Caller, guard::Guard};
+pub(crate) use self::{book::Book, caller::Caller, guard::Guard, table::method, worker::Worker};

@@ -18,20 +18,28 @@ pub(super) fn hide(headers: &mut HeaderMap) {
     }
 }
 
-/// The hash of the token that a request shows, if it shows one.
+/// The token that a request shows, if it shows one.
 ///
 /// # Errors
 /// Unauthenticated when what it shows is no bearer token.
-pub(super) fn shown(headers: &HeaderMap) -> Result<Option<String>> {
+pub(super) fn bearer(headers: &HeaderMap) -> Result<Option<&str>> {
     let Some(value) = headers.get(AUTHORIZATION) else { return Ok(None) };
     let token = value.to_str().ok().and_then(|text| text.split_once(' ')).and_then(|(scheme, token)| {
         let token = token.trim();
         (scheme.eq_ignore_ascii_case("bearer") && !token.is_empty()).then_some(token)
     });
     match token {
-        Some(token) => Ok(Some(hash(token))),
+        Some(token) => Ok(Some(token)),
         None => Err(Error::unauthenticated("the authorization header must be `Bearer` and a token")),
     }
+}
+
+/// The hash of the token that a request shows, if it shows one.
+///
+/// # Errors
+/// As [`bearer`].
+pub(super) fn shown(headers: &HeaderMap) -> Result<Option<String>> {
+    Ok(bearer(headers)?.map(hash))
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ pub(super) enum Need {
     Least(Role),
     /// As `Least`, or to be a robot that has the deployment. The service looks at which one it is.
     LeastOrRobot(Role),
-    /// The token of a running attempt of a job. The service checks it.
+    /// The token of a running attempt of a job, where workers call.
     Job,
 }
 
@@ -36,13 +36,19 @@ pub(super) const STANDARD: [(&str, Need); 3] = [
     ("/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", Need::Least(Role::Viewer)),
 ];
 
+static RULES: LazyLock<HashMap<&str, Rule>> = LazyLock::new(|| {
+    let standard = STANDARD.map(|(path, need)| (path, Rule { need, audited: false }));
+    Rpc::ALL.iter().map(|rpc| (rpc.path(), of(*rpc))).chain(standard).collect()
+});
+
 /// The row of a request's path; `None` for what is no rpc of this server.
 pub(super) fn rule(path: &str) -> Option<Rule> {
-    static RULES: LazyLock<HashMap<&str, Rule>> = LazyLock::new(|| {
-        let standard = STANDARD.map(|(path, need)| (path, Rule { need, audited: false }));
-        Rpc::ALL.iter().map(|rpc| (rpc.path(), of(*rpc))).chain(standard).collect()
-    });
     RULES.get(path).copied()
+}
+
+/// An rpc's name by a request's path, as metrics have it; `None` for what is no rpc of this server.
+pub(crate) fn method(path: &str) -> Option<&'static str> {
+    RULES.get_key_value(path).map(|(path, _)| path.trim_start_matches('/'))
 }
 
 fn of(rpc: Rpc) -> Rule {

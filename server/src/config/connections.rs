@@ -19,10 +19,10 @@ pub struct ConnectionsConfig {
     /// Seconds without a word, not even an answer to a ping, after which a peer is gone.
     #[arg(long, env = "GLEANER_LOST_SECONDS", default_value_t = 30, value_name = "S")]
     pub lost_seconds: u64,
-    /// Seconds for which a peer may take none of what is sent to it.
+    /// Seconds for which a peer may take none of what is sent to it, or less of an answer than the least rate says.
     #[arg(long, env = "GLEANER_STALL_SECONDS", default_value_t = 30, value_name = "S")]
     pub stall_seconds: u64,
-    /// Fewest bytes per second in which a request or an upload must come in, sessions aside.
+    /// Fewest bytes per second in which a request or an upload must come in, sessions aside, and an answer be taken.
     #[arg(long, env = "GLEANER_MIN_BYTES_PER_SECOND", default_value_t = 4096, value_name = "N")]
     pub min_bytes_per_second: u32,
     /// Seconds for which a request or an upload may be slower than that, or stand still.

@@ -2,7 +2,7 @@
 
 use std::{
     pin::Pin,
-    task::{Context, Poll},
+    task::{Context, Poll, ready},
 };
 
 use bytes::Bytes;
@@ -10,7 +10,7 @@ use http_body::{Body, Frame, SizeHint};
 use tokio::time::{Sleep, sleep_until};
 use tonic::Status;
 
-use super::{calls::Call, link::Link, rate::LeastRate};
+use super::{calls::Call, link::Link, offer::Offer, rate::LeastRate};
 use crate::{error::Error, wire::status::from_error};
 
 /// A request that ends with an error when it comes too slowly. What counts is every byte of its connection: frames may
@@ -66,25 +66,69 @@ impl Body for Incoming {
     }
 }
 
-/// An answer; its call runs until it is dropped.
+/// An answer; its call runs until it is dropped. It is handed out in pieces, and its connection sees when one is not
+/// taken.
 pub(crate) struct Answer<B> {
-    pub(super) body: B,
-    pub(super) _call: Option<Call>,
+    body: B,
+    /// What was not handed out yet of a frame that is larger than a piece.
+    rest: Bytes,
+    /// The largest piece.
+    piece: usize,
+    offer: Option<Offer>,
+    _call: Option<Call>,
 }
 
-impl<B: Body + Unpin> Body for Answer<B> {
-    type Data = B::Data;
+impl<B> Answer<B> {
+    pub(super) fn new(body: B, piece: usize, offer: Option<Offer>, call: Option<Call>) -> Self {
+        Self { body, rest: Bytes::new(), piece, offer, _call: call }
+    }
+
+    /// The next piece of what is left of a frame.
+    fn next_piece(&mut self) -> Bytes {
+        if self.rest.len() > self.piece {
+            return self.rest.split_to(self.piece);
+        }
+        // A copy: the transport may keep the last piece for long, and must not keep all that came before it.
+        Bytes::copy_from_slice(&std::mem::take(&mut self.rest))
+    }
+}
+
+impl<B: Body<Data = Bytes> + Unpin> Body for Answer<B> {
+    type Data = Bytes;
     type Error = B::Error;
 
-    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<B::Data>, B::Error>>> {
-        Pin::new(&mut self.body).poll_frame(cx)
+    fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, B::Error>>> {
+        let this = &mut *self;
+        if let Some(offer) = &this.offer {
+            offer.taken();
+        }
+        let piece = if this.rest.is_empty() {
+            let frame = match ready!(Pin::new(&mut this.body).poll_frame(cx)) {
+                Some(Ok(frame)) => frame,
+                end => return Poll::Ready(end),
+            };
+            match frame.into_data() {
+                Ok(data) if data.len() > this.piece => {
+                    this.rest = data;
+                    this.next_piece()
+                }
+                Ok(data) => data,
+                Err(trailers) => return Poll::Ready(Some(Ok(trailers))),
+            }
+        } else {
+            this.next_piece()
+        };
+        if let Some(offer) = &this.offer {
+            offer.made();
+        }
+        Poll::Ready(Some(Ok(Frame::data(piece))))
     }
 
     fn is_end_stream(&self) -> bool {
-        self.body.is_end_stream()
+        self.rest.is_empty() && self.body.is_end_stream()
     }
 
     fn size_hint(&self) -> SizeHint {
-        self.body.size_hint()
+        if self.rest.is_empty() { self.body.size_hint() } else { SizeHint::default() }
     }
 }

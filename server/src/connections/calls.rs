@@ -12,6 +12,7 @@ use std::{
 
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter, clock::Clock as _};
 
+use super::{link::Link, places::household};
 use crate::error::{Error, Result};
 
 /// Calls between two times at which clients that have not called for a while are forgotten.
@@ -20,10 +21,17 @@ const TIDY_EVERY: u32 = 4096;
 /// Who a call is counted for.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub(crate) enum Client {
-    /// Whoever has this token, by its id. Put among a call's extensions by who has checked it.
+    /// Whoever has this token, by its id.
     Token(Arc<str>),
     /// Whoever is at this address and has no token.
     Address(IpAddr),
+}
+
+impl Client {
+    /// Whoever is at the other end of a connection.
+    pub(crate) fn at(link: &Link) -> Self {
+        Self::Address(household(link.peer().ip()))
+    }
 }
 
 /// The clients' calls.
@@ -39,8 +47,13 @@ struct Running {
     by_client: Mutex<HashMap<Client, usize>>,
 }
 
-/// A call that runs until this is dropped.
-pub(super) struct Call {
+/// A call that runs until this and its clones are dropped. It is on its way among the call's extensions.
+#[derive(Clone)]
+pub(crate) struct Call {
+    _running: Arc<Place>,
+}
+
+struct Place {
     running: Arc<Running>,
     client: Client,
 }
@@ -85,7 +98,7 @@ impl Calls {
         }
         *running += 1;
         drop(by_client);
-        Ok(Call { running: Arc::clone(&self.running), client })
+        Ok(Call { _running: Arc::new(Place { running: Arc::clone(&self.running), client }) })
     }
 }
 
@@ -95,7 +108,7 @@ impl Running {
     }
 }
 
-impl Drop for Call {
+impl Drop for Place {
     fn drop(&mut self) {
         let mut by_client = self.running.by_client();
         if let Some(running) = by_client.get_mut(&self.client) {

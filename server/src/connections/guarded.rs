@@ -1,5 +1,5 @@
 //! A connection that ends by itself: when its first call does not come in time, when its peer takes nothing of what it
-//! is sent, or when all are cut.
+//! is sent or of an answer, or when all are cut.
 
 use std::{
     io::{self, ErrorKind, IoSlice},
@@ -27,6 +27,8 @@ pub(crate) struct Guarded<T> {
     stall: Duration,
     /// While the peer takes nothing.
     stalled: Option<Pin<Box<Sleep>>>,
+    /// When to look next whether its answers are taken.
+    look: Pin<Box<Sleep>>,
     _place: Place,
 }
 
@@ -46,6 +48,7 @@ impl<T> Guarded<T> {
             first_call: Some(Box::pin(sleep_until(terms.first_call_by))),
             stall: terms.stall,
             stalled: None,
+            look: Box::pin(sleep(terms.stall)),
             _place: place,
         }
     }
@@ -58,6 +61,14 @@ impl<T> Guarded<T> {
     fn watch(&mut self, cx: &mut Context<'_>) -> io::Result<()> {
         if self.cut.as_mut().poll(cx).is_ready() {
             return Err(io::Error::new(ErrorKind::ConnectionAborted, "the server has stopped"));
+        }
+        while self.look.as_mut().poll(cx).is_ready() {
+            let now = Instant::now();
+            let next = self.link.offers().oldest().unwrap_or(now) + self.stall;
+            if next <= now {
+                return Err(takes_nothing());
+            }
+            self.look.as_mut().reset(next);
         }
         let Some(deadline) = &mut self.first_call else { return Ok(()) };
         if self.link.called() {
@@ -78,9 +89,13 @@ impl<T> Guarded<T> {
         let stall = self.stall;
         let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(stall)));
         ready!(stalled.as_mut().poll(cx));
-        metrics::counter!("gleaner_connections_closed_total", "reason" => "stalled").increment(1);
-        Poll::Ready(Err(io::Error::new(ErrorKind::TimedOut, "the peer takes nothing")))
+        Poll::Ready(Err(takes_nothing()))
     }
+}
+
+fn takes_nothing() -> io::Error {
+    metrics::counter!("gleaner_connections_closed_total", "reason" => "stalled").increment(1);
+    io::Error::new(ErrorKind::TimedOut, "the peer takes nothing")
 }
 
 impl<T: AsyncRead + Unpin> AsyncRead for Guarded<T> {
@@ -95,6 +110,7 @@ impl<T: AsyncRead + Unpin> AsyncRead for Guarded<T> {
 
 impl<T: AsyncWrite + Unpin> AsyncWrite for Guarded<T> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
+        self.watch(cx)?;
         let written = Pin::new(&mut self.io).poll_write(cx, buf);
         self.taken(cx, written)
     }
@@ -104,6 +120,7 @@ impl<T: AsyncWrite + Unpin> AsyncWrite for Guarded<T> {
         cx: &mut Context<'_>,
         bufs: &[IoSlice<'_>],
     ) -> Poll<io::Result<usize>> {
+        self.watch(cx)?;
         let written = Pin::new(&mut self.io).poll_write_vectored(cx, bufs);
         self.taken(cx, written)
     }
@@ -113,6 +130,7 @@ impl<T: AsyncWrite + Unpin> AsyncWrite for Guarded<T> {
     }
 
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
+        self.watch(cx)?;
         let flushed = Pin::new(&mut self.io).poll_flush(cx);
         self.taken(cx, flushed)
     }

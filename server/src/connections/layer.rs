@@ -1,5 +1,5 @@
-//! The layer around every call: it marks the call's connection as used, counts the call for its client, and watches how
-//! its request comes in.
+//! The layer around every call that was let in: it marks the call's connection as used, and watches how its request comes
+//! in and how its answer is taken.
 
 use std::{
     pin::Pin,
@@ -14,21 +14,30 @@ use tower::{Layer, Service};
 use super::{
     Connections,
     body::{Answer, Incoming},
-    calls::{Call, Client},
+    calls::Call,
     link::Link,
-    places::household,
+    offer::Offer,
     rate::LeastRate,
 };
-use crate::{error::Result, wire::status::from_error};
+use crate::{error::Error, wire::status::from_error};
 
 /// Calls whose requests come at the pace of a robot or of a worker's job. Each has a limit on silence of its own.
-const AT_THEIR_OWN_PACE: [&str; 3] =
-    ["/gleaner.v1.PolicyService/Session", "/gleaner.v1.ScoreService/ScoreSteps", "/gleaner.v1.WorkerService/"];
-/// What workers call. On this machine they are ours, and must not suffer from others at its address.
-const WORKERS: &str = "/gleaner.v1.WorkerService/";
+const AT_THEIR_OWN_PACE: [&str; 3] = [
+    "/gleaner.v1.PolicyService/Session",
+    "/gleaner.v1.ScoreService/ScoreSteps",
+    "/gleaner.v1.WorkerService/CompleteJob",
+];
 
 /// How long the answer to a refused call takes: who floods has so many calls under way, and none before is answered.
 const REFUSED_AFTER: Duration = Duration::from_millis(250);
+/// The smallest of the largest pieces of an answer.
+const PIECE: usize = 16 << 10;
+
+/// The answer to a call that was refused because its client makes too many, or proves nothing. It takes a while.
+pub(crate) async fn refused(error: Error) -> Response<Body> {
+    tokio::time::sleep(REFUSED_AFTER).await;
+    from_error(error).into_http()
+}
 
 /// Wraps the services; see [`CallsService`].
 #[derive(Clone)]
@@ -48,7 +57,7 @@ impl<S> Layer<S> for CallsLayer {
     }
 }
 
-/// Serves calls that are within their client's limits and refuses others.
+/// Serves calls under watch.
 #[derive(Clone)]
 pub(crate) struct CallsService<S> {
     inner: S,
@@ -60,7 +69,7 @@ where
     S: Service<Request<Body>, Response = Response<B>>,
     S::Future: Send + 'static,
     S::Error: Send + 'static,
-    B: http_body::Body<Data = bytes::Bytes> + Default + Send + Unpin + 'static,
+    B: http_body::Body<Data = bytes::Bytes> + Send + Unpin + 'static,
 {
     type Response = Response<Answer<B>>;
     type Error = S::Error;
@@ -70,51 +79,33 @@ where
         self.inner.poll_ready(cx)
     }
 
-    fn call(&mut self, request: Request<Body>) -> Self::Future {
-        let call = match self.connections.begin(&request) {
-            Ok(call) => call,
-            Err(error) => {
-                let refused = from_error(error).into_http().map(|body| Answer { body, _call: None });
-                return Box::pin(async move {
-                    tokio::time::sleep(REFUSED_AFTER).await;
-                    Ok(refused)
-                });
-            }
-        };
+    fn call(&mut self, mut request: Request<Body>) -> Self::Future {
+        let call = request.extensions_mut().remove::<Call>();
+        let link = request.extensions().get::<Link>().cloned();
+        if let Some(link) = &link {
+            link.call();
+        }
+        let piece = self.connections.piece();
         let answer = self.inner.call(self.connections.watched(request));
-        Box::pin(async move { Ok(answer.await?.map(|body| Answer { body, _call: call })) })
+        Box::pin(async move { Ok(answer.await?.map(|body| Answer::new(body, piece, link.map(Offer::new), call))) })
     }
 }
 
 impl Connections {
-    /// Counts a call, unless it is one of our own workers'.
-    fn begin(&self, request: &Request<Body>) -> Result<Option<Call>> {
-        let link = request.extensions().get::<Link>();
-        if let Some(link) = link {
-            link.call();
-        }
-        let client = match (request.extensions().get::<Client>(), link) {
-            (Some(client), _) => client.clone(),
-            (None, Some(link)) => {
-                if link.peer().ip().is_loopback() && request.uri().path().starts_with(WORKERS) {
-                    return Ok(None);
-                }
-                Client::Address(household(link.peer().ip()))
-            }
-            // Not over a connection of ours.
-            (None, None) => return Ok(None),
-        };
-        self.0.calls.begin(client).map(Some)
-    }
-
     /// The request under watch, unless it comes at its caller's own pace.
     fn watched(&self, request: Request<Body>) -> Request<Body> {
         let path = request.uri().path();
         let Some(link) = request.extensions().get::<Link>().cloned() else { return request };
-        if AT_THEIR_OWN_PACE.iter().any(|own| path.starts_with(own)) {
+        if AT_THEIR_OWN_PACE.contains(&path) {
             return request;
         }
         let rate = LeastRate::new(self.config().slow(), self.config().min_bytes_per_second, link.received());
         request.map(|body| Body::new(Incoming::new(body, link, rate)))
+    }
+
+    /// The largest piece of an answer: as much as its peer takes at the least rate before it counts as stalled.
+    fn piece(&self) -> usize {
+        let bytes = u64::from(self.config().min_bytes_per_second).saturating_mul(self.config().stall().as_secs());
+        usize::try_from(bytes).unwrap_or(usize::MAX).max(PIECE)
     }
 }

@@ -8,6 +8,8 @@ use std::{
     },
 };
 
+use super::offer::Offers;
+
 /// One connection; clones are the same one.
 #[derive(Debug, Clone)]
 pub(crate) struct Link(Arc<State>);
@@ -19,11 +21,13 @@ struct State {
     called: AtomicBool,
     /// Bytes that have come.
     received: AtomicU64,
+    offers: Offers,
 }
 
 impl Link {
-    pub(super) fn new(peer: SocketAddr) -> Self {
-        Self(Arc::new(State { peer, called: AtomicBool::new(false), received: AtomicU64::new(0) }))
+    pub(crate) fn new(peer: SocketAddr) -> Self {
+        let (called, received) = (AtomicBool::new(false), AtomicU64::new(0));
+        Self(Arc::new(State { peer, called, received, offers: Offers::new() }))
     }
 
     /// Who is at the other end.
@@ -42,6 +46,11 @@ impl Link {
 
     pub(super) fn receive(&self, bytes: usize) {
         self.0.received.fetch_add(bytes as u64, Relaxed);
+    }
+
+    /// What its answers have handed out.
+    pub(super) fn offers(&self) -> &Offers {
+        &self.0.offers
     }
 
     pub(super) fn received(&self) -> u64 {

@@ -9,6 +9,7 @@ mod calls;
 mod guarded;
 mod layer;
 mod link;
+mod offer;
 mod places;
 mod rate;
 #[cfg(test)]
@@ -22,13 +23,16 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::{
     accept::{Incoming, incoming},
-    calls::Client,
+    calls::{Call, Client},
     guarded::Guarded,
-    layer::CallsLayer,
+    layer::{CallsLayer, refused},
     link::Link,
 };
 use self::{calls::Calls, places::Places};
-use crate::config::ConnectionsConfig;
+use crate::{config::ConnectionsConfig, error::Result};
+
+/// Descriptors that are not for connections: the database, blobs, pipes to children.
+const SPARED: u64 = 256;
 
 /// Takes as many file descriptors as the system lets this process have: each connection needs one, and the usual first
 /// limit is a thousand.
@@ -40,6 +44,12 @@ pub(crate) fn claim_descriptors() {
             tracing::warn!(%error, "the limit on open files stays as it was");
         }
     }
+}
+
+/// How many of `asked` connections the limit on descriptors leaves room for; `None` is no limit.
+fn affordable(asked: usize, descriptors: Option<u64>) -> usize {
+    let room = descriptors.map_or(u64::MAX, |limit| limit.saturating_sub(SPARED).max(1));
+    asked.min(usize::try_from(room).unwrap_or(usize::MAX))
 }
 
 /// What holds for every connection; clones share it.
@@ -56,7 +66,15 @@ struct Rules {
 
 impl Connections {
     pub(crate) fn new(config: ConnectionsConfig) -> Self {
-        let places = Places::new(config.max_connections, config.max_connections_per_address);
+        let most = affordable(config.max_connections, getrlimit(Resource::Nofile).current);
+        if most < config.max_connections {
+            tracing::warn!(
+                connections.most = most,
+                connections.asked = config.max_connections,
+                "the limit on open files (ulimit -n) leaves no room for --max-connections"
+            );
+        }
+        let places = Places::new(most, config.max_connections_per_address);
         let calls = Calls::new(config.calls_per_second, config.calls_at_once);
         Self(Arc::new(Rules { config, places, calls, cut: CancellationToken::new() }))
     }
@@ -75,7 +93,15 @@ impl Connections {
         incoming(self, listener, |stream| std::future::ready(Ok(stream)))
     }
 
-    /// What counts and limits calls.
+    /// Counts a call for its client.
+    ///
+    /// # Errors
+    /// Exhausted, saying when to try again.
+    pub(crate) fn count(&self, client: Client) -> Result<Call> {
+        self.0.calls.begin(client)
+    }
+
+    /// What watches calls.
     pub(crate) fn layer(&self) -> CallsLayer {
         CallsLayer::new(self.clone())
     }

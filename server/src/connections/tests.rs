@@ -1,9 +1,10 @@
 //! Peers that hold connections for nothing.
 
 #![allow(clippy::unwrap_used)]
-use std::{io::ErrorKind, net::SocketAddr, time::Duration};
+use std::{convert::Infallible, io::ErrorKind, net::SocketAddr, pin::Pin, time::Duration};
 
-use futures::StreamExt as _;
+use futures::{StreamExt as _, stream};
+use http_body::Body as _;
 use tokio::{
     io::{AsyncReadExt as _, AsyncWriteExt as _, DuplexStream, duplex},
     net::{TcpListener, TcpStream},
@@ -12,8 +13,10 @@ use tokio::{
 use tokio_util::sync::CancellationToken;
 
 use super::{
+    body::Answer,
     guarded::{Guarded, Terms},
     link::Link,
+    offer::Offer,
     *,
 };
 
@@ -71,11 +74,13 @@ async fn a_connection_with_a_call_may_be_silent_and_its_bytes_are_counted() {
 #[tokio::test(start_paused = true)]
 async fn a_peer_that_takes_nothing_is_given_up_and_a_slow_one_is_not() {
     let (mut ours, _theirs, _cut) = guarded();
+    ours.link().call();
     let begun = Instant::now();
     assert_eq!(ours.write_all(&[0; 100]).await.unwrap_err().kind(), ErrorKind::TimedOut);
     assert!(about(begun.elapsed(), STALL));
 
     let (mut ours, mut theirs, _cut) = guarded();
+    ours.link().call();
     let slow = tokio::spawn(async move {
         let mut taken = 0;
         while theirs.read_u8().await.is_ok() {
@@ -87,6 +92,62 @@ async fn a_peer_that_takes_nothing_is_given_up_and_a_slow_one_is_not() {
     ours.write_all(&[0; 100]).await.unwrap();
     drop(ours);
     assert_eq!(slow.await.unwrap(), 100);
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_answer_that_is_not_asked_for_ends_its_connection() {
+    let (mut ours, _theirs, _cut) = guarded();
+    ours.link().call();
+    let (taken, left) = (Offer::new(ours.link().clone()), Offer::new(ours.link().clone()));
+    tokio::time::sleep(STALL / 2).await;
+    taken.made();
+    left.made();
+    taken.taken();
+    let begun = Instant::now();
+    assert_eq!(ours.read_u8().await.unwrap_err().kind(), ErrorKind::TimedOut);
+    assert!(about(begun.elapsed(), STALL));
+    drop(left);
+    assert_eq!(ours.link().offers().oldest(), None, "what has ended is forgotten");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_peer_that_does_not_read_is_given_up_also_while_it_is_written_to() {
+    let (mut ours, mut theirs, _cut) = guarded();
+    ours.link().call();
+    let left = Offer::new(ours.link().clone());
+    left.made();
+    let reads = tokio::spawn(async move { while theirs.read_u8().await.is_ok() {} });
+    let begun = Instant::now();
+    let ended = loop {
+        if let Err(error) = ours.write_all(b"ping").await {
+            break error;
+        }
+        tokio::time::sleep(Duration::from_secs(1)).await;
+    };
+    assert_eq!(ended.kind(), ErrorKind::TimedOut);
+    assert!(begun.elapsed() < STALL + Duration::from_secs(2));
+    drop(ours);
+    reads.await.unwrap();
+}
+
+#[tokio::test]
+async fn a_large_answer_is_handed_out_in_pieces() {
+    let frames = [3, 10, 4].map(|length| Ok::<_, Infallible>(vec![7; length]));
+    let mut answer = Answer::new(axum::body::Body::from_stream(stream::iter(frames)), 4, None, None);
+    let mut pieces = Vec::new();
+    while let Some(frame) = std::future::poll_fn(|cx| Pin::new(&mut answer).poll_frame(cx)).await {
+        pieces.push(frame.unwrap().into_data().unwrap());
+    }
+    let lengths: Vec<usize> = pieces.iter().map(bytes::Bytes::len).collect();
+    assert_eq!(lengths, [3, 4, 4, 2, 4]);
+}
+
+#[test]
+fn connections_leave_descriptors_for_the_rest() {
+    assert_eq!(affordable(4096, None), 4096);
+    assert_eq!(affordable(4096, Some(1024)), 768);
+    assert_eq!(affordable(4096, Some(100)), 1);
+    assert_eq!(affordable(64, Some(1024)), 64);
 }
 
 #[tokio::test(start_paused = true)]

@@ -21,6 +21,11 @@ impl Health {
         self.reporter.set_service_status(S::NAME, ServingStatus::Serving).await;
     }
 
+    /// The names of those that serve.
+    pub(super) fn services(&self) -> impl Iterator<Item = &'static str> {
+        self.services.iter().copied().filter(|name| !name.is_empty())
+    }
+
     /// From now on none serves: whoever asks goes elsewhere.
     pub(super) async fn stop(&self) {
         for service in &self.services {

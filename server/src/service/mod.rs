@@ -13,6 +13,7 @@ mod segment;
 mod serve;
 mod snapshot;
 mod task;
+mod until;
 mod worker;
 
 use std::{net::SocketAddr, sync::Arc};
@@ -55,7 +56,7 @@ impl Rooms {
         let scorers = Scorers::new(config.policies.live_scorers, store.clone(), blobs.clone(), ingest.clone());
         let rollouts = Rollouts::open(&config, ingest.clone())?;
         let policies = Policies::new(&config, store.clone(), blobs.clone(), scorers.clone(), rollouts.clone());
-        let keeping = Keeping::start(&config, store.clone(), blobs.clone());
+        let keeping = Keeping::start(&config, store.clone(), blobs.clone(), ingest.clone());
         Ok(Self {
             config,
             store,

@@ -152,8 +152,11 @@ impl PolicyService for PoliciesFace {
         let opened = Arc::clone(&metrics);
         let read = move |message: tonic::Result<v1::SessionRequest>| {
             let input = message.map_err(from_peer).and_then(wire::session::session_input)?;
-            if let SessionInput::Open { deployment, .. } = &input {
+            if let SessionInput::Open { deployment, record, .. } = &input {
                 caller.uses(deployment)?;
+                if let Some(cohort) = record {
+                    caller.records_as(deployment, cohort)?;
+                }
                 opened.get_or_init(|| SessionMetrics::new(deployment.clone()));
             }
             Ok(input)

@@ -19,14 +19,20 @@ use tokio::{
 };
 use tokio_util::task::AbortOnDropHandle;
 use tonic::{service::Routes, transport::Server};
+use tonic_health::pb::health_server;
+use tonic_reflection::{
+    pb::v1::server_reflection_server::{self, ServerReflection, ServerReflectionServer},
+    server::Builder,
+};
 
 use super::{
     Rooms, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace,
-    policy::PoliciesFace, schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, worker::Workers,
+    policy::PoliciesFace, schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, until::Until,
+    worker::Workers,
 };
 use crate::{
     Listeners,
-    access::{Book, Guard, tls},
+    access::{self, Book, Guard, tls},
     connections::{self, Connections},
     error::{Error, Result},
     telemetry::RpcLayer,
@@ -37,6 +43,8 @@ const STREAM_WINDOW: u32 = 4 << 20;
 const CONNECTION_WINDOW: u32 = 16 << 20;
 /// Largest piece of a message. In the default's 16 KiB, a small observation comes in a dozen reads.
 const FRAME: u32 = 1 << 20;
+/// Largest message to a service that takes neither images nor recordings.
+const SMALL: usize = 4 << 20;
 /// How long the last words of streams that the drain has ended may take to their readers.
 const FAREWELL: Duration = Duration::from_secs(1);
 
@@ -48,8 +56,8 @@ const FAREWELL: Duration = Duration::from_secs(1);
 pub(crate) async fn serve(rooms: &Rooms, listeners: Listeners, stop: impl Future<Output = ()> + Send) -> Result<()> {
     let connections = Connections::new(rooms.config.connections.clone());
     let Listeners { calls, tls, workers, pages: _ } = listeners;
-    let (guard, _keeping_up) = guard(rooms, tls.is_some()).await?;
-    let _workers = workers.map(|listener| for_workers(rooms, &connections, listener));
+    let (guard, _keeping_up) = guard(rooms, tls.is_some(), &connections).await?;
+    let _workers = for_workers(rooms, workers);
     let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
     let (routes, health) = routes(rooms).await?;
     let config = connections.config();
@@ -60,7 +68,7 @@ pub(crate) async fn serve(rooms: &Rooms, listeners: Listeners, stop: impl Future
         .initial_connection_window_size(CONNECTION_WINDOW)
         .max_frame_size(FRAME)
         .max_concurrent_streams(rooms.config.limits.max_streams)
-        .layer(RpcLayer)
+        .layer(RpcLayer(access::method))
         .layer(guard)
         .layer(connections.layer())
         .add_routes(routes);
@@ -94,7 +102,7 @@ pub(crate) async fn serve(rooms: &Rooms, listeners: Listeners, stop: impl Future
 }
 
 /// The guard before the services, and what keeps its book up to date.
-async fn guard(rooms: &Rooms, encrypted: bool) -> Result<(Guard, AbortOnDropHandle<()>)> {
+async fn guard(rooms: &Rooms, encrypted: bool, connections: &Connections) -> Result<(Guard, AbortOnDropHandle<()>)> {
     let config = &rooms.config;
     let loopback = config.listen.ip().is_loopback();
     let required = config.access.tokens_required(loopback, config.insecure);
@@ -108,18 +116,24 @@ async fn guard(rooms: &Rooms, encrypted: bool) -> Result<(Guard, AbortOnDropHand
     if required && book.is_empty() {
         tracing::warn!("callers must show a token and there is none: make one with `gleaner-server token create`");
     }
-    let guard = Guard::new(book.clone(), rooms.store.clone(), required);
+    let guard = Guard::new(book.clone(), rooms.store.clone(), required, connections.clone());
     Ok((guard, AbortOnDropHandle::new(tokio::spawn(async move { book.keep_up().await }))))
 }
 
-/// Serves our own workers where calls are encrypted: nothing but their service, on this machine only. Each call shows the
-/// token of its job.
-fn for_workers(rooms: &Rooms, connections: &Connections, listener: TcpListener) -> AbortOnDropHandle<()> {
+/// Serves our own workers: nothing but their service, on this machine only. Each call shows the token of its job, and what
+/// happens on the callers' connections takes nothing from theirs.
+fn for_workers(rooms: &Rooms, listener: TcpListener) -> AbortOnDropHandle<()> {
+    let connections = Connections::new(rooms.config.connections.clone());
     let limit = rooms.config.limits.max_message_bytes;
     let service = WorkerServiceServer::new(Workers(rooms.clone()))
         .max_decoding_message_size(limit)
         .max_encoding_message_size(limit);
-    let server = Server::builder().layer(RpcLayer).layer(connections.layer()).add_service(service);
+    let server = Server::builder()
+        .max_concurrent_streams(rooms.config.limits.max_streams)
+        .layer(RpcLayer(access::method))
+        .layer(Guard::of_workers(rooms.jobs.clone()))
+        .layer(connections.layer())
+        .add_service(service);
     let incoming = connections.plain(listener);
     AbortOnDropHandle::new(tokio::spawn(async move {
         if let Err(error) = server.serve_with_incoming(incoming).await {
@@ -130,32 +144,38 @@ fn for_workers(rooms: &Rooms, connections: &Connections, listener: TcpListener) 
 
 async fn routes(rooms: &Rooms) -> Result<(Routes, Health)> {
     let limit = rooms.config.limits.max_message_bytes;
+    let small = limit.min(SMALL);
     let (reporter, health_service) = tonic_health::server::health_reporter();
     let mut health = Health::new(reporter);
-    let reflection = tonic_reflection::server::Builder::configure()
-        .register_encoded_file_descriptor_set(gleaner_proto::DESCRIPTORS)
-        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
-        .build_v1()
-        .map_err(|error| Error::internal("building server reflection", error))?;
-    let mut routes = Routes::new(health_service).add_service(reflection);
+    let mut routes = Routes::new(Until::new(health_service, rooms.stopping.clone()));
     macro_rules! add {
-        ($($server:ident($face:ident)),* $(,)?) => {$(
-            let service = $server::new($face(rooms.clone())).max_decoding_message_size(limit).max_encoding_message_size(limit);
+        ($($server:ident($face:ident): $most:ident),* $(,)?) => {$(
+            let service = $server::new($face(rooms.clone())).max_decoding_message_size($most).max_encoding_message_size(limit);
             health.serves(&service).await;
             routes = routes.add_service(service);
         )*};
     }
     add!(
-        TaskServiceServer(Tasks),
-        EpisodeServiceServer(Episodes),
-        SnapshotServiceServer(Snapshots),
-        JobServiceServer(JobsFace),
-        ScheduleServiceServer(Schedules),
-        ScoreServiceServer(Scores),
-        DatasetServiceServer(Datasets),
-        PolicyServiceServer(PoliciesFace),
-        WorkerServiceServer(Workers),
-        GrpcInferenceServiceServer(InferenceFace),
+        TaskServiceServer(Tasks): small,
+        EpisodeServiceServer(Episodes): limit,
+        SnapshotServiceServer(Snapshots): small,
+        JobServiceServer(JobsFace): small,
+        ScheduleServiceServer(Schedules): small,
+        ScoreServiceServer(Scores): limit,
+        DatasetServiceServer(Datasets): small,
+        PolicyServiceServer(PoliciesFace): limit,
+        GrpcInferenceServiceServer(InferenceFace): limit,
     );
-    Ok((routes, health))
+    let reflection = reflection(&health)?;
+    Ok((routes.add_service(Until::new(reflection, rooms.stopping.clone())), health))
+}
+
+/// Tells of every service here; not of the workers', which is elsewhere.
+fn reflection(health: &Health) -> Result<ServerReflectionServer<impl ServerReflection>> {
+    let told = health.services().chain([health_server::SERVICE_NAME, server_reflection_server::SERVICE_NAME]);
+    told.fold(tonic_reflection::server::Builder::configure(), Builder::with_service_name)
+        .register_encoded_file_descriptor_set(gleaner_proto::DESCRIPTORS)
+        .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+        .build_v1()
+        .map_err(|error| Error::internal("building server reflection", error))
 }

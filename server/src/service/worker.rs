@@ -1,11 +1,13 @@
-//! WorkerService: what running workers ask and say. Every call proves to come from a running attempt.
+//! WorkerService: what running workers ask and say. The guard knows which attempt each call comes from.
 
 use futures::{StreamExt as _, TryStreamExt as _, stream, stream::BoxStream};
 use gleaner_proto::v1::{self, worker_service_server::WorkerService};
-use tonic::{Request, Response, Streaming, metadata::MetadataMap};
+use prost::Message as _;
+use tonic::{Request, Response, Streaming};
 
 use super::Rooms;
 use crate::{
+    access::Worker,
     domain::{
         attempt::Attempt,
         job::{Job, JobSpec},
@@ -13,7 +15,7 @@ use crate::{
     error::{Error, Result},
     wire::{
         self,
-        status::{from_error, from_peer, not_this_job},
+        status::{from_error, from_peer},
         worker::Completion,
     },
 };
@@ -22,16 +24,17 @@ use crate::{
 pub(crate) struct Workers(pub(crate) Rooms);
 
 impl Workers {
-    /// The attempt that the caller proves to be.
-    async fn caller(&self, metadata: &MetadataMap) -> tonic::Result<(Attempt, Job)> {
-        let token = metadata.get("authorization").and_then(|value| value.to_str().ok()?.strip_prefix("Bearer "));
-        let token = token.ok_or_else(not_this_job)?;
-        self.0.jobs.authenticate(token).await.map_err(from_error)?.ok_or_else(not_this_job)
-    }
-
     async fn assignment(&self, job: Job) -> Result<v1::GetAssignmentResponse> {
         let inputs = self.0.jobs.inputs(&job).await?;
-        Ok(wire::worker::assignment(job, inputs))
+        let assignment = wire::worker::assignment(job, inputs);
+        let (size, most) = (assignment.encoded_len(), self.0.config.limits.max_message_bytes);
+        if size > most {
+            return Err(Error::precondition(format!(
+                "what this job works on takes {size} bytes to tell, more than a message may have ({most}): keep fewer steps, or \
+                 raise --max-message-bytes at the server"
+            )));
+        }
+        Ok(assignment)
     }
 
     /// One episode's scores at a time, read as the worker takes them.
@@ -95,7 +98,7 @@ impl WorkerService for Workers {
         &self,
         request: Request<v1::GetAssignmentRequest>,
     ) -> tonic::Result<Response<v1::GetAssignmentResponse>> {
-        let (_, job) = self.caller(request.metadata()).await?;
+        let Worker { job, .. } = Worker::of(&request).map_err(from_error)?;
         self.assignment(job).await.map(Response::new).map_err(from_error)
     }
 
@@ -103,7 +106,7 @@ impl WorkerService for Workers {
         &self,
         request: Request<v1::StreamBaseScoresRequest>,
     ) -> tonic::Result<Response<Self::StreamBaseScoresStream>> {
-        let (_, job) = self.caller(request.metadata()).await?;
+        let Worker { job, .. } = Worker::of(&request).map_err(from_error)?;
         self.base_scores(job).await.map(Response::new).map_err(from_error)
     }
 
@@ -111,7 +114,7 @@ impl WorkerService for Workers {
         &self,
         request: Request<v1::ReportProgressRequest>,
     ) -> tonic::Result<Response<v1::ReportProgressResponse>> {
-        let (attempt, _) = self.caller(request.metadata()).await?;
+        let Worker { attempt, .. } = Worker::of(&request).map_err(from_error)?;
         self.progress(&attempt, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
@@ -119,7 +122,7 @@ impl WorkerService for Workers {
         &self,
         request: Request<v1::SaveCheckpointRequest>,
     ) -> tonic::Result<Response<v1::SaveCheckpointResponse>> {
-        let (attempt, _) = self.caller(request.metadata()).await?;
+        let Worker { attempt, .. } = Worker::of(&request).map_err(from_error)?;
         self.checkpoint(&attempt, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
@@ -127,12 +130,12 @@ impl WorkerService for Workers {
         &self,
         request: Request<Streaming<v1::CompleteJobRequest>>,
     ) -> tonic::Result<Response<v1::CompleteJobResponse>> {
-        let (attempt, job) = self.caller(request.metadata()).await?;
+        let Worker { attempt, job } = Worker::of(&request).map_err(from_error)?;
         self.complete(&attempt, &job, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
     async fn fail_job(&self, request: Request<v1::FailJobRequest>) -> tonic::Result<Response<v1::FailJobResponse>> {
-        let (attempt, _) = self.caller(request.metadata()).await?;
+        let Worker { attempt, .. } = Worker::of(&request).map_err(from_error)?;
         self.fail(&attempt, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 }

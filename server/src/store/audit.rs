@@ -65,6 +65,14 @@ impl Store {
 }
 
 #[cfg(test)]
+impl Store {
+    /// Keeps everybody else from writing until it is dropped.
+    pub(crate) async fn hold_writer(&self) -> Result<impl Sized> {
+        self.write().await
+    }
+}
+
+#[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
     use super::{super::testing, *};

@@ -15,15 +15,21 @@ use ulid::Ulid;
 
 use super::{metrics, request};
 
+/// The name of an rpc of this server by its path.
+type Name = fn(&str) -> Option<&'static str>;
+
+/// What everything else is counted under, so that nobody can make up names without end.
+const UNKNOWN: &str = "unknown";
+
 /// Wraps the services; see [`RpcService`].
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct RpcLayer;
+pub(crate) struct RpcLayer(pub(crate) Name);
 
 impl<S> Layer<S> for RpcLayer {
     type Service = RpcService<S>;
 
     fn layer(&self, inner: S) -> RpcService<S> {
-        RpcService { inner }
+        RpcService { inner, name: self.0 }
     }
 }
 
@@ -31,6 +37,7 @@ impl<S> Layer<S> for RpcLayer {
 #[derive(Debug, Clone)]
 pub(crate) struct RpcService<S> {
     inner: S,
+    name: Name,
 }
 
 impl<S, I, O> Service<Request<I>> for RpcService<S>
@@ -48,7 +55,8 @@ where
     }
 
     fn call(&mut self, request: Request<I>) -> Self::Future {
-        let call = Call::begin(request.uri().path());
+        let path = request.uri().path();
+        let call = Call::begin(path, (self.name)(path).unwrap_or(UNKNOWN));
         let answer = call.within(|| self.inner.call(request));
         Box::pin(Within { call: Some(call), answer: Box::pin(answer) })
     }
@@ -58,17 +66,17 @@ where
 struct Call {
     id: Ulid,
     span: Span,
-    path: String,
+    method: &'static str,
     begun: Instant,
     /// How it ended, once that is known.
     code: Option<Code>,
 }
 
 impl Call {
-    fn begin(path: &str) -> Self {
+    fn begin(path: &str, method: &'static str) -> Self {
         let id = Ulid::generate();
         let span = tracing::info_span!("rpc", rpc.path = path, request.id = %id, rpc.code = tracing::field::Empty);
-        Self { id, span, path: path.to_owned(), begun: Instant::now(), code: None }
+        Self { id, span, method, begun: Instant::now(), code: None }
     }
 
     fn within<T>(&self, work: impl FnOnce() -> T) -> T {
@@ -93,7 +101,7 @@ impl Drop for Call {
         // Without a word how it ended: the caller has gone, or broke it off.
         let code = self.code.unwrap_or(Code::Cancelled);
         self.span.record("rpc.code", metrics::code(code));
-        metrics::rpc(&self.path, code, self.begun.elapsed());
+        metrics::rpc(self.method, code, self.begun.elapsed());
     }
 }
 

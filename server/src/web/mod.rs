@@ -33,7 +33,7 @@ struct Shown {
     metrics: PrometheusHandle,
 }
 
-/// Opens the pages, until what this gives is dropped. Call it before anything is counted.
+/// Opens the pages, until what this gives is dropped.
 ///
 /// # Errors
 /// Internal when metrics cannot be set up.

@@ -1,6 +1,6 @@
 //! The one table from our errors to gRPC status codes. Logs each error once, where it leaves the house.
 
-use tonic::{Code, Status};
+use tonic::{Code, Status, codegen::http::HeaderMap};
 
 use crate::{
     error::{Error, Kind},
@@ -40,6 +40,14 @@ pub(crate) fn from_error(error: Error) -> Status {
     Status::new(code, told(error.message()))
 }
 
+/// The trailers that end a call with an error.
+pub(crate) fn last_words(error: Error) -> HeaderMap {
+    let mut trailers = HeaderMap::new();
+    // Fails for messages that fit no header; ours are cut.
+    let _ = from_error(error).add_header(&mut trailers);
+    trailers
+}
+
 /// A message travels in a header, where non-ASCII takes three bytes for one and 16 KiB is common; and some repeat what the
 /// caller sent.
 fn told(message: &str) -> String {
@@ -50,18 +58,13 @@ fn told(message: &str) -> String {
     format!("{} … (and more)", message.get(..end).unwrap_or_default())
 }
 
-/// A worker's call without a valid token of a running attempt.
-pub(crate) fn not_this_job() -> Status {
-    Status::unauthenticated("this call needs the token of a running attempt of a job")
-}
-
 /// A call of an rpc that is not in the authorisation table, hence none of ours.
 pub(crate) fn no_such_rpc() -> Status {
     Status::unimplemented("this server has no such rpc; is it older than its client?")
 }
 
-/// What a stream's sender did wrong, when the transport tells instead of a message: it went away, or sent one that
-/// is too large or no message at all.
+/// What a stream's sender did wrong, when the transport tells instead of a message: it went away, sent one that is too
+/// large or no message at all, or may not send any more.
 pub(crate) fn from_peer(status: Status) -> Error {
     let message = status.message();
     if matches!(status.code(), Code::OutOfRange | Code::ResourceExhausted) {
@@ -70,6 +73,8 @@ pub(crate) fn from_peer(status: Status) -> Error {
         Error::invalid("message", format!("cannot be read: {message}"))
     } else if status.code() == Code::DeadlineExceeded {
         Error::late(message)
+    } else if status.code() == Code::Unauthenticated {
+        Error::unauthenticated(message)
     } else {
         Error::cancelled(format!("the caller has gone: {message}"))
     }

@@ -1,0 +1,39 @@
+//! Who calls where our own workers call: the worker of one running attempt of a job, which its token proves.
+
+use tonic::codegen::http::HeaderMap;
+
+use super::secret;
+use crate::{
+    domain::{attempt::Attempt, job::Job},
+    error::{Error, Result},
+    jobs::Jobs,
+};
+
+/// A worker, once the guard knows which.
+#[derive(Debug, Clone)]
+pub(crate) struct Worker {
+    pub(crate) attempt: Attempt,
+    pub(crate) job: Job,
+}
+
+impl Worker {
+    /// The worker that makes a request.
+    ///
+    /// # Errors
+    /// Internal when no guard stands before the service.
+    pub(crate) fn of<T>(request: &tonic::Request<T>) -> Result<Self> {
+        let worker = request.extensions().get::<Self>().cloned();
+        worker.ok_or_else(|| Error::internal("asking which worker calls", "no guard stands before this service"))
+    }
+
+    /// The worker that a request proves to be from.
+    ///
+    /// # Errors
+    /// Unauthenticated.
+    pub(super) async fn prove(jobs: &Jobs, headers: &HeaderMap) -> Result<Self> {
+        let not_this_job = || Error::unauthenticated("this call needs the token of a running attempt of a job");
+        let token = secret::bearer(headers)?.ok_or_else(not_this_job)?;
+        let (attempt, job) = jobs.authenticate(token).await?.ok_or_else(not_this_job)?;
+        Ok(Self { attempt, job })
+    }
+}
