@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import socket
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import grpc
 import pytest
 
 import gleaner
 from conftest import Server, half_an_upload
+from gleaner._proto.v1 import episode_pb2 as pb
+from gleaner._upload import Upload
 
 
 def free_port() -> int:
@@ -57,6 +62,28 @@ def test_what_may_be_repeated_outlives_a_restart(
             assert [known.id for known in own.episodes.list(task)] == [episode.id]
     finally:
         server.stop()
+
+
+def test_the_end_of_an_upload_has_no_time_limit() -> None:
+    """The server inspects the whole recording before it answers."""
+    limits: dict[str, float] = {}
+
+    class Noting(grpc.GenericRpcHandler):
+        def service(self, details: grpc.HandlerCallDetails) -> grpc.RpcMethodHandler:
+            def note(_: bytes, context: grpc.ServicerContext) -> bytes:
+                limits[details.method] = context.time_remaining() or math.inf
+                return b""
+
+            return grpc.unary_unary_rpc_method_handler(note)
+
+    server = grpc.server(ThreadPoolExecutor(1), handlers=[Noting()])
+    port = server.add_insecure_port("127.0.0.1:0")
+    server.start()
+    with gleaner.connect(f"127.0.0.1:{port}", timeout=20) as client:
+        Upload(client._rpc, Path("of no bytes"), pb.StartUploadRequest(), progress=lambda _: None).run()
+    server.stop(None).wait()
+    service = "/gleaner.v1.EpisodeService"
+    assert limits[f"{service}/StartUpload"] <= 20 < 1e9 < limits[f"{service}/FinishUpload"]
 
 
 def test_every_error_can_be_caught_as_one() -> None:
