@@ -83,7 +83,7 @@ def test_the_end_of_an_upload_has_no_time_limit() -> None:
     with gleaner.connect(f"127.0.0.1:{port}", timeout=20) as client:
         Upload(client._rpc, Path("of no bytes"), pb.StartUploadRequest(), progress=lambda _: None).run()
     server.stop(None).wait()
-    assert limits["StartUpload"] <= 20
+    assert limits["StartUpload"] < 60
     assert limits["FinishUpload"] > 1e9
 
 
