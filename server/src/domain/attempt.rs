@@ -69,7 +69,7 @@ impl AttemptEnd {
             return over(JobState::Cancelled, "cancelled".to_owned(), String::new());
         }
         match self {
-            Self::Stopped => again(attempt.saturating_sub(1), "the server stopped"),
+            Self::Stopped => again(attempt.saturating_sub(1), "the server had to stop it"),
             Self::Broken(what) if attempt < max_attempts => again(attempt, what),
             Self::Broken(what) => over(
                 JobState::Failed,
