@@ -41,5 +41,6 @@ mod scoring;
 mod selection;
 mod server;
 mod shared;
+mod skipped;
 mod telemetry;
 mod tidy;
