@@ -1,12 +1,15 @@
 //! Who is let in: tokens, roles, TLS, the audit log, and that no secret is told.
 
+mod ending;
 mod guarded;
 mod paths;
 mod raw;
+mod reload;
+mod workers;
 
 use std::time::Duration;
 
-use gleaner_client::{Client, UploadLabel};
+use gleaner_client::Client;
 use gleaner_proto::{
     Rpc,
     inference::{ModelInferRequest, grpc_inference_service_client::GrpcInferenceServiceClient},
@@ -15,10 +18,7 @@ use gleaner_proto::{
 use tonic::{Code, Request, transport::Channel};
 
 use self::guarded::Guarded;
-use crate::{
-    bad_input::refused,
-    lab::{self, RECORDINGS},
-};
+use crate::{bad_input::refused, lab, refusals::NOBODY};
 
 /// No event in these tests takes longer.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -90,8 +90,12 @@ async fn nothing_but_its_health_is_told_to_who_has_no_token() {
     let channel = raw::connect(&server).await;
     for rpc in Rpc::ALL {
         let code = raw::call(&channel, rpc.path(), None, Vec::new()).await;
-        let open = rpc.path().ends_with("/ServerLive") || rpc.path().ends_with("/ServerReady");
-        assert_eq!(code, if open { Code::Ok } else { Code::Unauthenticated }, "{}", rpc.path());
+        let expected = match rpc.path().rsplit(['/', '.']).next().unwrap() {
+            "ServerLive" | "ServerReady" => Code::Ok,
+            _ if rpc.path().contains(".WorkerService/") => Code::Unimplemented,
+            _ => Code::Unauthenticated,
+        };
+        assert_eq!(code, expected, "{}", rpc.path());
     }
     let health = "/grpc.health.v1.Health/Check";
     // The message that asks reflection for the list of services.
@@ -105,9 +109,6 @@ async fn nothing_but_its_health_is_told_to_who_has_no_token() {
         raw::call(&channel, "/gleaner.v1.TaskService/Nothing", Some(&viewer), Vec::new()).await,
         Code::Unimplemented
     );
-    let worker = Rpc::WorkerServiceGetAssignment.path();
-    let admin = server.token("admin", &[]).await;
-    assert_eq!(raw::call(&channel, worker, Some(&admin), Vec::new()).await, Code::Unauthenticated, "no job's token");
 }
 
 #[tokio::test]
@@ -127,89 +128,36 @@ async fn a_robot_has_its_own_deployments_and_no_others() {
         assert_eq!(end(session).await, code, "{deployment}");
         assert_eq!(infer(&channel, &token, deployment).await, code, "{deployment}");
     }
+    // Its episodes have the cohort of its deployment, so that it cannot put them among the experts.
+    let open =
+        SessionOpen { deployment: "arm@prod".into(), record: true, cohort: "experts".into(), ..Default::default() };
+    let open = SessionRequest { message: Some(session_request::Message::Open(open)) };
+    let session = robot.policies().session(tokio_stream::iter([open])).await.unwrap().into_inner();
+    assert_eq!(end(session).await, Code::PermissionDenied);
     assert_eq!(list(&robot).await, Code::PermissionDenied);
     let deployments = robot.policies().list_deployments(ListDeploymentsRequest::default()).await.unwrap();
     assert!(deployments.into_inner().deployments.is_empty());
+}
+
+#[tokio::test]
+async fn only_an_admin_deletes_by_force() {
+    let server = Guarded::start(&["--workers", "0"], &[]).await;
+    for (role, code) in
+        [("contributor", Code::PermissionDenied), ("trainer", Code::PermissionDenied), ("admin", Code::NotFound)]
+    {
+        let client = server.client(Some(&server.token(role, &[]).await)).await;
+        let delete = |force| DeleteEpisodesRequest { episode_ids: vec![format!("ep_{NOBODY}")], force };
+        let forced = client.episodes().delete_episodes(delete(true)).await.unwrap_err();
+        assert_eq!(forced.code(), code, "{role}: {forced}");
+        let usual = client.episodes().delete_episodes(delete(false)).await.unwrap_err();
+        assert_eq!(usual.code(), Code::NotFound, "{role}: {usual}");
+    }
 }
 
 async fn infer(channel: &Channel, token: &str, model: &str) -> Code {
     let mut request = Request::new(ModelInferRequest { model_name: model.into(), ..Default::default() });
     request.metadata_mut().insert("authorization", format!("Bearer {token}").parse().unwrap());
     GrpcInferenceServiceClient::new(channel.clone()).model_infer(request).await.unwrap_err().code()
-}
-
-/// What a job's process is given: its own token and what any program needs. No secret of the server's.
-const GIVEN: [&str; 13] = [
-    "PATH",
-    "HOME",
-    "TMPDIR",
-    "TZ",
-    "LANG",
-    "LD_LIBRARY_PATH",
-    "CUDA_VISIBLE_DEVICES",
-    "MKL_NUM_THREADS",
-    "RUST_BACKTRACE",
-    "GLEANER_LOG",
-    "GLEANER_LOG_JSON",
-    "OMP_WAIT_POLICY",
-    "GLEANER_JOB_TOKEN",
-];
-
-#[tokio::test]
-async fn a_server_that_encrypts_runs_jobs_and_its_workers_know_little() {
-    let server =
-        Guarded::start(&[], &[("AWS_SECRET_ACCESS_KEY", "the crown jewels"), ("GLEANER_TOKEN", "another")]).await;
-    let client = server.client(Some(&server.token("trainer", &[]).await)).await;
-    lab_task(&client).await;
-    for recording in [&RECORDINGS[0], &RECORDINGS[6]] {
-        let file = tempfile::Builder::new().suffix(".mcap").tempfile().unwrap();
-        std::fs::write(file.path(), &recording.bytes).unwrap();
-        let label = UploadLabel { outcome: recording.outcome, cohort: String::new(), author: String::new() };
-        client.upload(lab::TASK, file.path(), &label, |_| ()).await.unwrap();
-    }
-    let request = SubmitJobRequest {
-        task: lab::TASK.into(),
-        spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
-        ..Default::default()
-    };
-    let job = client.jobs().submit_job(request).await.unwrap().into_inner().job.unwrap();
-    let mut seen = Vec::new();
-    let watching = async {
-        let request = WatchJobRequest { job_id: job.id.clone() };
-        let mut events = client.jobs().watch_job(request).await.unwrap().into_inner();
-        loop {
-            let job = events.message().await.unwrap().unwrap().job.unwrap();
-            seen.extend(environments(server.child.id().unwrap()));
-            if gleaner_client::has_ended(job.state()) {
-                return job;
-            }
-        }
-    };
-    let ended = tokio::time::timeout(PATIENCE, watching).await.unwrap();
-    assert_eq!(ended.state(), JobState::Succeeded, "{}", ended.error);
-    assert!(!seen.is_empty(), "no worker was seen");
-    for environment in seen {
-        for variable in environment.split('\0').filter(|variable| !variable.is_empty()) {
-            let name = variable.split('=').next().unwrap();
-            assert!(GIVEN.contains(&name), "a worker was given {name}");
-        }
-    }
-}
-
-/// The environments of the workers that a server runs now.
-fn environments(server: u32) -> Vec<String> {
-    let mut found = Vec::new();
-    for task in std::fs::read_dir(format!("/proc/{server}/task")).unwrap() {
-        let Ok(children) = std::fs::read_to_string(task.unwrap().path().join("children")) else { continue };
-        for pid in children.split_whitespace() {
-            let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-            if command.split(|&byte| byte == 0).any(|word| word == b"worker") {
-                found.extend(std::fs::read_to_string(format!("/proc/{pid}/environ")).ok());
-            }
-        }
-    }
-    found.retain(|environment| environment.contains("GLEANER_JOB_TOKEN"));
-    found
 }
 
 /// All levels of the log are on.
@@ -229,12 +177,5 @@ async fn no_log_and_no_file_tells_a_token() {
     let log = server.log();
     assert!(log.contains("ListTasks") && log.contains("TRACE"), "the log was not at its most talkative");
     let key = std::fs::read_to_string(server.data_dir().parent().unwrap().join("key")).unwrap();
-    let private = key.lines().nth(1).unwrap();
-    let files =
-        ["gleaner.db", "gleaner.db-wal"].map(|name| std::fs::read(server.data_dir().join(name)).unwrap_or_default());
-    for secret in [good.as_str(), gone.as_str(), unknown, private] {
-        assert!(!log.contains(secret), "{}", log.lines().find(|line| line.contains(secret)).unwrap());
-        let tells = |bytes: &[u8]| bytes.windows(secret.len()).any(|part| part == secret.as_bytes());
-        assert!(!files.iter().any(|bytes| tells(bytes)));
-    }
+    server.tells_nobody([good.as_str(), gone.as_str(), unknown, key.lines().nth(1).unwrap()]);
 }

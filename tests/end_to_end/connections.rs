@@ -1,5 +1,7 @@
 //! Peers that take more than their share: silent, half-open and dripping ones, and ones that call too often.
 
+mod unread;
+
 use std::time::{Duration, Instant};
 
 use futures::{StreamExt as _, future::join_all, stream};

@@ -9,7 +9,7 @@ use tonic_reflection::pb::v1::{
 
 use crate::server::TestServer;
 
-const SERVICES: [&str; 10] = [
+const SERVICES: [&str; 9] = [
     "gleaner.v1.TaskService",
     "gleaner.v1.EpisodeService",
     "gleaner.v1.SnapshotService",
@@ -18,7 +18,6 @@ const SERVICES: [&str; 10] = [
     "gleaner.v1.ScoreService",
     "gleaner.v1.DatasetService",
     "gleaner.v1.PolicyService",
-    "gleaner.v1.WorkerService",
     "inference.GRPCInferenceService",
 ];
 
@@ -42,6 +41,9 @@ async fn every_service_is_healthy_and_reflected() {
         panic!("no list of services");
     };
     let listed: Vec<String> = listed.service.into_iter().map(|service| service.name).collect();
+
+    assert!(!listed.iter().any(|name| name.contains("WorkerService")), "it is served elsewhere: {listed:?}");
+    assert_eq!(listed.len(), SERVICES.len() + 2, "health, reflection and ours: {listed:?}");
 
     let mut health = HealthClient::new(channel);
     for service in SERVICES {

@@ -78,7 +78,12 @@ pub async fn push(api: &mut Api, task: &str, recording: &Recording) -> Result<Ep
 }
 
 pub async fn start(api: &mut Api, task: &str, recording: &Recording) -> Result<StartUploadResponse, Status> {
-    let request = StartUploadRequest {
+    Ok(api.episodes.start_upload(upload(task, recording)).await?.into_inner())
+}
+
+/// What begins an upload.
+pub fn upload(task: &str, recording: &Recording) -> StartUploadRequest {
+    StartUploadRequest {
         task: task.to_owned(),
         file_name: recording.name.clone(),
         size_bytes: recording.bytes.len().try_into().unwrap(),
@@ -86,8 +91,7 @@ pub async fn start(api: &mut Api, task: &str, recording: &Recording) -> Result<S
         outcome: recording.outcome.into(),
         cohort: recording.cohort.clone(),
         author: "tests".to_owned(),
-    };
-    Ok(api.episodes.start_upload(request).await?.into_inner())
+    }
 }
 
 /// Writes bytes from an offset on; gives back the committed size.

@@ -47,6 +47,13 @@ impl TestServer {
         &self.url
     }
 
+    /// Where its workers call.
+    pub fn workers_url(&self) -> String {
+        let others: Vec<&str> = [Some(self.url()), self.metrics.as_deref()].into_iter().flatten().collect();
+        let apart = |port: &u16| !others.iter().any(|url| url.split(['/', ':']).any(|part| part == port.to_string()));
+        format!("http://127.0.0.1:{}", ports(self.pid()).into_iter().find(apart).unwrap())
+    }
+
     /// Where its metrics are, with `--web-listen`.
     pub fn metrics(&self) -> &str {
         self.metrics.as_deref().expect("started with --web-listen")
@@ -87,6 +94,34 @@ impl TestServer {
         command.envs(fail_point.map(|name| ("GLEANER_FAIL_POINT", name)));
         self.child = command.spawn().unwrap();
         listening(&mut self.child).await.is_some()
+    }
+
+    /// Starts one as the first process of a namespace of its own, as in a container; `None` where that may not be.
+    pub async fn start_as_init(data: &Path, flags: &[&str]) -> Option<Self> {
+        let unshare = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child"];
+        let allowed = Command::new("unshare").args(unshare).arg("true").stderr(Stdio::null()).status().await;
+        if !allowed.is_ok_and(|status| status.success()) {
+            return None;
+        }
+        let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
+        let plain = serve(data, &flags, "127.0.0.1:0");
+        let mut command = Command::new("unshare");
+        command.args(unshare).arg(plain.as_std().get_program()).args(plain.as_std().get_args());
+        let mut child = command.stdout(Stdio::piped()).kill_on_drop(true).spawn().unwrap();
+        let (url, metrics) = listening(&mut child).await.expect("the server ended before it listened");
+        Some(Self { data: data.to_owned(), _own: None, flags, child, url, metrics })
+    }
+
+    /// Asks the child of what was started to stop.
+    pub fn terminate(&self) {
+        let children = std::fs::read_to_string(format!("/proc/{0}/task/{0}/children", self.pid())).unwrap();
+        let pid = rustix::process::Pid::from_raw(children.split_whitespace().next().unwrap().parse().unwrap()).unwrap();
+        rustix::process::kill_process(pid, rustix::process::Signal::TERM).unwrap();
+    }
+
+    /// Waits until it has ended; says whether well.
+    pub async fn ended(&mut self) -> bool {
+        self.child.wait().await.unwrap().success()
     }
 
     /// Waits until it has died by itself.
@@ -148,4 +183,18 @@ async fn listening(child: &mut Child) -> Option<Addresses> {
             }
         }
     }
+}
+
+/// The ports of IPv4 loopback that a process listens on.
+pub fn ports(pid: u32) -> Vec<u16> {
+    let files = std::fs::read_dir(format!("/proc/{pid}/fd")).unwrap();
+    let open: Vec<PathBuf> = files.filter_map(|file| std::fs::read_link(file.unwrap().path()).ok()).collect();
+    let sockets = std::fs::read_to_string(format!("/proc/{pid}/net/tcp")).unwrap();
+    let listening = sockets.lines().filter_map(|line| {
+        let cells: Vec<&str> = line.split_whitespace().collect();
+        let port = cells.get(1)?.strip_prefix("0100007F:")?;
+        let own = open.contains(&PathBuf::from(format!("socket:[{}]", cells.get(9)?)));
+        (own && cells[3] == "0A").then(|| u16::from_str_radix(port, 16).unwrap())
+    });
+    listening.collect()
 }

@@ -61,6 +61,30 @@ impl Guarded {
         String::from_utf8_lossy(&std::fs::read(self.folder.path().join("log")).unwrap()).into_owned()
     }
 
+    /// Neither its log, which should be at its most talkative, nor its database has any of these.
+    pub fn tells_nobody<'a>(&self, secrets: impl IntoIterator<Item = &'a str>) {
+        let log = self.log();
+        assert!(log.contains("TRACE"), "the log is not at its most talkative");
+        let files =
+            ["gleaner.db", "gleaner.db-wal"].map(|name| std::fs::read(self.data_dir().join(name)).unwrap_or_default());
+        for secret in secrets {
+            assert!(!log.contains(secret), "{}", log.lines().find(|line| line.contains(secret)).unwrap());
+            let tells = |bytes: &[u8]| bytes.windows(secret.len()).any(|part| part == secret.as_bytes());
+            assert!(!files.iter().any(|bytes| tells(bytes)));
+        }
+    }
+
+    /// Sends it SIGHUP.
+    pub fn hang_up(&self) {
+        let pid = rustix::process::Pid::from_raw(self.child.id().unwrap().try_into().unwrap()).unwrap();
+        rustix::process::kill_process(pid, rustix::process::Signal::HUP).unwrap();
+    }
+
+    /// Puts a new certificate in place of the one it has, by a new authority.
+    pub fn renew(&mut self) {
+        self.ca = certify(self.folder.path());
+    }
+
     /// `gleaner-server` beside it, on its folder: what it said, or why it did not do it.
     pub async fn command(&self, words: &[&str]) -> Result<String, String> {
         let output = Command::new(SERVER).args(words).arg("--data-dir").arg(self.data_dir()).output().await.unwrap();
@@ -75,9 +99,14 @@ impl Guarded {
 
     /// A connection with a token, or without.
     pub async fn client(&self, token: Option<&str>) -> Client {
+        self.connect(token).await.unwrap()
+    }
+
+    /// As `client`; an error when the certificate is not the newest.
+    pub async fn connect(&self, token: Option<&str>) -> gleaner_client::Result<Client> {
         let token = token.map(|token| token.parse().unwrap());
         let credentials = Credentials { token, ca: Some(self.ca.clone()), identity: None };
-        Client::connect_with(&self.url, credentials).await.unwrap()
+        Client::connect_with(&self.url, credentials).await
     }
 }
 

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use bytes::{Buf as _, BufMut as _};
+use futures::Stream;
 use tonic::{
     Code, Request, Status,
     client::Grpc,
@@ -63,7 +64,17 @@ pub async fn connect(server: &Guarded) -> Channel {
 
 /// Calls an rpc with one message; the status it ends with, `Ok` also when it is let in and then waits.
 pub async fn call(channel: &Channel, path: &'static str, token: Option<&str>, message: Vec<u8>) -> Code {
-    let mut request = Request::new(tokio_stream::iter([message]));
+    call_with(channel, path, token, tokio_stream::iter([message])).await
+}
+
+/// As `call`, with messages as they come.
+pub async fn call_with(
+    channel: &Channel,
+    path: &'static str,
+    token: Option<&str>,
+    messages: impl Stream<Item = Vec<u8>> + Send + 'static,
+) -> Code {
+    let mut request = Request::new(messages);
     if let Some(token) = token {
         request.metadata_mut().insert("authorization", format!("Bearer {token}").parse().unwrap());
     }

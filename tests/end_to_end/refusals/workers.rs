@@ -12,7 +12,7 @@ async fn workers_without_a_token() {
         workers: WorkerServiceClient<Channel>,
     }
     let shared = shared().await;
-    let mut face = Face { workers: WorkerServiceClient::connect(shared.server.url().to_owned()).await.unwrap() };
+    let mut face = Face { workers: WorkerServiceClient::connect(shared.server.workers_url()).await.unwrap() };
     refuse!(face.workers:
         get_assignment(GetAssignmentRequest {}) => Unauthenticated ["token"];
         stream_base_scores(StreamBaseScoresRequest {}) => Unauthenticated ["token"];
