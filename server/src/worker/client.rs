@@ -158,16 +158,17 @@ fn refused(status: Status) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::wire::status::from_error;
 
     #[tokio::test(start_paused = true)]
     async fn what_the_server_cannot_take_now_is_asked_again_and_nothing_else_is() {
-        for code in [Code::ResourceExhausted, Code::Unavailable] {
+        for refused in [|| Error::exhausted("no room"), || Error::unavailable("not now")] {
             let mut refusals = 5;
             let asked = patiently(async || match refusals {
                 0 => Ok("taken"),
                 _ => {
                     refusals -= 1;
-                    Err(Status::new(code, "not now"))
+                    Err(from_error(refused()))
                 }
             });
             assert_eq!(asked.await.ok(), Some("taken"));
@@ -175,16 +176,16 @@ mod tests {
         let (mut asked, begun) = (0, Instant::now());
         let answer: tonic::Result<()> = patiently(async || {
             asked += 1;
-            Err(Status::unavailable("never"))
+            Err(from_error(Error::unavailable("never")))
         })
         .await;
         assert!(answer.is_err() && begun.elapsed() >= PATIENCE && asked > 100, "{asked} times");
-        let (mut asked, wrong) = (0, Code::InvalidArgument);
+        let mut asked = 0;
         let answer: tonic::Result<()> = patiently(async || {
             asked += 1;
-            Err(Status::new(wrong, "wrong"))
+            Err(from_error(Error::invalid("step", "is wrong")))
         })
         .await;
-        assert_eq!((answer.err().map(|status| status.code()), asked), (Some(wrong), 1));
+        assert_eq!((answer.err().map(|status| status.code()), asked), (Some(Code::InvalidArgument), 1));
     }
 }
