@@ -1,10 +1,18 @@
 //! Peers that hold connections for nothing.
 
 #![allow(clippy::unwrap_used)]
-use std::{convert::Infallible, io::ErrorKind, net::SocketAddr, pin::Pin, time::Duration};
+use std::{
+    convert::Infallible,
+    io::ErrorKind,
+    net::SocketAddr,
+    pin::Pin,
+    task::{Context, Poll},
+    time::Duration,
+};
 
-use futures::{StreamExt as _, stream};
-use http_body::Body as _;
+use bytes::Bytes;
+use futures::StreamExt as _;
+use http_body::{Body as _, Frame};
 use tokio::{
     io::{AsyncReadExt as _, AsyncWriteExt as _, DuplexStream, duplex},
     net::{TcpListener, TcpStream},
@@ -130,15 +138,29 @@ async fn a_peer_that_does_not_read_is_given_up_also_while_it_is_written_to() {
     reads.await.unwrap();
 }
 
+/// A body of frames of these lengths, the last one first.
+struct Frames(Vec<usize>);
+
+impl http_body::Body for Frames {
+    type Data = Bytes;
+    type Error = Infallible;
+
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        _cx: &mut Context<'_>,
+    ) -> Poll<Option<std::result::Result<Frame<Bytes>, Infallible>>> {
+        Poll::Ready(self.0.pop().map(|length| Ok(Frame::data(vec![7; length].into()))))
+    }
+}
+
 #[tokio::test]
 async fn a_large_answer_is_handed_out_in_pieces() {
-    let frames = [3, 10, 4].map(|length| Ok::<_, Infallible>(vec![7; length]));
-    let mut answer = Answer::new(axum::body::Body::from_stream(stream::iter(frames)), 4, None, None);
+    let mut answer = Answer::new(Frames(vec![4, 10, 3]), 4, None, None);
     let mut pieces = Vec::new();
     while let Some(frame) = std::future::poll_fn(|cx| Pin::new(&mut answer).poll_frame(cx)).await {
         pieces.push(frame.unwrap().into_data().unwrap());
     }
-    let lengths: Vec<usize> = pieces.iter().map(bytes::Bytes::len).collect();
+    let lengths: Vec<usize> = pieces.iter().map(Bytes::len).collect();
     assert_eq!(lengths, [3, 4, 4, 2, 4]);
 }
 

@@ -34,6 +34,8 @@ enum Says {
     Yes,
     /// Nothing, ever.
     Nothing,
+    /// So many bytes, and that was it.
+    Bytes(usize),
 }
 
 impl http_body::Body for Says {
@@ -46,6 +48,12 @@ impl http_body::Body for Says {
     ) -> Poll<Option<std::result::Result<Frame<Bytes>, Status>>> {
         match *self {
             Says::Nothing => Poll::Pending,
+            Says::Bytes(0) => Poll::Ready(None),
+            Says::Bytes(left) => {
+                let some = left.min(100);
+                *self = Says::Bytes(left - some);
+                Poll::Ready(Some(Ok(Frame::data(vec![7; some].into()))))
+            }
             Says::Yes => {
                 *self = Says::Nothing;
                 let trailers =

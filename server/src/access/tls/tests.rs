@@ -141,6 +141,23 @@ async fn a_renewed_certificate_is_taken_up_and_a_broken_one_is_not() {
 }
 
 #[test]
+fn a_file_that_is_given_its_old_time_has_changed() {
+    let bench = Bench::new();
+    let files = Tls::open(&bench.config(false)).unwrap().unwrap().files;
+    let (before, cert) = (files.stamps(), bench.path("cert"));
+    let written = std::fs::metadata(&cert).unwrap().modified().unwrap();
+    let mut content = std::fs::read(&cert).unwrap();
+    let begun = std::time::Instant::now();
+    // Again, because the system's clock for files has steps.
+    while files.stamps() == before {
+        assert!(begun.elapsed() < Duration::from_secs(10), "nothing shows");
+        content.reverse();
+        std::fs::write(&cert, &content).unwrap();
+        std::fs::File::options().write(true).open(&cert).unwrap().set_modified(written).unwrap();
+    }
+}
+
+#[test]
 fn files_that_cannot_be_used_are_named_with_their_flag() {
     let bench = Bench::new();
     let refused = |config: &AccessConfig, words: [&str; 2]| {
