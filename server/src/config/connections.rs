@@ -34,6 +34,10 @@ pub struct ConnectionsConfig {
     /// Calls of one token, or of one address without tokens, that may run at once; a session is one.
     #[arg(long, env = "GLEANER_CALLS_AT_ONCE", default_value_t = 2048, value_name = "N")]
     pub calls_at_once: usize,
+    /// Calls of one token, or of one address without tokens, that are in hand at a time; further ones wait for their
+    /// turn. Sessions, actions and what carries recordings never wait.
+    #[arg(long, env = "GLEANER_CALLS_IN_HAND", default_value_t = 3, value_name = "N")]
+    pub calls_in_hand: usize,
 }
 
 impl ConnectionsConfig {
@@ -83,6 +87,7 @@ impl ConnectionsConfig {
             ("--min-bytes-per-second", self.min_bytes_per_second == 0),
             ("--calls-per-second", self.calls_per_second == 0),
             ("--calls-at-once", self.calls_at_once == 0),
+            ("--calls-in-hand", self.calls_in_hand == 0),
         ] {
             if none {
                 return Err(format!("{flag}: must be at least 1"));
@@ -105,6 +110,7 @@ impl Default for ConnectionsConfig {
             slow_seconds: 8,
             calls_per_second: 1000,
             calls_at_once: 2048,
+            calls_in_hand: 3,
         }
     }
 }

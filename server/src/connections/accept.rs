@@ -5,7 +5,7 @@ use std::{
     io,
     net::SocketAddr,
     pin::Pin,
-    sync::atomic::{AtomicU64, Ordering::Relaxed},
+    sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed},
     task::{Context, Poll},
     time::Duration,
 };
@@ -29,6 +29,9 @@ use super::{
 const WAITING: usize = 64;
 /// How long nothing is accepted after the system refused, which it does when there are no file descriptors left.
 const BREATH: Duration = Duration::from_millis(100);
+
+/// 2³² times the golden ratio's fraction. Its multiples are spread evenly, however many there are.
+const GOLDEN: u32 = 2_654_435_769;
 
 /// Connections as they come, each under watch. Dropped, it listens no more.
 pub(crate) struct Incoming<T> {
@@ -77,6 +80,8 @@ async fn accept<T, H, F>(
                 continue;
             }
         };
+        // Thousands that come at once must not keep those who are served waiting.
+        tokio::task::yield_now().await;
         let Some((place, terms)) = admit(&connections, &stream, peer) else { continue };
         let (shaking, through) = (handshake(stream), through.clone());
         tokio::spawn(async move {
@@ -114,11 +119,19 @@ fn admit(connections: &Connections, stream: &TcpStream, peer: SocketAddr) -> Opt
         return None;
     }
     let terms = Terms {
-        first_call_by: Instant::now() + rules.config.first_call(),
+        first_call_by: Instant::now() + spread(rules.config.first_call()),
         stall: rules.config.stall(),
         cut: rules.cut.clone(),
     };
     Some((place, terms))
+}
+
+/// Between three quarters of a time and all of it, each next one elsewhere: those who came together and say nothing do
+/// not go together, which would hold up everybody else.
+fn spread(time: Duration) -> Duration {
+    static PLACE: AtomicU32 = AtomicU32::new(0);
+    let place = PLACE.fetch_add(GOLDEN, Relaxed);
+    time - time.mul_f64(f64::from(place) / f64::from(u32::MAX) / 4.0)
 }
 
 /// Says that a connection was refused, but not of each one: a flood must not fill the log.
@@ -132,5 +145,19 @@ fn refused(peer: SocketAddr, full: Full) {
     let before = REFUSED.fetch_add(1, Relaxed);
     if before.is_power_of_two() || before == 0 {
         tracing::warn!(peer.address = %peer, limit = flag, refused = before + 1, "too many connections: one was refused");
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn those_who_come_together_do_not_go_together() {
+        let mut times: Vec<Duration> = (0..1000).map(|_| spread(Duration::from_secs(8))).collect();
+        times.sort_unstable();
+        assert!(times[0] >= Duration::from_secs(6) && times[999] <= Duration::from_secs(8));
+        let apart = times.windows(2).map(|pair| pair[1] - pair[0]).max();
+        assert!(apart < Some(Duration::from_millis(8)), "{apart:?}");
     }
 }

@@ -1,4 +1,4 @@
-//! Who calls how often: so many calls a second, so many at once, for each client.
+//! Who calls how often: so many calls a second, so many at once, so many in hand, for each client.
 
 use std::{
     collections::HashMap,
@@ -11,6 +11,7 @@ use std::{
 };
 
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter, clock::Clock as _};
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::{link::Link, places::household};
 use crate::error::{Error, Result};
@@ -44,22 +45,37 @@ pub(super) struct Calls {
 
 struct Running {
     most: usize,
-    by_client: Mutex<HashMap<Client, usize>>,
+    in_hand: usize,
+    by_client: Mutex<HashMap<Client, OfClient>>,
+}
+
+/// One client's calls.
+struct OfClient {
+    running: usize,
+    turns: Arc<Semaphore>,
 }
 
 /// A call that runs until this and its clones are dropped. It is on its way among the call's extensions.
 #[derive(Clone)]
-pub(crate) struct Call {
-    _running: Arc<Place>,
-}
+pub(crate) struct Call(Arc<Place>);
 
 struct Place {
     running: Arc<Running>,
     client: Client,
+    turns: Arc<Semaphore>,
+}
+
+impl Call {
+    /// Waits until few of its client's calls are in hand: who asks a hundred things at once waits for himself, and nobody
+    /// waits for him. The turn is over when what is given here is dropped.
+    pub(super) async fn turn(&self) -> Option<OwnedSemaphorePermit> {
+        // Nobody closes it.
+        Arc::clone(&self.0.turns).acquire_owned().await.ok()
+    }
 }
 
 impl Calls {
-    pub(super) fn new(per_second: u32, at_once: usize) -> Self {
+    pub(super) fn new(per_second: u32, at_once: usize, in_hand: usize) -> Self {
         let one = NonZeroU32::MIN;
         let burst = NonZeroU32::new(per_second.saturating_mul(2)).unwrap_or(one);
         let quota = Quota::per_second(NonZeroU32::new(per_second).unwrap_or(one)).allow_burst(burst);
@@ -67,7 +83,7 @@ impl Calls {
             rate: RateLimiter::keyed(quota),
             per_second,
             tidied: AtomicU32::new(0),
-            running: Arc::new(Running { most: at_once, by_client: Mutex::default() }),
+            running: Arc::new(Running { most: at_once, in_hand, by_client: Mutex::default() }),
         }
     }
 
@@ -88,22 +104,24 @@ impl Calls {
             )));
         }
         let mut by_client = self.running.by_client();
-        let running = by_client.entry(client.clone()).or_default();
-        if *running >= self.running.most {
+        let fresh = || OfClient { running: 0, turns: Arc::new(Semaphore::new(self.running.in_hand)) };
+        let own = by_client.entry(client.clone()).or_insert_with(fresh);
+        if own.running >= self.running.most {
             metrics::counter!("gleaner_calls_refused_total", "reason" => "at_once").increment(1);
             let most = self.running.most;
             return Err(Error::exhausted(format!(
                 "{most} calls run already (--calls-at-once); end one, then try again"
             )));
         }
-        *running += 1;
+        own.running += 1;
+        let turns = Arc::clone(&own.turns);
         drop(by_client);
-        Ok(Call { _running: Arc::new(Place { running: Arc::clone(&self.running), client }) })
+        Ok(Call(Arc::new(Place { running: Arc::clone(&self.running), client, turns })))
     }
 }
 
 impl Running {
-    fn by_client(&self) -> MutexGuard<'_, HashMap<Client, usize>> {
+    fn by_client(&self) -> MutexGuard<'_, HashMap<Client, OfClient>> {
         self.by_client.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -111,9 +129,9 @@ impl Running {
 impl Drop for Place {
     fn drop(&mut self) {
         let mut by_client = self.running.by_client();
-        if let Some(running) = by_client.get_mut(&self.client) {
-            *running -= 1;
-            if *running == 0 {
+        if let Some(own) = by_client.get_mut(&self.client) {
+            own.running -= 1;
+            if own.running == 0 {
                 by_client.remove(&self.client);
             }
         }
@@ -132,7 +150,7 @@ mod tests {
 
     #[test]
     fn who_calls_too_often_is_told_when_to_call_again_and_others_go_on() {
-        let calls = Calls::new(1, 100);
+        let calls = Calls::new(1, 100, 3);
         calls.begin(token("a")).unwrap();
         calls.begin(token("a")).unwrap();
         let error = calls.begin(token("a")).err().unwrap();
@@ -144,7 +162,7 @@ mod tests {
 
     #[test]
     fn so_many_run_at_once_and_no_more() {
-        let calls = Calls::new(1000, 2);
+        let calls = Calls::new(1000, 2, 2);
         let first = calls.begin(token("a")).unwrap();
         let _second = calls.begin(token("a")).unwrap();
         let error = calls.begin(token("a")).err().unwrap();
@@ -154,5 +172,18 @@ mod tests {
         let _third = calls.begin(token("a")).unwrap();
         drop(other);
         assert_eq!(calls.running.by_client().len(), 1, "who runs nothing is forgotten");
+    }
+
+    #[tokio::test]
+    async fn a_client_waits_for_itself_and_for_nobody_else() {
+        let calls = Calls::new(1000, 100, 2);
+        let [first, second, third] = [(); 3].map(|()| calls.begin(token("a")).unwrap());
+        let (turn, _other) = (first.turn().await.unwrap(), second.turn().await.unwrap());
+        let mut waits = Box::pin(third.turn());
+        assert!(futures::poll!(&mut waits).is_pending());
+        let other = calls.begin(token("b")).unwrap();
+        assert!(futures::poll!(Box::pin(other.turn())).is_ready());
+        drop(turn);
+        assert!(waits.await.is_some());
     }
 }

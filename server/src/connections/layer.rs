@@ -28,6 +28,19 @@ const AT_THEIR_OWN_PACE: [&str; 3] = [
     "/gleaner.v1.WorkerService/CompleteJob",
 ];
 
+/// Calls that take as long as their caller, a recording or a model does. The others are questions, and wait for their turn.
+const NO_QUESTIONS: [&str; 9] = [
+    "/gleaner.v1.EpisodeService/WriteUpload",
+    "/gleaner.v1.EpisodeService/FinishUpload",
+    "/gleaner.v1.PolicyService/Act",
+    "/gleaner.v1.PolicyService/Deploy",
+    "/gleaner.v1.PolicyService/RollBack",
+    "/gleaner.v1.PolicyService/Session",
+    "/gleaner.v1.ScoreService/ScoreRecording",
+    "/gleaner.v1.ScoreService/ScoreSteps",
+    "/inference.GRPCInferenceService/ModelInfer",
+];
+
 /// How long the answer to a refused call takes: who floods has so many calls under way, and none before is answered.
 const REFUSED_AFTER: Duration = Duration::from_millis(250);
 /// The smallest of the largest pieces of an answer.
@@ -66,7 +79,7 @@ pub(crate) struct CallsService<S> {
 
 impl<S, B> Service<Request<Body>> for CallsService<S>
 where
-    S: Service<Request<Body>, Response = Response<B>>,
+    S: Service<Request<Body>, Response = Response<B>> + Clone + Send + 'static,
     S::Future: Send + 'static,
     S::Error: Send + 'static,
     B: http_body::Body<Data = bytes::Bytes> + Send + Unpin + 'static,
@@ -86,8 +99,20 @@ where
             link.call();
         }
         let piece = self.connections.piece();
-        let answer = self.inner.call(self.connections.watched(request));
-        Box::pin(async move { Ok(answer.await?.map(|body| Answer::new(body, piece, link.map(Offer::new), call))) })
+        let asks = !NO_QUESTIONS.contains(&request.uri().path());
+        let request = self.connections.watched(request);
+        // The one that was found ready goes with the call.
+        let fresh = self.inner.clone();
+        let mut ready = std::mem::replace(&mut self.inner, fresh);
+        Box::pin(async move {
+            let turn = match &call {
+                Some(call) if asks => call.turn().await,
+                Some(_) | None => None,
+            };
+            let answer = ready.call(request).await?;
+            drop(turn);
+            Ok(answer.map(|body| Answer::new(body, piece, link.map(Offer::new), call)))
+        })
     }
 }
 

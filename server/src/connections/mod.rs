@@ -75,7 +75,7 @@ impl Connections {
             );
         }
         let places = Places::new(most, config.max_connections_per_address);
-        let calls = Calls::new(config.calls_per_second, config.calls_at_once);
+        let calls = Calls::new(config.calls_per_second, config.calls_at_once, config.calls_in_hand);
         Self(Arc::new(Rules { config, places, calls, cut: CancellationToken::new() }))
     }
 
