@@ -1,6 +1,8 @@
-//! Hostile clients. They run on a thread of their own, so that the good ones' time is measured and not theirs, and come
-//! from addresses of their own.
+//! Hostile clients. They run on a thread of their own that gets only what is left of the processors, as if they were on
+//! machines of their own: what they cost the server is measured, and not what they cost themselves. They come from
+//! addresses of their own.
 
+use std::cell::Cell;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::time::{Duration, Instant};
 
@@ -11,8 +13,12 @@ use gleaner_bench_serving::Result;
 use gleaner_proto::v1::episode_service_client::EpisodeServiceClient;
 use gleaner_proto::v1::task_service_client::TaskServiceClient;
 use gleaner_proto::v1::{DownloadEpisodeRequest, ListTasksRequest, Outcome, StartUploadRequest, WriteUploadRequest};
+use thread_priority::{
+    NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::{TcpSocket, TcpStream};
+use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 use tonic::transport::{Channel, Endpoint};
 
@@ -66,14 +72,27 @@ where
     T: Send + 'static,
     F: Future<Output = Result<T>>,
 {
-    let working = tokio::task::spawn_blocking(move || {
-        tokio::runtime::Builder::new_current_thread().enable_all().build()?.block_on(work())
-    });
-    working.await?
+    let (tell, told) = oneshot::channel();
+    std::thread::Builder::new().name("hostile".to_owned()).spawn(move || {
+        give_way();
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
+        let done = runtime.map_err(Into::into).and_then(|runtime| runtime.block_on(work()));
+        // Nobody listens only when the test itself is over.
+        let _ = tell.send(done);
+    })?;
+    told.await?
 }
 
-/// One hostile client: floods, sends garbage, and never reads what it asked for.
-pub(crate) async fn harass(target: Target, stop: CancellationToken) -> Result<()> {
+/// Has this thread run only when nobody else wants its processor.
+fn give_way() {
+    let idle = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
+    // It would give back a niceness too, which only the privileged may; where that is why it fails, the policy holds.
+    let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, idle);
+}
+
+/// One hostile client: floods, sends garbage, and never reads what it asked for. Says how many of its flood's calls were
+/// answered, if only by a refusal.
+pub(crate) async fn harass(target: Target, stop: CancellationToken) -> Result<u64> {
     let channel = connect(&target.url, FLOODS).await?;
     let address = address(&target.url)?;
     let garbage = async {
@@ -82,9 +101,11 @@ pub(crate) async fn harass(target: Target, stop: CancellationToken) -> Result<()
             tokio::time::sleep(AGAIN).await;
         }
     };
+    let answered = Cell::new(0);
     let flood = async {
         let mut calls: FuturesUnordered<_> = (0..FLOOD).map(|_| ask(channel.clone())).collect();
         while calls.next().await.is_some() && !stop.is_cancelled() {
+            answered.set(answered.get() + 1);
             calls.push(ask(channel.clone()));
         }
     };
@@ -100,9 +121,10 @@ pub(crate) async fn harass(target: Target, stop: CancellationToken) -> Result<()
     };
     let everything = async { tokio::join!(garbage, flood, unread).2 };
     tokio::select! {
-        done = everything => done,
-        () = stop.cancelled() => Ok(()),
+        done = everything => done?,
+        () = stop.cancelled() => {}
     }
+    Ok(answered.get())
 }
 
 /// Refused or not: the flood goes on.

@@ -59,13 +59,14 @@ pub async fn run(options: &Options) -> Result<Report> {
     tally.begin(Part::Crowd);
     let memory = watch(&server, options.crowded()).await?;
     say("and a hostile one, now and then ...");
+    let mut flood = 0;
     for _ in 0..TURNS / 2 {
         measure(&tally, Part::Peaceful, options.turn()).await;
-        hostile_turn(options, &target, &tally).await?;
+        flood += hostile_turn(options, &target, &tally).await?;
     }
     drop(crowd);
     server.stop().await?;
-    Ok(Report::new(options, &tally, memory, held))
+    Ok(Report::new(options, &tally, memory, (held, flood)))
 }
 
 async fn serve(options: &Options, folder: &Path) -> Result<Program> {
@@ -122,7 +123,8 @@ async fn siege(options: &Options, target: &Target, tally: &Tally) -> Result<Held
     Ok(worst.unwrap_or_default())
 }
 
-async fn hostile_turn(options: &Options, target: &Target, tally: &Tally) -> Result<()> {
+/// How many calls the hostile client got an answer to.
+async fn hostile_turn(options: &Options, target: &Target, tally: &Tally) -> Result<u64> {
     let (target, stop) = (target.clone(), CancellationToken::new());
     let stopping = stop.clone();
     let hostile = tokio::spawn(apart(move || harass(target, stopping)));

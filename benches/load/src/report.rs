@@ -33,6 +33,8 @@ pub struct Report {
     /// Bytes, one number a second while all clients are at work.
     memory: Vec<u64>,
     held: Held,
+    /// Calls of the hostile client's flood that were answered, if only by a refusal.
+    flood: u64,
     limited: u64,
     failed: u64,
     reasons: Vec<String>,
@@ -50,7 +52,7 @@ struct Row {
 }
 
 impl Report {
-    pub(crate) fn new(options: &Options, tally: &Tally, memory: Vec<u64>, held: Held) -> Self {
+    pub(crate) fn new(options: &Options, tally: &Tally, memory: Vec<u64>, (held, flood): (Held, u64)) -> Self {
         let (limited, failed, reasons) = tally.refusals();
         let mut rows = Vec::new();
         for part in [Part::Alone, Part::Crowd, Part::Peaceful, Part::Hostile, Part::Besieged] {
@@ -80,7 +82,7 @@ impl Report {
         ] {
             targets.hold(Asked::most(&format!("longest life of {what}, s"), HELD), seconds);
         }
-        Self { options: options.clone(), rows, memory, held, limited, failed, reasons, targets }
+        Self { options: options.clone(), rows, memory, held, flood, limited, failed, reasons, targets }
     }
 
     /// Calls that failed though no limit refused them, and why.
@@ -110,6 +112,7 @@ impl Report {
         }
         println!("\n{table}\n\n{}\n", self.targets.table());
         println!("refused by a limit: {}, failed otherwise: {}", self.limited, self.failed);
+        println!("the hostile client's calls: {}", self.flood);
         for reason in &self.reasons {
             println!("  {reason}");
         }
