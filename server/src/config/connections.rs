@@ -28,16 +28,20 @@ pub struct ConnectionsConfig {
     /// Seconds for which a request or an upload may be slower than that, or stand still.
     #[arg(long, env = "GLEANER_SLOW_SECONDS", default_value_t = 8, value_name = "S")]
     pub slow_seconds: u64,
-    /// Calls per second of one token, or of one address without tokens; twice as many may come at once.
+    /// Questions per second of one token, or of one address without tokens; twice as many may come at once. Questions are
+    /// all calls but sessions, actions, deployments and what carries recordings.
+    #[arg(long, env = "GLEANER_QUESTIONS_PER_SECOND", default_value_t = 350, value_name = "N")]
+    pub questions_per_second: u32,
+    /// Questions of one token, or of one address without tokens, that are in hand at a time; further ones wait for their
+    /// turn.
+    #[arg(long, env = "GLEANER_QUESTIONS_IN_HAND", default_value_t = 3, value_name = "N")]
+    pub questions_in_hand: usize,
+    /// Other calls per second of one token, or of one address without tokens; twice as many may come at once.
     #[arg(long, env = "GLEANER_CALLS_PER_SECOND", default_value_t = 1000, value_name = "N")]
     pub calls_per_second: u32,
     /// Calls of one token, or of one address without tokens, that may run at once; a session is one.
     #[arg(long, env = "GLEANER_CALLS_AT_ONCE", default_value_t = 2048, value_name = "N")]
     pub calls_at_once: usize,
-    /// Calls of one token, or of one address without tokens, that are in hand at a time; further ones wait for their
-    /// turn. Sessions, actions and what carries recordings never wait.
-    #[arg(long, env = "GLEANER_CALLS_IN_HAND", default_value_t = 3, value_name = "N")]
-    pub calls_in_hand: usize,
 }
 
 impl ConnectionsConfig {
@@ -87,7 +91,8 @@ impl ConnectionsConfig {
             ("--min-bytes-per-second", self.min_bytes_per_second == 0),
             ("--calls-per-second", self.calls_per_second == 0),
             ("--calls-at-once", self.calls_at_once == 0),
-            ("--calls-in-hand", self.calls_in_hand == 0),
+            ("--questions-per-second", self.questions_per_second == 0),
+            ("--questions-in-hand", self.questions_in_hand == 0),
         ] {
             if none {
                 return Err(format!("{flag}: must be at least 1"));
@@ -110,7 +115,8 @@ impl Default for ConnectionsConfig {
             slow_seconds: 8,
             calls_per_second: 1000,
             calls_at_once: 2048,
-            calls_in_hand: 3,
+            questions_per_second: 350,
+            questions_in_hand: 3,
         }
     }
 }

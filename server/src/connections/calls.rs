@@ -14,8 +14,23 @@ use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter, clock::Clock as _};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
 use super::{link::Link, places::household};
-use crate::error::{Error, Result};
+use crate::{
+    config::ConnectionsConfig,
+    error::{Error, Result},
+};
 
+/// Calls that take as long as their caller, a recording or a model does. The others are questions.
+const NO_QUESTIONS: [&str; 9] = [
+    "/gleaner.v1.EpisodeService/WriteUpload",
+    "/gleaner.v1.EpisodeService/FinishUpload",
+    "/gleaner.v1.PolicyService/Act",
+    "/gleaner.v1.PolicyService/Deploy",
+    "/gleaner.v1.PolicyService/RollBack",
+    "/gleaner.v1.PolicyService/Session",
+    "/gleaner.v1.ScoreService/ScoreRecording",
+    "/gleaner.v1.ScoreService/ScoreSteps",
+    "/inference.GRPCInferenceService/ModelInfer",
+];
 /// Calls between two times at which clients that have not called for a while are forgotten.
 const TIDY_EVERY: u32 = 4096;
 
@@ -37,10 +52,40 @@ impl Client {
 
 /// The clients' calls.
 pub(super) struct Calls {
-    rate: DefaultKeyedRateLimiter<Client>,
-    per_second: u32,
+    /// Questions, and all else.
+    rates: [Rate; 2],
     tidied: AtomicU32,
     running: Arc<Running>,
+}
+
+/// How often one kind of call may come from each client.
+struct Rate {
+    limiter: DefaultKeyedRateLimiter<Client>,
+    per_second: u32,
+    what: &'static str,
+    flag: &'static str,
+}
+
+impl Rate {
+    fn new(per_second: u32, what: &'static str, flag: &'static str) -> Self {
+        let one = NonZeroU32::MIN;
+        let burst = NonZeroU32::new(per_second.saturating_mul(2)).unwrap_or(one);
+        let quota = Quota::per_second(NonZeroU32::new(per_second).unwrap_or(one)).allow_burst(burst);
+        Self { limiter: RateLimiter::keyed(quota), per_second, what, flag }
+    }
+
+    fn check(&self, client: &Client) -> Result<()> {
+        let Err(early) = self.limiter.check_key(client) else { return Ok(()) };
+        let wait = early.wait_time_from(self.limiter.clock().now()).as_millis().max(1);
+        metrics::counter!("gleaner_calls_refused_total", "reason" => "rate").increment(1);
+        let Self { per_second, what, flag, .. } = self;
+        Err(Error::exhausted(format!("more than {per_second} {what} a second ({flag}); try again in {wait} ms")))
+    }
+}
+
+/// Whether a call is answered at once, and so may wait for its turn.
+pub(super) fn is_question(path: &str) -> bool {
+    !NO_QUESTIONS.contains(&path)
 }
 
 struct Running {
@@ -66,7 +111,7 @@ struct Place {
 }
 
 impl Call {
-    /// Waits until few of its client's calls are in hand: who asks a hundred things at once waits for himself, and nobody
+    /// Waits until few of its client's questions are in hand: who asks a hundred things at once waits for himself, and nobody
     /// waits for him. The turn is over when what is given here is dropped.
     pub(super) async fn turn(&self) -> Option<OwnedSemaphorePermit> {
         // Nobody closes it.
@@ -75,34 +120,29 @@ impl Call {
 }
 
 impl Calls {
-    pub(super) fn new(per_second: u32, at_once: usize, in_hand: usize) -> Self {
-        let one = NonZeroU32::MIN;
-        let burst = NonZeroU32::new(per_second.saturating_mul(2)).unwrap_or(one);
-        let quota = Quota::per_second(NonZeroU32::new(per_second).unwrap_or(one)).allow_burst(burst);
+    pub(super) fn new(config: &ConnectionsConfig) -> Self {
+        let questions = Rate::new(config.questions_per_second, "questions", "--questions-per-second");
+        let others = Rate::new(config.calls_per_second, "calls", "--calls-per-second");
+        let (most, in_hand) = (config.calls_at_once, config.questions_in_hand);
         Self {
-            rate: RateLimiter::keyed(quota),
-            per_second,
+            rates: [questions, others],
             tidied: AtomicU32::new(0),
-            running: Arc::new(Running { most: at_once, in_hand, by_client: Mutex::default() }),
+            running: Arc::new(Running { most, in_hand, by_client: Mutex::default() }),
         }
     }
 
-    /// Lets a call in.
+    /// Lets a call of `path` in.
     ///
     /// # Errors
     /// Exhausted, saying when to try again.
-    pub(super) fn begin(&self, client: Client) -> Result<Call> {
+    pub(super) fn begin(&self, client: Client, path: &str) -> Result<Call> {
+        let [questions, others] = &self.rates;
         if self.tidied.fetch_add(1, Relaxed) % TIDY_EVERY == TIDY_EVERY - 1 {
-            self.rate.retain_recent();
+            questions.limiter.retain_recent();
+            others.limiter.retain_recent();
         }
-        if let Err(early) = self.rate.check_key(&client) {
-            let wait = early.wait_time_from(self.rate.clock().now()).as_millis().max(1);
-            metrics::counter!("gleaner_calls_refused_total", "reason" => "rate").increment(1);
-            return Err(Error::exhausted(format!(
-                "more than {} calls a second (--calls-per-second); try again in {wait} ms",
-                self.per_second
-            )));
-        }
+        let rate = if is_question(path) { questions } else { others };
+        rate.check(&client)?;
         let mut by_client = self.running.by_client();
         let fresh = || OfClient { running: 0, turns: Arc::new(Semaphore::new(self.running.in_hand)) };
         let own = by_client.entry(client.clone()).or_insert_with(fresh);
@@ -148,40 +188,52 @@ mod tests {
         Client::Token(name.into())
     }
 
+    const ASKING: &str = "/gleaner.v1.TaskService/ListTasks";
+    const ACTING: &str = "/gleaner.v1.PolicyService/Act";
+
+    fn calls(questions_per_second: u32, calls_at_once: usize, questions_in_hand: usize) -> Calls {
+        let rest = ConnectionsConfig::default();
+        Calls::new(&ConnectionsConfig { questions_per_second, calls_at_once, questions_in_hand, ..rest })
+    }
+
     #[test]
     fn who_calls_too_often_is_told_when_to_call_again_and_others_go_on() {
-        let calls = Calls::new(1, 100, 3);
-        calls.begin(token("a")).unwrap();
-        calls.begin(token("a")).unwrap();
-        let error = calls.begin(token("a")).err().unwrap();
+        let calls = calls(1, 100, 3);
+        calls.begin(token("a"), ASKING).unwrap();
+        calls.begin(token("a"), ASKING).unwrap();
+        let error = calls.begin(token("a"), ASKING).err().unwrap();
         assert_eq!(error.kind(), Kind::Exhausted);
-        assert!(error.message().contains("try again in ") && error.message().contains("--calls-per-second"), "{error}");
-        calls.begin(token("b")).unwrap();
-        calls.begin(Client::Address([127, 0, 0, 1].into())).unwrap();
+        assert!(
+            error.message().contains("try again in ") && error.message().contains("--questions-per-second"),
+            "{error}"
+        );
+        calls.begin(token("b"), ASKING).unwrap();
+        calls.begin(token("a"), ACTING).unwrap();
+        calls.begin(Client::Address([127, 0, 0, 1].into()), ASKING).unwrap();
     }
 
     #[test]
     fn so_many_run_at_once_and_no_more() {
-        let calls = Calls::new(1000, 2, 2);
-        let first = calls.begin(token("a")).unwrap();
-        let _second = calls.begin(token("a")).unwrap();
-        let error = calls.begin(token("a")).err().unwrap();
+        let calls = calls(1000, 2, 2);
+        let first = calls.begin(token("a"), ASKING).unwrap();
+        let _second = calls.begin(token("a"), ASKING).unwrap();
+        let error = calls.begin(token("a"), ASKING).err().unwrap();
         assert!(error.message().contains("--calls-at-once"), "{error}");
-        let other = calls.begin(token("b")).unwrap();
+        let other = calls.begin(token("b"), ASKING).unwrap();
         drop(first);
-        let _third = calls.begin(token("a")).unwrap();
+        let _third = calls.begin(token("a"), ASKING).unwrap();
         drop(other);
         assert_eq!(calls.running.by_client().len(), 1, "who runs nothing is forgotten");
     }
 
     #[tokio::test]
     async fn a_client_waits_for_itself_and_for_nobody_else() {
-        let calls = Calls::new(1000, 100, 2);
-        let [first, second, third] = [(); 3].map(|()| calls.begin(token("a")).unwrap());
+        let calls = calls(1000, 100, 2);
+        let [first, second, third] = [(); 3].map(|()| calls.begin(token("a"), ASKING).unwrap());
         let (turn, _other) = (first.turn().await.unwrap(), second.turn().await.unwrap());
         let mut waits = Box::pin(third.turn());
         assert!(futures::poll!(&mut waits).is_pending());
-        let other = calls.begin(token("b")).unwrap();
+        let other = calls.begin(token("b"), ASKING).unwrap();
         assert!(futures::poll!(Box::pin(other.turn())).is_ready());
         drop(turn);
         assert!(waits.await.is_some());

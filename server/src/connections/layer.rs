@@ -14,7 +14,7 @@ use tower::{Layer, Service};
 use super::{
     Connections,
     body::{Answer, Incoming},
-    calls::Call,
+    calls::{Call, is_question},
     link::Link,
     offer::Offer,
     rate::LeastRate,
@@ -26,19 +26,6 @@ const AT_THEIR_OWN_PACE: [&str; 3] = [
     "/gleaner.v1.PolicyService/Session",
     "/gleaner.v1.ScoreService/ScoreSteps",
     "/gleaner.v1.WorkerService/CompleteJob",
-];
-
-/// Calls that take as long as their caller, a recording or a model does. The others are questions, and wait for their turn.
-const NO_QUESTIONS: [&str; 9] = [
-    "/gleaner.v1.EpisodeService/WriteUpload",
-    "/gleaner.v1.EpisodeService/FinishUpload",
-    "/gleaner.v1.PolicyService/Act",
-    "/gleaner.v1.PolicyService/Deploy",
-    "/gleaner.v1.PolicyService/RollBack",
-    "/gleaner.v1.PolicyService/Session",
-    "/gleaner.v1.ScoreService/ScoreRecording",
-    "/gleaner.v1.ScoreService/ScoreSteps",
-    "/inference.GRPCInferenceService/ModelInfer",
 ];
 
 /// How long the answer to a refused call takes: who floods has so many calls under way, and none before is answered.
@@ -99,7 +86,7 @@ where
             link.call();
         }
         let piece = self.connections.piece();
-        let asks = !NO_QUESTIONS.contains(&request.uri().path());
+        let asks = is_question(request.uri().path());
         let request = self.connections.watched(request);
         // The one that was found ready goes with the call.
         let fresh = self.inner.clone();

@@ -75,7 +75,7 @@ impl Connections {
             );
         }
         let places = Places::new(most, config.max_connections_per_address);
-        let calls = Calls::new(config.calls_per_second, config.calls_at_once, config.calls_in_hand);
+        let calls = Calls::new(&config);
         Self(Arc::new(Rules { config, places, calls, cut: CancellationToken::new() }))
     }
 
@@ -93,12 +93,12 @@ impl Connections {
         incoming(self, listener, |stream| std::future::ready(Ok(stream)))
     }
 
-    /// Counts a call for its client.
+    /// Counts a call of `path` for its client.
     ///
     /// # Errors
     /// Exhausted, saying when to try again.
-    pub(crate) fn count(&self, client: Client) -> Result<Call> {
-        self.0.calls.begin(client)
+    pub(crate) fn count(&self, client: Client, path: &str) -> Result<Call> {
+        self.0.calls.begin(client, path)
     }
 
     /// What watches calls.

@@ -83,7 +83,7 @@ impl Jobs {
             config: Arc::clone(config),
             store,
             blobs,
-            server: process::reachable(server),
+            server,
             ready: Notify::new(),
             due: Notify::new(),
             changed: state::Sender::new(()),

@@ -1,7 +1,7 @@
 //! Worker processes: how one is started, and how its end reads in words.
 
 use std::{
-    net::{Ipv4Addr, Ipv6Addr, SocketAddr},
+    net::SocketAddr,
     os::unix::process::ExitStatusExt as _,
     process::{ExitStatus, Stdio},
 };
@@ -32,15 +32,6 @@ pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) ->
         .spawn()
 }
 
-/// Where a worker on this machine finds a server that listens on `address`.
-pub(super) fn reachable(address: SocketAddr) -> SocketAddr {
-    match address {
-        SocketAddr::V4(v4) if v4.ip().is_unspecified() => (Ipv4Addr::LOCALHOST, v4.port()).into(),
-        SocketAddr::V6(v6) if v6.ip().is_unspecified() => (Ipv6Addr::LOCALHOST, v6.port()).into(),
-        SocketAddr::V4(_) | SocketAddr::V6(_) => address,
-    }
-}
-
 /// The end of a worker that left no result.
 pub(super) fn describe(status: ExitStatus) -> String {
     /// SIGKILL, which the system sends when memory has run out.
@@ -55,7 +46,6 @@ pub(super) fn describe(status: ExitStatus) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]
@@ -64,12 +54,5 @@ mod tests {
         assert_eq!(describe(ExitStatus::from_raw(11)), "the worker was killed by signal 11");
         assert_eq!(describe(ExitStatus::from_raw(0)), "the worker ended without a result");
         assert_eq!(describe(ExitStatus::from_raw(101 << 8)), "the worker ended with code 101 and without a result");
-    }
-
-    #[test]
-    fn a_server_that_listens_everywhere_is_reached_on_loopback() {
-        assert_eq!(reachable("0.0.0.0:7400".parse().unwrap()), "127.0.0.1:7400".parse().unwrap());
-        assert_eq!(reachable("[::]:7400".parse().unwrap()), "[::1]:7400".parse().unwrap());
-        assert_eq!(reachable("10.0.0.7:7400".parse().unwrap()), "10.0.0.7:7400".parse().unwrap());
     }
 }
