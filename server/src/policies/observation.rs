@@ -128,12 +128,16 @@ const SMALL: usize = 512 << 10;
 /// # Errors
 /// As [`step`].
 pub(super) async fn step_of(shape: Arc<TaskShape>, path: &'static str, observation: Observation) -> Result<Step> {
-    let mut frames = observation.cameras.iter();
-    let raw = |image: &Option<Image>| image.as_ref().is_none_or(|image| image.format == ImageFormat::Raw);
-    if shape.frame_bytes() <= SMALL && frames.all(|frame| raw(&frame.color) && raw(&frame.depth)) {
+    if is_quick(&shape, &observation) {
         return step(&shape, path, &observation);
     }
     decode(move || step(&shape, path, &observation)).await
+}
+
+/// Whether to look at an observation takes no longer than to wake another thread for it.
+fn is_quick(shape: &TaskShape, observation: &Observation) -> bool {
+    let raw = |image: &Option<Image>| image.as_ref().is_none_or(|image| image.format == ImageFormat::Raw);
+    shape.frame_bytes() <= SMALL && observation.cameras.iter().all(|frame| raw(&frame.color) && raw(&frame.depth))
 }
 
 /// Runs decoding beside the runtime, which it would hold up.
@@ -199,15 +203,15 @@ mod tests {
 
     #[tokio::test]
     async fn few_raw_images_are_taken_at_once_and_all_else_beside() {
-        use futures::FutureExt as _;
         let of = |shape: TaskShape, observation| step_of(Arc::new(shape), "observation", observation);
-        let at_once = of(shape(), right()).now_or_never().unwrap().unwrap();
+        assert!(is_quick(&shape(), &right()));
+        let at_once = of(shape(), right()).await.unwrap();
         assert_eq!(at_once.frame, step(&shape(), "observation", &right()).unwrap().frame);
 
         let jpeg = gleaner_recording::encode_jpeg(&[200; 384], 8, 16, 90).unwrap();
         let mut compressed = right();
         compressed.cameras[0].color = Some(Image { format: ImageFormat::Jpeg, data: jpeg.into() });
-        assert!(of(shape(), compressed.clone()).now_or_never().is_none());
+        assert!(!is_quick(&shape(), &compressed));
         assert_eq!(of(shape(), compressed).await.unwrap().frame.len(), shape().frame_bytes());
 
         let large = TaskShape {
@@ -216,7 +220,8 @@ mod tests {
         };
         let mut observation = right();
         observation.cameras = vec![frame("top", raw(vec![0; 512 * 512 * 3]), None)];
-        assert!(of(large, observation).now_or_never().is_none());
+        assert!(!is_quick(&large, &observation));
+        assert_eq!(of(large, observation).await.unwrap().frame.len(), 512 * 512 * 3);
     }
 
     #[test]
