@@ -83,7 +83,7 @@ async fn an_upload_that_drips_is_ended_and_can_be_gone_on_with() {
 
 #[tokio::test]
 async fn who_calls_too_often_is_told_when_to_call_again() {
-    let server = TestServer::start_with(&["--questions-per-second", "1"]).await;
+    let server = TestServer::start_with(&["--calls-per-second", "1"]).await;
     let mut api = Api::connect(&server).await;
     let mut refused = None;
     for _ in 0..20 {

@@ -210,7 +210,7 @@ impl Callers {
             // None over a connection that is not ours.
             None => request.extensions().get::<Link>().map(Client::at),
         };
-        client.map(|client| self.connections.count(client, request.uri().path())).transpose()
+        client.map(|client| self.connections.count(client)).transpose()
     }
 
     /// Who calls.

@@ -28,15 +28,16 @@ pub struct ConnectionsConfig {
     /// Seconds for which a request or an upload may be slower than that, or stand still.
     #[arg(long, env = "GLEANER_SLOW_SECONDS", default_value_t = 8, value_name = "S")]
     pub slow_seconds: u64,
-    /// Questions per second of one token, or of one address without tokens; twice as many may come at once. Questions are
-    /// all calls but sessions, actions, deployments and what carries recordings.
+    /// Questions per second of one token, or of one address without tokens; twice as many may come at once, and further
+    /// ones wait. Questions are all calls but sessions, actions, deployments and what carries recordings.
     #[arg(long, env = "GLEANER_QUESTIONS_PER_SECOND", default_value_t = 350, value_name = "N")]
     pub questions_per_second: u32,
     /// Questions of one token, or of one address without tokens, that are in hand at a time; further ones wait for their
     /// turn.
     #[arg(long, env = "GLEANER_QUESTIONS_IN_HAND", default_value_t = 3, value_name = "N")]
     pub questions_in_hand: usize,
-    /// Other calls per second of one token, or of one address without tokens; twice as many may come at once.
+    /// Calls per second of one token, or of one address without tokens; twice as many may come at once, and further ones
+    /// are refused.
     #[arg(long, env = "GLEANER_CALLS_PER_SECOND", default_value_t = 1000, value_name = "N")]
     pub calls_per_second: u32,
     /// Calls of one token, or of one address without tokens, that may run at once; a session is one.

@@ -52,35 +52,17 @@ impl Client {
 
 /// The clients' calls.
 pub(super) struct Calls {
-    /// Questions, and all else.
-    rates: [Rate; 2],
+    rate: DefaultKeyedRateLimiter<Client>,
+    per_second: u32,
     tidied: AtomicU32,
     running: Arc<Running>,
 }
 
-/// How often one kind of call may come from each client.
-struct Rate {
-    limiter: DefaultKeyedRateLimiter<Client>,
-    per_second: u32,
-    what: &'static str,
-    flag: &'static str,
-}
-
-impl Rate {
-    fn new(per_second: u32, what: &'static str, flag: &'static str) -> Self {
-        let one = NonZeroU32::MIN;
-        let burst = NonZeroU32::new(per_second.saturating_mul(2)).unwrap_or(one);
-        let quota = Quota::per_second(NonZeroU32::new(per_second).unwrap_or(one)).allow_burst(burst);
-        Self { limiter: RateLimiter::keyed(quota), per_second, what, flag }
-    }
-
-    fn check(&self, client: &Client) -> Result<()> {
-        let Err(early) = self.limiter.check_key(client) else { return Ok(()) };
-        let wait = early.wait_time_from(self.limiter.clock().now()).as_millis().max(1);
-        metrics::counter!("gleaner_calls_refused_total", "reason" => "rate").increment(1);
-        let Self { per_second, what, flag, .. } = self;
-        Err(Error::exhausted(format!("more than {per_second} {what} a second ({flag}); try again in {wait} ms")))
-    }
+/// So many a second, and twice as many at once.
+fn rate(per_second: u32) -> Quota {
+    let one = NonZeroU32::MIN;
+    let burst = NonZeroU32::new(per_second.saturating_mul(2)).unwrap_or(one);
+    Quota::per_second(NonZeroU32::new(per_second).unwrap_or(one)).allow_burst(burst)
 }
 
 /// Whether a call is answered at once, and so may wait for its turn.
@@ -91,6 +73,7 @@ pub(super) fn is_question(path: &str) -> bool {
 struct Running {
     most: usize,
     in_hand: usize,
+    questions: DefaultKeyedRateLimiter<Client>,
     by_client: Mutex<HashMap<Client, OfClient>>,
 }
 
@@ -111,38 +94,48 @@ struct Place {
 }
 
 impl Call {
-    /// Waits until few of its client's questions are in hand: who asks a hundred things at once waits for himself, and nobody
-    /// waits for him. The turn is over when what is given here is dropped.
+    /// Waits until few of its client's questions are in hand and the next one is due: who asks a hundred things at once
+    /// waits for himself, and nobody waits for him. The turn is over when what is given here is dropped.
     pub(super) async fn turn(&self) -> Option<OwnedSemaphorePermit> {
+        let Place { running, client, turns } = &*self.0;
         // Nobody closes it.
-        Arc::clone(&self.0.turns).acquire_owned().await.ok()
+        let turn = Arc::clone(turns).acquire_owned().await.ok();
+        while let Err(early) = running.questions.check_key(client) {
+            tokio::time::sleep(early.wait_time_from(running.questions.clock().now())).await;
+        }
+        turn
     }
 }
 
 impl Calls {
     pub(super) fn new(config: &ConnectionsConfig) -> Self {
-        let questions = Rate::new(config.questions_per_second, "questions", "--questions-per-second");
-        let others = Rate::new(config.calls_per_second, "calls", "--calls-per-second");
         let (most, in_hand) = (config.calls_at_once, config.questions_in_hand);
+        let questions = RateLimiter::keyed(rate(config.questions_per_second));
         Self {
-            rates: [questions, others],
+            rate: RateLimiter::keyed(rate(config.calls_per_second)),
+            per_second: config.calls_per_second,
             tidied: AtomicU32::new(0),
-            running: Arc::new(Running { most, in_hand, by_client: Mutex::default() }),
+            running: Arc::new(Running { most, in_hand, questions, by_client: Mutex::default() }),
         }
     }
 
-    /// Lets a call of `path` in.
+    /// Lets a call in.
     ///
     /// # Errors
     /// Exhausted, saying when to try again.
-    pub(super) fn begin(&self, client: Client, path: &str) -> Result<Call> {
-        let [questions, others] = &self.rates;
+    pub(super) fn begin(&self, client: Client) -> Result<Call> {
         if self.tidied.fetch_add(1, Relaxed) % TIDY_EVERY == TIDY_EVERY - 1 {
-            questions.limiter.retain_recent();
-            others.limiter.retain_recent();
+            self.rate.retain_recent();
+            self.running.questions.retain_recent();
         }
-        let rate = if is_question(path) { questions } else { others };
-        rate.check(&client)?;
+        if let Err(early) = self.rate.check_key(&client) {
+            let wait = early.wait_time_from(self.rate.clock().now()).as_millis().max(1);
+            metrics::counter!("gleaner_calls_refused_total", "reason" => "rate").increment(1);
+            return Err(Error::exhausted(format!(
+                "more than {} calls a second (--calls-per-second); try again in {wait} ms",
+                self.per_second
+            )));
+        }
         let mut by_client = self.running.by_client();
         let fresh = || OfClient { running: 0, turns: Arc::new(Semaphore::new(self.running.in_hand)) };
         let own = by_client.entry(client.clone()).or_insert_with(fresh);
@@ -181,6 +174,8 @@ impl Drop for Place {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
+    use std::time::Duration;
+
     use super::*;
     use crate::error::Kind;
 
@@ -188,40 +183,33 @@ mod tests {
         Client::Token(name.into())
     }
 
-    const ASKING: &str = "/gleaner.v1.TaskService/ListTasks";
-    const ACTING: &str = "/gleaner.v1.PolicyService/Act";
-
-    fn calls(questions_per_second: u32, calls_at_once: usize, questions_in_hand: usize) -> Calls {
+    fn calls(calls_per_second: u32, calls_at_once: usize, questions_in_hand: usize) -> Calls {
         let rest = ConnectionsConfig::default();
-        Calls::new(&ConnectionsConfig { questions_per_second, calls_at_once, questions_in_hand, ..rest })
+        Calls::new(&ConnectionsConfig { calls_per_second, calls_at_once, questions_in_hand, ..rest })
     }
 
     #[test]
     fn who_calls_too_often_is_told_when_to_call_again_and_others_go_on() {
         let calls = calls(1, 100, 3);
-        calls.begin(token("a"), ASKING).unwrap();
-        calls.begin(token("a"), ASKING).unwrap();
-        let error = calls.begin(token("a"), ASKING).err().unwrap();
+        calls.begin(token("a")).unwrap();
+        calls.begin(token("a")).unwrap();
+        let error = calls.begin(token("a")).err().unwrap();
         assert_eq!(error.kind(), Kind::Exhausted);
-        assert!(
-            error.message().contains("try again in ") && error.message().contains("--questions-per-second"),
-            "{error}"
-        );
-        calls.begin(token("b"), ASKING).unwrap();
-        calls.begin(token("a"), ACTING).unwrap();
-        calls.begin(Client::Address([127, 0, 0, 1].into()), ASKING).unwrap();
+        assert!(error.message().contains("try again in ") && error.message().contains("--calls-per-second"), "{error}");
+        calls.begin(token("b")).unwrap();
+        calls.begin(Client::Address([127, 0, 0, 1].into())).unwrap();
     }
 
     #[test]
     fn so_many_run_at_once_and_no_more() {
         let calls = calls(1000, 2, 2);
-        let first = calls.begin(token("a"), ASKING).unwrap();
-        let _second = calls.begin(token("a"), ASKING).unwrap();
-        let error = calls.begin(token("a"), ASKING).err().unwrap();
+        let first = calls.begin(token("a")).unwrap();
+        let _second = calls.begin(token("a")).unwrap();
+        let error = calls.begin(token("a")).err().unwrap();
         assert!(error.message().contains("--calls-at-once"), "{error}");
-        let other = calls.begin(token("b"), ASKING).unwrap();
+        let other = calls.begin(token("b")).unwrap();
         drop(first);
-        let _third = calls.begin(token("a"), ASKING).unwrap();
+        let _third = calls.begin(token("a")).unwrap();
         drop(other);
         assert_eq!(calls.running.by_client().len(), 1, "who runs nothing is forgotten");
     }
@@ -229,13 +217,24 @@ mod tests {
     #[tokio::test]
     async fn a_client_waits_for_itself_and_for_nobody_else() {
         let calls = calls(1000, 100, 2);
-        let [first, second, third] = [(); 3].map(|()| calls.begin(token("a"), ASKING).unwrap());
+        let [first, second, third] = [(); 3].map(|()| calls.begin(token("a")).unwrap());
         let (turn, _other) = (first.turn().await.unwrap(), second.turn().await.unwrap());
         let mut waits = Box::pin(third.turn());
         assert!(futures::poll!(&mut waits).is_pending());
-        let other = calls.begin(token("b"), ASKING).unwrap();
+        let other = calls.begin(token("b")).unwrap();
         assert!(futures::poll!(Box::pin(other.turn())).is_ready());
         drop(turn);
         assert!(waits.await.is_some());
+    }
+
+    #[tokio::test]
+    async fn questions_too_many_wait_and_are_not_refused() {
+        let rest = ConnectionsConfig::default();
+        let calls = Calls::new(&ConnectionsConfig { questions_per_second: 50, ..rest });
+        let begun = std::time::Instant::now();
+        for _ in 0..110 {
+            drop(calls.begin(token("a")).unwrap().turn().await);
+        }
+        assert!(begun.elapsed() >= Duration::from_millis(190), "ten above a hundred at once are a fifth of a second");
     }
 }

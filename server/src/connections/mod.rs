@@ -93,12 +93,12 @@ impl Connections {
         incoming(self, listener, |stream| std::future::ready(Ok(stream)))
     }
 
-    /// Counts a call of `path` for its client.
+    /// Counts a call for its client.
     ///
     /// # Errors
     /// Exhausted, saying when to try again.
-    pub(crate) fn count(&self, client: Client, path: &str) -> Result<Call> {
-        self.0.calls.begin(client, path)
+    pub(crate) fn count(&self, client: Client) -> Result<Call> {
+        self.0.calls.begin(client)
     }
 
     /// What watches calls.

@@ -7,11 +7,7 @@ use super::{ending::all, *};
 impl Bench {
     /// A bench where a client has one call a second, two in a burst.
     async fn strict() -> Self {
-        let connections = Connections::new(ConnectionsConfig {
-            questions_per_second: 1,
-            calls_per_second: 1,
-            ..ConnectionsConfig::default()
-        });
+        let connections = Connections::new(ConnectionsConfig { calls_per_second: 1, ..ConnectionsConfig::default() });
         let link = Some(Link::new(([10, 0, 0, 1], 7).into()));
         Self { connections, link, ..Self::new().await }
     }
