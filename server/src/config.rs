@@ -201,7 +201,7 @@ impl ServeConfig {
             return Err("--drain-seconds: must be at most 3600".to_owned());
         }
         self.connections.validate()?;
-        self.telemetry.validate()?;
+        self.telemetry.validate(self.access.tls_cert.is_some())?;
         self.limits.recordings.validate()?;
         self.policies.validate()
     }
@@ -236,13 +236,14 @@ mod tests {
     }
 
     #[test]
-    fn open_pages_are_a_flag_of_their_own_and_change_nothing_for_callers() {
-        let open = ["--listen", "0.0.0.0:7400", "--tls-cert", "c", "--tls-key", "k", "--web-listen", "0.0.0.0:7401"];
+    fn pages_that_others_reach_are_encrypted_or_a_flag_of_their_own() {
+        let open = ["--web-listen", "0.0.0.0:7401"];
         assert!(serve(&open).validate().unwrap_err().contains("--web-insecure"));
         assert!(serve(&[&open[..], &["--insecure"]].concat()).validate().is_err(), "it is about callers");
         let config = serve(&[&open[..], &["--web-insecure"]].concat());
         assert_eq!(config.validate(), Ok(()));
         assert!(!config.insecure && config.access.tokens_required(false, config.insecure));
+        assert_eq!(serve(&[&open[..], &["--tls-cert", "c", "--tls-key", "k"]].concat()).validate(), Ok(()));
     }
 
     #[test]

@@ -7,6 +7,8 @@ pub mod access;
 pub mod blobs;
 pub mod config;
 mod connections;
+#[cfg_attr(not(test), expect(dead_code, reason = "the pages that look at it come next"))]
+mod curation;
 pub mod domain;
 pub mod error;
 pub mod fail_point;
@@ -37,7 +39,7 @@ use std::{
 use tokio::net::{TcpListener, TcpSocket};
 
 use crate::{
-    access::tls::Tls,
+    access::{Book, tls::Tls},
     config::ServeConfig,
     error::{Error, Result},
     lock::DataLock,
@@ -87,16 +89,21 @@ impl Listeners {
         Ok(format!("{scheme}://{}", self.address()?))
     }
 
+    /// Where the pages are, as browsers name it, if anywhere.
+    ///
+    /// # Errors
+    /// Internal when the system does not say.
+    pub fn pages_url(&self) -> Result<Option<String>> {
+        let scheme = if self.tls.is_some() { "https" } else { "http" };
+        Ok(self.pages()?.map(|pages| format!("{scheme}://{pages}")))
+    }
+
     /// Where our own workers call.
     fn for_workers(&self) -> Result<SocketAddr> {
         self.workers.local_addr().map_err(|error| Error::internal("asking the workers' address", error))
     }
 
-    /// Where the pages for machines are, if anywhere.
-    ///
-    /// # Errors
-    /// Internal when the system does not say.
-    pub fn pages(&self) -> Result<Option<SocketAddr>> {
+    fn pages(&self) -> Result<Option<SocketAddr>> {
         let pages = self.pages.as_ref().map(TcpListener::local_addr).transpose();
         pages.map_err(|error| Error::internal("asking the pages' address", error))
     }
@@ -136,8 +143,10 @@ pub async fn run(
         telemetry::metrics::recorder()?;
     }
     let rooms = Rooms::open(config, listeners.for_workers()?).await?;
-    let _pages = listeners.pages.take().map(|listener| web::open(rooms.clone(), listener)).transpose()?;
-    let served = service::serve(&rooms, listeners, stop).await;
+    let (book, _keeping_up) = Book::kept_up(rooms.store.clone()).await?;
+    let (pages, tls) = (listeners.pages.take(), listeners.tls.clone());
+    let _pages = pages.map(|listener| web::open(rooms.clone(), listener, tls, book.clone())).transpose()?;
+    let served = service::serve(&rooms, listeners, book, stop).await;
     rooms.close().await;
     tracing::info!("stopped");
     served

@@ -115,8 +115,8 @@ async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
     // Before anything is said: who starts a server must not wait for one that will not serve.
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;
-    if let Some(pages) = listeners.pages()? {
-        println!("metrics on http://{pages}/metrics");
+    if let Some(pages) = listeners.pages_url()? {
+        println!("pages on {pages}/, metrics on {pages}/metrics");
     }
     println!("listening on {}", listeners.url()?);
     let limit = Duration::from_secs(config.drain_seconds) + ENDING;

@@ -14,7 +14,7 @@ use tonic::{
     codegen::http::{HeaderMap, Response},
 };
 
-use super::{book::Over, caller::Caller, entry::Entry, guard::unknown_token};
+use super::{book::Over, caller::Caller, entry::Entry, reception::unknown_token};
 use crate::wire::status::last_words;
 
 type Writing = Pin<Box<dyn Future<Output = ()> + Send>>;

@@ -12,7 +12,10 @@ use std::{
 };
 
 use tokio::time::Instant;
-use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
+use tokio_util::{
+    sync::{CancellationToken, WaitForCancellationFutureOwned},
+    task::AbortOnDropHandle,
+};
 
 use crate::{
     domain::{access::Token, time::Millis},
@@ -62,11 +65,21 @@ impl Book {
     ///
     /// # Errors
     /// When the database cannot be read.
-    pub(crate) async fn open(store: Store) -> Result<Self> {
+    pub(super) async fn open(store: Store) -> Result<Self> {
         let book =
             Self(Arc::new(Inner { store, live: Mutex::default(), read: tokio::sync::Mutex::new(Instant::now()) }));
         book.read().await?;
         Ok(book)
+    }
+
+    /// Opens it and keeps it up to date, until what is given second is dropped.
+    ///
+    /// # Errors
+    /// As [`Book::open`].
+    pub(crate) async fn kept_up(store: Store) -> Result<(Self, AbortOnDropHandle<()>)> {
+        let book = Self::open(store).await?;
+        let keeping = book.clone();
+        Ok((book, AbortOnDropHandle::new(tokio::spawn(async move { keeping.keep_up().await }))))
     }
 
     /// Whether anybody could be let in.
@@ -75,7 +88,7 @@ impl Book {
     }
 
     /// Reads it again and again, until dropped.
-    pub(crate) async fn keep_up(&self) {
+    pub(super) async fn keep_up(&self) {
         loop {
             tokio::time::sleep(READ_EVERY).await;
             let mut read = self.0.read.lock().await;

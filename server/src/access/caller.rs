@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::{book::Held, table::Need};
 use crate::{
-    domain::access::Role,
+    domain::{access::Role, id::TokenId},
     error::{Error, Result},
 };
 
@@ -55,6 +55,22 @@ impl Caller {
     /// Forbidden, naming the role.
     pub(crate) fn must_be(&self, least: Role) -> Result<()> {
         self.permit(Need::Least(least))
+    }
+
+    /// Who it is, for people.
+    pub(crate) fn who(&self) -> &str {
+        match self {
+            Self::Known(held) => held.token.who(),
+            Self::Anyone => "anyone",
+        }
+    }
+
+    /// The id of the token it has, if it has one.
+    pub(super) fn token_id(&self) -> Option<TokenId> {
+        match self {
+            Self::Known(held) => Some(held.token.id.clone()),
+            Self::Anyone => None,
+        }
     }
 
     /// The deployments that it is bound to; `None` when it is not.

@@ -75,10 +75,7 @@ impl Draft {
             let asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
             subjects(&self.path, asked.message(), self.answered.message())
         };
-        let (token_id, who) = match &self.caller {
-            Caller::Known(held) => (Some(held.token.id.clone()), held.token.who().to_owned()),
-            Caller::Anyone => (None, "anyone".to_owned()),
-        };
+        let (token_id, who) = (self.caller.token_id(), self.caller.who().to_owned());
         let outcome = if code == Code::Ok { "ok".to_owned() } else { format!("{code:?}") };
         // `/gleaner.v1.TaskService/CreateTask` is `TaskService/CreateTask` for people.
         let rpc = self.path.rsplit_once('.').map_or(self.path.as_str(), |(_, rpc)| rpc).to_owned();

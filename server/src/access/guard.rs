@@ -23,6 +23,7 @@ use super::{
     book::{Book, Held},
     caller::Caller,
     entry::Entry,
+    reception::Reception,
     secret,
     table::{Need, Rule, rule},
     worker::Worker,
@@ -30,7 +31,7 @@ use super::{
 use crate::{
     connections::{self, Call, Client, Connections, Link},
     domain::id::TokenId,
-    error::{Error, Result},
+    error::Result,
     jobs::Jobs,
     store::Store,
     wire::status::{from_error, no_such_rpc},
@@ -55,10 +56,8 @@ enum Door {
 }
 
 struct Callers {
-    book: Book,
+    reception: Reception,
     store: Store,
-    /// Whether who shows no token is sent away.
-    required: bool,
     connections: Connections,
     /// Refusals by role that go to the audit log, by the token's id.
     refusals: DefaultKeyedRateLimiter<TokenId>,
@@ -70,7 +69,12 @@ impl Guard {
         let one = NonZeroU32::MIN;
         let quota = Quota::per_second(one).allow_burst(NonZeroU32::new(REFUSALS_AT_ONCE).unwrap_or(one));
         let refusals = RateLimiter::keyed(quota);
-        Self(Arc::new(Door::Callers(Callers { book, store, required, connections, refusals })))
+        Self(Arc::new(Door::Callers(Callers {
+            reception: Reception::new(book, required),
+            store,
+            connections,
+            refusals,
+        })))
     }
 
     /// Stands before what workers call.
@@ -160,7 +164,7 @@ impl Callers {
     {
         // Counted before anything is asked of the disk: a flood, of unknown tokens too, costs no more than its answers.
         let shown = secret::shown(request.headers());
-        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.book.known(hash));
+        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.reception.known(hash));
         match self.count(&request, known.as_deref()) {
             Ok(None) => {}
             Ok(Some(call)) => {
@@ -213,20 +217,8 @@ impl Callers {
         client.map(|client| self.connections.count(client)).transpose()
     }
 
-    /// Who calls.
-    ///
-    /// # Errors
-    /// Unauthenticated when a token is shown that is none of ours, or none where one is asked for.
     async fn authenticate(&self, shown: Result<Option<String>>, known: Option<Arc<Held>>) -> Result<Caller> {
-        let Some(hash) = shown? else {
-            return if self.required { Err(no_token()) } else { Ok(Caller::Anyone) };
-        };
-        let held = match known {
-            Some(held) => held,
-            None => self.book.find(&hash).await?.ok_or_else(unknown_token)?,
-        };
-        self.book.used(&held);
-        Ok(Caller::Known(held))
+        self.reception.authenticate(shown?.as_deref(), known).await
     }
 
     /// Whether the audit log hears of one more refusal by role: a flood of them must not fill it.
@@ -240,21 +232,6 @@ impl Callers {
 
 fn peer(request: &Request<Body>) -> String {
     request.extensions().get::<Link>().map(|link| link.peer().to_string()).unwrap_or_default()
-}
-
-fn no_token() -> Error {
-    Error::unauthenticated(
-        "this server asks for a token: give one with --token or GLEANER_TOKEN; who runs the server makes one with \
-         `gleaner-server token create`",
-    )
-}
-
-/// What a caller hears whose token is none, or none any more. Which of the two it is, is not said.
-pub(super) fn unknown_token() -> Error {
-    Error::unauthenticated(
-        "this token is not known, has expired or was revoked; who runs the server makes one with \
-         `gleaner-server token create`",
-    )
 }
 
 #[cfg(test)]

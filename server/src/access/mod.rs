@@ -11,10 +11,20 @@ mod entry;
 mod guard;
 mod mint;
 mod overheard;
+mod pages;
+mod reception;
 mod secret;
 mod subject;
 mod table;
 pub(crate) mod tls;
 mod worker;
 
-pub(crate) use self::{book::Book, caller::Caller, guard::Guard, table::method, worker::Worker};
+pub(crate) use self::{
+    book::Book,
+    caller::Caller,
+    guard::Guard,
+    pages::{Done, PageGuard},
+    secret::hash as token_hash,
+    table::method,
+    worker::Worker,
+};

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 /// How a token is kept and found. A fast hash is right: a token is 256 random bits, so there is nothing to guess that
 /// a slow hash would have to make dear; and because it is looked up by its hash, how long that takes tells nothing of
 /// any token.
-pub(super) fn hash(token: &str) -> String {
+pub(crate) fn hash(token: &str) -> String {
     blake3::hash(token.as_bytes()).to_hex().to_string()
 }
 

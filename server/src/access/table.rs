@@ -1,12 +1,12 @@
-//! The authorisation table: which role each rpc needs, and whether it changes something.
+//! The authorisation table: which role each rpc and each page needs, and whether it changes something.
 //!
-//! The `match` has no wildcard, so an rpc without a row does not build; what is not in the table at all is refused.
+//! No `match` has a wildcard, so an rpc or a page without a row does not build; what is not in the table at all is refused.
 
 use std::{collections::HashMap, sync::LazyLock};
 
 use gleaner_proto::Rpc;
 
-use crate::domain::access::Role;
+use crate::{domain::access::Role, web::Page};
 
 /// What a caller must have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -128,6 +128,18 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::WorkerServiceSaveCheckpoint
         | Rpc::WorkerServiceCompleteJob
         | Rpc::WorkerServiceFailJob => job,
+    }
+}
+
+/// The row of a page.
+pub(super) fn page_rule(page: Page) -> Rule {
+    let reads = |least| Rule { need: Need::Least(least), audited: false };
+    match page {
+        // Who signs in shows a token, and who signs out needs none.
+        Page::Health | Page::Asset | Page::SignIn | Page::SigningIn | Page::SigningOut => {
+            Rule { need: Need::Nothing, audited: false }
+        }
+        Page::Metrics | Page::Overview => reads(Role::Viewer),
     }
 }
 

@@ -54,9 +54,20 @@ pub(crate) type Line = Either<TcpStream, TlsStream<TcpStream>>;
 /// When the peer does not shake hands.
 pub(crate) async fn handshake(tls: Option<Arc<Tls>>, stream: TcpStream) -> io::Result<Line> {
     match tls {
-        Some(tls) => tls.accept(stream).await.map(Either::Right),
+        Some(tls) => shake(tls.current(), stream).await,
         None => Ok(Either::Left(stream)),
     }
+}
+
+/// As [`handshake`], with what browsers speak instead of what calls do.
+///
+/// # Errors
+/// When the peer does not shake hands.
+pub(crate) async fn handshake_of_pages(tls: Option<Arc<Tls>>, stream: TcpStream) -> io::Result<Line> {
+    let Some(tls) = tls else { return Ok(Either::Left(stream)) };
+    let mut config = ServerConfig::clone(&tls.current());
+    config.alpn_protocols = vec![b"http/1.1".to_vec()];
+    shake(Arc::new(config), stream).await
 }
 
 #[derive(Debug)]
@@ -64,6 +75,11 @@ struct Files {
     cert: PathBuf,
     key: PathBuf,
     client_ca: Option<PathBuf>,
+}
+
+/// The handshake. Whoever calls puts a deadline around it.
+async fn shake(config: Arc<ServerConfig>, stream: TcpStream) -> io::Result<Line> {
+    TlsAcceptor::from(config).accept(stream).await.map(Either::Right)
 }
 
 impl Tls {
@@ -79,13 +95,8 @@ impl Tls {
         Ok(Some(Self { files, first, current }))
     }
 
-    /// The handshake. Whoever calls puts a deadline around it.
-    ///
-    /// # Errors
-    /// When the peer does not shake hands.
-    async fn accept(&self, stream: TcpStream) -> io::Result<TlsStream<TcpStream>> {
-        let current = Arc::clone(&self.current.read().unwrap_or_else(PoisonError::into_inner));
-        TlsAcceptor::from(current).accept(stream).await
+    fn current(&self) -> Arc<ServerConfig> {
+        Arc::clone(&self.current.read().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Reads the files again whenever they change and on SIGHUP, until dropped. Files that cannot be used change nothing.

@@ -36,7 +36,7 @@ impl Link {
     }
 
     /// A call has come on it.
-    pub(super) fn call(&self) {
+    pub(crate) fn call(&self) {
         self.0.called.store(true, Relaxed);
     }
 

@@ -53,10 +53,15 @@ const FAREWELL: Duration = Duration::from_secs(1);
 ///
 /// # Errors
 /// When the transport fails.
-pub(crate) async fn serve(rooms: &Rooms, listeners: Listeners, stop: impl Future<Output = ()> + Send) -> Result<()> {
+pub(crate) async fn serve(
+    rooms: &Rooms,
+    listeners: Listeners,
+    book: Book,
+    stop: impl Future<Output = ()> + Send,
+) -> Result<()> {
     let connections = Connections::new(rooms.config.connections.clone());
     let Listeners { calls, tls, workers, pages: _ } = listeners;
-    let (guard, _keeping_up) = guard(rooms, tls.is_some(), &connections).await?;
+    let guard = guard(rooms, book, tls.is_some(), &connections);
     let _workers = for_workers(rooms, workers);
     let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
     let (routes, health) = routes(rooms).await?;
@@ -101,12 +106,11 @@ pub(crate) async fn serve(rooms: &Rooms, listeners: Listeners, stop: impl Future
     }
 }
 
-/// The guard before the services, and what keeps its book up to date.
-async fn guard(rooms: &Rooms, encrypted: bool, connections: &Connections) -> Result<(Guard, AbortOnDropHandle<()>)> {
+/// The guard before the services.
+fn guard(rooms: &Rooms, book: Book, encrypted: bool, connections: &Connections) -> Guard {
     let config = &rooms.config;
     let loopback = config.listen.ip().is_loopback();
     let required = config.access.tokens_required(loopback, config.insecure);
-    let book = Book::open(rooms.store.clone()).await?;
     if !loopback && !encrypted {
         tracing::warn!("other machines can reach this server, and what they send, tokens too, is not encrypted");
     }
@@ -116,8 +120,7 @@ async fn guard(rooms: &Rooms, encrypted: bool, connections: &Connections) -> Res
     if required && book.is_empty() {
         tracing::warn!("callers must show a token and there is none: make one with `gleaner-server token create`");
     }
-    let guard = Guard::new(book.clone(), rooms.store.clone(), required, connections.clone());
-    Ok((guard, AbortOnDropHandle::new(tokio::spawn(async move { book.keep_up().await }))))
+    Guard::new(book, rooms.store.clone(), required, connections.clone())
 }
 
 /// Serves our own workers: nothing but their service, on this machine only. Each call shows the token of its job, and what

@@ -1,93 +1,100 @@
-//! Pages on an address of their own: `/metrics` for Prometheus and `/healthz` for whoever keeps the server running.
+//! The curation pages, for people, and what programs ask for, on an address of their own.
 //!
-//! Knows HTTP. Must not know gRPC.
+//! Another face of the same rooms as `service`, behind the same table of roles. Knows HTTP and HTML; must not know gRPC,
+//! SQL or tensors. No page without a row in the authorisation table, no handler without the door.
 
+mod assets;
+mod browser;
+mod door;
 mod gate;
+mod machines;
+mod overview;
+mod page;
+mod plot;
+mod refusal;
+mod routes;
+mod say;
+mod sheet;
+mod shell;
+mod sign_in;
+mod visit;
 mod vitals;
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
-use axum::{Router, extract::State, http::StatusCode, routing::get};
-use http::{HeaderValue, header::CONNECTION};
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::net::TcpListener;
 use tokio_util::task::AbortOnDropHandle;
 
-use self::gate::Gate;
+pub(crate) use self::page::Page;
+use self::{browser::SignedIn, gate::Gate};
 use crate::{
+    access::{Book, PageGuard, tls::Tls},
     config::ConnectionsConfig,
+    connections::{Connections, Link},
     error::{Error, Result},
     service::Rooms,
     telemetry,
 };
 
-/// Connections at once: whoever watches needs few.
-const CONNECTIONS: usize = 64;
+/// Connections at once, and from one address: a browser opens six, each for one request.
+const CONNECTIONS: usize = 512;
+const CONNECTIONS_PER_ADDRESS: usize = 128;
 /// How often what was measured is summed up, so that it does not pile up when nobody looks.
 const UPKEEP: Duration = Duration::from_secs(5);
 
-/// What the pages show.
-#[derive(Clone)]
-struct Shown {
+/// What every page may look at.
+struct House {
     rooms: Rooms,
+    guard: PageGuard,
+    signed_in: SignedIn,
     metrics: PrometheusHandle,
+    /// Whether the way to the browser is encrypted.
+    encrypted: bool,
+    /// Whether only this machine reaches the pages.
+    loopback: bool,
 }
 
 /// Opens the pages, until what this gives is dropped.
 ///
 /// # Errors
-/// Internal when metrics cannot be set up.
-pub(crate) fn open(rooms: Rooms, listener: TcpListener) -> Result<AbortOnDropHandle<()>> {
+/// Internal when metrics cannot be set up or the address is gone.
+pub(crate) fn open(
+    rooms: Rooms,
+    listener: TcpListener,
+    tls: Option<Arc<Tls>>,
+    book: Book,
+) -> Result<AbortOnDropHandle<()>> {
     let metrics = telemetry::metrics::recorder()?;
-    Ok(AbortOnDropHandle::new(tokio::spawn(async move {
-        if let Err(error) = serve(rooms, listener, metrics).await {
-            tracing::error!(%error, "the pages are gone");
-        }
-    })))
+    let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
+    let (config, loopback) = (&rooms.config, address.ip().is_loopback());
+    let required = config.access.tokens_required(loopback && config.listen.ip().is_loopback(), config.insecure);
+    let connections = Connections::new(ConnectionsConfig {
+        max_connections: CONNECTIONS,
+        max_connections_per_address: CONNECTIONS_PER_ADDRESS,
+        ..config.connections.clone()
+    });
+    let encrypted = tls.is_some();
+    let gate = Gate::new(&connections, listener, tls)?;
+    let guard = PageGuard::new(book, rooms.store.clone(), required, connections);
+    let house = Arc::new(House { rooms, guard, signed_in: SignedIn::default(), metrics, encrypted, loopback });
+    Ok(AbortOnDropHandle::new(tokio::spawn(serve(house, gate))))
 }
 
-async fn serve(rooms: Rooms, listener: TcpListener, metrics: PrometheusHandle) -> Result<()> {
-    let config = ConnectionsConfig {
-        max_connections: CONNECTIONS,
-        max_connections_per_address: CONNECTIONS,
-        ..rooms.config.connections.clone()
-    };
-    let gate = Gate::new(config, listener)?;
-    let pages = Router::new()
-        .route("/metrics", get(show_metrics))
-        .route("/healthz", get(health))
-        // One request a connection: what is silent afterwards is nobody's.
-        .layer(axum::middleware::map_response(|mut response: axum::response::Response| async {
-            response.headers_mut().insert(CONNECTION, HeaderValue::from_static("close"));
-            response
-        }))
-        .with_state(Shown { rooms, metrics: metrics.clone() });
+async fn serve(house: Arc<House>, gate: Gate) {
+    let pages = routes::all(&house).into_make_service_with_connect_info::<Link>();
     let upkeep = async {
         loop {
             tokio::time::sleep(UPKEEP).await;
-            metrics.run_upkeep();
+            house.metrics.run_upkeep();
         }
     };
     tokio::select! {
-        served = axum::serve(gate, pages) => served.map_err(|error| Error::internal("serving pages", error)),
-        () = upkeep => Ok(()),
-    }
-}
-
-async fn show_metrics(State(shown): State<Shown>) -> (StatusCode, String) {
-    match vitals::take(&shown.rooms).await {
-        Ok(()) => (StatusCode::OK, shown.metrics.render()),
-        Err(error) => {
-            tracing::error!(%error, "the metrics cannot be told");
-            (StatusCode::INTERNAL_SERVER_ERROR, "the server's log tells what is wrong\n".to_owned())
+        served = axum::serve(gate, pages) => {
+            if let Err(error) = served {
+                tracing::error!(%error, "the pages are gone");
+            }
         }
-    }
-}
-
-async fn health(State(shown): State<Shown>) -> (StatusCode, &'static str) {
-    if shown.rooms.stopping.is_cancelled() {
-        (StatusCode::SERVICE_UNAVAILABLE, "stopping\n")
-    } else {
-        (StatusCode::OK, "serving\n")
+        () = upkeep => {}
     }
 }

@@ -89,7 +89,7 @@ async fn exchange(tls: &Tls, client: &TlsConnector) -> io::Result<CertificateDer
     let listener = TcpListener::bind("127.0.0.1:0").await?;
     let address = listener.local_addr()?;
     let serve = async {
-        let mut stream = tls.accept(listener.accept().await?.0).await?;
+        let mut stream = shake(tls.current(), listener.accept().await?.0).await?;
         let byte = stream.read_u8().await?;
         stream.write_u8(byte).await?;
         stream.flush().await

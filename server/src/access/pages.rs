@@ -1,0 +1,114 @@
+//! The guard of the pages: who looks, what they may see and change, and what of it the audit log hears.
+//!
+//! The same book, table and log as for calls. Must not know HTTP.
+
+use std::sync::Arc;
+
+use super::{
+    book::{Book, Held},
+    caller::Caller,
+    reception::Reception,
+    table::{Need, page_rule},
+};
+use crate::{
+    connections::{Call, Client, Connections, Link},
+    domain::{access::AuditEntry, time::Millis},
+    error::{Kind, Result},
+    store::Store,
+    web::Page,
+};
+
+/// Stands before the pages.
+#[derive(Clone)]
+pub(crate) struct PageGuard {
+    reception: Reception,
+    store: Store,
+    connections: Connections,
+}
+
+impl PageGuard {
+    /// `required`: whether who shows no token is sent away.
+    pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
+        Self { reception: Reception::new(book, required), store, connections }
+    }
+
+    /// Counts a request for the token with the hash `shown` if that is known, else for the address; and says who it is.
+    /// The request counts as under way until what is given first is dropped.
+    ///
+    /// # Errors
+    /// Exhausted when there are too many; Unauthenticated.
+    pub(crate) async fn admit(&self, shown: Option<&str>, link: &Link) -> Result<(Call, Result<Caller>)> {
+        let known: Option<Arc<Held>> = shown.and_then(|hash| self.reception.known(hash));
+        let client = match &known {
+            Some(held) => Client::Token(held.token.id.as_str().into()),
+            None => Client::at(link),
+        };
+        let call = self.connections.count(client)?;
+        Ok((call, self.reception.authenticate(shown, known).await))
+    }
+
+    /// Whether a token with this hash lets anybody in.
+    ///
+    /// # Errors
+    /// When the database cannot be read.
+    pub(crate) async fn is_token(&self, hash: &str) -> Result<bool> {
+        match self.reception.authenticate(Some(hash), None).await {
+            Ok(_) => Ok(true),
+            Err(error) if error.kind() == Kind::Unauthenticated => Ok(false),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Lets somebody look at a page, or change something with it.
+    ///
+    /// # Errors
+    /// Forbidden, naming the role that is needed.
+    pub(crate) fn permit(caller: &Caller, page: Page) -> Result<()> {
+        caller.permit(page_rule(page).need)
+    }
+
+    /// Whether anybody may have this page, whoever they are.
+    pub(crate) fn is_open(page: Page) -> bool {
+        page_rule(page).need == Need::Nothing
+    }
+
+    /// Whether a request for this page changes something.
+    pub(crate) fn changes(page: Page) -> bool {
+        page_rule(page).audited
+    }
+
+    /// Writes a change, or one that was refused, to the audit log. Ends when it is on disk, and is written also if nobody
+    /// waits for that. One that cannot be written undoes nothing; the log has it instead.
+    pub(crate) async fn note(&self, caller: &Caller, link: &Link, done: Done) {
+        let entry = AuditEntry {
+            at: Millis::now(),
+            token_id: caller.token_id(),
+            who: caller.who().to_owned(),
+            peer: link.peer().to_string(),
+            rpc: format!("pages/{:?}", done.page),
+            subjects: done.subjects,
+            outcome: done.outcome,
+        };
+        let store = self.store.clone();
+        let writing = tokio::spawn(async move {
+            if let Err(error) = store.insert_audit(&entry).await {
+                tracing::error!(
+                    %error, audit.rpc = entry.rpc, audit.who = entry.who, audit.subjects = ?entry.subjects,
+                    audit.outcome = entry.outcome, "the audit log could not be written"
+                );
+            }
+        });
+        // It fails only with the runtime.
+        let _ = writing.await;
+    }
+}
+
+/// What was done with a page.
+pub(crate) struct Done {
+    /// The page.
+    pub(crate) page: Page,
+    /// What it was about, as `field=value`.
+    pub(crate) subjects: Vec<String>,
+    /// `ok`, or what it was refused as.
+    pub(crate) outcome: String,
+}

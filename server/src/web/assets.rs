@@ -1,0 +1,60 @@
+//! Styles and scripts, part of the program. Each one's address has its digest, so that browsers keep it for good.
+
+use std::{collections::HashMap, sync::LazyLock};
+
+use axum::{
+    extract::Path,
+    http::header::{CACHE_CONTROL, CONTENT_TYPE},
+    response::IntoResponse as _,
+};
+
+use super::refusal::Answer;
+use crate::error::Error;
+
+const CSS: &str = "text/css; charset=utf-8";
+const SVG: &str = "image/svg+xml";
+
+/// Name, kind, content.
+const ASSETS: &[(&str, &str, &str)] = &[
+    ("gleaner.css", CSS, include_str!("assets/gleaner.css")),
+    ("gleaner.svg", SVG, include_str!("assets/gleaner.svg")),
+];
+
+/// By the last part of its address.
+static BY_ADDRESS: LazyLock<HashMap<String, (&str, &str)>> = LazyLock::new(|| {
+    ASSETS.iter().map(|(name, kind, content)| (addressed(name, content), (*kind, *content))).collect()
+});
+/// Where each is, by its name.
+static PATHS: LazyLock<HashMap<&str, String>> = LazyLock::new(|| {
+    ASSETS.iter().map(|(name, _, content)| (*name, format!("/assets/{}", addressed(name, content)))).collect()
+});
+
+fn addressed(name: &str, content: &str) -> String {
+    let digest = blake3::hash(content.as_bytes()).to_hex();
+    format!("{}-{name}", digest.get(..12).unwrap_or_default())
+}
+
+/// Where a style or script is.
+pub(super) fn path(name: &str) -> &'static str {
+    PATHS.get(name).map_or("/assets/missing", String::as_str)
+}
+
+pub(super) async fn serve(Path(name): Path<String>) -> Answer {
+    let (kind, content) = BY_ADDRESS.get(&name).ok_or_else(|| Error::not_found("asset", name.escape_debug()))?;
+    Ok(([(CONTENT_TYPE, *kind), (CACHE_CONTROL, "public, max-age=31536000, immutable")], *content).into_response())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_asset_is_where_its_path_says_and_reaches_for_nothing_outside() {
+        for (name, _, content) in ASSETS {
+            let address = path(name).strip_prefix("/assets/");
+            assert_eq!(address.and_then(|address| BY_ADDRESS.get(address)).map(|found| found.1), Some(*content));
+            let outside = content.replace("http://www.w3.org/", "");
+            assert!(!outside.contains("://") && !outside.contains("@import"), "{name}");
+        }
+    }
+}

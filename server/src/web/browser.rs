@@ -1,0 +1,156 @@
+//! Browsers: a cookie names one, what only its own pages know proves that a request comes from them, and whose token it
+//! showed is kept in memory.
+//!
+//! The cookie is no token: it is worth nothing after its end, a sign-out or a restart of the server.
+
+use std::{
+    collections::HashMap,
+    sync::{Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use axum::http::{HeaderMap, HeaderValue, header::COOKIE};
+use rand::RngExt as _;
+
+/// The cookie's name.
+const NAME: &str = "gleaner";
+/// How long after it was last seen a browser is forgotten.
+const FORGOTTEN_AFTER: Duration = Duration::from_secs(12 * 3600);
+/// Browsers that are signed in at once; beyond, the one that was silent longest must sign in again.
+const MOST: usize = 4096;
+
+/// A browser, by the random text in its cookie.
+#[derive(Clone, PartialEq, Eq, Hash)]
+pub(super) struct Browser(String);
+
+impl Browser {
+    /// One that was never here.
+    pub(super) fn new() -> Self {
+        let random: [u8; 32] = rand::rng().random();
+        Self(blake3::Hash::from_bytes(random).to_hex().to_string())
+    }
+
+    /// The one that a request says it comes from.
+    pub(super) fn of(headers: &HeaderMap) -> Option<Self> {
+        let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
+        let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
+        let (_, text) = pairs.find(|(name, _)| *name == NAME)?;
+        let ours = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
+        ours.then(|| Self(text.to_owned()))
+    }
+
+    /// The header that has the browser remember who it is.
+    pub(super) fn cookie(&self, encrypted: bool) -> HeaderValue {
+        let secure = if encrypted { "; Secure" } else { "" };
+        let cookie = format!("{NAME}={}; Path=/; HttpOnly; SameSite=Strict{secure}", self.0);
+        let mut cookie = HeaderValue::from_str(&cookie).unwrap_or_else(|_| HeaderValue::from_static(""));
+        cookie.set_sensitive(true);
+        cookie
+    }
+
+    /// What a request that changes something must bring: other sites can make a browser ask, but cannot read this.
+    pub(super) fn proof(&self) -> String {
+        let key =
+            blake3::derive_key("gleaner 2026-11 pages: proof that a request comes from a page", self.0.as_bytes());
+        blake3::Hash::from_bytes(key).to_hex().as_str().chars().take(32).collect()
+    }
+}
+
+/// The browsers that showed a token.
+#[derive(Default)]
+pub(super) struct SignedIn(Mutex<HashMap<Browser, Visitor>>);
+
+struct Visitor {
+    token_hash: String,
+    seen: Instant,
+}
+
+impl SignedIn {
+    /// The hash of the token that a browser showed.
+    pub(super) fn token_of(&self, browser: &Browser) -> Option<String> {
+        let mut visitors = self.visitors();
+        let visitor = visitors.get_mut(browser)?;
+        if visitor.seen.elapsed() > FORGOTTEN_AFTER {
+            visitors.remove(browser);
+            return None;
+        }
+        visitor.seen = Instant::now();
+        Some(visitor.token_hash.clone())
+    }
+
+    /// Lets a browser in with a token. It gets a new name: one that somebody else has put there is worth nothing.
+    pub(super) fn sign_in(&self, token_hash: String) -> Browser {
+        let browser = Browser::new();
+        let mut visitors = self.visitors();
+        if visitors.len() >= MOST {
+            let oldest = visitors.iter().min_by_key(|(_, visitor)| visitor.seen).map(|(browser, _)| browser.clone());
+            oldest.map(|oldest| visitors.remove(&oldest));
+        }
+        visitors.insert(browser.clone(), Visitor { token_hash, seen: Instant::now() });
+        browser
+    }
+
+    /// Forgets a browser.
+    pub(super) fn sign_out(&self, browser: &Browser) {
+        self.visitors().remove(browser);
+    }
+
+    fn visitors(&self) -> MutexGuard<'_, HashMap<Browser, Visitor>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn headers(cookie: &str) -> HeaderMap {
+        HeaderMap::from_iter([(COOKIE, HeaderValue::from_str(cookie).unwrap())])
+    }
+
+    #[test]
+    fn a_browser_comes_back_by_its_cookie() {
+        let browser = Browser::new();
+        let cookie = browser.cookie(true);
+        let text = cookie.to_str().unwrap();
+        assert!(text.contains("HttpOnly") && text.contains("SameSite=Strict") && text.ends_with("Secure"));
+        assert!(!browser.cookie(false).to_str().unwrap().contains("Secure"));
+        assert!(cookie.is_sensitive(), "no log of headers shows it");
+        let sent = format!("a=b; {}; c", text.split(';').next().unwrap());
+        assert!(Browser::of(&headers(&sent)) == Some(browser));
+        for wrong in ["", "gleaner", "gleaner=", "gleaner=../../etc", &format!("gleaner={}", "g".repeat(64))] {
+            assert!(Browser::of(&headers(wrong)).is_none(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn proofs_differ_and_tell_nothing_of_the_cookie() {
+        let (one, other) = (Browser::new(), Browser::new());
+        assert_eq!(one.proof(), one.clone().proof());
+        assert_ne!(one.proof(), other.proof());
+        assert!(!one.0.contains(&one.proof()));
+    }
+
+    #[test]
+    fn a_browser_is_signed_in_until_it_signs_out() {
+        let signed_in = SignedIn::default();
+        let before = Browser::new();
+        let browser = signed_in.sign_in("hash".to_owned());
+        assert!(browser != before && signed_in.token_of(&before).is_none());
+        assert_eq!(signed_in.token_of(&browser).as_deref(), Some("hash"));
+        signed_in.sign_out(&browser);
+        assert!(signed_in.token_of(&browser).is_none());
+    }
+
+    #[test]
+    fn there_are_so_many_at_most_and_the_oldest_goes() {
+        let signed_in = SignedIn::default();
+        let first = signed_in.sign_in("first".to_owned());
+        for _ in 0..MOST {
+            signed_in.sign_in("later".to_owned());
+        }
+        assert!(signed_in.token_of(&first).is_none());
+        assert_eq!(signed_in.visitors().len(), MOST);
+    }
+}

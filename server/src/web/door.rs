@@ -1,0 +1,216 @@
+//! The door of every page: who is it, may they, does the request come from a page of ours; and what every answer says to
+//! the browser.
+
+use std::{sync::Arc, time::Duration};
+
+use axum::{
+    body::Body,
+    extract::{ConnectInfo, Request, State},
+    http::{
+        HeaderMap, HeaderValue, StatusCode,
+        header::{
+            AUTHORIZATION, CACHE_CONTROL, CONNECTION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, LOCATION,
+            REFERRER_POLICY, SET_COOKIE, X_CONTENT_TYPE_OPTIONS,
+        },
+    },
+    middleware::Next,
+    response::{IntoResponse as _, Response},
+};
+
+use super::{
+    House,
+    browser::Browser,
+    page::Page,
+    refusal::{Refusal, Told},
+    shell,
+    visit::{Visit, escaped},
+};
+use crate::{
+    access::{Caller, Done, PageGuard, token_hash},
+    connections::Link,
+    error::{Error, Kind, Result},
+};
+
+/// Largest body that a page takes: labels of some ten thousand episodes.
+const BODY_BYTES: usize = 1 << 20;
+/// How long a page may take to be asked for and made. What it streams afterwards is watched by the connection.
+const WITHIN: Duration = Duration::from_secs(30);
+/// What a change was about: pages give it with their answer, for the audit log.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Subjects(pub(super) Vec<String>);
+
+/// The header in which scripts bring the proof that they are ours.
+const PROOF: &str = "x-gleaner-proof";
+/// Nothing of others, nothing inline, and no frame around us.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
+                      form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+
+/// Lets a request in to its page, or does not.
+pub(super) async fn pass(
+    State((house, page)): State<(Arc<House>, Page)>,
+    ConnectInfo(link): ConnectInfo<Link>,
+    request: Request,
+    next: Next,
+) -> Response {
+    link.call();
+    let come = Browser::of(request.headers());
+    let new = come.is_none().then(Browser::new);
+    let browser = come.or(new.clone()).unwrap_or_else(Browser::new);
+    let wants_data = wants_data(&request);
+    let uri = request.uri().clone();
+    let served = tokio::time::timeout(WITHIN, serve(&house, page, &link, &browser, (request, next))).await;
+    let mut response = match served {
+        Ok(Ok(response)) => response,
+        Ok(Err(error)) if error.kind() == Kind::Unauthenticated && page.method() == "GET" && !wants_data => {
+            let back = uri.path_and_query().map_or("/", |back| back.as_str());
+            (StatusCode::SEE_OTHER, [(LOCATION, format!("/sign-in?next={}", escaped(back)))]).into_response()
+        }
+        Ok(Err(error)) => Refusal(error).into_response(),
+        Err(_) => Refusal(Error::late("this took too long; try again")).into_response(),
+    };
+    if let Some(told) = response.extensions_mut().remove::<Told>() {
+        response = tell(response.status(), &told, wants_data);
+    }
+    finish(&house, &mut response, new);
+    response
+}
+
+async fn serve(
+    house: &Arc<House>,
+    page: Page,
+    link: &Link,
+    browser: &Browser,
+    (request, next): (Request, Next),
+) -> Result<Response> {
+    house.expects(request.headers())?;
+    let bearer = bearer(request.headers());
+    let shown = bearer.clone().or_else(|| house.signed_in.token_of(browser));
+    let (_call, caller) = house.guard.admit(shown.as_deref(), link).await?;
+    let caller = match caller {
+        Err(_) if PageGuard::is_open(page) => Caller::Anyone,
+        other => other?,
+    };
+    let changes = PageGuard::changes(page);
+    if let Err(error) = PageGuard::permit(&caller, page) {
+        if changes {
+            note(house, page, link, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
+        }
+        return Err(error);
+    }
+    let visit =
+        Visit { house: Arc::clone(house), caller: caller.clone(), proof: browser.proof(), uri: request.uri().clone() };
+    // Who shows a token in a header is no browser that another site has sent.
+    let mut request =
+        if page.method() == "POST" && bearer.is_none() { proven(request, &visit.proof).await? } else { request };
+    request.extensions_mut().insert(browser.clone());
+    request.extensions_mut().insert(visit);
+    let mut response = next.run(request).await;
+    if changes {
+        let subjects = response.extensions_mut().remove::<Subjects>().unwrap_or_default().0;
+        let outcome = if response.status().is_success() || response.status().is_redirection() {
+            "ok".to_owned()
+        } else {
+            response.status().canonical_reason().unwrap_or("refused").to_owned()
+        };
+        note(house, page, link, &caller, (subjects, outcome)).await;
+    }
+    Ok(response)
+}
+
+async fn note(house: &House, page: Page, link: &Link, caller: &Caller, (subjects, outcome): (Vec<String>, String)) {
+    house.guard.note(caller, link, Done { page, subjects, outcome }).await;
+}
+
+/// A request that changes something, if it comes from a page of ours: from a script in a header, from a form in a field.
+///
+/// # Errors
+/// Forbidden; Invalid when its body is too large or does not come.
+async fn proven(request: Request, proof: &str) -> Result<Request> {
+    let (parts, body) = request.into_parts();
+    let body = axum::body::to_bytes(body, BODY_BYTES).await.map_err(|_| {
+        Error::invalid("body", format!("must come whole, with at most {BODY_BYTES} bytes; send fewer at a time"))
+    })?;
+    let in_header = parts.headers.get(PROOF).and_then(|value| value.to_str().ok()).map(str::to_owned);
+    let form =
+        parts.headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
+    let in_form = || {
+        let text = std::str::from_utf8(&body).unwrap_or_default();
+        text.split('&')
+            .filter_map(|pair| pair.split_once('='))
+            .find(|(name, _)| *name == "proof")
+            .map(|(_, value)| value)
+    };
+    let brought = in_header.as_deref().or_else(|| if form { in_form() } else { None });
+    if brought != Some(proof) {
+        return Err(Error::forbidden(
+            "this did not come from a page of this server that is still good; load the page again",
+        ));
+    }
+    Ok(Request::from_parts(parts, Body::from(body)))
+}
+
+/// The hash of the token in the header, for programs that read pages.
+fn bearer(headers: &HeaderMap) -> Option<String> {
+    let (scheme, token) = headers.get(AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token_hash(token.trim()))
+}
+
+/// Whether a program reads the answer rather than a person.
+fn wants_data(request: &Request) -> bool {
+    let query = request.uri().query().unwrap_or_default();
+    let accepts = request.headers().get("accept").and_then(|value| value.to_str().ok()).unwrap_or_default();
+    query.split('&').any(|pair| pair.starts_with("format=")) || !accepts.contains("text/html")
+}
+
+fn tell(status: StatusCode, told: &Told, data: bool) -> Response {
+    if data {
+        return (status, axum::Json(serde_json::json!({ "error": told.0 }))).into_response();
+    }
+    (status, shell::bare(status.canonical_reason().unwrap_or("Refused"), &told.0)).into_response()
+}
+
+/// The answer to a request for what is no page of ours.
+pub(super) async fn nowhere(house: Arc<House>, link: Link, request: Request) -> Response {
+    link.call();
+    let told = Told("There is no such page here. Ids are written as the lists show them.".to_owned());
+    let mut response = tell(StatusCode::NOT_FOUND, &told, wants_data(&request));
+    finish(&house, &mut response, None);
+    response
+}
+
+/// What every answer says to the browser.
+fn finish(house: &House, response: &mut Response, new: Option<Browser>) {
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
+    headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(REFERRER_POLICY, HeaderValue::from_static("same-origin"));
+    headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    // One request a connection: what is silent afterwards is nobody's.
+    headers.insert(CONNECTION, HeaderValue::from_static("close"));
+    if let Some(browser) = new {
+        headers.entry(SET_COOKIE).or_insert(browser.cookie(house.encrypted));
+    }
+}
+
+impl House {
+    /// Whether a request is for us by name. Where nobody is asked who they are, another site's name that was made to
+    /// lead here would let that site read everything.
+    ///
+    /// # Errors
+    /// Forbidden.
+    fn expects(&self, headers: &HeaderMap) -> Result<()> {
+        let host = headers.get(HOST).and_then(|value| value.to_str().ok()).unwrap_or_default();
+        let name = host
+            .rsplit_once(':')
+            .map_or(host, |(name, port)| if port.bytes().all(|byte| byte.is_ascii_digit()) { name } else { host });
+        let name = name.trim_start_matches('[').trim_end_matches(']');
+        let here = name == "localhost" || name.parse::<std::net::IpAddr>().is_ok();
+        if here || !self.loopback {
+            return Ok(());
+        }
+        Err(Error::forbidden(format!(
+            "these pages are at localhost and 127.0.0.1, not at {}; have a proxy ask for one of those",
+            name.escape_debug()
+        )))
+    }
+}

@@ -1,0 +1,93 @@
+//! Tables for programs: what a page's table shows, as JSON or CSV.
+
+use axum::{
+    http::header::{CONTENT_DISPOSITION, CONTENT_TYPE},
+    response::{IntoResponse as _, Response},
+};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::{Map, Value};
+
+use super::visit::Visit;
+use crate::error::{Error, Result};
+
+/// How a page is asked for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Format {
+    /// To look at.
+    #[default]
+    Html,
+    /// A list of objects.
+    Json,
+    /// Lines with a header.
+    Csv,
+}
+
+/// A table: its file's name, its columns, its rows.
+pub(super) struct Sheet {
+    pub(super) name: String,
+    pub(super) columns: &'static [&'static str],
+    pub(super) rows: Vec<Vec<Value>>,
+}
+
+impl Sheet {
+    /// The table as a file; JSON unless CSV is asked for.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(super) fn answer(self, format: Format) -> Result<Response> {
+        if format == Format::Csv {
+            let file = format!("attachment; filename=\"{}.csv\"", self.name);
+            let kind = (CONTENT_TYPE, "text/csv; charset=utf-8".to_owned());
+            return Ok(([kind, (CONTENT_DISPOSITION, file)], self.csv()?).into_response());
+        }
+        let columns = self.columns;
+        let row = |row: Vec<Value>| columns.iter().map(|&name| name.to_owned()).zip(row).collect::<Map<_, _>>();
+        Ok(axum::Json(self.rows.into_iter().map(row).collect::<Vec<_>>()).into_response())
+    }
+
+    fn csv(&self) -> Result<Vec<u8>> {
+        let failed = |error: csv::Error| Error::internal("writing a table", error);
+        let mut out = csv::Writer::from_writer(Vec::new());
+        out.write_record(self.columns).map_err(failed)?;
+        for row in &self.rows {
+            out.write_record(row.iter().map(cell)).map_err(failed)?;
+        }
+        out.into_inner().map_err(|error| Error::internal("writing a table", error.into_error()))
+    }
+}
+
+/// A cell of CSV. Text that a spreadsheet would take for a formula is marked as text.
+fn cell(value: &Value) -> String {
+    match value {
+        Value::Null => String::new(),
+        Value::String(text) if text.starts_with(['=', '+', '-', '@', '\t', '\r']) => format!("'{text}"),
+        Value::String(text) => text.clone(),
+        Value::Bool(_) | Value::Number(_) | Value::Array(_) | Value::Object(_) => value.to_string(),
+    }
+}
+
+/// The links under a table to the same for programs.
+pub(super) fn links(visit: &Visit) -> Markup {
+    html! {
+        p.formats { "This table as " a href=(visit.with("format", Some("json"))) { "JSON" } " or "
+            a href=(visit.with("format", Some("csv"))) { "CSV" } }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn cells_are_text_even_where_a_spreadsheet_would_reckon() {
+        let row = vec![json!("=1+1"), json!(-1.5), json!("a \"b\", c"), Value::Null, json!(true)];
+        let sheet = Sheet { name: "t".into(), columns: &["a", "b", "c", "d", "e"], rows: vec![row] };
+        let text = String::from_utf8(sheet.csv().unwrap()).unwrap();
+        assert_eq!(text, "a,b,c,d,e\n'=1+1,-1.5,\"a \"\"b\"\", c\",,true\n");
+    }
+}

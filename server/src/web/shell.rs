@@ -1,0 +1,107 @@
+//! What is around every page: its head, the way to the other pages, who is looking.
+
+use maud::{DOCTYPE, Markup, html};
+
+use super::{assets, page::Page, visit::Visit};
+use crate::access::Caller;
+
+/// Which of the pages' families one belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Tab {
+    /// Every task.
+    Overview,
+    /// A task's episodes.
+    Episodes,
+    /// A task's score runs, and what was made from them.
+    Runs,
+    /// Jobs of all tasks.
+    Jobs,
+    /// What is served.
+    Deployments,
+}
+
+/// What a page says of itself.
+pub(super) struct Head<'a> {
+    pub(super) title: &'a str,
+    pub(super) tab: Tab,
+    /// The task it is about, by name.
+    pub(super) task: Option<&'a str>,
+    /// Its script, if it has one.
+    pub(super) script: Option<&'static str>,
+}
+
+/// A page with its surroundings.
+pub(super) fn page(visit: &Visit, head: &Head, body: &Markup) -> Markup {
+    let link = |tab: Tab, to: &str, name: &str| {
+        html! { a href=(to) aria-current=[(head.tab == tab).then_some("page")] { (name) } }
+    };
+    let top = html! {
+        a.skip href="#main" { "To the content" }
+        header.top {
+            a.brand href="/" { img src=(assets::path("gleaner.svg")) alt=""; "gleaner" }
+            nav aria-label="Pages" {
+                (link(Tab::Overview, "/", "Overview"))
+                @if let Some(task) = head.task {
+                    span.task { (task) }
+                    (link(Tab::Episodes, &format!("/tasks/{task}/episodes"), "Episodes"))
+                    (link(Tab::Runs, &format!("/tasks/{task}/runs"), "Score runs"))
+                }
+                (link(Tab::Jobs, "/jobs", "Jobs"))
+                (link(Tab::Deployments, "/deployments", "Deployments"))
+            }
+            div.who { (who(visit)) }
+        }
+        main #main { (body) }
+    };
+    whole(head.title, Some(&visit.proof), head.script, &top)
+}
+
+/// A page without surroundings: for who is not in yet.
+pub(super) fn alone(title: &str, body: &Markup) -> Markup {
+    whole(title, None, None, &html! { main { (body) } })
+}
+
+/// A page that only says something.
+pub(super) fn bare(title: &str, told: &str) -> Markup {
+    let body = html! {
+        main {
+            div.bare.panel role="alert" {
+                h1 { (title) }
+                p { (told) }
+                p { a href="/" { "Overview" } }
+            }
+        }
+    };
+    whole(title, None, None, &body)
+}
+
+fn who(visit: &Visit) -> Markup {
+    match &visit.caller {
+        Caller::Known(_) => html! {
+            span { (visit.caller.who()) }
+            form method="post" action=(Page::SigningOut.path()) {
+                input type="hidden" name="proof" value=(visit.proof);
+                button.plain type="submit" { "Sign out" }
+            }
+        },
+        Caller::Anyone => html! {},
+    }
+}
+
+fn whole(title: &str, proof: Option<&str>, script: Option<&str>, body: &Markup) -> Markup {
+    html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                @if let Some(proof) = proof { meta name="proof" content=(proof); }
+                title { (title) " · gleaner" }
+                link rel="icon" type="image/svg+xml" href=(assets::path("gleaner.svg"));
+                link rel="stylesheet" href=(assets::path("gleaner.css"));
+                @if let Some(script) = script { script src=(assets::path(script)) defer {} }
+            }
+            body { (body) }
+        }
+    }
+}

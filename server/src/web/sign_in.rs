@@ -1,0 +1,100 @@
+//! Signing in: a form that takes a token, and a way out.
+
+use axum::{
+    Extension, Form,
+    http::{
+        StatusCode,
+        header::{LOCATION, SET_COOKIE},
+    },
+    response::{IntoResponse as _, Response},
+};
+use maud::html;
+use serde::Deserialize;
+
+use super::{browser::Browser, refusal::Answer, shell, visit::Visit};
+use crate::{access::token_hash, config::Secret, error::Error};
+
+/// Where to go afterwards.
+#[derive(Deserialize)]
+struct Next {
+    #[serde(default)]
+    next: String,
+}
+
+/// A form with a token.
+#[derive(Deserialize)]
+pub(super) struct Shown {
+    token: Unlogged,
+    #[serde(default)]
+    next: String,
+}
+
+/// A token that no log shows.
+#[derive(Deserialize)]
+#[serde(from = "String")]
+struct Unlogged(Secret);
+
+impl From<String> for Unlogged {
+    fn from(text: String) -> Self {
+        Self(Secret::from(text))
+    }
+}
+
+pub(super) async fn form(visit: Visit) -> Answer {
+    let Next { next } = visit.asked()?;
+    let body = html! {
+        form.sign-in method="post" action="/sign-in" {
+            h1 { "gleaner" }
+            p { "Paste a token. Who runs this server makes one with " code { "gleaner-server token create" } "." }
+            label for="token" { "Token" }
+            input #token name="token" type="password" autocomplete="current-password" required autofocus;
+            input type="hidden" name="next" value=(next);
+            input type="hidden" name="proof" value=(visit.proof);
+            button.primary type="submit" { "Sign in" }
+        }
+    };
+    Ok(shell::alone("Sign in", &body).into_response())
+}
+
+pub(super) async fn sign_in(
+    visit: Visit,
+    Extension(browser): Extension<Browser>,
+    Form(Shown { token, next }): Form<Shown>,
+) -> Answer {
+    let hash = token_hash(token.0.reveal().trim());
+    if !visit.house.guard.is_token(&hash).await? {
+        return Err(Error::unauthenticated(
+            "this token is not known, has expired or was revoked; who runs the server makes one with `gleaner-server \
+             token create`",
+        )
+        .into());
+    }
+    visit.house.signed_in.sign_out(&browser);
+    let browser = visit.house.signed_in.sign_in(hash);
+    let cookie = browser.cookie(visit.house.encrypted);
+    Ok((StatusCode::SEE_OTHER, [(LOCATION, local(&next).to_owned())], [(SET_COOKIE, cookie)]).into_response())
+}
+
+pub(super) async fn sign_out(visit: Visit, Extension(browser): Extension<Browser>) -> Response {
+    visit.house.signed_in.sign_out(&browser);
+    (StatusCode::SEE_OTHER, [(LOCATION, "/sign-in")]).into_response()
+}
+
+/// A page of ours to go on to. An address that names another server, or could be taken for one, is none.
+fn local(next: &str) -> &str {
+    let plain = next.bytes().all(|byte| byte.is_ascii_graphic() && byte != b'\\');
+    if plain && next.starts_with('/') && !next.starts_with("//") { next } else { "/" }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_is_sent_elsewhere() {
+        assert_eq!(local("/runs/1?beta=0.5"), "/runs/1?beta=0.5");
+        for elsewhere in ["", "//evil.example", "https://evil.example", "/\\evil", "/a\r\nb", "javascript:1"] {
+            assert_eq!(local(elsewhere), "/", "{elsewhere:?}");
+        }
+    }
+}
