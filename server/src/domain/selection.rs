@@ -124,10 +124,12 @@ pub struct WhatIf {
 pub fn count(selections: &[Selection], candidates: &[Candidate]) -> Vec<WhatIf> {
     let ranks = selections.iter().any(|selection| matches!(selection, Selection::TopFraction(_)));
     let ranked = if ranks { ranked(candidates) } else { Vec::new() };
-    selections.iter().map(|&selection| what_if(selection, Filter::new(selection, &ranked), candidates)).collect()
+    selections.iter().map(|&selection| what_if(selection, &ranked, candidates)).collect()
 }
 
-fn what_if(selection: Selection, filter: Filter, candidates: &[Candidate]) -> WhatIf {
+/// What one selection would keep of these; only a top fraction looks at `ranked`, their (q, w) from best to worst.
+pub fn what_if(selection: Selection, ranked: &[(f32, f64)], candidates: &[Candidate]) -> WhatIf {
+    let filter = Filter::new(selection, ranked);
     let (mut total, mut threshold) = (Kept::default(), None::<f64>);
     let (mut cohorts, mut episodes) = (BTreeMap::<String, Kept>::new(), Vec::with_capacity(candidates.len()));
     for candidate in candidates {

@@ -22,8 +22,8 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs, config::ServeConfig, error::Result, ingest::Ingest, jobs::Jobs, keeping::Keeping, policies::Policies,
-    rollouts::Rollouts, scorers::Scorers, store::Store,
+    blobs::Blobs, config::ServeConfig, curation::Curation, error::Result, ingest::Ingest, jobs::Jobs, keeping::Keeping,
+    policies::Policies, rollouts::Rollouts, scorers::Scorers, store::Store,
 };
 
 /// Every room a service may call, built once.
@@ -32,6 +32,8 @@ pub struct Rooms {
     pub(crate) config: Arc<ServeConfig>,
     pub(crate) store: Store,
     pub(crate) blobs: Blobs,
+    #[expect(dead_code, reason = "the pages that look at it come next")]
+    pub(crate) curation: Curation,
     pub(crate) ingest: Ingest,
     pub(crate) jobs: Jobs,
     pub(crate) keeping: Keeping,
@@ -52,6 +54,7 @@ impl Rooms {
         let blobs = Blobs::open(&config.data_dir)?.sparing(config.keeping.min_free_bytes);
         let store = Store::open(&config.data_dir.join("gleaner.db")).await?;
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
+        let curation = Curation::new(store.clone(), ingest.clone());
         let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;
         let scorers = Scorers::new(config.policies.live_scorers, store.clone(), blobs.clone(), ingest.clone());
         let rollouts = Rollouts::open(&config, ingest.clone())?;
@@ -61,6 +64,7 @@ impl Rooms {
             config,
             store,
             blobs,
+            curation,
             ingest,
             jobs,
             keeping,

@@ -164,6 +164,19 @@ impl Store {
         rows.into_iter().map(DatasetRow::dataset).collect()
     }
 
+    /// The datasets of a score run, newest first.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn datasets_of_run(&self, run: &ScoreRunId) -> Result<Vec<Dataset>> {
+        let rows: Vec<DatasetRow> = sqlx::query_as("select * from datasets where score_run_id = ? order by id desc")
+            .bind(run.as_str())
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading a run's datasets"))?;
+        rows.into_iter().map(DatasetRow::dataset).collect()
+    }
+
     /// What each dataset holds, in order; `None` while its score run is not finished. Reads each run once, however
     /// many thresholds look at it.
     ///

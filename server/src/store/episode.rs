@@ -1,13 +1,13 @@
-//! Rows of episodes and of their labels.
+//! Rows of episodes; their labels are in `label`.
 
-use std::collections::HashSet;
+mod label;
 
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 
-use super::{Store, commit, fault, row};
+use super::{Store, fault, row};
 use crate::{
     domain::{
-        episode::{Episode, EpisodeFilter, InspectedEpisode, Label, NewLabel, Outcome},
+        episode::{Episode, EpisodeFilter, InspectedEpisode, Outcome},
         id::{BlobId, EpisodeId, TaskId},
         time::Millis,
     },
@@ -15,9 +15,16 @@ use crate::{
 };
 
 /// The columns of [`EpisodeRow`]: everything but the report, which may be long.
-pub(super) const COLUMNS: &str = "select episodes.id, episodes.task_id, file_name, recording, size_bytes, steps, \
-     duration_s, mapping, warnings, episodes.outcome, episodes.cohort, episodes.created_at, \
-     deleted_at from episodes ";
+macro_rules! episode_columns {
+    () => {
+        "episodes.id, episodes.task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings, \
+         episodes.outcome, episodes.cohort, episodes.created_at, deleted_at"
+    };
+}
+pub(super) use episode_columns;
+
+/// Reads them; conditions follow.
+pub(super) const COLUMNS: &str = concat!("select ", episode_columns!(), " from episodes ");
 
 #[derive(sqlx::FromRow)]
 pub(super) struct EpisodeRow {
@@ -73,6 +80,21 @@ impl Store {
         Ok(InspectedEpisode { episode, report: row::json("episodes.report", &report)? })
     }
 
+    /// The task and the recording of an episode, though it be in the trash.
+    ///
+    /// # Errors
+    /// NotFound; so is one that is gone for good.
+    pub(crate) async fn recording_of(&self, id: &EpisodeId) -> Result<(TaskId, BlobId)> {
+        let found: Option<(String, String)> =
+            sqlx::query_as("select task_id, recording from episodes where id = ? and purged_at is null")
+                .bind(id.as_str())
+                .fetch_optional(self.read())
+                .await
+                .map_err(fault("looking for an episode's recording"))?;
+        let (task, recording) = found.ok_or_else(|| Error::not_found("episode", id))?;
+        Ok((row::id("episodes.task_id", task)?, row::id("episodes.recording", recording)?))
+    }
+
     /// The task's episode with this very recording, if any, though it be in the trash.
     pub(crate) async fn episode_of(&self, task: &TaskId, recording: &BlobId) -> Result<Option<Episode>> {
         let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
@@ -113,73 +135,6 @@ impl Store {
         let next = if more { episodes.last().map(|episode| episode.id.clone()) } else { None };
         Ok((episodes, next))
     }
-
-    /// Labels all these episodes or, when one is unknown, none. Every change is kept. The answer is in the
-    /// order of `ids`; one that is named twice is labelled once.
-    ///
-    /// # Errors
-    /// NotFound names the first unknown episode; Precondition the first that is in the trash.
-    pub(crate) async fn label_episodes(&self, ids: &[EpisodeId], label: &NewLabel) -> Result<Vec<Episode>> {
-        let mut tx = self.write().await?;
-        let mut labelled: Vec<Episode> = Vec::with_capacity(ids.len());
-        let mut seen = HashSet::new();
-        for id in ids.iter().filter(|id| seen.insert(*id)) {
-            let mut episode = by_id(&mut tx, id)
-                .await?
-                .ok_or_else(|| Error::not_found("episode", format!("{id}; nothing was labelled")))?;
-            if episode.deleted_at.is_some() {
-                return Err(Error::precondition(format!(
-                    "{id} is in the trash; nothing was labelled. Take it back first"
-                )));
-            }
-            episode.outcome = label.outcome;
-            if let Some(cohort) = &label.cohort {
-                episode.cohort.clone_from(cohort);
-            }
-            sqlx::query("update episodes set outcome = ?, cohort = ? where id = ?")
-                .bind(episode.outcome.as_str())
-                .bind(&episode.cohort)
-                .bind(id.as_str())
-                .execute(&mut *tx)
-                .await
-                .map_err(fault("labelling an episode"))?;
-            insert_label(&mut tx, &episode, &label.author, &label.reason).await?;
-            labelled.push(episode);
-        }
-        crate::fail_point::pass("label.rows_written");
-        commit(tx).await?;
-        crate::fail_point::pass("label.committed");
-        Ok(labelled)
-    }
-
-    /// Every label an episode ever had, oldest first.
-    ///
-    /// # Errors
-    /// NotFound.
-    pub(crate) async fn labels(&self, id: &EpisodeId) -> Result<Vec<Label>> {
-        let rows = sqlx::query_as::<_, (String, String, String, String, i64)>(
-            "select outcome, cohort, author, reason, created_at from labels where episode_id = ? order by id",
-        )
-        .bind(id.as_str())
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("listing labels"))?;
-        if rows.is_empty() {
-            // An episode has a label from its first moment on.
-            return Err(Error::not_found("episode", id));
-        }
-        rows.into_iter()
-            .map(|(outcome, cohort, author, reason, created_at)| {
-                Ok(Label {
-                    outcome: row::parsed("labels.outcome", Outcome::from_word(&outcome))?,
-                    cohort,
-                    author,
-                    reason,
-                    created_at: Millis(created_at),
-                })
-            })
-            .collect()
-    }
 }
 
 /// An episode that is not gone for good.
@@ -216,7 +171,7 @@ pub(super) async fn insert(
 ) -> Result<Episode> {
     let InspectedEpisode { episode, report } = inspected;
     if let Some(revived) = revive(tx, episode).await? {
-        insert_label(tx, &revived, author, "pushed again").await?;
+        label::insert(tx, &revived, author, "pushed again").await?;
         return Ok(revived);
     }
     sqlx::query(
@@ -239,7 +194,7 @@ pub(super) async fn insert(
     .execute(&mut **tx)
     .await
     .map_err(fault("inserting an episode"))?;
-    insert_label(tx, episode, author, "").await?;
+    label::insert(tx, episode, author, "").await?;
     Ok(episode.clone())
 }
 
@@ -260,23 +215,6 @@ async fn revive(tx: &mut Transaction<'_, Sqlite>, episode: &Episode) -> Result<O
         Some(id) => by_id(tx, &row::id("episodes.id", id)?).await,
         None => Ok(None),
     }
-}
-
-/// Keeps the episode's present label in its history.
-async fn insert_label(tx: &mut Transaction<'_, Sqlite>, episode: &Episode, author: &str, reason: &str) -> Result<()> {
-    sqlx::query(
-        "insert into labels (episode_id, outcome, cohort, author, reason, created_at) values (?, ?, ?, ?, ?, ?)",
-    )
-    .bind(episode.id.as_str())
-    .bind(episode.outcome.as_str())
-    .bind(&episode.cohort)
-    .bind(author)
-    .bind(reason)
-    .bind(Millis::now().0)
-    .execute(&mut **tx)
-    .await
-    .map_err(fault("keeping a label"))?;
-    Ok(())
 }
 
 #[cfg(test)]

@@ -112,6 +112,20 @@ impl Store {
         found.map(JobRow::read).transpose()
     }
 
+    /// Jobs of a task whose specs name one of these ids (of snapshots, results or datasets), oldest first. An id is in
+    /// no spec but where it is named, so that all are found, whether or not they had to wait for it.
+    pub(crate) async fn jobs_naming(&self, task: &TaskId, ids: &[&str]) -> Result<Vec<Job>> {
+        let rows: Vec<JobRow> = sqlx::query_as(select_jobs!(
+            "where task_id = ? and exists (select 1 from json_each(?) where instr(jobs.spec, value) > 0) order by id"
+        ))
+        .bind(task.as_str())
+        .bind(row::to_json(&ids)?)
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("looking for the jobs that name a result"))?;
+        rows.into_iter().map(JobRow::read).collect()
+    }
+
     /// The task's job of this key that has not failed and was not cancelled, and what was ordered under it.
     pub(crate) async fn job_of_key(&self, task: &TaskId, key: &str) -> Result<Option<(Job, JobOrder)>> {
         let held = "select id, ordered from jobs where task_id = ? and key = ? and key <> '' \

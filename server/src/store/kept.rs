@@ -64,7 +64,7 @@ impl Store {
     ///
     /// # Errors
     /// As for [`Store::score_run`].
-    pub(super) async fn candidates(&self, run: &ScoreRunId) -> Result<Vec<Candidate>> {
+    pub(crate) async fn candidates(&self, run: &ScoreRunId) -> Result<Vec<Candidate>> {
         let snapshot = self.score_run(run).await?.snapshot_id;
         let mut rows = sqlx::query_as::<_, CandidateRow>(
             "select episode_scores.episode_id, cohort, w, q from episode_scores join snapshot_episodes \

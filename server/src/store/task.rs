@@ -13,7 +13,7 @@ use crate::{
 };
 
 #[derive(sqlx::FromRow)]
-struct TaskRow {
+pub(super) struct TaskRow {
     id: String,
     spec: String,
     created_at: i64,
@@ -29,7 +29,7 @@ struct CountedRow {
 }
 
 impl TaskRow {
-    fn read(self) -> Result<Task> {
+    pub(super) fn read(self) -> Result<Task> {
         Ok(Task {
             id: row::id("tasks.id", self.id)?,
             spec: row::json("tasks.spec", &self.spec)?,

@@ -1,0 +1,101 @@
+//! What the pages look at and no other room has at hand: the scores of whole runs in memory, and single steps of
+//! recordings as pictures and numbers.
+//!
+//! Knows no page, no wire type and no SQL.
+
+mod picture;
+mod steps;
+mod summary;
+
+use std::sync::Arc;
+
+use quick_cache::sync::Cache;
+
+pub(crate) use self::{picture::View, steps::Numbers, summary::Summary};
+use self::{steps::Steps, summary::Weigh};
+use crate::{
+    domain::id::{EpisodeId, ScoreRunId},
+    error::{Error, Result},
+    ingest::Ingest,
+    store::Store,
+};
+
+/// Bytes of runs' scores in memory.
+const RUN_BYTES: u64 = 256 << 20;
+/// Recordings that are kept mapped: somebody plays one, or looks at segments of several.
+const OPEN_RECORDINGS: usize = 64;
+
+/// Everything that is kept to be looked at; clones share it.
+#[derive(Clone)]
+pub(crate) struct Curation(Arc<Inner>);
+
+struct Inner {
+    store: Store,
+    ingest: Ingest,
+    runs: Cache<ScoreRunId, Arc<Summary>, Weigh>,
+    open: Cache<EpisodeId, Arc<Steps>>,
+}
+
+impl Curation {
+    /// Loads nothing yet.
+    pub(crate) fn new(store: Store, ingest: Ingest) -> Self {
+        let runs = Cache::with_weighter(16, RUN_BYTES, Weigh);
+        Self(Arc::new(Inner { store, ingest, runs, open: Cache::new(OPEN_RECORDINGS) }))
+    }
+
+    /// A finished run's scores of its imperfect episodes. They are read once, however many ask; which runs stay depends
+    /// on which are asked for.
+    ///
+    /// # Errors
+    /// NotFound; Precondition when the run's job has not succeeded.
+    pub(crate) async fn summary(&self, run: &ScoreRunId) -> Result<Arc<Summary>> {
+        let load = async {
+            let of = self.0.store.score_run(run).await?;
+            let candidates = self.0.store.candidates(run).await?;
+            off_runtime("summing up a run", move || Ok(Arc::new(Summary::new(of, candidates)))).await
+        };
+        self.0.runs.get_or_insert_async(run, load).await
+    }
+
+    /// One step of an episode as one of its cameras saw it, as JPEG.
+    ///
+    /// # Errors
+    /// NotFound names the episode, step or camera that is not there; Invalid a size of 0, or depth that the camera does
+    /// not have.
+    pub(crate) async fn frame(&self, episode: &EpisodeId, view: View) -> Result<Vec<u8>> {
+        let steps = self.steps(episode).await?;
+        off_runtime("drawing a frame", move || steps.frame(&view)).await
+    }
+
+    /// The numbers of every step of an episode.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn numbers(&self, episode: &EpisodeId) -> Result<Numbers> {
+        let steps = self.steps(episode).await?;
+        off_runtime("reading an episode's numbers", move || Ok(steps.numbers())).await
+    }
+
+    /// The steps of an episode, mapped.
+    async fn steps(&self, episode: &EpisodeId) -> Result<Arc<Steps>> {
+        // Asked each time: what was deleted for good is not shown any more.
+        let (task, recording) = self.0.store.recording_of(episode).await?;
+        let open = async {
+            let spec = self.0.store.task_by_id(&task).await?.spec;
+            let decoded = self.0.ingest.frames(&spec, &recording).await?;
+            Ok(Arc::new(Steps::new(episode.clone(), spec, decoded)))
+        };
+        self.0.open.get_or_insert_async(episode, open).await
+    }
+}
+
+/// Runs what takes long away from the runtime's threads.
+async fn off_runtime<T: Send + 'static>(
+    doing: &'static str,
+    work: impl FnOnce() -> Result<T> + Send + 'static,
+) -> Result<T> {
+    tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal(doing, error))?
+}
+
+#[cfg(test)]
+mod tests;

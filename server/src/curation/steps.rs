@@ -1,0 +1,80 @@
+//! The steps of one episode, mapped, by index.
+
+use gleaner_recording::{Episode as Decoded, FieldSpec, TaskSpec};
+
+use super::picture::{View, picture};
+use crate::{
+    domain::id::EpisodeId,
+    error::{Error, Result},
+};
+
+/// An episode's steps with what tells them apart.
+pub(super) struct Steps {
+    episode: EpisodeId,
+    spec: TaskSpec,
+    decoded: Decoded,
+}
+
+/// The numbers of every step, as the task names them.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Numbers {
+    /// When each step was, in nanoseconds.
+    pub(crate) stamps_ns: Vec<i64>,
+    /// The proprioception, field by field.
+    pub(crate) proprioception: Vec<Series>,
+    /// The action, field by field.
+    pub(crate) action: Vec<Series>,
+}
+
+/// One field over an episode.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Series {
+    /// The field's name.
+    pub(crate) name: String,
+    /// How many numbers it holds at each step.
+    pub(crate) size: usize,
+    /// T × size values, step after step.
+    pub(crate) values: Vec<f32>,
+}
+
+impl Steps {
+    pub(super) fn new(episode: EpisodeId, spec: TaskSpec, decoded: Decoded) -> Self {
+        Self { episode, spec, decoded }
+    }
+
+    /// One step as a camera saw it, as JPEG. Touches the disk.
+    pub(super) fn frame(&self, view: &View) -> Result<Vec<u8>> {
+        let steps = self.decoded.steps();
+        let missing = || {
+            let range = format!("{} of {}; it has {steps} steps, counted from 0", view.step, self.episode);
+            Error::not_found("step", range)
+        };
+        let step = usize::try_from(view.step).ok().filter(|&step| step < steps).ok_or_else(missing)?;
+        let frames = self.decoded.frames();
+        let per_step = frames.as_ref().len() / steps;
+        let frame = frames.as_ref().get(step * per_step..(step + 1) * per_step).ok_or_else(missing)?;
+        picture(&self.spec, frame, view)
+    }
+
+    pub(super) fn numbers(&self) -> Numbers {
+        Numbers {
+            stamps_ns: self.decoded.stamps().to_vec(),
+            proprioception: series(&self.spec.proprioception, &self.decoded.proprioception()),
+            action: series(&self.spec.action, &self.decoded.action()),
+        }
+    }
+}
+
+/// Row-major values, T × all fields, by field.
+fn series(fields: &[FieldSpec], values: &[f32]) -> Vec<Series> {
+    let width: usize = fields.iter().map(|field| field.size as usize).sum();
+    let mut from = 0;
+    let one = |field: &FieldSpec| {
+        let size = field.size as usize;
+        let range = from..from + size;
+        from += size;
+        let values = values.chunks_exact(width.max(1)).flat_map(|row| row[range.clone()].iter().copied());
+        Series { name: field.name.clone(), size, values: values.collect() }
+    };
+    fields.iter().map(one).collect()
+}

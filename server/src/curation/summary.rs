@@ -1,0 +1,165 @@
+//! A finished run in memory: q and w of its imperfect segments, and what they answer. A finished run never changes.
+
+use std::{
+    cmp::Ordering,
+    collections::HashMap,
+    sync::{Arc, OnceLock},
+};
+
+use quick_cache::Weighter;
+
+use super::{RUN_BYTES, off_runtime};
+use crate::{
+    domain::{
+        curation::SegmentRef,
+        id::{EpisodeId, ScoreRunId},
+        score::{Histogram, ScoreRun},
+        selection::{Candidate, Selection, WhatIf, ranked, what_if},
+    },
+    error::Result,
+};
+
+/// Most segments of one episode among the best or the worst.
+const OF_ONE_EPISODE: usize = 3;
+/// Steps that such segments of one episode lie apart at least: neighbours look the same.
+const APART: usize = 10;
+
+/// A run's scores of its imperfect episodes.
+pub(crate) struct Summary {
+    run: ScoreRun,
+    candidates: Vec<Candidate>,
+    places: HashMap<EpisodeId, usize>,
+    mean_q: Vec<Option<f64>>,
+    /// (q, w) from best to worst; made when a top fraction is first asked for.
+    ranked: OnceLock<Vec<(f32, f64)>>,
+}
+
+impl Summary {
+    pub(super) fn new(run: ScoreRun, candidates: Vec<Candidate>) -> Self {
+        let places = candidates.iter().map(|one| one.episode_id.clone()).zip(0..).collect();
+        let mean_q = candidates.iter().map(|one| mean(&one.q)).collect();
+        Self { run, candidates, places, mean_q, ranked: OnceLock::new() }
+    }
+
+    /// The run.
+    pub(crate) fn run(&self) -> &ScoreRun {
+        &self.run
+    }
+
+    /// What a selection would keep; the same as [`crate::store::Store::count_kept`] says.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn what_if(self: &Arc<Self>, selection: Selection) -> Result<WhatIf> {
+        let summary = Arc::clone(self);
+        let counting = move || {
+            let ranked = match selection {
+                Selection::Beta(_) => &[],
+                Selection::TopFraction(_) => summary.ranked.get_or_init(|| ranked(&summary.candidates)).as_slice(),
+            };
+            Ok(what_if(selection, ranked, &summary.candidates))
+        };
+        off_runtime("counting what is kept", counting).await
+    }
+
+    /// Segments in each of so many equal bins of q over [0, 1].
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn histogram(self: &Arc<Self>, bins: usize) -> Result<Vec<u64>> {
+        let summary = Arc::clone(self);
+        let counting = move || {
+            let mut histogram = Histogram::new(bins, &[]);
+            summary.candidates.iter().for_each(|one| histogram.add(one.q.iter().copied()));
+            Ok(histogram.counts().to_vec())
+        };
+        off_runtime("making a histogram", counting).await
+    }
+
+    /// The best segments, the very best first: by q, of equal ones by w; then the older episode and the earlier step. At
+    /// most 3 of one episode, 10 steps apart.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn best(self: &Arc<Self>, most: usize) -> Result<Vec<SegmentRef>> {
+        self.foremost(most, |a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1))).await
+    }
+
+    /// The worst segments, the very worst first; otherwise as [`Summary::best`].
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn worst(self: &Arc<Self>, most: usize) -> Result<Vec<SegmentRef>> {
+        self.foremost(most, |a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))).await
+    }
+
+    /// Mean q of an episode's segments; `None` when the run has none of it as an imperfect episode.
+    pub(crate) fn mean_q(&self, episode: &EpisodeId) -> Option<f64> {
+        self.places.get(episode).and_then(|&place| self.mean_q[place])
+    }
+
+    /// q of an imperfect episode's segments, one a step.
+    pub(crate) fn q(&self, episode: &EpisodeId) -> Option<&[f32]> {
+        self.places.get(episode).map(|&place| self.candidates[place].q.as_slice())
+    }
+
+    async fn foremost(self: &Arc<Self>, most: usize, order: Order) -> Result<Vec<SegmentRef>> {
+        let summary = Arc::clone(self);
+        off_runtime("looking for the best and worst", move || Ok(foremost(&summary.candidates, most, order))).await
+    }
+}
+
+/// Compares (q, w): less is to be shown before.
+type Order = fn(&(f32, f64), &(f32, f64)) -> Ordering;
+
+fn mean(q: &[f32]) -> Option<f64> {
+    #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 steps")]
+    let steps = q.len() as f64;
+    (!q.is_empty()).then(|| q.iter().copied().map(f64::from).sum::<f64>() / steps)
+}
+
+/// The segments that come first in this order.
+fn foremost(candidates: &[Candidate], most: usize, order: Order) -> Vec<SegmentRef> {
+    let mut found: Vec<(&Candidate, usize)> = Vec::new();
+    for candidate in candidates {
+        let mut chosen: Vec<usize> = Vec::with_capacity(OF_ONE_EPISODE);
+        while chosen.len() < OF_ONE_EPISODE.min(most) {
+            let free = (0..candidate.q.len()).filter(|step| chosen.iter().all(|other| other.abs_diff(*step) >= APART));
+            // Of equal ones the first.
+            let Some(step) = free.min_by(|&a, &b| order(&scores(candidate, a), &scores(candidate, b))) else { break };
+            chosen.push(step);
+        }
+        found.extend(chosen.into_iter().map(|step| (candidate, step)));
+    }
+    found.sort_unstable_by(|a, b| {
+        let by_score = order(&scores(a.0, a.1), &scores(b.0, b.1));
+        by_score.then_with(|| a.0.episode_id.cmp(&b.0.episode_id)).then(a.1.cmp(&b.1))
+    });
+    found.truncate(most);
+    let segment = |(candidate, step): (&Candidate, usize)| SegmentRef {
+        episode_id: candidate.episode_id.clone(),
+        end_step: u32::try_from(step).unwrap_or(u32::MAX),
+        q: candidate.q[step],
+    };
+    found.into_iter().map(segment).collect()
+}
+
+fn scores(candidate: &Candidate, step: usize) -> (f32, f64) {
+    (candidate.q[step], candidate.w[step])
+}
+
+/// What a summary takes of the memory for runs: its scores, and the ranking that may still come.
+#[derive(Debug, Clone)]
+pub(super) struct Weigh;
+
+impl Weighter<ScoreRunId, Arc<Summary>> for Weigh {
+    fn weight(&self, _: &ScoreRunId, summary: &Arc<Summary>) -> u64 {
+        let segments: usize = summary.candidates.iter().map(|one| one.q.len()).sum();
+        let bytes = segments as u64 * 28 + summary.candidates.len() as u64 * 256;
+        // One that is larger than all room is kept all the same, alone: nobody could look at it otherwise.
+        bytes.min(RUN_BYTES / 10 * 9)
+    }
+}
+
+#[cfg(test)]
+mod tests;

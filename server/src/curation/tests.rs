@@ -1,0 +1,210 @@
+//! The room over a fresh database and real frame caches.
+
+#![allow(clippy::unwrap_used, reason = "tests only")]
+
+use gleaner_recording::{
+    CameraSpec, Episode as Decoded, FieldSpec, PixelFormat, TaskSpec, decode_color, frame_bytes_per_step,
+};
+use tempfile::TempDir;
+
+use super::*;
+use crate::{
+    domain::{
+        episode::{Episode, Outcome},
+        score::Histogram,
+        selection::{Candidate, Selection},
+        snapshot::Role,
+        task::Task,
+    },
+    error::Kind,
+    ingest::{frames_path, testing::open_on},
+    store::testing::{self, results},
+};
+
+struct Lab {
+    dir: TempDir,
+    store: Store,
+    curation: Curation,
+    task: Task,
+}
+
+async fn lab(spec: &TaskSpec) -> Lab {
+    let (dir, store) = testing::store().await;
+    let task = store.insert_task(spec).await.unwrap();
+    let curation = Curation::new(store.clone(), open_on(&dir, &store).await);
+    Lab { dir, store, curation, task }
+}
+
+fn camera(name: &str, depth: bool) -> CameraSpec {
+    CameraSpec { name: name.into(), height: 16, width: 16, depth }
+}
+
+/// Two cameras, two fields of proprioception.
+fn seeing() -> TaskSpec {
+    let field = |name: &str, size| FieldSpec { name: name.into(), size };
+    TaskSpec {
+        cameras: vec![camera("front", true), camera("wrist", false)],
+        proprioception: vec![field("joint_position", 2), field("gripper", 1)],
+        ..testing::spec()
+    }
+}
+
+/// A stored episode whose frame cache holds so many steps; every byte of a step's frame is ten times the step.
+async fn recorded(lab: &Lab, steps: u8) -> Episode {
+    let episode = testing::episode(&lab.store, &lab.task, Outcome::Failure, "").await;
+    let spec = &lab.task.spec;
+    let frames = (0..steps).flat_map(|step| vec![step * 10; frame_bytes_per_step(spec)]).collect();
+    let proprioception = (0..steps).flat_map(|step| [0.0, 0.25, 0.5].map(|part| f32::from(step) + part)).collect();
+    let action = (0..steps).map(|step| -f32::from(step)).collect();
+    let stamps = (0..steps).map(|step| i64::from(step) * 100_000_000).collect();
+    let decoded = Decoded::new(spec, stamps, proprioception, action, frames).unwrap();
+    decoded.write_cache(&frames_path(lab.dir.path(), &episode.recording, spec)).unwrap();
+    episode
+}
+
+fn view(step: u64, camera: &str) -> View {
+    View { step, camera: camera.into(), depth: false, size: None }
+}
+
+#[tokio::test]
+async fn a_frame_is_the_recorded_step() {
+    let lab = lab(&seeing()).await;
+    let episode = recorded(&lab, 20).await;
+    for (step, name) in [(0, "front"), (7, "wrist"), (19, "front")] {
+        let jpeg = lab.curation.frame(&episode.id, view(step, name)).await.unwrap();
+        let pixels = decode_color(&jpeg, PixelFormat::Jpeg, 16, 16).unwrap();
+        let expected = u8::try_from(step * 10).unwrap();
+        assert!(pixels.iter().all(|pixel| pixel.abs_diff(expected) <= 2), "step {step} of {name}");
+    }
+    let small = View { size: Some(8), depth: true, ..view(3, "front") };
+    let jpeg = lab.curation.frame(&episode.id, small).await.unwrap();
+    assert!(decode_color(&jpeg, PixelFormat::Jpeg, 8, 8).is_ok());
+}
+
+#[tokio::test]
+async fn a_step_or_camera_that_is_not_there_is_named() {
+    let lab = lab(&seeing()).await;
+    let episode = recorded(&lab, 20).await;
+    for (view, start) in [
+        (view(20, "front"), "no step 20 of"),
+        (view(u64::MAX, "front"), "no step 18446744073709551615 of"),
+        (view(0, "side"), "no camera \"side\""),
+    ] {
+        let error = lab.curation.frame(&episode.id, view).await.unwrap_err();
+        assert!(error.kind() == Kind::NotFound && error.message().starts_with(start), "{error}");
+    }
+    let unknown = lab.curation.frame(&EpisodeId::new(), view(0, "front")).await.unwrap_err();
+    assert_eq!(unknown.kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn what_was_deleted_for_good_is_not_shown_though_it_is_mapped() {
+    let lab = lab(&seeing()).await;
+    let episode = recorded(&lab, 20).await;
+    lab.curation.frame(&episode.id, view(0, "front")).await.unwrap();
+    lab.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
+    lab.curation.frame(&episode.id, view(0, "front")).await.unwrap();
+    lab.store.sweep_trash(crate::domain::time::Millis(i64::MAX)).await.unwrap();
+    let gone = lab.curation.frame(&episode.id, view(0, "front")).await.unwrap_err();
+    assert_eq!(gone.kind(), Kind::NotFound);
+    assert_eq!(lab.curation.numbers(&episode.id).await.unwrap_err().kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn numbers_come_by_field() {
+    let lab = lab(&seeing()).await;
+    let episode = recorded(&lab, 3).await;
+    let numbers = lab.curation.numbers(&episode.id).await.unwrap();
+    assert_eq!(numbers.stamps_ns, [0, 100_000_000, 200_000_000]);
+    let fields: Vec<_> = numbers.proprioception.iter().map(|one| (one.name.as_str(), one.size)).collect();
+    assert_eq!(fields, [("joint_position", 2), ("gripper", 1)]);
+    assert_eq!(numbers.proprioception[0].values, [0.0, 0.25, 1.0, 1.25, 2.0, 2.25]);
+    assert_eq!(numbers.proprioception[1].values, [0.5, 1.5, 2.5]);
+    assert_eq!(numbers.action[0].values, [-0.0, -1.0, -2.0]);
+}
+
+/// A run with these q of imperfect episodes, each of a cohort of its own.
+async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
+    testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
+    let mut scores = Vec::new();
+    for (place, q) in q.iter().enumerate() {
+        let episode = testing::episode(&lab.store, &lab.task, Outcome::Failure, &format!("c{}", place % 2)).await;
+        scores.push(results::scores(&episode.id, Role::Imperfect, q));
+    }
+    if q.is_empty() {
+        testing::episode(&lab.store, &lab.task, Outcome::Failure, "").await;
+    }
+    let encoder = results::encoder(&lab.store, &lab.task).await;
+    let run = results::run(&lab.store, &lab.task, &encoder, &scores).await;
+    (run.id, scores.into_iter().map(|scores| scores.episode_id).collect())
+}
+
+#[tokio::test]
+async fn a_summary_says_what_the_database_says() {
+    let lab = lab(&testing::spec()).await;
+    let (run, episodes) = run_with(&lab, &[&[0.1, 0.9, 0.9], &[0.5, 1.0], &[0.9]]).await;
+    let summary = lab.curation.summary(&run).await.unwrap();
+    assert_eq!(summary.run().id, run);
+    let selections = [0.0, 0.5, 0.9, 1.0].map(Selection::Beta).into_iter();
+    for selection in selections.chain([0.01, 0.3, 0.5, 1.0].map(Selection::TopFraction)) {
+        let counted = lab.store.count_kept(&run, vec![selection]).await.unwrap().remove(0);
+        assert_eq!(summary.what_if(selection).await.unwrap(), counted, "{selection:?}");
+    }
+    for bins in [1, 7, 20] {
+        let filled = lab.store.fill(&run, Histogram::new(bins, &[])).await.unwrap();
+        assert_eq!(summary.histogram(bins).await.unwrap(), filled.counts(), "{bins}");
+    }
+    assert_eq!(summary.q(&episodes[1]), Some([0.5, 1.0].as_slice()));
+    assert_eq!(summary.mean_q(&episodes[1]), Some(0.75));
+    assert_eq!((summary.q(&EpisodeId::new()), summary.mean_q(&EpisodeId::new())), (None, None));
+    let (best, worst) = (summary.best(1).await.unwrap(), summary.worst(1).await.unwrap());
+    assert_eq!((&best[0].episode_id, best[0].end_step, best[0].q), (&episodes[1], 1, 1.0));
+    assert_eq!((&worst[0].episode_id, worst[0].end_step, worst[0].q), (&episodes[0], 0, 0.1));
+    assert!(Arc::ptr_eq(&summary, &lab.curation.summary(&run).await.unwrap()), "read once");
+}
+
+#[tokio::test]
+async fn an_empty_run_and_one_that_is_not_there() {
+    let lab = lab(&testing::spec()).await;
+    let (run, _) = run_with(&lab, &[]).await;
+    let summary = lab.curation.summary(&run).await.unwrap();
+    for selection in [Selection::Beta(0.5), Selection::TopFraction(0.5)] {
+        let counted = summary.what_if(selection).await.unwrap();
+        assert_eq!((counted.total.of_segments, counted.threshold), (0, None));
+    }
+    assert!(summary.best(9).await.unwrap().is_empty() && summary.worst(9).await.unwrap().is_empty());
+    assert_eq!(summary.histogram(4).await.unwrap(), [0; 4]);
+    let unknown = lab.curation.summary(&ScoreRunId::new()).await.map(|_| ()).unwrap_err();
+    assert_eq!(unknown.kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn who_asks_at_once_shares_one_read() {
+    let lab = lab(&testing::spec()).await;
+    let (run, _) = run_with(&lab, &[&[0.5]]).await;
+    let asked = futures::future::try_join_all((0..8).map(|_| lab.curation.summary(&run))).await.unwrap();
+    assert!(asked.iter().all(|one| Arc::ptr_eq(one, &asked[0])));
+}
+
+/// A summary of this many segments, of one episode.
+async fn sized(lab: &Lab, run: &ScoreRunId, segments: usize) -> Arc<Summary> {
+    let run = lab.store.score_run(run).await.unwrap();
+    let candidate =
+        Candidate { episode_id: EpisodeId::new(), cohort: String::new(), w: Vec::new(), q: vec![0.0; segments] };
+    Arc::new(Summary::new(run, vec![candidate]))
+}
+
+#[tokio::test]
+async fn memory_for_runs_is_bounded_and_a_huge_run_is_kept_alone() {
+    let lab = lab(&testing::spec()).await;
+    let (run, _) = run_with(&lab, &[&[0.5]]).await;
+    let runs = &lab.curation.0.runs;
+    for _ in 0..12 {
+        runs.insert(ScoreRunId::new(), sized(&lab, &run, 1 << 20).await);
+        assert!(runs.weight() <= RUN_BYTES);
+    }
+    assert!(runs.len() > 4, "several fit: {}", runs.len());
+    let huge = ScoreRunId::new();
+    runs.insert(huge.clone(), sized(&lab, &run, 12 << 20).await);
+    assert!(runs.get(&huge).is_some() && runs.weight() <= RUN_BYTES);
+}

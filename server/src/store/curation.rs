@@ -1,0 +1,5 @@
+//! What the pages ask of the database beyond what the services do: one question, one file.
+
+mod lineage;
+mod overview;
+mod table;

@@ -1,0 +1,128 @@
+//! Where a result comes from and what came of it, one step each way.
+
+use crate::{
+    domain::{
+        curation::{Input, Lineage},
+        job::{Job, JobKind},
+    },
+    error::Result,
+    store::{Store, row},
+};
+
+impl Store {
+    /// Where a job's result comes from and what came of it.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn lineage(&self, job: &Job) -> Result<Lineage> {
+        let datasets = match job.spec.kind() {
+            JobKind::Score => self.datasets_of_run(&row::id("jobs.result_id", job.result_id.clone())?).await?,
+            JobKind::Pretrain | JobKind::Train | JobKind::Export | JobKind::Evaluate => Vec::new(),
+        };
+        let result = job.result_id.as_str();
+        let named: Vec<&str> = datasets.iter().map(|dataset| dataset.id.as_str()).chain([result]).collect();
+        let mut deployments = self.deployments(Some(&job.task_id)).await?;
+        deployments.retain(|deployment| {
+            deployment.policy_id().is_some_and(|id| id.as_str() == result)
+                || deployment.score_run_id().is_some_and(|id| id.as_str() == result)
+        });
+        let jobs = self.jobs_naming(&job.task_id, &named).await?;
+        Ok(Lineage { inputs: self.inputs(job).await?, jobs, datasets, deployments })
+    }
+
+    /// What a job's spec names, each with the job that made it.
+    async fn inputs(&self, job: &Job) -> Result<Vec<(Input, Option<Job>)>> {
+        let (mut inputs, dataset) = Input::named(&job.spec);
+        if let Some(id) = dataset {
+            inputs.push(Input::Dataset(self.dataset(id).await?));
+        }
+        let mut made = Vec::with_capacity(inputs.len());
+        for input in inputs {
+            let maker = match input.result_id() {
+                Some(result) => self.job_of_result(result).await?,
+                None => None,
+            };
+            made.push((input, maker));
+        }
+        Ok(made)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::panic)]
+    use super::*;
+    use crate::{
+        domain::{episode::Outcome, job::JobSpec, selection::Selection},
+        store::testing::{self, results},
+    };
+
+    fn ids(jobs: &[Job]) -> Vec<&str> {
+        jobs.iter().map(|job| job.id.as_str()).collect()
+    }
+
+    #[tokio::test]
+    async fn a_chain_is_told_both_ways() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        for outcome in [Outcome::Success, Outcome::Failure] {
+            testing::episode(&store, &task, outcome, "").await;
+        }
+        let encoder = results::encoder(&store, &task).await;
+        let run = results::run(&store, &task, &encoder, &[]).await;
+        let dataset = store.insert_dataset(&run.id, Selection::Beta(0.5)).await.unwrap();
+        let spec = JobSpec::Train {
+            encoder_id: Some(encoder.id.clone()),
+            snapshot_id: encoder.snapshot_id.clone(),
+            dataset_id: Some(dataset.id.clone()),
+            spec: gleaner_learn::TrainSpec::default(),
+        };
+        let training = results::job(&store, &task, spec, "pol_later").await;
+        let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;
+        store.deploy("arm", &task.id, &policy.id, Some(&run.id)).await.unwrap();
+
+        let of = |id| {
+            let store = store.clone();
+            async move { store.lineage(&store.job(&id).await.unwrap()).await.unwrap() }
+        };
+        let pretraining = of(encoder.job_id.clone()).await;
+        assert!(matches!(&pretraining.inputs[..], [(Input::Snapshot(id), None)] if *id == encoder.snapshot_id));
+        assert_eq!(ids(&pretraining.jobs), [run.job_id.as_str(), training.as_str(), policy.job_id.as_str()]);
+        assert!(pretraining.datasets.is_empty() && pretraining.deployments.is_empty());
+
+        let scoring = of(run.job_id.clone()).await;
+        assert!(matches!(&scoring.inputs[1], (Input::Encoder(_), Some(job)) if job.id == encoder.job_id));
+        assert_eq!(ids(&scoring.jobs), [training.as_str()], "by way of its dataset");
+        assert_eq!(scoring.datasets[0].id, dataset.id);
+        assert_eq!(scoring.deployments[0].name, "arm", "it scores there");
+
+        let trained = of(training).await;
+        let (Input::Dataset(found), Some(maker)) = &trained.inputs[2] else { panic!("{:?}", trained.inputs) };
+        assert_eq!((&found.id, &maker.id), (&dataset.id, &run.job_id));
+        assert!(trained.jobs.is_empty());
+
+        let acting = of(policy.job_id.clone()).await;
+        assert_eq!(acting.deployments.len(), 1);
+        let newer = results::policy(&store, &task, &encoder, blake3::hash(b"newer").into()).await;
+        store.deploy("arm", &task.id, &newer.id, None).await.unwrap();
+        assert!(of(policy.job_id).await.deployments.is_empty(), "it no longer acts");
+        assert!(of(run.job_id).await.deployments.is_empty());
+    }
+
+    #[tokio::test]
+    async fn jobs_that_name_a_snapshot_are_those_of_its_task() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        for outcome in [Outcome::Success, Outcome::Failure] {
+            testing::episode(&store, &task, outcome, "").await;
+        }
+        let (one, other) = (results::encoder(&store, &task).await, results::encoder(&store, &task).await);
+        let both = [one.snapshot_id.as_str(), other.snapshot_id.as_str()];
+        let named = store.jobs_naming(&task.id, &both).await.unwrap();
+        assert_eq!(ids(&named), [one.job_id.as_str(), other.job_id.as_str()]);
+        assert_eq!(ids(&store.jobs_naming(&task.id, &both[..1]).await.unwrap()), [one.job_id.as_str()]);
+        assert!(store.jobs_naming(&task.id, &[]).await.unwrap().is_empty());
+        let elsewhere = crate::domain::id::TaskId::new();
+        assert!(store.jobs_naming(&elsewhere, &both).await.unwrap().is_empty());
+    }
+}

@@ -1,0 +1,97 @@
+//! The table against what was stored, and how it is looked up.
+
+#![allow(clippy::unwrap_used, reason = "tests only")]
+
+use super::*;
+use crate::{
+    domain::{
+        episode::{Episode, NewLabel, Outcome, Upload},
+        task::Task,
+    },
+    store::testing,
+};
+
+/// An episode with a name and warnings of its own, made visible so many milliseconds after 1970.
+async fn episode(store: &Store, task: &Task, name: &str, (warnings, at): (u64, i64)) -> Episode {
+    let upload = Upload { file_name: name.into(), cohort: "ada".into(), ..testing::upload(task, name.as_bytes()) };
+    let mut inspected = testing::inspected(task, &upload);
+    inspected.episode.warnings = warnings;
+    inspected.episode.created_at = Millis(at);
+    store.insert_upload(&upload).await.unwrap();
+    store.finish_upload(&upload, &inspected).await.unwrap()
+}
+
+#[tokio::test]
+async fn a_row_says_who_labelled_last_and_at_which_version() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let first = episode(&store, &task, "first.mcap", (0, 1)).await;
+    let second = episode(&store, &task, "second.mcap", (0, 2)).await;
+    let label = NewLabel { outcome: Outcome::Failure, cohort: None, author: "bob".into(), reason: String::new() };
+    store.label_episodes(std::slice::from_ref(&first.id), &label).await.unwrap();
+    let rows = store.episode_table(&task.id, &TableFilter::default()).await.unwrap();
+    assert_eq!(rows.iter().map(|row| &row.episode.id).collect::<Vec<_>>(), [&first.id, &second.id]);
+    assert_eq!((rows[0].labelled_by.as_str(), rows[1].labelled_by.as_str()), ("bob", "tests"));
+    assert_eq!((rows[0].episode.outcome, rows[1].episode.outcome), (Outcome::Failure, Outcome::Success));
+    assert!(rows[0].label_version > rows[1].label_version && rows[1].label_version > 0);
+    let newest = store.labels(&first.id).await.unwrap().pop().unwrap();
+    assert_eq!(rows[0].labelled_at, newest.created_at);
+}
+
+#[tokio::test]
+async fn every_filter_leaves_out_what_does_not_fit() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let other = store.insert_task(&gleaner_recording::TaskSpec { name: "other".into(), ..testing::spec() }).await.unwrap();
+    episode(&store, &other, "elsewhere.mcap", (0, 1)).await;
+    let mut ids = Vec::new();
+    for (name, warnings, at) in [("Cup_100%.mcap", 0, 10), ("cup_1000.mcap", 2, 20), ("plate.mcap", 1, 30)] {
+        ids.push(episode(&store, &task, name, (warnings, at)).await.id);
+    }
+    let gone = episode(&store, &task, "gone.mcap", (0, 40)).await;
+    store.delete_episodes(&[gone.id], false).await.unwrap();
+    let label = NewLabel {
+        outcome: Outcome::Failure,
+        cohort: Some("bob".into()),
+        author: "bob".into(),
+        reason: String::new(),
+    };
+    store.label_episodes(&ids[2..], &label).await.unwrap();
+
+    let all = TableFilter::default;
+    let text = |text: &str| TableFilter { text: Some(text.into()), ..all() };
+    for (filter, expected) in [
+        (all(), vec![0, 1, 2]),
+        (TableFilter { outcome: Some(Outcome::Success), ..all() }, vec![0, 1]),
+        (TableFilter { outcome: Some(Outcome::Unknown), ..all() }, vec![]),
+        (TableFilter { cohort: Some("bob".into()), ..all() }, vec![2]),
+        (TableFilter { from: Some(Millis(20)), ..all() }, vec![1, 2]),
+        (TableFilter { before: Some(Millis(20)), ..all() }, vec![0]),
+        (TableFilter { warnings: Some(true), ..all() }, vec![1, 2]),
+        (TableFilter { warnings: Some(false), ..all() }, vec![0]),
+        (text("CUP"), vec![0, 1]),
+        (text("100%"), vec![0]),
+        (text("cup_1000' or 1"), vec![]),
+        (text(&ids[1].as_str().to_lowercase()), vec![1]),
+        (TableFilter { warnings: Some(true), cohort: Some("ada".into()), ..text("mcap") }, vec![1]),
+    ] {
+        let rows = store.episode_table(&task.id, &filter).await.unwrap();
+        let found: Vec<_> = rows.iter().map(|row| ids.iter().position(|id| *id == row.episode.id).unwrap()).collect();
+        assert_eq!(found, expected, "{filter:?}");
+    }
+}
+
+#[tokio::test]
+async fn no_table_is_scanned_or_sorted() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    let filter = TableFilter { text: Some("cup".into()), outcome: Some(Outcome::Success), ..TableFilter::default() };
+    let mut explained = QueryBuilder::<Sqlite>::new("explain query plan ");
+    explained.push(query(&task.id, &filter).sql().as_str());
+    let explained = explained.into_string();
+    let plan: Vec<(i64, i64, i64, String)> =
+        sqlx::query_as(sqlx::AssertSqlSafe(explained)).fetch_all(store.read()).await.unwrap();
+    let plan: Vec<&str> = plan.iter().map(|step| step.3.as_str()).collect();
+    assert!(plan.iter().any(|step| step.contains("episodes_by_task")), "{plan:?}");
+    assert!(!plan.iter().any(|step| step.contains("SCAN") || step.contains("TEMP B-TREE")), "{plan:?}");
+}
