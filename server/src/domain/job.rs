@@ -24,6 +24,14 @@ pub enum JobKind {
 }
 
 impl JobKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::Pretrain, Self::Score, Self::Train, Self::Export, Self::Evaluate];
+
+    /// Reads the word kept in rows.
+    pub fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.as_str() == word)
+    }
+
     /// The word kept in rows.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -225,6 +233,9 @@ mod tests {
                 }
             }
             assert_eq!(JobState::from_word(state.as_str()), Some(state));
+        }
+        for kind in JobKind::ALL {
+            assert_eq!(JobKind::from_word(kind.as_str()), Some(kind));
         }
         assert!(JobState::Running.may_become(JobState::Queued));
         assert!(!JobState::Queued.may_become(JobState::Succeeded));

@@ -6,7 +6,7 @@ use super::{
     dataset::Dataset,
     evaluation::EvaluateSpec,
     id::{DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
-    job::{JobSpec, JobState},
+    job::{JobKind, JobSpec, JobState},
     schedule::ScheduleStart,
     snapshot::RoleRule,
 };
@@ -54,6 +54,30 @@ pub enum JobOrder {
         /// Everything else; an empty simulation is the task's own name.
         spec: EvaluateSpec,
     },
+}
+
+/// What one would order to have the same done again: with the same inputs, of which none is chosen anew.
+impl From<JobSpec> for JobOrder {
+    fn from(spec: JobSpec) -> Self {
+        match spec {
+            JobSpec::Pretrain { snapshot_id, spec } => {
+                Self::Pretrain { snapshot_id: Some(snapshot_id), rule: RoleRule::default(), spec }
+            }
+            JobSpec::Score { encoder_id, snapshot_id, extends, spec } => {
+                Self::Score { encoder_id: Some(encoder_id), snapshot_id: Some(snapshot_id), extends, spec }
+            }
+            JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec } => {
+                let data = match (dataset_id, encoder_id) {
+                    (Some(dataset), _) => TrainData::Dataset(dataset),
+                    (None, Some(encoder)) => TrainData::ExpertsOf(encoder),
+                    (None, None) => TrainData::ExpertsIn(snapshot_id),
+                };
+                Self::Train { data, spec }
+            }
+            JobSpec::Export { dataset_id } => Self::Export { dataset_id },
+            JobSpec::Evaluate { policy_id, spec } => Self::Evaluate { subject: Subject::Policy(policy_id), spec },
+        }
+    }
 }
 
 /// Which policy is evaluated.
@@ -139,4 +163,6 @@ pub struct JobFilter {
     pub task_id: Option<TaskId>,
     /// Only in this state.
     pub state: Option<JobState>,
+    /// Only of this kind.
+    pub kind: Option<JobKind>,
 }

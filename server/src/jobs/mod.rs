@@ -11,6 +11,7 @@ mod process;
 mod report;
 mod resolve;
 mod result;
+mod retry;
 mod scheduler;
 mod submit;
 mod supervisor;

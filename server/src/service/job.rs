@@ -42,7 +42,7 @@ impl JobsFace {
     async fn list(&self, request: v1::ListJobsRequest) -> Result<v1::ListJobsResponse> {
         let wire::job::ListRequest { task, state, size, before } = wire::job::list_request(request)?;
         let task_id = if task.is_empty() { None } else { Some(self.0.store.task(&task).await?.id) };
-        let (jobs, next) = self.0.store.jobs(&JobFilter { task_id, state }, before.as_ref(), size).await?;
+        let (jobs, next) = self.0.store.jobs(&JobFilter { task_id, state, kind: None }, before.as_ref(), size).await?;
         Ok(v1::ListJobsResponse {
             jobs: jobs.into_iter().map(wire::job::job).collect(),
             next_page_token: next.map(String::from).unwrap_or_default(),

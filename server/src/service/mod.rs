@@ -32,7 +32,6 @@ pub struct Rooms {
     pub(crate) config: Arc<ServeConfig>,
     pub(crate) store: Store,
     pub(crate) blobs: Blobs,
-    #[expect(dead_code, reason = "the pages that look at it come next")]
     pub(crate) curation: Curation,
     pub(crate) ingest: Ingest,
     pub(crate) jobs: Jobs,

@@ -1,5 +1,7 @@
 //! What the pages ask of the database beyond what the services do: one question, one file.
 
+mod episode;
 mod lineage;
 mod overview;
+mod retry;
 mod table;

@@ -160,6 +160,9 @@ impl Store {
         if let Some(state) = filter.state {
             query.push(" and state = ").push_bind(state.as_str());
         }
+        if let Some(kind) = filter.kind {
+            query.push(" and kind = ").push_bind(kind.as_str());
+        }
         if let Some(before) = before {
             query.push(" and id < ").push_bind(before.as_str());
         }

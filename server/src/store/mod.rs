@@ -8,7 +8,6 @@ pub(crate) mod backlog;
 mod beside;
 mod blob;
 mod check;
-#[cfg_attr(not(test), expect(dead_code, reason = "the pages that look at it come next"))]
 mod curation;
 mod dataset;
 mod deployment;

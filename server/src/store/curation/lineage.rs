@@ -31,7 +31,7 @@ impl Store {
     }
 
     /// What a job's spec names, each with the job that made it.
-    async fn inputs(&self, job: &Job) -> Result<Vec<(Input, Option<Job>)>> {
+    pub(crate) async fn inputs(&self, job: &Job) -> Result<Vec<(Input, Option<Job>)>> {
         let (mut inputs, dataset) = Input::named(&job.spec);
         if let Some(id) = dataset {
             inputs.push(Input::Dataset(self.dataset(id).await?));

@@ -56,7 +56,6 @@ impl Store {
     ///
     /// # Errors
     /// As for [`Store::label_episodes`].
-    #[cfg_attr(not(test), expect(dead_code, reason = "the pages that look at it come next"))]
     pub(crate) async fn label_episodes_as_seen(&self, seen: &[(EpisodeId, i64)], label: &NewLabel) -> Result<Labelled> {
         let mut tx = self.write().await?;
         let mut changed = Vec::new();

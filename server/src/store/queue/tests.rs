@@ -231,7 +231,8 @@ async fn pages_go_backwards_in_time_and_meet() {
     for _ in 0..5 {
         queue(&store, export(&task, 0, &[])).await.unwrap();
     }
-    let filter = crate::domain::order::JobFilter { task_id: Some(task.id.clone()), state: Some(JobState::Queued) };
+    let filter =
+        crate::domain::order::JobFilter { task_id: Some(task.id.clone()), state: Some(JobState::Queued), kind: None };
     let (all, end) = store.jobs(&filter, None, 5).await.unwrap();
     assert!(all.is_sorted_by(|a, b| a.id > b.id) && end.is_none());
     let (first, next) = store.jobs(&filter, None, 3).await.unwrap();

@@ -79,7 +79,7 @@ async fn reads(store: &Store) {
             assert!(!store.recordings(&snapshot.id).await.unwrap().is_empty());
         }
     }
-    assert!(!store.jobs(&JobFilter { task_id: None, state: None }, None, 100).await.unwrap().0.is_empty());
+    assert!(!store.jobs(&JobFilter::default(), None, 100).await.unwrap().0.is_empty());
     store.deployments(None).await.unwrap();
     store.named_blobs().await.unwrap();
 }

@@ -42,7 +42,8 @@ async fn a_row_says_who_labelled_last_and_at_which_version() {
 async fn every_filter_leaves_out_what_does_not_fit() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
-    let other = store.insert_task(&gleaner_recording::TaskSpec { name: "other".into(), ..testing::spec() }).await.unwrap();
+    let other =
+        store.insert_task(&gleaner_recording::TaskSpec { name: "other".into(), ..testing::spec() }).await.unwrap();
     episode(&store, &other, "elsewhere.mcap", (0, 1)).await;
     let mut ids = Vec::new();
     for (name, warnings, at) in [("Cup_100%.mcap", 0, 10), ("cup_1000.mcap", 2, 20), ("plate.mcap", 1, 30)] {
@@ -50,12 +51,8 @@ async fn every_filter_leaves_out_what_does_not_fit() {
     }
     let gone = episode(&store, &task, "gone.mcap", (0, 40)).await;
     store.delete_episodes(&[gone.id], false).await.unwrap();
-    let label = NewLabel {
-        outcome: Outcome::Failure,
-        cohort: Some("bob".into()),
-        author: "bob".into(),
-        reason: String::new(),
-    };
+    let label =
+        NewLabel { outcome: Outcome::Failure, cohort: Some("bob".into()), author: "bob".into(), reason: String::new() };
     store.label_episodes(&ids[2..], &label).await.unwrap();
 
     let all = TableFilter::default;

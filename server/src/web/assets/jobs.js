@@ -1,0 +1,40 @@
+// Keeps the list of jobs fresh while one of them runs or waits: each row that has changed is put in anew.
+'use strict';
+(() => {
+  const list = document.getElementById('jobs');
+  if (!list) return;
+  let asking = false;
+
+  const refresh = async () => {
+    if (asking || document.hidden || !('live' in list.dataset)) return;
+    asking = true;
+    try {
+      const answer = await fetch(location.href, { headers: { accept: 'text/html' } });
+      if (!answer.ok || answer.redirected) return;
+      const fresh = new DOMParser().parseFromString(await answer.text(), 'text/html').getElementById('jobs');
+      if (!fresh) return;
+      const rows = Array.from(fresh.rows);
+      rows.forEach((row, place) => {
+        const old = document.getElementById(row.id);
+        // A row that has not changed stays as it is, and so does what is focused in it.
+        const kept = old && old.innerHTML === row.innerHTML ? old : row;
+        if (old && kept !== old && old.contains(document.activeElement)) {
+          old.replaceWith(row);
+          row.querySelector('a.id')?.focus();
+        }
+        if (list.rows[place] !== kept) {
+          if (old && kept !== old) old.remove();
+          list.insertBefore(kept, list.rows[place] ?? null);
+        }
+      });
+      while (list.rows.length > rows.length) list.deleteRow(-1);
+      if (!('live' in fresh.dataset)) delete list.dataset.live;
+    } catch (_) {
+      // The server is away; the next time may have it back.
+    } finally {
+      asking = false;
+    }
+  };
+  setInterval(refresh, 2000);
+  document.addEventListener('visibilitychange', refresh);
+})();

@@ -1,0 +1,33 @@
+//! What is done to a job from its page.
+
+use axum::{extract::Path, http::HeaderMap, response::Response};
+use serde_json::json;
+
+use crate::{
+    domain::{id::JobId, job::Job},
+    error::Result,
+    web::{
+        change::{about, done, is_json},
+        visit::Visit,
+    },
+};
+
+/// Cancels a job, and those that wait for it.
+pub(in crate::web) async fn cancel(visit: Visit, Path(id): Path<String>, headers: HeaderMap) -> Response {
+    let cancelled = async { visit.rooms().jobs.cancel(&JobId::parse("id", &id)?).await };
+    answer(&id, &headers, cancelled.await)
+}
+
+/// Orders the same anew, and what waited for it.
+pub(in crate::web) async fn retry(visit: Visit, Path(id): Path<String>, headers: HeaderMap) -> Response {
+    let again = async { visit.rooms().jobs.retry(&JobId::parse("id", &id)?).await };
+    answer(&id, &headers, again.await)
+}
+
+fn answer(id: &str, headers: &HeaderMap, moved: Result<Job>) -> Response {
+    let told = |job: Job| {
+        let page = format!("/jobs/{}", job.id);
+        done(is_json(headers), &page, json!({ "job_id": job.id, "state": job.state.as_str(), "page": page }))
+    };
+    about("job_id", id, moved.map(told).map_err(Into::into))
+}

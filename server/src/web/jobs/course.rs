@@ -1,0 +1,155 @@
+//! How far a job is: the part of its page that is asked for again while it goes on.
+
+use axum::{extract::Path, response::IntoResponse as _};
+use maud::{Markup, html};
+
+use super::curves;
+use crate::{
+    domain::{
+        id::JobId,
+        job::{Job, JobState, Metric},
+        time::Millis,
+    },
+    error::Result,
+    store::Store,
+    web::{made::link, refusal::Answer, say, visit::Visit},
+};
+
+/// The part by itself.
+pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
+    let store = &visit.rooms().store;
+    let job = store.job(&JobId::parse("id", &id)?).await?;
+    Ok(course(store, &job).await?.into_response())
+}
+
+/// Progress, message, error and curves.
+pub(super) async fn course(store: &Store, job: &Job) -> Result<Markup> {
+    let metrics = store.metrics(&job.id, 0, u32::MAX).await?;
+    Ok(html! {
+        div #course data-state=(job.state.as_str()) {
+            (standing(job, Millis::now()))
+            @if !job.error.is_empty() { p.note.bad role="alert" { (link::text(&job.error)) } }
+            (panels(&metrics))
+        }
+    })
+}
+
+fn standing(job: &Job, now: Millis) -> Markup {
+    html! {
+        div.panel.standing aria-live="polite" {
+            div.row {
+                (state(job))
+                @if job.total > 0 {
+                    progress value=(job.done.min(job.total)) max=(job.total) aria-label="Progress" {}
+                    span { (say::count(job.done)) " of " (say::count(job.total)) }
+                    span.soft { (say::share(job.done, job.total)) }
+                }
+                @if let Some(left) = left(job, now) { span.soft { "about " (say::seconds(left)) " left" } }
+            }
+            @if !job.message.is_empty() { p.message { (link::text(&job.message)) } }
+            dl.facts {
+                dt { "Submitted" } dd { (say::time(job.created_at)) " UTC" }
+                @if let Some(started) = job.started_at { dt { "Newest attempt" } dd { (say::time(started)) " UTC" } }
+                @if let Some(took) = took(job, now) { dt { "Takes" } dd { (say::seconds(took)) } }
+                dt { "Attempts" } dd { (job.attempt) " of at most " (job.max_attempts) }
+                @if job.peak_memory_bytes > 0 { dt { "Most memory" } dd { (say::bytes(job.peak_memory_bytes)) } }
+                @if let Some(step) = job.checkpoint_step { dt { "Checkpoint" } dd { "after step " (say::count(step)) } }
+            }
+        }
+    }
+}
+
+/// Where it stands, as a tag.
+pub(super) fn state(job: &Job) -> Markup {
+    let said = if job.state == JobState::Running && job.cancel_requested { "cancelling" } else { job.state.as_str() };
+    html! { span class=(format!("tag {}", job.state.as_str())) { (said) } }
+}
+
+/// Seconds since its newest attempt began, until its end or now.
+fn took(job: &Job, now: Millis) -> Option<f64> {
+    let until = job.ended_at.or_else(|| (job.state == JobState::Running).then_some(now))?;
+    Some(seconds(job.started_at?, until))
+}
+
+/// Seconds it may still take, if it goes on as it did.
+#[expect(clippy::cast_precision_loss, reason = "for reading")]
+fn left(job: &Job, now: Millis) -> Option<f64> {
+    // What an earlier attempt had done is no measure of this one.
+    let measured = job.state == JobState::Running && job.checkpoint_step.is_none_or(|_| job.attempt <= 1);
+    let (done, total) = (job.done as f64, job.total as f64);
+    let took = took(job, now).filter(|took| measured && *took > 2.0 && done > 0.0 && done < total)?;
+    Some(took * (total - done) / done)
+}
+
+#[expect(clippy::cast_precision_loss, reason = "for reading")]
+fn seconds(from: Millis, until: Millis) -> f64 {
+    until.0.saturating_sub(from.0).max(0) as f64 / 1000.0
+}
+
+fn panels(metrics: &[Metric]) -> Markup {
+    let families = curves::families(metrics);
+    html! {
+        @if !families.is_empty() {
+            h2 { "Curves" }
+            div.curves { @for family in &families { (curves::panel(family)) } }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::domain::{
+        id::{DatasetId, TaskId},
+        job::JobSpec,
+    };
+
+    fn running() -> Job {
+        Job {
+            id: JobId::new(),
+            task_id: TaskId::new(),
+            spec: JobSpec::Export { dataset_id: DatasetId::new() },
+            state: JobState::Running,
+            priority: 0,
+            result_id: String::new(),
+            done: 25,
+            total: 100,
+            message: "writing <files>".into(),
+            error: String::new(),
+            attempt: 1,
+            max_attempts: 3,
+            cancel_requested: false,
+            checkpoint: None,
+            checkpoint_step: None,
+            peak_memory_bytes: 0,
+            needs: Vec::new(),
+            key: String::new(),
+            created_at: Millis(0),
+            started_at: Some(Millis(1000)),
+            ended_at: None,
+        }
+    }
+
+    #[test]
+    fn what_is_left_is_reckoned_from_what_was_done() {
+        let now = Millis(11_000);
+        assert_eq!((took(&running(), now), left(&running(), now)), (Some(10.0), Some(30.0)));
+        assert_eq!(left(&running(), Millis(2000)), None, "too early to say");
+        let resumed = Job { attempt: 2, checkpoint_step: Some(20), ..running() };
+        assert_eq!(left(&resumed, now), None);
+        let ended = Job { state: JobState::Succeeded, ended_at: Some(Millis(6000)), ..running() };
+        assert_eq!((took(&ended, now), left(&ended, now)), (Some(5.0), None));
+        let queued = Job { state: JobState::Queued, started_at: None, done: 0, total: 0, ..running() };
+        assert_eq!((took(&queued, now), left(&queued, now)), (None, None));
+    }
+
+    #[test]
+    fn standing_says_state_and_message_as_text() {
+        let said = standing(&Job { cancel_requested: true, ..running() }, Millis(2000)).into_string();
+        assert!(
+            said.contains(">cancelling<") && said.contains("writing &lt;files&gt;") && said.contains("25.0 %"),
+            "{said}"
+        );
+    }
+}

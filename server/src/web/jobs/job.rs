@@ -1,0 +1,125 @@
+//! One job: how far it is, what it waits for and made, what it was told to do.
+
+use axum::{extract::Path, response::IntoResponse as _};
+use maud::{Markup, html};
+
+use super::{course, spec};
+use crate::{
+    domain::{
+        id::{EvaluationId, ExportId, JobId},
+        job::{Job, JobKind, JobState},
+    },
+    error::Result,
+    service::Rooms,
+    web::{
+        made::{self, link},
+        page::Page,
+        refusal::Answer,
+        say,
+        shell::{self, Head, Tab},
+        visit::Visit,
+    },
+};
+
+pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
+    let rooms = visit.rooms();
+    let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
+    let task = rooms.store.task_by_id(&job.task_id).await?;
+    let kind = job.spec.kind().as_str();
+    let body = html! {
+        div.row.title {
+            h1 { (kind) " " (link::short(job.id.as_str())) }
+            (actions(&visit, &job))
+        }
+        (course::course(&rooms.store, &job).await?)
+        (made_of(rooms, &job).await?)
+        (waits(rooms, &job).await?)
+        h2 { "Lineage" }
+        (made::of_job(&rooms.store, &job).await?)
+        h2 { "Settings" }
+        (spec::table(&job.spec)?)
+        h2 { "Record" }
+        (record(&job))
+    };
+    let head = Head { title: kind, tab: Tab::Jobs, task: Some(&task.spec.name), script: Some("job.js") };
+    Ok(shell::page(&visit, &head, &body).into_response())
+}
+
+/// What may be done with it now, by who looks.
+fn actions(visit: &Visit, job: &Job) -> Markup {
+    let form = |to: &str, class: &str, name: &str| {
+        html! {
+            form method="post" action=(format!("/jobs/{}/{to}", job.id)) {
+                input type="hidden" name="proof" value=(visit.proof);
+                button class=(class) type="submit" { (name) }
+            }
+        }
+    };
+    html! {
+        @match job.state {
+            JobState::Queued | JobState::Running => {
+                @if visit.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", "Cancel")) }
+            },
+            JobState::Failed | JobState::Cancelled => {
+                @if visit.may(Page::RetryJob) { (form("retry", "primary", "Try again")) }
+            },
+            JobState::Succeeded => {},
+        }
+    }
+}
+
+/// What it made, once that is there.
+async fn made_of(rooms: &Rooms, job: &Job) -> Result<Markup> {
+    if job.state != JobState::Succeeded {
+        return Ok(html! {});
+    }
+    let result = job.result_id.as_str();
+    let made = match job.spec.kind() {
+        JobKind::Pretrain => html! { "Encoder " span.id { (result) } },
+        JobKind::Score => html! { "Score run " (link::whole(result)) },
+        JobKind::Train => html! { "Policy " (link::whole(result)) },
+        JobKind::Evaluate => {
+            let evaluation = rooms.store.evaluation(&EvaluationId::parse("result_id", result)?).await?;
+            let success = evaluation.success();
+            html! { "Succeeded in " b { (made::rate(&success)) } " of " (say::counted(success.episodes.into(), "attempt"))
+            ", policy " (link::whole(evaluation.policy_id.as_str())) }
+        }
+        JobKind::Export => {
+            let files = rooms.store.export_files(&ExportId::parse("result_id", result)?).await?;
+            let bytes = files.iter().map(|file| file.size_bytes).sum();
+            html! { (say::counted(files.len() as u64, "file")) ", " (say::bytes(bytes)) ": " code { "gleaner export" }
+            " downloads " span.id { (result) } }
+        }
+    };
+    Ok(html! { h2 { "Made" } p.panel { (made) } })
+}
+
+/// The jobs it waits or waited for.
+async fn waits(rooms: &Rooms, job: &Job) -> Result<Markup> {
+    if job.needs.is_empty() {
+        return Ok(html! {});
+    }
+    let mut needed = Vec::with_capacity(job.needs.len());
+    for id in &job.needs {
+        needed.push(rooms.store.job(id).await?);
+    }
+    Ok(html! {
+        h2 { @if job.state == JobState::Queued { "Waits for" } @else { "Waited for" } }
+        ul.panel.waits { @for job in &needed {
+            li { (course::state(job)) " " (job.spec.kind().as_str()) " " (link::whole(job.id.as_str())) }
+        } }
+    })
+}
+
+fn record(job: &Job) -> Markup {
+    html! {
+        dl.facts.panel {
+            dt { "Job" } dd.id { (job.id) }
+            dt { "Makes" } dd.id { (job.result_id) }
+            dt { "Priority" } dd { (job.priority) }
+            @if !job.key.is_empty() { dt { "Key" } dd { (job.key) } }
+            @if let Some(ended) = job.ended_at { dt { "Ended" } dd { (say::time(ended)) " UTC" } }
+            dt { "Log" } dd { "What its workers said is in the server's log, in lines with " code { "job.id=" (job.id) } "." }
+        }
+    }
+}

@@ -1,0 +1,15 @@
+//! Jobs: the queue, one job's course as it goes, cancelling and trying again.
+
+mod act;
+mod course;
+mod curves;
+mod job;
+mod list;
+mod spec;
+
+pub(super) use self::{
+    act::{cancel, retry},
+    course::show as course,
+    job::show,
+    list::show as list,
+};

@@ -1,0 +1,107 @@
+//! Where an id leads: every result that a page shows is a link to its own page, if it has one.
+
+use maud::{Markup, html};
+
+use crate::domain::{
+    id::{DatasetId, EpisodeId, JobId, PolicyId, ScoreRunId},
+    selection::Selection,
+};
+
+/// The page of what has this id; `None` for what has none.
+pub(in crate::web) fn page(id: &str) -> Option<String> {
+    let found = |is: bool, folder: &str| is.then(|| format!("/{folder}/{id}"));
+    found(JobId::parse("id", id).is_ok(), "jobs")
+        .or_else(|| found(ScoreRunId::parse("id", id).is_ok(), "runs"))
+        .or_else(|| found(DatasetId::parse("id", id).is_ok(), "datasets"))
+        .or_else(|| found(PolicyId::parse("id", id).is_ok(), "policies"))
+        .or_else(|| found(EpisodeId::parse("id", id).is_ok(), "episodes"))
+}
+
+/// An id in full, as a link if it leads somewhere.
+pub(in crate::web) fn whole(id: &str) -> Markup {
+    match page(id) {
+        Some(to) => html! { a.id href=(to) { (id) } },
+        None => html! { span.id { (id) } },
+    }
+}
+
+/// An id by its kind and its last characters, which differ where ids of one day begin alike; leads to `to`.
+pub(in crate::web) fn brief(id: &str, to: Option<&str>) -> Markup {
+    html! {
+        @match to {
+            Some(to) => a.id href=(to) title=(id) { (short(id)) },
+            None => span.id title=(id) { (short(id)) },
+        }
+    }
+}
+
+/// `run…4RRFFQ69`.
+pub(in crate::web) fn short(id: &str) -> String {
+    match id.split_once('_') {
+        Some((kind, rest)) if rest.len() > 8 && rest.is_ascii() => format!("{kind}…{}", &rest[rest.len() - 8..]),
+        Some(_) | None => id.to_owned(),
+    }
+}
+
+/// A text in which ids are links.
+pub(in crate::web) fn text(said: &str) -> Markup {
+    let inside = |character: char| character.is_ascii_alphanumeric() || character == '_';
+    let mut parts = Vec::new();
+    let mut rest = said;
+    while !rest.is_empty() {
+        let word = rest.find(|character| !inside(character)).unwrap_or(rest.len());
+        let (now, later) =
+            if word == 0 { rest.split_at(rest.find(inside).unwrap_or(rest.len())) } else { rest.split_at(word) };
+        parts.push((now, page(now)));
+        rest = later;
+    }
+    html! {
+        @for (part, to) in parts {
+            @match to { Some(to) => a.id href=(to) { (part) }, None => (part) }
+        }
+    }
+}
+
+/// What a selection keeps, in a word or two.
+pub(in crate::web) fn selection(selection: Selection) -> String {
+    match selection {
+        Selection::Beta(beta) => format!("q > {beta}"),
+        Selection::TopFraction(part) => {
+            format!("best {:.4}", part * 100.0).trim_end_matches('0').trim_end_matches('.').to_owned() + " %"
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::id::EncoderId;
+
+    #[test]
+    fn ids_lead_to_their_pages() {
+        let (job, run, encoder) = (JobId::new(), ScoreRunId::new(), EncoderId::new());
+        assert_eq!(page(job.as_str()), Some(format!("/jobs/{job}")));
+        assert_eq!(page(run.as_str()), Some(format!("/runs/{run}")));
+        assert_eq!((page(encoder.as_str()), page("job_../../etc"), page("")), (None, None, None));
+        assert!(
+            short(job.as_str()).starts_with("job…") && job.as_str().ends_with(&short(job.as_str())["job…".len()..])
+        );
+        assert_eq!(short("job_ü"), "job_ü");
+    }
+
+    #[test]
+    fn ids_in_a_text_are_links_and_the_rest_is_text() {
+        let job = JobId::new();
+        let said = text(&format!("{job}, which this job waits for, <failed>: é")).into_string();
+        assert!(said.starts_with(&format!("<a class=\"id\" href=\"/jobs/{job}\">{job}</a>, which")), "{said}");
+        assert!(said.ends_with("&lt;failed&gt;: é"), "{said}");
+        assert_eq!(text("").into_string(), "");
+    }
+
+    #[test]
+    fn selections_are_said_briefly() {
+        assert_eq!(selection(Selection::Beta(0.85)), "q > 0.85");
+        assert_eq!(selection(Selection::TopFraction(0.125)), "best 12.5 %");
+        assert_eq!(selection(Selection::TopFraction(0.1)), "best 10 %");
+    }
+}

@@ -1,0 +1,15 @@
+//! What was made of what: datasets and policies, and every result's place on the way from episodes to robots.
+
+mod card;
+mod dataset;
+mod evaluations;
+mod lineage;
+pub(super) mod link;
+mod policy;
+
+pub(super) use self::{
+    dataset::show as dataset,
+    evaluations::rate,
+    lineage::{of_dataset, of_job},
+    policy::show as policy,
+};

@@ -1,0 +1,47 @@
+//! Contact sheets: single segments, each by the picture of its last step.
+
+use maud::{Markup, html};
+
+use crate::{
+    domain::{curation::SegmentRef, id::ScoreRunId},
+    web::{made::link, visit::escaped},
+};
+
+/// Segments of a sheet.
+pub(super) const SEGMENTS: usize = 12;
+/// Pixels that a picture is asked for at most.
+const SIZE: u32 = 256;
+
+/// A sheet of segments of a run, each leading to its step; pictures are of this camera, if the task has one.
+pub(super) fn sheet(run: &ScoreRunId, camera: Option<&str>, segments: &[SegmentRef]) -> Markup {
+    html! {
+        ul.contact {
+            @for SegmentRef { episode_id, end_step, q } in segments {
+                li { a href=(format!("/episodes/{episode_id}?run={run}&step={end_step}")) {
+                    @if let Some(camera) = camera {
+                        img loading="lazy" width="256" height="192" alt=(format!("Step {end_step} of {episode_id}"))
+                            src=(format!("/episodes/{episode_id}/frames/{}/{end_step}?size={SIZE}", escaped(camera)));
+                    }
+                    span.q { "q " (format!("{q:.3}")) }
+                    span.soft { (link::short(episode_id.as_str())) ", step " (end_step) }
+                } }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::id::EpisodeId;
+
+    #[test]
+    fn each_segment_leads_to_its_step_with_the_run() {
+        let (run, episode_id) = (ScoreRunId::new(), EpisodeId::new());
+        let segment = SegmentRef { episode_id: episode_id.clone(), end_step: 17, q: 0.25 };
+        let shown = sheet(&run, Some("front cam"), std::slice::from_ref(&segment)).into_string();
+        assert!(shown.contains(&format!("href=\"/episodes/{episode_id}?run={run}&amp;step=17\"")), "{shown}");
+        assert!(shown.contains("/frames/front%20cam/17?") && shown.contains("q 0.250"), "{shown}");
+        assert!(!sheet(&run, None, &[segment]).into_string().contains("<img"));
+    }
+}

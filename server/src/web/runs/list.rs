@@ -1,0 +1,237 @@
+//! A task's score runs, and the policies that were made in the end.
+
+use std::collections::HashMap;
+
+use axum::{extract::Path, response::IntoResponse as _};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::json;
+
+use crate::{
+    domain::{
+        dataset::Dataset,
+        id::{DatasetId, EncoderId, SnapshotId},
+        job::{Job, JobKind, JobState},
+        order::JobFilter,
+        policy::Policy,
+        score::ScoreRun,
+        snapshot::Snapshot,
+        task::Task,
+    },
+    error::Result,
+    store::Store,
+    web::{
+        made::link,
+        refusal::Answer,
+        say,
+        sheet::{self, Format, Sheet},
+        shell::{self, Head, Tab},
+        visit::Visit,
+    },
+};
+
+/// Jobs on the way that are shown.
+const COMING: u32 = 50;
+
+#[derive(Deserialize)]
+struct Asked {
+    #[serde(default)]
+    format: Format,
+    #[serde(default)]
+    table: Table,
+}
+
+/// Which of the page's tables a program wants.
+#[derive(Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Table {
+    #[default]
+    Runs,
+    Policies,
+}
+
+/// Everything the page shows.
+struct Made {
+    runs: Vec<ScoreRun>,
+    snapshots: HashMap<SnapshotId, Snapshot>,
+    datasets: Vec<Dataset>,
+    /// The job behind each encoder.
+    encoders: HashMap<EncoderId, Option<Job>>,
+    coming: Vec<Job>,
+    policies: Vec<Policy>,
+}
+
+pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answer {
+    let Asked { format, table } = visit.asked()?;
+    let store = &visit.rooms().store;
+    let task = store.task(&task).await?;
+    let made = Made::of(store, &task).await?;
+    if format != Format::Html {
+        let sheet = if table == Table::Policies { made.policy_sheet(&task) } else { made.run_sheet(&task) };
+        return Ok(sheet.answer(format)?);
+    }
+    let name = task.spec.name.as_str();
+    let body = html! {
+        h1 { "Score runs" }
+        p.lead { "What each scoring of " (name) " found, newest first. Open a run to choose a threshold." }
+        @if made.runs.is_empty() && made.coming.is_empty() {
+            p.panel.empty { "No run yet. " code { "gleaner score" } " makes one." }
+        } @else {
+            (made.run_table())
+            (sheet::links(&visit))
+        }
+        h2 { "Policies" }
+        @if made.policies.is_empty() {
+            p.panel.empty { "No policy was trained yet." }
+        } @else {
+            (made.policy_table())
+            p.formats { "This table as "
+                a href=(format!("/tasks/{name}/runs?table=policies&format=json")) { "JSON" } " or "
+                a href=(format!("/tasks/{name}/runs?table=policies&format=csv")) { "CSV" } }
+        }
+    };
+    let head = Head { title: "Score runs", tab: Tab::Runs, task: Some(name), script: None };
+    Ok(shell::page(&visit, &head, &body).into_response())
+}
+
+impl Made {
+    async fn of(store: &Store, task: &Task) -> Result<Self> {
+        let runs = store.score_runs(&task.id).await?;
+        let mut encoders = HashMap::new();
+        for run in &runs {
+            if !encoders.contains_key(&run.encoder_id) {
+                encoders.insert(run.encoder_id.clone(), store.job_of_result(run.encoder_id.as_str()).await?);
+            }
+        }
+        let mut coming = Vec::new();
+        for state in [JobState::Running, JobState::Queued] {
+            let filter = JobFilter { task_id: Some(task.id.clone()), state: Some(state), kind: Some(JobKind::Score) };
+            coming.extend(store.jobs(&filter, None, COMING).await?.0);
+        }
+        let snapshots = store.snapshots(&task.id).await?;
+        Ok(Self {
+            runs,
+            snapshots: snapshots.into_iter().map(|snapshot| (snapshot.id.clone(), snapshot)).collect(),
+            datasets: store.datasets(&task.id).await?,
+            encoders,
+            coming,
+            policies: store.policies(&task.id).await?,
+        })
+    }
+
+    fn datasets_of<'a>(&'a self, run: &'a ScoreRun) -> impl Iterator<Item = &'a Dataset> {
+        self.datasets.iter().filter(|dataset| dataset.score_run_id == run.id)
+    }
+
+    fn selection_of(&self, id: &DatasetId) -> Option<String> {
+        self.datasets.iter().find(|dataset| dataset.id == *id).map(|dataset| link::selection(dataset.selection))
+    }
+
+    fn run_table(&self) -> Markup {
+        html! {
+            div.scroll { table {
+                thead { tr {
+                    th { "Run" } th { "Made (UTC)" } th.number { "Experts" } th.number { "Imperfect" } th { "Scored by" }
+                    th { "Normaliser" } th { "Encoder" } th { "Datasets" }
+                } }
+                tbody {
+                    @for job in &self.coming { tr {
+                        td { (link::brief(&job.result_id, Some(&format!("/jobs/{}", job.id)))) }
+                        td { span class=(format!("tag {}", job.state.as_str())) { (job.state.as_str()) } }
+                        td.soft colspan="6" {
+                            @if job.total > 0 { progress value=(job.done) max=(job.total) aria-label="Progress" {} " " }
+                            (job.message)
+                        }
+                    } }
+                    @for run in &self.runs { (self.run_row(run)) }
+                }
+            } }
+        }
+    }
+
+    fn run_row(&self, run: &ScoreRun) -> Markup {
+        let snapshot = self.snapshots.get(&run.snapshot_id);
+        let encoder = self.encoders.get(&run.encoder_id).and_then(Option::as_ref);
+        html! { tr {
+            td { (link::brief(run.id.as_str(), Some(&format!("/runs/{}", run.id)))) }
+            td.when { (say::time(run.created_at)) }
+            td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.expert_episodes)) } }
+            td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.imperfect_episodes)) } }
+            td { (run.scorer) span.soft { ", " (run.similarity) } }
+            td { (run.normaliser) }
+            td { (link::brief(run.encoder_id.as_str(), encoder.map(|job| format!("/jobs/{}", job.id)).as_deref())) }
+            td { @for dataset in self.datasets_of(run) {
+                a.tag.kept href=(format!("/datasets/{}", dataset.id)) { (link::selection(dataset.selection)) } " "
+            } }
+        } }
+    }
+
+    fn policy_table(&self) -> Markup {
+        html! {
+            div.scroll { table {
+                thead { tr { th { "Policy" } th { "Made (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
+                tbody { @for policy in &self.policies { tr {
+                    td { (link::brief(policy.id.as_str(), Some(&format!("/policies/{}", policy.id)))) }
+                    td.when { (say::time(policy.created_at)) }
+                    td { (policy.kind) }
+                    td { "experts" @if let Some(id) = &policy.dataset_id {
+                        " and " a.tag.kept href=(format!("/datasets/{id}")) {
+                            (self.selection_of(id).unwrap_or_else(|| "a dataset".to_owned()))
+                        }
+                    } }
+                    td { (link::brief(policy.job_id.as_str(), Some(&format!("/jobs/{}", policy.job_id)))) }
+                } } }
+            } }
+        }
+    }
+
+    fn run_sheet(&self, task: &Task) -> Sheet {
+        let row = |run: &ScoreRun| {
+            let snapshot = self.snapshots.get(&run.snapshot_id);
+            let datasets: Vec<&str> = self.datasets_of(run).map(|dataset| dataset.id.as_str()).collect();
+            vec![
+                json!(run.id),
+                json!(say::stamp(run.created_at)),
+                json!(run.snapshot_id),
+                json!(snapshot.map(|snapshot| snapshot.expert_episodes)),
+                json!(snapshot.map(|snapshot| snapshot.imperfect_episodes)),
+                json!(run.scorer),
+                json!(run.similarity),
+                json!(run.normaliser),
+                json!(run.encoder_id),
+                json!(run.job_id),
+                json!(datasets.join(" ")),
+            ]
+        };
+        let columns = &[
+            "score_run_id",
+            "created_at",
+            "snapshot_id",
+            "expert_episodes",
+            "imperfect_episodes",
+            "scorer",
+            "similarity",
+            "normaliser",
+            "encoder_id",
+            "job_id",
+            "dataset_ids",
+        ];
+        Sheet { name: format!("{}-runs", task.spec.name), columns, rows: self.runs.iter().map(row).collect() }
+    }
+
+    fn policy_sheet(&self, task: &Task) -> Sheet {
+        let row = |policy: &Policy| {
+            let Policy { id, kind, encoder_id, dataset_id, job_id, created_at, .. } = policy;
+            vec![
+                json!(id),
+                json!(say::stamp(*created_at)),
+                json!(kind),
+                json!(encoder_id),
+                json!(dataset_id),
+                json!(job_id),
+            ]
+        };
+        let columns = &["policy_id", "created_at", "kind", "encoder_id", "dataset_id", "job_id"];
+        Sheet { name: format!("{}-policies", task.spec.name), columns, rows: self.policies.iter().map(row).collect() }
+    }
+}

@@ -1,0 +1,87 @@
+//! Making a dataset from a run's page.
+
+use axum::{
+    Form, Json,
+    extract::{FromRequest as _, Path, Request},
+    response::Response,
+};
+use serde::Deserialize;
+use serde_json::json;
+
+use super::asked;
+use crate::{
+    domain::{id::ScoreRunId, selection::Selection},
+    error::{Error, Result},
+    web::{
+        change::{about, done, is_json},
+        refusal::Answer,
+        visit::Visit,
+    },
+};
+
+/// What a form or a program names.
+#[derive(Deserialize)]
+struct Named<T> {
+    beta: Option<T>,
+    top_fraction: Option<T>,
+}
+
+/// Makes the dataset of a selection, or finds the one there is. A form leads to its page, JSON is answered with JSON.
+pub(in crate::web) async fn make(visit: Visit, Path(id): Path<String>, request: Request) -> Response {
+    about("score_run_id", &id, made(&visit, &id, request).await)
+}
+
+async fn made(visit: &Visit, id: &str, request: Request) -> Answer {
+    let run = ScoreRunId::parse("id", id)?;
+    let data = is_json(request.headers());
+    let selection = named(request).await?;
+    let dataset = visit.rooms().store.insert_dataset(&run, selection).await?;
+    let page = format!("/datasets/{}", dataset.id);
+    Ok(done(data, &page, json!({ "dataset_id": dataset.id, "page": page })))
+}
+
+async fn named(request: Request) -> Result<Selection> {
+    let unreadable = |told: String| Error::invalid("body", told);
+    let Named { beta, top_fraction } = if is_json(request.headers()) {
+        let Json(Named { beta, top_fraction }) = Json::<Named<f64>>::from_request(request, &())
+            .await
+            .map_err(|rejection| unreadable(rejection.body_text()))?;
+        Named { beta: beta.map(|beta| beta.to_string()), top_fraction: top_fraction.map(|part| part.to_string()) }
+    } else {
+        let read = Form::<Named<String>>::from_request(request, &()).await;
+        read.map_err(|rejection| unreadable(rejection.body_text()))?.0
+    };
+    asked::selection(beta.as_deref(), top_fraction.as_deref())?
+        .ok_or_else(|| Error::invalid("beta", "must be set, or top_fraction"))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use axum::{body::Body, http::header::CONTENT_TYPE};
+
+    use super::*;
+
+    async fn read(kind: &str, body: &'static str) -> Result<Selection> {
+        let request = Request::post("/").header(CONTENT_TYPE, kind).body(Body::from(body)).unwrap();
+        named(request).await
+    }
+
+    #[tokio::test]
+    async fn forms_and_json_name_the_same() {
+        let form = "application/x-www-form-urlencoded";
+        assert_eq!(read(form, "proof=x&beta=0.8").await.unwrap(), Selection::Beta(0.8));
+        assert_eq!(read("application/json", "{\"beta\":0.8}").await.unwrap(), Selection::Beta(0.8));
+        assert_eq!(read("application/json", "{\"top_fraction\":1}").await.unwrap(), Selection::TopFraction(1.0));
+        for (kind, body, field) in [
+            (form, "proof=x", "beta: "),
+            (form, "beta=x", "beta: "),
+            ("application/json", "{\"beta\":\"0.8\"}", "body: "),
+            ("application/json", "{", "body: "),
+            ("text/plain", "beta=0.8", "body: "),
+        ] {
+            let error = read(kind, body).await.unwrap_err();
+            assert!(error.message().starts_with(field), "{kind} {body}: {error}");
+        }
+    }
+}

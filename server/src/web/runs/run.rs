@@ -1,0 +1,151 @@
+//! One score run: its histogram under a threshold, and everything that follows the threshold.
+
+use std::sync::Arc;
+
+use axum::{extract::Path, response::IntoResponse as _};
+use maud::{Markup, html};
+
+use super::{
+    asked::{Asked, Order},
+    contact, kept, picture,
+};
+use crate::{
+    curation::Summary,
+    domain::{
+        id::ScoreRunId,
+        score::ScoreRun,
+        selection::{Selection, WhatIf},
+        task::Task,
+    },
+    error::Result,
+    web::{
+        made::{self, link},
+        page::Page,
+        refusal::Answer,
+        say,
+        sheet::Format,
+        shell::{self, Head, Tab},
+        visit::Visit,
+    },
+};
+
+pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
+    let asked: Asked = visit.asked()?;
+    let (selection, order) = (asked.selection()?, asked.order()?);
+    let summary = visit.rooms().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
+    let what = summary.what_if(selection).await?;
+    let (run, format) = (summary.run(), asked.format(Format::Html));
+    if format != Format::Html {
+        return Ok(kept::episode_sheet(&run.id, kept::rows(&what, &summary, order)).answer(format)?);
+    }
+    let store = &visit.rooms().store;
+    let task = store.task_by_id(&run.task_id).await?;
+    let body = html! {
+        h1 { "Score run " (link::short(run.id.as_str())) }
+        p.lead { (run.scorer) " over " (say::counted(what.total.of_episodes, "imperfect episode")) ", against "
+            (say::counted(run.expert_ids.len() as u64, "expert")) ", " (say::time(run.created_at)) " UTC" }
+        (threshold(&visit, &summary, &what).await?)
+        (following(&summary, &what, order))
+        (sheets(&summary, &task).await?)
+        h2 { "Lineage" }
+        (made::of_job(store, &store.job(&run.job_id).await?).await?)
+        h2 { "Facts" }
+        (facts(run))
+    };
+    let head = Head { title: "Score run", tab: Tab::Runs, task: Some(&task.spec.name), script: Some("run.js") };
+    Ok(shell::page(&visit, &head, &body).into_response())
+}
+
+/// What a selection would keep: for programs, or the parts of the page that follow the slider.
+pub(in crate::web) async fn what_if(visit: Visit, Path(id): Path<String>) -> Answer {
+    let asked: Asked = visit.asked()?;
+    let (selection, order) = (asked.selection()?, asked.order()?);
+    let summary = visit.rooms().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
+    let what = summary.what_if(selection).await?;
+    match asked.format(Format::Json) {
+        Format::Html => Ok(following(&summary, &what, order).into_response()),
+        Format::Json => Ok(axum::Json(kept::counts(&summary.run().id, &what)).into_response()),
+        Format::Csv => Ok(kept::cohort_sheet(format!("{id}-cohorts"), &what).answer(Format::Csv)?),
+    }
+}
+
+/// The histogram with its slider, and the way to a dataset.
+async fn threshold(visit: &Visit, summary: &Arc<Summary>, what: &WhatIf) -> Result<Markup> {
+    let counts = summary.histogram(picture::BINS).await?;
+    let run = &summary.run().id;
+    let beta = match what.selection {
+        Selection::Beta(beta) => Some(beta),
+        Selection::TopFraction(_) => None,
+    };
+    Ok(html! {
+        section.panel.threshold aria-label="Threshold" {
+            (picture::histogram(&counts, what.selection))
+            div.row {
+                form #threshold.row method="get" action=(format!("/runs/{run}")) data-run=(run.as_str()) {
+                    label for="slider" { "Keep segments with q above β" }
+                    input #slider type="range" min="0" max="1" step="0.01" value=[beta] aria-label="β, as a slider";
+                    input #beta name="beta" type="number" min="0" max="1" step="any" value=[beta] required
+                        aria-label="β, as a number";
+                    button type="submit" { "Show" }
+                }
+                @if visit.may(Page::MakeDataset) {
+                    form #make method="post" action=(format!("/runs/{run}/datasets")) {
+                        input type="hidden" name="proof" value=(visit.proof);
+                        @match what.selection {
+                            Selection::Beta(beta) => input type="hidden" name="beta" value=(beta);,
+                            Selection::TopFraction(part) => input type="hidden" name="top_fraction" value=(part);,
+                        }
+                        button.primary type="submit" { "Make dataset" }
+                    }
+                }
+            }
+            @if beta.is_none() {
+                p.note { "Shown is what a top fraction keeps: " (link::selection(what.selection)) ". Move the slider for a β." }
+            }
+            p #trouble.note.bad role="alert" hidden {}
+        }
+    })
+}
+
+/// What follows the threshold.
+fn following(summary: &Summary, what: &WhatIf, order: Order) -> Markup {
+    let run = &summary.run().id;
+    html! {
+        section #counts aria-live="polite" aria-label="What is kept" { (kept::figures(what)) }
+        h2 { "By cohort" }
+        div #by-cohort { (kept::cohorts(what)) }
+        h2 { "By episode" }
+        div #by-episode { (kept::episodes(run, what.selection, order, &kept::rows(what, summary, order))) }
+    }
+}
+
+async fn sheets(summary: &Arc<Summary>, task: &Task) -> Result<Markup> {
+    let (best, worst) = (summary.best(contact::SEGMENTS).await?, summary.worst(contact::SEGMENTS).await?);
+    let (run, camera) = (&summary.run().id, task.spec.cameras.first().map(|camera| camera.name.as_str()));
+    Ok(html! {
+        h2 { "Best segments" }
+        (contact::sheet(run, camera, &best))
+        h2 { "Worst segments" }
+        (contact::sheet(run, camera, &worst))
+    })
+}
+
+fn facts(run: &ScoreRun) -> Markup {
+    html! {
+        dl.facts.panel {
+            dt { "Score run" } dd.id { (run.id) }
+            dt { "Scorer" } dd { (run.scorer) }
+            dt { "Similarity" } dd { (run.similarity) }
+            dt { "Features" } dd { (run.feature_scale) }
+            dt { "Yardstick" } dd { (run.yardstick) }
+            dt { "Factors of o, m, a" }
+            dd { @match run.modality_scale { Some([o, m, a]) => { (o) ", " (m) ", " (a) }, None => "1, 1, 1" } }
+            dt { "Normaliser" }
+            dd { (run.normaliser) ": similarity " (format!("{:.4}", run.lo)) " is q = 0, " (format!("{:.4}", run.hi)) " is q = 1" }
+            dt { "Snapshot" } dd.id { (run.snapshot_id) }
+            dt { "Encoder" } dd.id { (run.encoder_id) }
+            @if let Some(base) = &run.extends { dt { "Goes on from" } dd { (link::whole(base.as_str())) } }
+            dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }
+        }
+    }
+}
