@@ -134,12 +134,33 @@ fn of(rpc: Rpc) -> Rule {
 /// The row of a page.
 pub(super) fn page_rule(page: Page) -> Rule {
     let reads = |least| Rule { need: Need::Least(least), audited: false };
+    let changes = |least| Rule { need: Need::Least(least), audited: true };
     match page {
         // Who signs in shows a token, and who signs out needs none.
         Page::Health | Page::Asset | Page::SignIn | Page::SigningIn | Page::SigningOut => {
             Rule { need: Need::Nothing, audited: false }
         }
-        Page::Metrics | Page::Overview => reads(Role::Viewer),
+        Page::Metrics
+        | Page::Overview
+        | Page::Deployments
+        | Page::Deployment
+        | Page::LiveSessions
+        | Page::LiveFrame
+        | Page::Episodes
+        | Page::Episode
+        | Page::EpisodeFrame
+        | Page::EpisodeScores
+        | Page::EpisodeRecording
+        | Page::Runs
+        | Page::Run
+        | Page::WhatIf
+        | Page::Dataset
+        | Page::Policy
+        | Page::Jobs
+        | Page::Job
+        | Page::JobCourse => reads(Role::Viewer),
+        Page::LabelEpisodes => changes(Role::Contributor),
+        Page::RollBack | Page::MakeDataset | Page::CancelJob | Page::RetryJob => changes(Role::Trainer),
     }
 }
 

@@ -11,7 +11,11 @@ use std::sync::Arc;
 
 use quick_cache::sync::Cache;
 
-pub(crate) use self::{picture::View, steps::Numbers, summary::Summary};
+pub(crate) use self::{
+    picture::View,
+    steps::{Numbers, Series},
+    summary::Summary,
+};
 use self::{steps::Steps, summary::Weigh};
 use crate::{
     domain::id::{EpisodeId, ScoreRunId},

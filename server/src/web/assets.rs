@@ -12,11 +12,18 @@ use super::refusal::Answer;
 use crate::error::Error;
 
 const CSS: &str = "text/css; charset=utf-8";
+const JS: &str = "text/javascript; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
 /// Name, kind, content.
 const ASSETS: &[(&str, &str, &str)] = &[
     ("gleaner.css", CSS, include_str!("assets/gleaner.css")),
+    ("live.js", JS, include_str!("assets/live.js")),
+    ("run.js", JS, include_str!("assets/run.js")),
+    ("job.js", JS, include_str!("assets/job.js")),
+    ("jobs.js", JS, include_str!("assets/jobs.js")),
+    ("episodes.js", JS, concat!(include_str!("assets/labelling.js"), include_str!("assets/episodes.js"))),
+    ("episode.js", JS, concat!(include_str!("assets/labelling.js"), include_str!("assets/episode.js"))),
     ("gleaner.svg", SVG, include_str!("assets/gleaner.svg")),
 ];
 

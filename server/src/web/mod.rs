@@ -5,18 +5,30 @@
 
 mod assets;
 mod browser;
+mod change;
+mod deployments;
 mod door;
+mod episode;
+mod episodes;
+mod frames;
 mod gate;
+mod jobs;
 mod machines;
+mod made;
 mod overview;
 mod page;
 mod plot;
 mod refusal;
 mod routes;
+mod runs;
 mod say;
 mod sheet;
 mod shell;
 mod sign_in;
+#[cfg(test)]
+mod testing;
+#[cfg(test)]
+mod tests;
 mod visit;
 mod vitals;
 

@@ -9,7 +9,10 @@ use axum::{
     routing::{MethodRouter, get, post},
 };
 
-use super::{House, assets, door, machines, overview, page::Page, sign_in};
+use super::{
+    House, assets, deployments, door, episode, episodes, frames, jobs, machines, made, overview, page::Page, runs,
+    sign_in,
+};
 
 /// Every page behind its door.
 pub(super) fn all(house: &Arc<House>) -> Router {
@@ -33,5 +36,27 @@ fn made(page: Page) -> MethodRouter {
         Page::SigningIn => post(sign_in::sign_in),
         Page::SigningOut => post(sign_in::sign_out),
         Page::Overview => get(overview::show),
+        Page::Runs => get(runs::list),
+        Page::Run => get(runs::show),
+        Page::WhatIf => get(runs::what_if),
+        Page::MakeDataset => post(runs::make),
+        Page::Dataset => get(made::dataset),
+        Page::Policy => get(made::policy),
+        Page::Jobs => get(jobs::list),
+        Page::Job => get(jobs::show),
+        Page::JobCourse => get(jobs::course),
+        Page::CancelJob => post(jobs::cancel),
+        Page::RetryJob => post(jobs::retry),
+        Page::Deployments => get(deployments::list),
+        Page::Deployment => get(deployments::show),
+        Page::LiveSessions => get(deployments::fragment),
+        Page::RollBack => post(deployments::roll_back),
+        Page::LiveFrame => get(deployments::frame),
+        Page::Episodes => get(episodes::show),
+        Page::LabelEpisodes => post(episodes::label),
+        Page::Episode => get(episode::show),
+        Page::EpisodeFrame => get(frames::show),
+        Page::EpisodeScores => get(episode::scores),
+        Page::EpisodeRecording => get(episode::recording),
     }
 }

@@ -1,6 +1,7 @@
 //! What is around every page: its head, the way to the other pages, who is looking.
 
-use maud::{DOCTYPE, Markup, html};
+use maud::{DOCTYPE, Markup, PreEscaped, html};
+use serde_json::Value;
 
 use super::{assets, page::Page, visit::Visit};
 use crate::access::Caller;
@@ -75,6 +76,13 @@ pub(super) fn bare(title: &str, told: &str) -> Markup {
     whole(title, None, None, &body)
 }
 
+/// What a page's script reads, by the id of its element.
+pub(super) fn data(id: &str, value: &Value) -> Markup {
+    // Escaped as JSON does it: markup is not read there, but for an end of the element.
+    let text = value.to_string().replace('<', "\\u003c");
+    html! { script type="application/json" id=(id) { (PreEscaped(text)) } }
+}
+
 fn who(visit: &Visit) -> Markup {
     match &visit.caller {
         Caller::Known(_) => html! {
@@ -103,5 +111,18 @@ fn whole(title: &str, proof: Option<&str>, script: Option<&str>, body: &Markup) 
             }
             body { (body) }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn data_for_a_script_cannot_end_its_element() {
+        let markup = data("x", &json!({ "name": "</script><b>&\"" })).into_string();
+        assert_eq!(markup, r#"<script type="application/json" id="x">{"name":"\u003c/script>\u003cb>&\""}</script>"#);
     }
 }

@@ -1,0 +1,39 @@
+//! What the page of one episode asks beside the episode itself.
+
+use crate::{
+    domain::id::{EpisodeId, ScoreRunId, TaskId},
+    error::{Error, Result},
+    store::{Store, fault, row},
+};
+
+impl Store {
+    /// The version of an episode's newest label, for [`Store::label_episodes_as_seen`].
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn label_version(&self, id: &EpisodeId) -> Result<i64> {
+        let newest: Option<i64> = sqlx::query_scalar("select max(id) from labels where episode_id = ?")
+            .bind(id.as_str())
+            .fetch_one(self.read())
+            .await
+            .map_err(fault("reading a label"))?;
+        newest.ok_or_else(|| Error::not_found("episode", id))
+    }
+
+    /// The finished score runs of a task that scored this episode, newest first.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn runs_that_scored(&self, task: &TaskId, id: &EpisodeId) -> Result<Vec<ScoreRunId>> {
+        let ids: Vec<String> = sqlx::query_scalar(
+            "select score_runs.id from episode_scores join score_runs on score_runs.id = score_run_id \
+             where episode_id = ? and task_id = ? order by score_runs.id desc",
+        )
+        .bind(id.as_str())
+        .bind(task.as_str())
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("looking for an episode's runs"))?;
+        ids.into_iter().map(|id| row::id("score_runs.id", id)).collect()
+    }
+}

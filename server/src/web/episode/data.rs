@@ -1,0 +1,59 @@
+//! What the page's script and other programs fetch of an episode: its scores in one run, and its recording.
+
+use axum::{
+    body::Body,
+    extract::Path,
+    http::header::{CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_TYPE},
+    response::IntoResponse as _,
+};
+use serde::Deserialize;
+use serde_json::json;
+
+use super::scored;
+use crate::{
+    domain::id::{EpisodeId, ScoreRunId},
+    error::Error,
+    web::{refusal::Answer, visit::Visit},
+};
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Asked {
+    run: String,
+}
+
+/// q and w of every segment, what each was matched with, and how far apart they are. `match_episode` counts in
+/// `experts`; the last three lists are empty when the run's scorer matches nothing.
+pub(in crate::web) async fn scores(visit: Visit, Path(id): Path<String>) -> Answer {
+    let Asked { run } = visit.asked()?;
+    let id = EpisodeId::parse("episode", &id)?;
+    let rooms = visit.rooms();
+    let run = if run.is_empty() {
+        let episode = rooms.store.episode(&id).await?.episode;
+        let newest = rooms.store.runs_that_scored(&episode.task_id, &id).await?.into_iter().next();
+        newest.ok_or_else(|| Error::not_found("score run of", &id))?
+    } else {
+        ScoreRunId::parse("run", &run)?
+    };
+    let scored = scored(rooms, &id, rooms.store.score_run(&run).await?).await?;
+    let scores = &scored.scores;
+    let told = json!({
+        "episode": id, "run": run, "role": scores.role.as_str(), "segment_length": scored.segment_length,
+        "q": scores.q, "w": scores.w, "experts": scored.run.expert_ids, "match_episode": scores.match_episode,
+        "match_step": scores.match_step, "distances": scores.distances,
+    });
+    Ok(axum::Json(told).into_response())
+}
+
+/// The recording as it came.
+pub(in crate::web) async fn recording(visit: Visit, Path(id): Path<String>) -> Answer {
+    let id = EpisodeId::parse("episode", &id)?;
+    let episode = visit.rooms().store.episode(&id).await?.episode;
+    let bytes = visit.rooms().blobs.stream(&episode.recording).await?;
+    let headers = [
+        (CONTENT_TYPE, "application/octet-stream".to_owned()),
+        (CONTENT_DISPOSITION, format!("attachment; filename=\"{id}.mcap\"")),
+        (CONTENT_LENGTH, episode.size_bytes.to_string()),
+    ];
+    Ok((headers, Body::from_stream(bytes)).into_response())
+}

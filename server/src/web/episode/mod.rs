@@ -1,0 +1,213 @@
+//! One episode: its cameras over its numbers over its q, the expert it was matched with, its labels and its report.
+
+mod aside;
+mod cameras;
+mod data;
+mod timeline;
+
+use axum::{extract::Path, response::IntoResponse as _};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::json;
+
+pub(super) use self::data::{recording, scores};
+use super::{
+    page::Page,
+    refusal::Answer,
+    say,
+    sheet::{Format, Sheet},
+    shell::{self, Head, Tab},
+    visit::Visit,
+};
+use crate::{
+    curation::Numbers,
+    domain::{
+        episode::{InspectedEpisode, Label},
+        id::{EpisodeId, ScoreRunId},
+        score::{EpisodeScores, ScoreRun},
+        task::Task,
+        time::seconds,
+    },
+    error::{Error, Kind, Result},
+    service::Rooms,
+};
+
+/// β until somebody moves it.
+const BETA: &str = "0.5";
+
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Asked {
+    step: String,
+    run: String,
+    beta: String,
+    format: Format,
+}
+
+/// Everything the page shows.
+struct View {
+    visit: Visit,
+    task: Task,
+    inspected: InspectedEpisode,
+    labels: Vec<Label>,
+    /// The version of the newest label.
+    version: i64,
+    /// The runs that scored it, newest first.
+    runs: Vec<ScoreRun>,
+    /// What the chosen one says.
+    scored: Option<Scored>,
+    numbers: Result<Numbers>,
+    step: u64,
+    beta: f64,
+}
+
+/// An episode as one run sees it.
+struct Scored {
+    run: ScoreRun,
+    scores: EpisodeScores,
+    /// l: a segment is the window of l + 1 steps that ends at its step.
+    segment_length: u32,
+}
+
+impl View {
+    fn id(&self) -> &EpisodeId {
+        &self.inspected.episode.id
+    }
+
+    /// Whether who looks may label this.
+    fn labels(&self) -> bool {
+        self.inspected.episode.deleted_at.is_none() && self.visit.may(Page::LabelEpisodes)
+    }
+
+    /// Seconds from the first step to each; by the task's rate when the recording cannot be read.
+    fn times(&self) -> Vec<f64> {
+        if let Ok(numbers) = &self.numbers {
+            let first = numbers.stamps_ns.first().copied().unwrap_or(0);
+            return numbers.stamps_ns.iter().map(|stamp| seconds(stamp.saturating_sub(first))).collect();
+        }
+        #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 steps")]
+        let time = |step: u64| step as f64 / self.task.spec.rate_hz;
+        (0..self.inspected.episode.steps).map(time).collect()
+    }
+}
+
+pub(super) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
+    let asked: Asked = visit.asked()?;
+    let id = EpisodeId::parse("episode", &id)?;
+    if asked.format != Format::Html {
+        return Ok(history(&id, visit.rooms().store.labels(&id).await?).answer(asked.format)?);
+    }
+    let view = look(visit, &id, &asked).await?;
+    let name = view.task.spec.name.clone();
+    let head = Head {
+        title: &view.inspected.episode.file_name,
+        tab: Tab::Episodes,
+        task: Some(&name),
+        script: Some("episode.js"),
+    };
+    Ok(shell::page(&view.visit, &head, &body(&view)).into_response())
+}
+
+async fn look(visit: Visit, id: &EpisodeId, asked: &Asked) -> Result<View> {
+    let rooms = visit.rooms();
+    let beta = beta(if asked.beta.is_empty() { BETA } else { &asked.beta })?;
+    let inspected = rooms.store.episode(id).await?;
+    let step = step(&asked.step, inspected.episode.steps)?;
+    let task = rooms.store.task_by_id(&inspected.episode.task_id).await?;
+    let scoring = rooms.store.runs_that_scored(&task.id, id).await?;
+    let mut runs = rooms.store.score_runs(&task.id).await?;
+    runs.retain(|run| scoring.contains(&run.id));
+    let version = rooms.store.label_version(id).await?;
+    let labels = rooms.store.labels(id).await?;
+    let scored = match chosen(&asked.run, &runs)? {
+        Some(run) => Some(scored(rooms, id, run.clone()).await?),
+        None => None,
+    };
+    let numbers = rooms.curation.numbers(id).await;
+    if let Err(error) = &numbers
+        && error.kind() == Kind::Internal
+    {
+        tracing::error!(%error, episode.id = %id, "an episode's steps cannot be read");
+    }
+    Ok(View { task, inspected, labels, version, runs, scored, numbers, step, beta, visit })
+}
+
+/// The run that is asked for, or the newest that scored the episode.
+fn chosen<'a>(asked: &str, runs: &'a [ScoreRun]) -> Result<Option<&'a ScoreRun>> {
+    if asked.is_empty() {
+        return Ok(runs.first());
+    }
+    let asked = ScoreRunId::parse("run", asked)?;
+    let found = runs.iter().find(|run| run.id == asked);
+    found.map(Some).ok_or_else(|| Error::not_found("scores of this episode in a finished run", asked))
+}
+
+async fn scored(rooms: &Rooms, id: &EpisodeId, run: ScoreRun) -> Result<Scored> {
+    let scores = rooms.store.episode_scores(&run.id, id).await?;
+    let segment_length = rooms.store.segment_length(&run.encoder_id).await?;
+    Ok(Scored { run, scores, segment_length })
+}
+
+/// Reads a threshold.
+fn beta(text: &str) -> Result<f64> {
+    let read = text.parse::<f64>().ok().filter(|beta| (0.0..=1.0).contains(beta));
+    read.ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; what has a higher q is kept"))
+}
+
+fn step(text: &str, steps: u64) -> Result<u64> {
+    if text.is_empty() {
+        return Ok(0);
+    }
+    let step = text.parse().map_err(|_| Error::invalid("step", "must be a whole number, counted from 0"))?;
+    if step < steps {
+        return Ok(step);
+    }
+    Err(Error::not_found("step", format!("{step}; the episode has {steps}, counted from 0")))
+}
+
+fn body(view: &View) -> Markup {
+    let episode = &view.inspected.episode;
+    let (task, outcome) = (&view.task.spec.name, episode.outcome.as_str());
+    let times = view.times();
+    html! {
+        h1 { (episode.file_name) }
+        p.lead.row {
+            span #outcome class=(format!("tag {outcome}")) { (outcome) }
+            @if episode.cohort.is_empty() { span { "no cohort" } } @else { span { "cohort " (episode.cohort) } }
+            span { (say::counted(episode.steps, "step")) ", " (say::seconds(episode.duration_s)) }
+            span { "came " (say::time(episode.created_at)) }
+            a href=(format!("/tasks/{task}/episodes")) { "All episodes" }
+        }
+        @if let Some(since) = episode.deleted_at {
+            p.note.bad { "In the trash since " (say::time(since)) ". It takes no label until it is taken back." }
+        }
+        div.episode {
+            div.watch {
+                (cameras::figures(view))
+                (cameras::scrubber(view, &times))
+                (timeline::timeline(view, &times))
+            }
+            (aside::aside(view))
+        }
+        (shell::data("episode", &json!({
+            "id": episode.id, "task": task, "version": view.version, "outcome": outcome, "cohort": episode.cohort,
+            "steps": episode.steps, "step": view.step, "labels": view.labels(), "times": times,
+            "run": view.scored.as_ref().map(|scored| &scored.run.id), "beta": view.beta,
+        })))
+    }
+}
+
+/// The labels an episode ever had.
+fn history(id: &EpisodeId, labels: Vec<Label>) -> Sheet {
+    let row = |Label { outcome, cohort, author, reason, created_at }: Label| {
+        vec![json!(say::stamp(created_at)), json!(outcome.as_str()), json!(cohort), json!(author), json!(reason)]
+    };
+    Sheet {
+        name: format!("labels-{id}"),
+        columns: &["labelled_at", "outcome", "cohort", "labelled_by", "reason"],
+        rows: labels.into_iter().map(row).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

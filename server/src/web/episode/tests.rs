@@ -1,0 +1,164 @@
+//! The page of one episode, whatever there is of it and whatever is missing.
+
+#![allow(clippy::unwrap_used, reason = "tests only")]
+
+use axum::http::{
+    StatusCode,
+    header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_TYPE},
+};
+use gleaner_recording::{CameraSpec, Episode as Decoded, TaskSpec, frame_bytes_per_step};
+use serde_json::Value;
+
+use super::*;
+use crate::{
+    domain::{
+        episode::{Episode, Outcome},
+        snapshot::Role,
+    },
+    ingest::frames_path,
+    store::testing::{self, results},
+    web::testing::{Client, Pages, Reply},
+};
+
+struct Lab {
+    pages: Pages,
+    task: Task,
+}
+
+/// Pages over a task with one camera.
+async fn lab() -> Lab {
+    let pages = Pages::open(false).await;
+    let camera = CameraSpec { name: "front".into(), height: 16, width: 16, depth: true };
+    let spec = TaskSpec { cameras: vec![camera], ..testing::spec() };
+    let task = pages.rooms.store.insert_task(&spec).await.unwrap();
+    Lab { pages, task }
+}
+
+impl Lab {
+    /// An episode of 20 steps, ten a second, whose frames are in the cache.
+    async fn recorded(&self, outcome: Outcome) -> Episode {
+        let episode = testing::episode(&self.pages.rooms.store, &self.task, outcome, "").await;
+        let spec = &self.task.spec;
+        let frames = (0..20_u8).flat_map(|step| vec![step * 10; frame_bytes_per_step(spec)]).collect();
+        let numbers = |size: usize| (0..20 * size).map(|n| f32::from(u16::try_from(n).unwrap())).collect();
+        let stamps = (0..20).map(|step| 5_000_000_000 + step * 100_000_000).collect();
+        let (proprioception, action) = (numbers(spec.proprioception_size()), numbers(spec.action_size()));
+        let decoded = Decoded::new(spec, stamps, proprioception, action, frames).unwrap();
+        let place = frames_path(&self.pages.rooms.config.data_dir, &episode.recording, spec);
+        decoded.write_cache(&place).unwrap();
+        episode
+    }
+
+    async fn get(&self, path: &str) -> Reply {
+        self.pages.get(&Client::default(), path).await
+    }
+}
+
+#[tokio::test]
+async fn an_episode_that_was_scored_shows_what_is_kept_and_whom_it_resembles() {
+    let lab = lab().await;
+    let (expert, weak) = (lab.recorded(Outcome::Success).await, lab.recorded(Outcome::Failure).await);
+    let encoder = results::encoder(&lab.pages.rooms.store, &lab.task).await;
+    let q: Vec<f32> = (0..20).map(|step: u8| f32::from(step) / 20.0).collect();
+    let scores =
+        [results::scores(&expert.id, Role::Expert, &[1.0; 20]), results::scores(&weak.id, Role::Imperfect, &q)];
+    let run = results::run(&lab.pages.rooms.store, &lab.task, &encoder, &scores).await;
+
+    let page = lab.get(&format!("/episodes/{}?step=7&beta=0.8", weak.id)).await;
+    assert_eq!(page.status, StatusCode::OK, "{}", page.text());
+    let text = page.text();
+    assert!(text.contains("3 of 20 segments kept (15.0 %)"), "0.85, 0.9 and 0.95 are above 0.8");
+    assert!(text.contains(&format!("/episodes/{}?step=7&amp;run={}", expert.id, run.id)), "the expert's step");
+    assert!(text.contains(&format!("/episodes/{}/frames/front/7?depth=true", weak.id)));
+    assert!(text.contains("1.9]"), "steps are told in seconds from the first");
+
+    let told = lab.get(&format!("/episodes/{}/scores.json", weak.id)).await;
+    let told: Value = serde_json::from_slice(&told.body).unwrap();
+    assert_eq!((&told["run"], told["q"].as_array().unwrap().len()), (&json!(run.id), 20));
+    assert_eq!((&told["experts"][0], &told["match_step"][7]), (&json!(expert.id), &json!(7)));
+}
+
+#[tokio::test]
+async fn a_frame_is_a_picture_that_browsers_keep() {
+    let lab = lab().await;
+    let episode = lab.recorded(Outcome::Success).await;
+    let reply = lab.get(&format!("/episodes/{}/frames/front/3?size=8", episode.id)).await;
+    assert_eq!((reply.status, &reply.headers[CONTENT_TYPE]), (StatusCode::OK, &"image/jpeg".parse().unwrap()));
+    assert!(reply.headers[CACHE_CONTROL].to_str().unwrap().contains("immutable"));
+    assert!(reply.body.starts_with(&[0xFF, 0xD8]));
+    for (path, status) in [
+        ("front/20", StatusCode::NOT_FOUND),
+        ("rear/3", StatusCode::NOT_FOUND),
+        ("front/-1", StatusCode::BAD_REQUEST),
+        ("front/3?size=0", StatusCode::BAD_REQUEST),
+        ("front/3?size=many", StatusCode::BAD_REQUEST),
+    ] {
+        let reply = lab.get(&format!("/episodes/{}/frames/{path}", episode.id)).await;
+        assert_eq!(reply.status, status, "{path}");
+        assert!(!reply.headers[CACHE_CONTROL].to_str().unwrap().contains("immutable"), "{path}");
+    }
+}
+
+#[tokio::test]
+async fn what_is_missing_is_said_and_the_rest_is_shown() {
+    let lab = lab().await;
+    // Neither frames nor a recording to make them from, nor scores.
+    let bare = testing::episode(&lab.pages.rooms.store, &lab.task, Outcome::Unknown, "").await;
+    let text = lab.get(&format!("/episodes/{}", bare.id)).await.text();
+    assert!(text.contains("No finished score run has scored this episode"));
+    assert!(text.contains("The recording&#39;s steps cannot be read") || text.contains("The recording's steps cannot be read"));
+    assert!(text.contains("reach.mcap") && text.contains("data-label=\"success\""));
+
+    lab.pages.rooms.store.delete_episodes(&[bare.id.clone()], false).await.unwrap();
+    let page = lab.get(&format!("/episodes/{}", bare.id)).await;
+    assert!(page.status == StatusCode::OK && page.text().contains("In the trash since"));
+    assert!(!page.text().contains("data-label="), "it takes no label");
+}
+
+#[tokio::test]
+async fn an_address_that_is_wrong_is_refused_by_name() {
+    let lab = lab().await;
+    let episode = lab.recorded(Outcome::Success).await;
+    for (path, status, told) in [
+        ("/episodes/7".to_owned(), StatusCode::BAD_REQUEST, "episode: "),
+        ("/episodes/ep_01ARZ3NDEKTSV4RRFFQ69G5FAV".to_owned(), StatusCode::NOT_FOUND, "no episode "),
+        (format!("/episodes/{}?beta=high", episode.id), StatusCode::BAD_REQUEST, "beta: "),
+        (format!("/episodes/{}?step=20", episode.id), StatusCode::NOT_FOUND, "no step 20"),
+        (format!("/episodes/{}?run=x", episode.id), StatusCode::BAD_REQUEST, "run: "),
+        (format!("/episodes/{}/scores.json", episode.id), StatusCode::NOT_FOUND, "no score run of"),
+    ] {
+        let reply = lab.get(&path).await;
+        assert_eq!(reply.status, status, "{path}");
+        assert!(reply.text().contains(told), "{path} {}", reply.text());
+    }
+}
+
+#[tokio::test]
+async fn the_recording_and_the_labels_can_be_taken_along() {
+    let lab = lab().await;
+    let content = b"an mcap";
+    let episode = testing::episode(&lab.pages.rooms.store, &lab.task, Outcome::Success, "weak").await;
+    let blob = lab.pages.rooms.blobs.put(content).unwrap();
+    let rename = format!("update episodes set recording = '{blob}', size_bytes = 7 where id = '{}'", episode.id);
+    testing::run(&lab.pages.rooms.store, &rename).await;
+    let reply = lab.get(&format!("/episodes/{}/recording.mcap", episode.id)).await;
+    assert_eq!((reply.status, reply.body.as_slice()), (StatusCode::OK, content.as_slice()));
+    assert!(reply.headers[CONTENT_DISPOSITION].to_str().unwrap().contains(&format!("{}.mcap", episode.id)));
+    let labels = lab.get(&format!("/episodes/{}?format=csv", episode.id)).await.text();
+    assert!(labels.starts_with("labelled_at,outcome,cohort,labelled_by,reason\n") && labels.contains(",success,weak,tests,"));
+}
+
+#[test]
+fn a_threshold_is_a_number_between_0_and_1() {
+    assert_eq!([beta("0").unwrap(), beta("0.75").unwrap(), beta("1").unwrap()], [0.0, 0.75, 1.0]);
+    for wrong in ["", "high", "NaN", "1.01", "-0.1", "inf"] {
+        assert!(beta(wrong).unwrap_err().message().starts_with("beta: "), "{wrong}");
+    }
+}
+
+#[test]
+fn a_step_must_be_there() {
+    assert_eq!([step("", 3).unwrap(), step("2", 3).unwrap()], [0, 2]);
+    assert_eq!(step("3", 3).unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(step("-1", 3).unwrap_err().kind(), Kind::Invalid);
+}

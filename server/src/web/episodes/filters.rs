@@ -1,0 +1,89 @@
+//! The form over the table: which episodes it shows.
+
+use maud::{Markup, html};
+
+use super::{View, asked::NO_COHORT};
+use crate::{
+    domain::{episode::Outcome, score::ScoreRun},
+    web::say,
+};
+
+/// The form. What is filled in is what the address says.
+pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
+    let asked = view.asked;
+    let outcomes = [Outcome::Success, Outcome::Failure, Outcome::Unknown].map(|outcome| {
+        let word = outcome.as_str();
+        (word.to_owned(), word.to_owned())
+    });
+    html! {
+        form.filters method="get" role="search" aria-label="Which episodes" {
+            (choice(("outcome", "Outcome"), &asked.outcome, "any", &outcomes))
+            (choice(("cohort", "Cohort"), &asked.cohort, "any", &cohort_choices(&asked.cohort, cohorts)))
+            (choice(("findings", "Report"), &asked.findings, "any", &[
+                ("some".to_owned(), "with warnings".to_owned()), ("none".to_owned(), "without".to_owned()),
+            ]))
+            label { "From" input type="date" name="from" value=(asked.from); }
+            label { "To" input type="date" name="to" value=(asked.to); }
+            label { "Name or id" input type="search" name="text" value=(asked.text) maxlength="255"; }
+            @if !runs.is_empty() {
+                (choice(("run", "q of run"), &asked.run, "the newest", &run_choices(runs)))
+                label { "Mean q from" (number("q_from", &asked.q_from)) }
+                label { "to" (number("q_to", &asked.q_to)) }
+            }
+            @if !asked.sort.is_empty() { input type="hidden" name="sort" value=(asked.sort); }
+            button.primary type="submit" { "Filter" }
+            @if view.visit.uri.query().is_some_and(|query| !query.is_empty()) {
+                a.button href=(view.visit.uri.path()) { "Clear" }
+            }
+        }
+    }
+}
+
+/// A list to choose from; the first choice is none.
+fn choice((name, title): (&str, &str), chosen: &str, none: &str, choices: &[(String, String)]) -> Markup {
+    html! {
+        label { (title)
+            select name=(name) {
+                option value="" selected[chosen.is_empty()] { (none) }
+                @for (value, said) in choices {
+                    option value=(value) selected[value == chosen] { (said) }
+                }
+            }
+        }
+    }
+}
+
+fn number(name: &str, value: &str) -> Markup {
+    html! { input type="number" name=(name) value=(value) min="0" max="1" step="any" inputmode="decimal"; }
+}
+
+/// Every cohort of the task, and the chosen one though no episode be of it any more.
+fn cohort_choices(chosen: &str, cohorts: &[String]) -> Vec<(String, String)> {
+    let value = |cohort: &String| if cohort.is_empty() { NO_COHORT.to_owned() } else { cohort.clone() };
+    let mut choices: Vec<(String, String)> = cohorts.iter().map(|cohort| (value(cohort), value(cohort))).collect();
+    if !chosen.is_empty() && choices.iter().all(|(value, _)| value != chosen) {
+        choices.push((chosen.to_owned(), chosen.to_owned()));
+    }
+    choices
+}
+
+fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
+    runs.iter().map(|run| (run.id.to_string(), said(run))).collect()
+}
+
+/// A run as a list names it.
+pub(in crate::web) fn said(run: &ScoreRun) -> String {
+    format!("{} · {} · {}", say::time(run.created_at), run.scorer, say::short_id(run.id.as_str()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_chosen_cohort_stays_though_it_is_empty_now() {
+        let choices = cohort_choices("gone", &[String::new(), "weak".to_owned()]);
+        let values: Vec<&str> = choices.iter().map(|(value, _)| value.as_str()).collect();
+        assert_eq!(values, [NO_COHORT, "weak", "gone"]);
+    }
+}

@@ -1,0 +1,246 @@
+//! Labelling: what a page sends, and what it is told when somebody else was first.
+
+use axum::{
+    body::Bytes,
+    extract::Path,
+    http::StatusCode,
+    response::{IntoResponse as _, Response},
+};
+use maud::{Markup, html};
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use super::asked::outcome;
+use crate::{
+    domain::{
+        curation::{Labelled, Overtaken},
+        episode::{Episode, NewLabel},
+        id::{EpisodeId, TaskId},
+        time::Millis,
+    },
+    error::{Error, Result},
+    store::Store,
+    web::{
+        door::Subjects,
+        refusal::Answer,
+        say,
+        visit::{Visit, read},
+    },
+    wire::field,
+};
+
+/// Most episodes in one act.
+const MANY: usize = 1000;
+/// Most that the audit log names of one act.
+const NAMED: usize = 32;
+
+/// A label for some episodes, each with the label's version that the page showed.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sent {
+    episodes: Vec<Seen>,
+    outcome: String,
+    /// Left out, each keeps its own.
+    cohort: Option<String>,
+    #[serde(default)]
+    reason: String,
+}
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Seen {
+    id: String,
+    version: i64,
+}
+
+impl Sent {
+    fn read(self, author: &str) -> Result<(Vec<(EpisodeId, i64)>, NewLabel)> {
+        if self.episodes.is_empty() || self.episodes.len() > MANY {
+            return Err(Error::invalid("episodes", format!("name 1 to {MANY} of them")));
+        }
+        let id =
+            |(at, seen): (usize, Seen)| Ok((EpisodeId::parse(&format!("episodes[{at}].id"), &seen.id)?, seen.version));
+        let label = NewLabel {
+            outcome: outcome("outcome", &self.outcome)?,
+            cohort: self.cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
+            author: author.to_owned(),
+            reason: field::tag("reason", self.reason)?,
+        };
+        Ok((self.episodes.into_iter().enumerate().map(id).collect::<Result<_>>()?, label))
+    }
+}
+
+pub(in crate::web) async fn label(visit: Visit, Path(task): Path<String>, body: Bytes) -> Answer {
+    let (seen, label) = read::<Sent>(&body)?.read(visit.caller.who())?;
+    let rooms = visit.rooms();
+    let task = rooms.store.task(&task).await?;
+    belong(&rooms.store, &task.id, &seen).await?;
+    let labelled = rooms.store.label_episodes_as_seen(&seen, &label).await?;
+    let mut response = match labelled {
+        Labelled::Done(episodes) => {
+            rooms.jobs.labelled();
+            done(&episodes, &label.author)
+        }
+        Labelled::Changed(changed) => overtaken(&changed),
+    };
+    let subjects = seen.iter().take(NAMED).map(|(id, _)| format!("episode_id={id}")).collect();
+    response.extensions_mut().insert(Subjects(subjects));
+    Ok(response)
+}
+
+/// Refuses episodes of another task: who labels looks at this one's.
+async fn belong(store: &Store, task: &TaskId, seen: &[(EpisodeId, i64)]) -> Result<()> {
+    for (id, _) in seen {
+        if store.recording_of(id).await?.0 != *task {
+            return Err(Error::invalid("episodes", format!("{id} is of another task; nothing was labelled")));
+        }
+    }
+    Ok(())
+}
+
+fn done(episodes: &[(Episode, i64)], author: &str) -> Response {
+    let now = say::time(Millis::now());
+    let row = |(episode, version): &(Episode, i64)| -> Value {
+        json!({
+            "id": episode.id, "version": version, "outcome": episode.outcome.as_str(), "cohort": episode.cohort,
+            "by": author, "at": now,
+        })
+    };
+    axum::Json(json!({ "episodes": episodes.iter().map(row).collect::<Vec<_>>() })).into_response()
+}
+
+fn overtaken(changed: &[Overtaken]) -> Response {
+    let row = |one: &Overtaken| -> Value {
+        json!({
+            "id": one.episode_id, "version": one.label_version, "outcome": one.label.outcome.as_str(),
+            "cohort": one.label.cohort, "by": one.label.author, "at": say::time(one.label.created_at),
+        })
+    };
+    let told = json!({
+        "error": "somebody labelled meanwhile; nothing was changed",
+        "changed": changed.iter().map(row).collect::<Vec<_>>(),
+    });
+    (StatusCode::CONFLICT, axum::Json(told)).into_response()
+}
+
+/// What stays in sight over the table: the episode under the cursor, and the labels it or the selected ones can get.
+pub(super) fn bar(cohorts: &[String]) -> Markup {
+    html! {
+        section #bar.panel aria-label="Label" {
+            div.row {
+                strong #focused { "Press j or click a row to begin." }
+                (buttons("focused"))
+                button #undo type="button" disabled { "Undo " kbd { "z" } }
+                button #help type="button" { "Keys " kbd { "?" } }
+            }
+            div #strip {}
+            div #selected.row hidden {
+                strong #count {}
+                label { "Cohort " input #cohort list="cohorts" maxlength="255" placeholder="keep"; }
+                label { "Reason " input #reason maxlength="255"; }
+                (buttons("selected"))
+                button #none type="button" { "Select none" }
+                datalist #cohorts { @for cohort in cohorts.iter().filter(|cohort| !cohort.is_empty()) { option value=(cohort) {} } }
+            }
+            (live())
+        }
+        dialog #keys aria-label="Keys" {
+            h2 { "Keys" }
+            dl.facts {
+                @for (keys, does) in KEYS {
+                    dt { @for key in *keys { kbd { (key) } " " } }
+                    dd { (does) }
+                }
+            }
+            form method="dialog" { button { "Close" } }
+        }
+    }
+}
+
+const KEYS: &[(&[&str], &str)] = &[
+    (&["j", "↓"], "Next episode"),
+    (&["k", "↑"], "Previous episode"),
+    (&["s"], "Success, and on to the next"),
+    (&["f"], "Failure, and on to the next"),
+    (&["u"], "Unknown, and on to the next"),
+    (&["z"], "Undo the last labelling"),
+    (&["x"], "Select; with Shift and a click, all between"),
+    (&["o", "Enter"], "Open the episode"),
+    (&["?"], "These keys"),
+];
+
+/// Where a script says what came of a labelling.
+pub(in crate::web) fn live() -> Markup {
+    html! { div #told role="status" aria-live="polite" {} }
+}
+
+/// A button for each outcome; a script gives `whom` the label.
+pub(in crate::web) fn buttons(whom: &str) -> Markup {
+    html! {
+        span.outcomes role="group" aria-label=(format!("Label the {whom}")) {
+            @for (outcome, said, key) in [("success", "Success", "s"), ("failure", "Failure", "f"), ("unknown", "Unknown", "u")] {
+                button type="button" class=(outcome) data-label=(outcome) data-whom=(whom) {
+                    (said) @if whom == "focused" { " " kbd { (key) } }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use axum::body::to_bytes;
+
+    use super::*;
+    use crate::domain::episode::{Label, Outcome};
+
+    const ID: &str = "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV";
+
+    fn sent(body: &Value) -> Result<(Vec<(EpisodeId, i64)>, NewLabel)> {
+        read::<Sent>(body.to_string().as_bytes())?.read("ann")
+    }
+
+    #[test]
+    fn a_label_says_which_versions_were_seen() {
+        let body = json!({ "episodes": [{ "id": ID, "version": 3 }], "outcome": "success", "reason": "held it" });
+        let (seen, label) = sent(&body).unwrap();
+        assert_eq!((seen[0].0.as_str(), seen[0].1), (ID, 3));
+        assert_eq!((label.outcome, label.cohort, label.author.as_str()), (Outcome::Success, None, "ann"));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let seen = json!([{ "id": ID, "version": 3 }]);
+        for (field, body) in [
+            ("episodes: ", json!({ "episodes": [], "outcome": "success" })),
+            ("episodes[0].id: ", json!({ "episodes": [{ "id": "7", "version": 1 }], "outcome": "success" })),
+            ("outcome: ", json!({ "episodes": seen, "outcome": "won" })),
+            ("cohort: ", json!({ "episodes": seen, "outcome": "success", "cohort": "a\nb" })),
+            ("reason: ", json!({ "episodes": seen, "outcome": "success", "reason": "x".repeat(300) })),
+            ("body: ", json!({ "episodes": seen, "outcome": "success", "author": "somebody else" })),
+        ] {
+            let error = sent(&body).unwrap_err();
+            assert!(error.message().starts_with(field), "{field} {error}");
+        }
+    }
+
+    #[tokio::test]
+    async fn who_comes_second_is_told_who_was_first_and_with_what() {
+        let label = Label {
+            outcome: Outcome::Failure,
+            cohort: "weak".into(),
+            author: "ben".into(),
+            reason: String::new(),
+            created_at: Millis(1_800_000_000_000),
+        };
+        let changed = [Overtaken { episode_id: EpisodeId::parse("id", ID).unwrap(), label_version: 9, label }];
+        let response = overtaken(&changed);
+        assert_eq!(response.status(), StatusCode::CONFLICT);
+        let told: Value = serde_json::from_slice(&to_bytes(response.into_body(), 1 << 16).await.unwrap()).unwrap();
+        let expected = json!([{
+            "id": ID, "version": 9, "outcome": "failure", "cohort": "weak", "by": "ben", "at": "2027-01-15 08:00",
+        }]);
+        assert_eq!(told["changed"], expected);
+    }
+}

@@ -1,0 +1,59 @@
+//! Single steps of a recording as pictures.
+
+use axum::{
+    extract::Path,
+    http::header::{CACHE_CONTROL, CONTENT_TYPE},
+    response::IntoResponse as _,
+};
+use serde::Deserialize;
+
+use super::{
+    refusal::Answer,
+    visit::{Visit, escaped},
+};
+use crate::{curation::View, domain::id::EpisodeId, error::Error};
+
+/// Pixels of a thumbnail: twice what it is shown at.
+pub(super) const THUMBNAIL: u32 = 160;
+
+#[derive(Deserialize)]
+struct Asked {
+    #[serde(default)]
+    depth: bool,
+    size: Option<u32>,
+}
+
+/// Where a step's picture is, at most so many pixels wide and high.
+pub(super) fn at(episode: &EpisodeId, camera: &str, step: u64, size: u32) -> String {
+    format!("{}{step}?size={size}", before_step(episode, camera))
+}
+
+/// The address of a camera's pictures up to the step.
+pub(super) fn before_step(episode: &EpisodeId, camera: &str) -> String {
+    format!("/episodes/{episode}/frames/{}/", escaped(camera))
+}
+
+/// A recording never changes, and so its pictures do not.
+pub(super) async fn show(visit: Visit, Path((id, camera, step)): Path<(String, String, String)>) -> Answer {
+    let Asked { depth, size } = visit.asked()?;
+    let id = EpisodeId::parse("episode", &id)?;
+    let step = step.parse().map_err(|_| Error::invalid("step", "must be a whole number, counted from 0"))?;
+    let jpeg = visit.rooms().curation.frame(&id, View { step, camera, depth, size }).await?;
+    let headers = [(CONTENT_TYPE, "image/jpeg"), (CACHE_CONTROL, "private, max-age=31536000, immutable")];
+    Ok((headers, jpeg).into_response())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn a_camera_cannot_lead_elsewhere() {
+        let id = EpisodeId::parse("id", "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV").unwrap();
+        assert_eq!(
+            at(&id, "../a b?c", 7, 160),
+            "/episodes/ep_01ARZ3NDEKTSV4RRFFQ69G5FAV/frames/..%2Fa%20b%3Fc/7?size=160"
+        );
+    }
+}
