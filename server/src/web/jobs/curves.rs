@@ -6,7 +6,7 @@ use maud::{Markup, html};
 
 use crate::{
     domain::job::Metric,
-    web::plot::{Frame, range},
+    web::plot::{Frame, range, roomy},
 };
 
 /// One metric's values over steps.
@@ -46,7 +46,7 @@ pub(super) fn panel(family: &Family) -> Markup {
         _ => family.word,
     };
     let points = || family.curves.iter().flat_map(|curve| curve.points.iter().copied());
-    let (steps, values) = (range(points().map(|point| point.0)), range(points().map(|point| point.1)));
+    let (steps, values) = (range(points().map(|point| point.0)), roomy(points().map(|point| point.1)));
     // Losses and times are read against nothing, so that a curve that is flat far from it looks flat.
     let values = if values.0 >= 0.0 { (0.0, values.1) } else { values };
     let frame = Frame::new((600.0, 220.0), steps, values);

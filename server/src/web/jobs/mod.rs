@@ -13,3 +13,6 @@ pub(super) use self::{
     job::show,
     list::show as list,
 };
+
+#[cfg(test)]
+mod tests;

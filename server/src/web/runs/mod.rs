@@ -14,3 +14,6 @@ pub(super) use self::{
     make::make,
     run::{show, what_if},
 };
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,121 @@
+//! The queue's pages, as a browser and a program ask for them.
+
+#![allow(clippy::unwrap_used)]
+
+use axum::http::{StatusCode, header::LOCATION};
+use gleaner_learn::PretrainSpec;
+use serde_json::Value;
+
+use crate::{
+    domain::{
+        episode::Outcome,
+        id::JobId,
+        job::{Job, JobState},
+        order::{JobOrder, Queueing},
+        snapshot::RoleRule,
+        task::Task,
+        work::Progress,
+    },
+    store::testing::{self, results},
+    web::testing::{Client, FORM, JSON, Pages},
+};
+
+async fn task(pages: &Pages) -> Task {
+    let task = testing::task(&pages.rooms.store).await;
+    for outcome in [Outcome::Success, Outcome::Failure] {
+        testing::episode(&pages.rooms.store, &task, outcome, "").await;
+    }
+    task
+}
+
+async fn pretrain(pages: &Pages, task: &Task) -> Job {
+    let order = JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec: PretrainSpec::default() };
+    pages.rooms.jobs.submit(&task.id, order, Queueing::default()).await.unwrap()
+}
+
+async fn json(pages: &Pages, path: &str) -> Value {
+    serde_json::from_slice(&pages.get(&Client::default(), path).await.body).unwrap()
+}
+
+#[tokio::test]
+async fn the_list_filters_and_goes_on_where_it_ended() {
+    let pages = Pages::open(false).await;
+    let task = task(&pages).await;
+    let mut made = Vec::new();
+    for _ in 0..101 {
+        made.insert(0, pretrain(&pages, &task).await.id);
+    }
+    let first = pages.get(&Client::default(), "/jobs").await.text();
+    assert!(first.contains(made[0].as_str()) && !first.contains(made[100].as_str()));
+    let older = format!("/jobs?before={}", made[99]);
+    assert!(first.contains(&older) && first.contains("data-live"), "{first}");
+    let last = pages.get(&Client::default(), &older).await.text();
+    assert!(last.contains(made[100].as_str()) && !last.contains("Older"));
+
+    let count = async |query: &str| json(&pages, &format!("/jobs?format=json&{query}")).await.as_array().unwrap().len();
+    assert_eq!(count("kind=score").await, 0);
+    assert_eq!(count(&format!("kind=pretrain&state=queued&task={}", task.spec.name)).await, 100);
+    for (query, said) in [("state=odd", "state: "), ("kind=odd", "kind: "), ("before=odd", "before: ")] {
+        let refused = pages.get(&Client::default(), &format!("/jobs?{query}")).await;
+        assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(said), "{query}");
+    }
+    assert_eq!(pages.get(&Client::default(), "/jobs?task=nothing").await.status, StatusCode::NOT_FOUND);
+}
+
+#[tokio::test]
+async fn a_running_job_shows_its_course() {
+    let pages = Pages::open(false).await;
+    let task = task(&pages).await;
+    let job = pretrain(&pages, &task).await;
+    let store = &pages.rooms.store;
+    store.claim_job("hash").await.unwrap().unwrap();
+    let attempt = crate::domain::attempt::Attempt { job_id: job.id.clone(), token_hash: "hash".into() };
+    let metrics = (1..=5).map(|step| (step, "loss_mtp".to_owned(), 0.5)).collect();
+    let progress = Progress { done: 5, total: 20, message: "pretraining".into(), metrics, peak_memory_bytes: 1 << 20 };
+    store.report_progress(&attempt, &progress).await.unwrap();
+    let course = pages.get(&Client::default(), &format!("/jobs/{}/course", job.id)).await.text();
+    for there in ["data-state=\"running\"", "5 of 20", "25.0 %", "pretraining", "loss_mtp", "<path", "1.0 MiB"] {
+        assert!(course.contains(there), "{there} is not in {course}");
+    }
+    let whole = pages.get(&Client::default(), &format!("/jobs/{}", job.id)).await.text();
+    assert!(whole.contains("id=\"course\"") && whole.contains(job.result_id.as_str()) && !whole.contains("style="));
+    assert_eq!(pages.get(&Client::default(), &format!("/jobs/{}", JobId::new())).await.status, StatusCode::NOT_FOUND);
+    assert_eq!(pages.get(&Client::default(), "/jobs/run_1").await.status, StatusCode::BAD_REQUEST);
+}
+
+#[tokio::test]
+async fn a_job_is_cancelled_once_and_tried_again() {
+    let pages = Pages::open(false).await;
+    let task = task(&pages).await;
+    let job = pretrain(&pages, &task).await;
+    let visitor = pages.visitor().await;
+    let proof = format!("proof={}", visitor.proof.clone().unwrap());
+    let (cancel, retry) = (format!("/jobs/{}/cancel", job.id), format!("/jobs/{}/retry", job.id));
+    let refused = pages.post(&visitor, &retry, (FORM, &proof)).await;
+    assert_eq!(refused.status, StatusCode::CONFLICT);
+    assert_eq!(pages.post(&visitor, &cancel, (FORM, &proof)).await.status, StatusCode::SEE_OTHER);
+    assert_eq!(pages.rooms.store.job(&job.id).await.unwrap().state, JobState::Cancelled);
+    assert_eq!(pages.post(&visitor, &cancel, (FORM, &proof)).await.status, StatusCode::CONFLICT);
+    let shown = pages.get(&visitor, &format!("/jobs/{}", job.id)).await.text();
+    assert!(shown.contains("Try again") && !shown.contains(">Cancel<"));
+    let again = pages.post(&visitor, &retry, (FORM, &proof)).await;
+    let page = again.headers[LOCATION].to_str().unwrap();
+    assert!(page.starts_with("/jobs/job_") && page != format!("/jobs/{}", job.id));
+    let told = pages.post(&visitor, &retry, (JSON, "{}")).await;
+    let told: Value = serde_json::from_slice(&told.body).unwrap();
+    assert_eq!(told["state"], "queued");
+    let log = pages.rooms.store.audit(crate::domain::time::Millis(0), 100).await.unwrap();
+    let subject = format!("job_id={}", job.id);
+    assert!(log.iter().any(|entry| entry.rpc == "pages/RetryJob" && entry.subjects == [subject.clone()]));
+}
+
+#[tokio::test]
+async fn what_went_wrong_is_said_and_leads_to_its_cause() {
+    let pages = Pages::open(false).await;
+    let task = task(&pages).await;
+    let (job, cause) = (pretrain(&pages, &task).await, JobId::new());
+    let error = format!("{cause}, which this job waits for, <failed>");
+    results::set_state(&pages.rooms.store, &job.id, JobState::Failed, &error).await;
+    let shown = pages.get(&Client::default(), &format!("/jobs/{}", job.id)).await.text();
+    assert!(shown.contains(&format!("href=\"/jobs/{cause}\"")) && shown.contains("&lt;failed&gt;"), "{shown}");
+}
