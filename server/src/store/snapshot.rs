@@ -102,16 +102,24 @@ impl Store {
         Ok(snapshot)
     }
 
+    /// A snapshot without its episodes.
+    ///
+    /// # Errors
+    /// NotFound.
+    pub(crate) async fn frozen(&self, id: &SnapshotId) -> Result<Snapshot> {
+        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
+        query.push("where id = ").push_bind(id.as_str());
+        let row: Option<SnapshotRow> =
+            query.build_query_as().fetch_optional(self.read()).await.map_err(fault("reading a snapshot"))?;
+        row.ok_or_else(|| Error::not_found("snapshot", id))?.read()
+    }
+
     /// A snapshot with its episodes, in its order.
     ///
     /// # Errors
     /// NotFound.
     pub(crate) async fn snapshot(&self, id: &SnapshotId) -> Result<(Snapshot, Vec<SnapshotEpisode>)> {
-        let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
-        query.push("where id = ").push_bind(id.as_str());
-        let row: Option<SnapshotRow> =
-            query.build_query_as().fetch_optional(self.read()).await.map_err(fault("reading a snapshot"))?;
-        let snapshot = row.ok_or_else(|| Error::not_found("snapshot", id))?.read()?;
+        let snapshot = self.frozen(id).await?;
         let members = sqlx::query_as::<_, MemberRow>(
             "select episode_id, snapshot_episodes.outcome, snapshot_episodes.cohort, role, steps \
              from snapshot_episodes join episodes on episodes.id = episode_id \

@@ -47,13 +47,15 @@ fn standing(job: &Job, now: Millis) -> Markup {
                 @if let Some(left) = left(job, now) { span.soft { "about " (say::seconds(left)) " left" } }
             }
             @if !job.message.is_empty() { p.message { (link::text(&job.message)) } }
-            dl.facts {
-                dt { "Submitted" } dd { (say::time(job.created_at)) " UTC" }
-                @if let Some(started) = job.started_at { dt { "Newest attempt" } dd { (say::time(started)) " UTC" } }
-                @if let Some(took) = took(job, now) { dt { "Takes" } dd { (say::seconds(took)) } }
-                dt { "Attempts" } dd { (job.attempt) " of at most " (job.max_attempts) }
-                @if job.peak_memory_bytes > 0 { dt { "Most memory" } dd { (say::bytes(job.peak_memory_bytes)) } }
-                @if let Some(step) = job.checkpoint_step { dt { "Checkpoint" } dd { "after step " (say::count(step)) } }
+            dl.facts.settings {
+                div { dt { "Submitted" } dd { (say::time(job.created_at)) " UTC" } }
+                @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (say::time(started)) " UTC" } } }
+                @if let Some(took) = took(job, now) {
+                    div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (say::seconds(took)) } }
+                }
+                div { dt { "Attempts" } dd { (job.attempt) " of at most " (job.max_attempts) } }
+                @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (say::bytes(job.peak_memory_bytes)) } } }
+                @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (say::count(step)) } } }
             }
         }
     }

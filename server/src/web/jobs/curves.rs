@@ -46,9 +46,11 @@ pub(super) fn panel(family: &Family) -> Markup {
         _ => family.word,
     };
     let points = || family.curves.iter().flat_map(|curve| curve.points.iter().copied());
-    let (steps, values) = (range(points().map(|point| point.0)), roomy(points().map(|point| point.1)));
+    let steps = range(points().map(|point| point.0));
     // Losses and times are read against nothing, so that a curve that is flat far from it looks flat.
-    let values = if values.0 >= 0.0 { (0.0, values.1) } else { values };
+    let against_nothing = points().all(|(_, value)| value >= 0.0).then_some(0.0);
+    let values = roomy(points().map(|point| point.1).chain(against_nothing));
+    let values = (against_nothing.unwrap_or(values.0), values.1);
     let frame = Frame::new((600.0, 220.0), steps, values);
     let inside = html! {
         @for (curve, class) in family.curves.iter().zip(1_usize..) {

@@ -25,10 +25,16 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     let rooms = visit.rooms();
     let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
     let task = rooms.store.task_by_id(&job.task_id).await?;
-    let kind = job.spec.kind().as_str();
+    let name = match job.spec.kind() {
+        JobKind::Pretrain => "Pretrain",
+        JobKind::Score => "Score",
+        JobKind::Train => "Train",
+        JobKind::Export => "Export",
+        JobKind::Evaluate => "Evaluate",
+    };
     let body = html! {
         div.row.title {
-            h1 { (kind) " " (link::short(job.id.as_str())) }
+            h1 { (name) " job " (link::tail(job.id.as_str())) }
             (actions(&visit, &job))
         }
         (course::course(&rooms.store, &job).await?)
@@ -41,7 +47,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
         h2 { "Record" }
         (record(&job))
     };
-    let head = Head { title: kind, tab: Tab::Jobs, task: Some(&task.spec.name), script: Some("job.js") };
+    let head = Head { title: name, tab: Tab::Jobs, task: Some(&task.spec.name), script: Some("job.js") };
     Ok(shell::page(&visit, &head, &body).into_response())
 }
 

@@ -60,6 +60,7 @@ pub(in crate::web) async fn show(visit: Visit) -> Answer {
     let live = jobs.iter().any(|job| !job.state.ended());
     let body = html! {
         h1 { "Jobs" }
+        p.lead { "What was submitted to all tasks, newest first." }
         (asked.form(&tasks))
         @if jobs.is_empty() {
             p.panel.empty { "No job is like this." }

@@ -39,7 +39,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     }
     let task = rooms.store.task_by_id(&dataset.task_id).await?;
     let body = html! {
-        h1 { "Dataset " (link::short(dataset.id.as_str())) }
+        h1 { "Dataset " (link::tail(dataset.id.as_str())) }
         p.lead { "The imperfect segments with " (link::selection(dataset.selection)) ", weighted by q, beside all experts. A view, never a copy." }
         @match &kept {
             Ok((what, _)) => {

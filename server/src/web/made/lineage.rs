@@ -15,6 +15,7 @@ use crate::{
         id::{PolicyId, SnapshotId},
         job::{Job, JobKind, JobSpec, JobState},
         policy::Deployment,
+        snapshot::Snapshot,
     },
     error::Result,
     store::Store,
@@ -146,11 +147,27 @@ fn of_a_dataset(dataset: &Dataset) -> Card {
 }
 
 async fn of_snapshot(store: &Store, id: &SnapshotId) -> Result<Card> {
-    let roles = store.snapshot_cohorts(id).await?;
-    let (experts, imperfect) =
-        roles.iter().fold((0, 0), |(experts, imperfect), one| (experts + one.experts, imperfect + one.imperfect));
-    let says = format!("{}, {} imperfect", say::counted(experts, "expert"), say::count(imperfect));
+    let says = episodes(&store.frozen(id).await?);
     Ok(Card { stage: Stage::Episodes, id: id.to_string(), to: None, says, state: None })
+}
+
+/// Which episodes a snapshot has, and by which rule.
+pub(in crate::web) fn episodes(snapshot: &Snapshot) -> String {
+    let Snapshot { rule, expert_episodes, imperfect_episodes, .. } = snapshot;
+    let counts = format!("{}, {} imperfect", say::counted(*expert_episodes, "expert"), say::count(*imperfect_episodes));
+    let roles = if rule.by_cohort() {
+        let named = |cohorts: &[String]| if cohorts.is_empty() { "none".to_owned() } else { cohorts.join(", ") };
+        format!("experts are cohort {}; imperfect {}", named(&rule.expert_cohorts), named(&rule.imperfect_cohorts))
+    } else {
+        "experts are successes, imperfect failures".to_owned()
+    };
+    let experts = if rule.max_experts > 0 { format!("; at most {} experts", rule.max_experts) } else { String::new() };
+    let imperfect = if rule.imperfect_per_expert > 0.0 {
+        format!("; at most {} imperfect for each expert", rule.imperfect_per_expert)
+    } else {
+        String::new()
+    };
+    format!("{counts}; {roles}{experts}{imperfect}")
 }
 
 fn of_deployment(deployment: &Deployment) -> Card {

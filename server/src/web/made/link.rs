@@ -43,6 +43,11 @@ pub(in crate::web) fn short(id: &str) -> String {
     }
 }
 
+/// `…4RRFFQ69`, behind a word that says the kind.
+pub(in crate::web) fn tail(id: &str) -> String {
+    short(id).split_once('…').map_or_else(|| id.to_owned(), |(_, tail)| format!("…{tail}"))
+}
+
 /// A text in which ids are links.
 pub(in crate::web) fn text(said: &str) -> Markup {
     let inside = |character: char| character.is_ascii_alphanumeric() || character == '_';
@@ -86,7 +91,8 @@ mod tests {
         assert!(
             short(job.as_str()).starts_with("job…") && job.as_str().ends_with(&short(job.as_str())["job…".len()..])
         );
-        assert_eq!(short("job_ü"), "job_ü");
+        assert!(tail(job.as_str()).starts_with('…') && job.as_str().ends_with(&tail(job.as_str())["…".len()..]));
+        assert_eq!((short("job_ü").as_str(), tail("job_ü").as_str()), ("job_ü", "job_ü"));
     }
 
     #[test]

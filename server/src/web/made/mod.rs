@@ -10,6 +10,6 @@ mod policy;
 pub(super) use self::{
     dataset::show as dataset,
     evaluations::rate,
-    lineage::{of_dataset, of_job},
+    lineage::{episodes, of_dataset, of_job},
     policy::show as policy,
 };

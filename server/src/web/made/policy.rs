@@ -38,7 +38,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     let mut deployments = store.deployments(Some(&policy.task_id)).await?;
     deployments.retain(|deployment| deployment.policy_id() == Some(&policy.id));
     let body = html! {
-        h1 { "Policy " (link::short(policy.id.as_str())) }
+        h1 { "Policy " (link::tail(policy.id.as_str())) }
         p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
             " of " (task.spec.name) ", " (say::time(policy.created_at)) " UTC" }
         h2 { "Evaluations" }

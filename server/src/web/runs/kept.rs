@@ -128,7 +128,7 @@ pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, row
         } } }
     };
     html! {
-        div.scroll { table {
+        div.scroll.tall tabindex="0" role="region" aria-label="Episodes" { table {
             thead { tr {
                 th { "Episode" } th.wide { "" } (head(Key::Share, "Share kept")) (head(Key::Kept, "Kept"))
                 (head(Key::Segments, "Segments")) (head(Key::MeanQ, "Mean q"))

@@ -11,7 +11,8 @@ pub(super) const BINS: usize = 100;
 pub(super) fn histogram(counts: &[u64], selection: Selection) -> Markup {
     #[expect(clippy::cast_precision_loss, reason = "for a picture")]
     let (heights, bins): (Vec<f64>, f64) = (counts.iter().map(|&count| count as f64).collect(), counts.len() as f64);
-    let frame = Frame::new((920.0, 260.0), (0.0, 1.0), (0.0, heights.iter().copied().fold(1.0, f64::max)));
+    let highest = 1.05 * heights.iter().copied().fold(1.0, f64::max);
+    let frame = Frame::new((920.0, 260.0), (0.0, 1.0), (0.0, highest));
     let beta = match selection {
         Selection::Beta(beta) => Some(beta),
         Selection::TopFraction(_) => None,
@@ -22,7 +23,7 @@ pub(super) fn histogram(counts: &[u64], selection: Selection) -> Markup {
             (frame.bar((from, from + 1.0 / bins), height, class(from)))
         }
         @if let Some(beta) = beta {
-            line.beta x1=(frame.x(beta)) x2=(frame.x(beta)) y1=(frame.y(0.0)) y2="8" {}
+            line.beta x1=(frame.x(beta)) x2=(frame.x(beta)) y1=(frame.y(0.0)) y2=(frame.y(highest)) {}
         }
     };
     frame.draw("Histogram of q over all imperfect segments", ("q", "segments"), &inside)

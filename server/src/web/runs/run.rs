@@ -6,7 +6,7 @@ use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
 
 use super::{
-    asked::{Asked, Order},
+    asked::{Asked, Order, parameter},
     contact, kept, picture,
 };
 use crate::{
@@ -15,6 +15,7 @@ use crate::{
         id::ScoreRunId,
         score::ScoreRun,
         selection::{Selection, WhatIf},
+        snapshot::Snapshot,
         task::Task,
     },
     error::Result,
@@ -41,7 +42,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     let store = &visit.rooms().store;
     let task = store.task_by_id(&run.task_id).await?;
     let body = html! {
-        h1 { "Score run " (link::short(run.id.as_str())) }
+        h1 { "Score run " (link::tail(run.id.as_str())) }
         p.lead { (run.scorer) " over " (say::counted(what.total.of_episodes, "imperfect episode")) ", against "
             (say::counted(run.expert_ids.len() as u64, "expert")) ", " (say::time(run.created_at)) " UTC" }
         (threshold(&visit, &summary, &what).await?)
@@ -50,7 +51,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
         h2 { "Lineage" }
         (made::of_job(store, &store.job(&run.job_id).await?).await?)
         h2 { "Facts" }
-        (facts(run))
+        (facts(run, &store.frozen(&run.snapshot_id).await?))
     };
     let head = Head { title: "Score run", tab: Tab::Runs, task: Some(&task.spec.name), script: Some("run.js") };
     Ok(shell::page(&visit, &head, &body).into_response())
@@ -110,10 +111,15 @@ async fn threshold(visit: &Visit, summary: &Arc<Summary>, what: &WhatIf) -> Resu
 /// What follows the threshold.
 fn following(summary: &Summary, what: &WhatIf, order: Order) -> Markup {
     let run = &summary.run().id;
+    let counts = format!("/runs/{run}/what-if?{}", parameter(what.selection));
     html! {
         section #counts aria-live="polite" aria-label="What is kept" { (kept::figures(what)) }
         h2 { "By cohort" }
-        div #by-cohort { (kept::cohorts(what)) }
+        div #by-cohort {
+            (kept::cohorts(what))
+            p.formats { "All counts as " a href=(format!("{counts}&format=json")) { "JSON" } ", this table as "
+                a href=(format!("{counts}&format=csv")) { "CSV" } }
+        }
         h2 { "By episode" }
         div #by-episode { (kept::episodes(run, what.selection, order, &kept::rows(what, summary, order))) }
     }
@@ -130,7 +136,7 @@ async fn sheets(summary: &Arc<Summary>, task: &Task) -> Result<Markup> {
     })
 }
 
-fn facts(run: &ScoreRun) -> Markup {
+fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
     html! {
         dl.facts.panel {
             dt { "Score run" } dd.id { (run.id) }
@@ -142,7 +148,7 @@ fn facts(run: &ScoreRun) -> Markup {
             dd { @match run.modality_scale { Some([o, m, a]) => { (o) ", " (m) ", " (a) }, None => "1, 1, 1" } }
             dt { "Normaliser" }
             dd { (run.normaliser) ": similarity " (format!("{:.4}", run.lo)) " is q = 0, " (format!("{:.4}", run.hi)) " is q = 1" }
-            dt { "Snapshot" } dd.id { (run.snapshot_id) }
+            dt { "Episodes" } dd { (made::episodes(snapshot)) " (" span.id { (run.snapshot_id) } ")" }
             dt { "Encoder" } dd.id { (run.encoder_id) }
             @if let Some(base) = &run.extends { dt { "Goes on from" } dd { (link::whole(base.as_str())) } }
             dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }
