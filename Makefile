@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test crash-test test-python lint-python metaworld fmt lint doc deny check bench bench-serving load-test peers peers-serving fuzz
+.PHONY: demo build test crash-test test-python lint-python metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -83,6 +83,10 @@ bench-serving: .libtorch
 # LOAD_ARGS="--seconds 30" is the short form.
 load-test: .libtorch
 	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/load/run.sh $(LOAD_ARGS)
+
+# Every page on a database of 10,000 episodes and two million scored segments.
+bench-pages: .libtorch
+	BENCH_PROFILE=$(BENCH_PROFILE) CARGO="$(CARGO)" benches/pages/run.sh
 
 # The same load on servers in Python that run the same network. Fetches PyTorch (about 3 GB) the first time.
 peers-serving: .libtorch

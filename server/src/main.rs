@@ -116,7 +116,7 @@ async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;
     if let Some(pages) = listeners.pages_url()? {
-        println!("pages on {pages}/, metrics on {pages}/metrics");
+        println!("pages on {pages}");
     }
     println!("listening on {}", listeners.url()?);
     let limit = Duration::from_secs(config.drain_seconds) + ENDING;

@@ -19,7 +19,7 @@ pub struct TestServer {
     flags: Vec<String>,
     child: Child,
     url: String,
-    metrics: Option<String>,
+    pages: Option<String>,
 }
 
 impl TestServer {
@@ -38,8 +38,8 @@ impl TestServer {
     /// Starts one over a directory that stays.
     pub async fn start_over(data: &Path, flags: &[&str]) -> Self {
         let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
-        let (child, url, metrics) = spawn(data, &flags).await;
-        Self { data: data.to_owned(), _own: None, flags, child, url, metrics }
+        let (child, url, pages) = spawn(data, &flags).await;
+        Self { data: data.to_owned(), _own: None, flags, child, url, pages }
     }
 
     /// Where it listens.
@@ -49,14 +49,19 @@ impl TestServer {
 
     /// Where its workers call.
     pub fn workers_url(&self) -> String {
-        let others: Vec<&str> = [Some(self.url()), self.metrics.as_deref()].into_iter().flatten().collect();
+        let others: Vec<&str> = [Some(self.url()), self.pages.as_deref()].into_iter().flatten().collect();
         let apart = |port: &u16| !others.iter().any(|url| url.split(['/', ':']).any(|part| part == port.to_string()));
         format!("http://127.0.0.1:{}", ports(self.pid()).into_iter().find(apart).unwrap())
     }
 
+    /// Where its pages are, with `--web-listen`.
+    pub fn pages(&self) -> &str {
+        self.pages.as_deref().expect("started with --web-listen")
+    }
+
     /// Where its metrics are, with `--web-listen`.
-    pub fn metrics(&self) -> &str {
-        self.metrics.as_deref().expect("started with --web-listen")
+    pub fn metrics(&self) -> String {
+        format!("{}/metrics", self.pages())
     }
 
     /// Its data directory.
@@ -83,7 +88,7 @@ impl TestServer {
 
     /// Starts it again over the same directory, after `kill` or `stop`; the port is another one.
     pub async fn start_again(&mut self) {
-        (self.child, self.url, self.metrics) = spawn(&self.data, &self.flags).await;
+        (self.child, self.url, self.pages) = spawn(&self.data, &self.flags).await;
     }
 
     /// Starts it again over the same directory and on the same address, to die at a fail point if one is named. False
@@ -108,8 +113,8 @@ impl TestServer {
         let mut command = Command::new("unshare");
         command.args(unshare).arg(plain.as_std().get_program()).args(plain.as_std().get_args());
         let mut child = command.stdout(Stdio::piped()).kill_on_drop(true).spawn().unwrap();
-        let (url, metrics) = listening(&mut child).await.expect("the server ended before it listened");
-        Some(Self { data: data.to_owned(), _own: None, flags, child, url, metrics })
+        let (url, pages) = listening(&mut child).await.expect("the server ended before it listened");
+        Some(Self { data: data.to_owned(), _own: None, flags, child, url, pages })
     }
 
     /// Asks the child of what was started to stop.
@@ -148,13 +153,13 @@ impl TestServer {
     }
 }
 
-/// Where a server listens, and where its metrics are if anywhere.
+/// Where a server listens, and where its pages are if anywhere.
 type Addresses = (String, Option<String>);
 
 async fn spawn(data: &Path, flags: &[String]) -> (Child, String, Option<String>) {
     let mut child = serve(data, flags, "127.0.0.1:0").spawn().unwrap();
-    let (url, metrics) = listening(&mut child).await.expect("the server ended before it listened");
-    (child, url, metrics)
+    let (url, pages) = listening(&mut child).await.expect("the server ended before it listened");
+    (child, url, pages)
 }
 
 fn serve(data: &Path, flags: &[String], listen: &str) -> Command {
@@ -172,14 +177,14 @@ fn serve(data: &Path, flags: &[String], listen: &str) -> Command {
 /// Its first lines name its addresses. `None` when it has ended without them.
 async fn listening(child: &mut Child) -> Option<Addresses> {
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-    let mut metrics = None;
+    let mut pages = None;
     loop {
         let line = lines.next_line().await.unwrap()?;
-        match line.strip_prefix("metrics on ") {
-            Some(page) => metrics = Some(page.to_owned()),
+        match line.strip_prefix("pages on ") {
+            Some(url) => pages = Some(url.to_owned()),
             None => {
                 let url = line.strip_prefix("listening on ").expect("the server's first lines name its addresses");
-                return Some((url.to_owned(), metrics));
+                return Some((url.to_owned(), pages));
             }
         }
     }

@@ -31,7 +31,7 @@ pub async fn shared() -> Arc<Shared> {
     if let Some(shared) = held.upgrade() {
         return shared;
     }
-    let server = TestServer::start().await;
+    let server = TestServer::start_with(&["--web-listen", "127.0.0.1:0"]).await;
     let mut api = Api::connect(&server).await;
     let episodes = lab::set_up(&mut api).await;
     let pretrain = api.succeed(lab::TASK, lab::pretrain(3)).await;

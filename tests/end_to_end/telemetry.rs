@@ -52,7 +52,7 @@ async fn metrics_count_what_happens() {
     let error = api.episodes.get_episode(missing).await.unwrap_err();
     assert_eq!((error.code(), error.metadata().get("request-id").unwrap().len()), (Code::NotFound, 26));
 
-    let page = get(server.metrics()).await;
+    let page = get(&server.metrics()).await;
     assert!(page.starts_with("HTTP/1.1 200 OK"), "{page}");
     assert_eq!(value(&page, "gleaner_upload_bytes_total "), Some(recording.bytes.len() as f64), "{page}");
     let calls = |method: &str, code: &str| {
@@ -108,7 +108,7 @@ async fn calls_sessions_and_attempts_are_traced_to_a_collector() {
     robot.say(Say::Close(SessionClose::default())).await;
     robot.hear().await.unwrap();
 
-    let page = get(server.metrics()).await;
+    let page = get(&server.metrics()).await;
     assert_eq!(value(&page, "gleaner_session_seconds_count{deployment=\"traced@test\"} "), Some(1.0), "{page}");
     assert!(page.contains("gleaner_session_seconds{deployment=\"traced@test\",quantile=\"0.99\"}"), "{page}");
     assert_eq!(value(&page, "gleaner_policy_batch_size_count "), Some(1.0), "{page}");

@@ -65,7 +65,7 @@ impl Book {
     ///
     /// # Errors
     /// When the database cannot be read.
-    pub(super) async fn open(store: Store) -> Result<Self> {
+    pub(crate) async fn open(store: Store) -> Result<Self> {
         let book =
             Self(Arc::new(Inner { store, live: Mutex::default(), read: tokio::sync::Mutex::new(Instant::now()) }));
         book.read().await?;

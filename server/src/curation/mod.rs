@@ -7,7 +7,7 @@ mod picture;
 mod steps;
 mod summary;
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use quick_cache::sync::Cache;
 
@@ -38,13 +38,15 @@ struct Inner {
     ingest: Ingest,
     runs: Cache<ScoreRunId, Arc<Summary>, Weigh>,
     open: Cache<EpisodeId, Arc<Steps>>,
+    /// The run that was summed up ahead last: one that has had to go since is not brought back again and again.
+    warmed: Mutex<Option<ScoreRunId>>,
 }
 
 impl Curation {
     /// Loads nothing yet.
     pub(crate) fn new(store: Store, ingest: Ingest) -> Self {
         let runs = Cache::with_weighter(16, RUN_BYTES, Weigh);
-        Self(Arc::new(Inner { store, ingest, runs, open: Cache::new(OPEN_RECORDINGS) }))
+        Self(Arc::new(Inner { store, ingest, runs, open: Cache::new(OPEN_RECORDINGS), warmed: Mutex::default() }))
     }
 
     /// A finished run's scores of its imperfect episodes. They are read once, however many ask; which runs stay depends
@@ -59,6 +61,19 @@ impl Curation {
             off_runtime("summing up a run", move || Ok(Arc::new(Summary::new(of, candidates)))).await
         };
         self.0.runs.get_or_insert_async(run, load).await
+    }
+
+    /// Sums the newest run up before anybody asks for it.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(crate) async fn warm(&self) -> Result<()> {
+        let Some(newest) = self.0.store.newest_run().await? else { return Ok(()) };
+        let before = self.0.warmed.lock().unwrap_or_else(PoisonError::into_inner).replace(newest.clone());
+        if before.as_ref() != Some(&newest) {
+            self.summary(&newest).await?.warm().await?;
+        }
+        Ok(())
     }
 
     /// One step of an episode as one of its cameras saw it, as JPEG.

@@ -19,6 +19,8 @@ use crate::{
     error::Result,
 };
 
+/// The best and the worst segments that are looked for.
+const FOREMOST: usize = 24;
 /// Most segments of one episode among the best or the worst.
 const OF_ONE_EPISODE: usize = 3;
 /// Steps that such segments of one episode lie apart at least: neighbours look the same.
@@ -30,15 +32,18 @@ pub(crate) struct Summary {
     candidates: Vec<Candidate>,
     places: HashMap<EpisodeId, usize>,
     mean_q: Vec<Option<f64>>,
-    /// (q, w) from best to worst; made when a top fraction is first asked for.
+    /// (q, w) from best to worst; made when a top fraction is first asked for, as are the others when they are.
     ranked: OnceLock<Vec<(f32, f64)>>,
+    best: OnceLock<Vec<SegmentRef>>,
+    worst: OnceLock<Vec<SegmentRef>>,
 }
 
 impl Summary {
     pub(super) fn new(run: ScoreRun, candidates: Vec<Candidate>) -> Self {
         let places = candidates.iter().map(|one| one.episode_id.clone()).zip(0..).collect();
         let mean_q = candidates.iter().map(|one| mean(&one.q)).collect();
-        Self { run, candidates, places, mean_q, ranked: OnceLock::new() }
+        let (ranked, best, worst) = Default::default();
+        Self { run, candidates, places, mean_q, ranked, best, worst }
     }
 
     /// The run.
@@ -77,12 +82,12 @@ impl Summary {
     }
 
     /// The best segments, the very best first: by q, of equal ones by w; then the older episode and the earlier step. At
-    /// most 3 of one episode, 10 steps apart.
+    /// most 3 of one episode, 10 steps apart, and 24 in all.
     ///
     /// # Errors
     /// Internal.
     pub(crate) async fn best(self: &Arc<Self>, most: usize) -> Result<Vec<SegmentRef>> {
-        self.foremost(most, |a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1))).await
+        self.foremost(most, |summary| &summary.best, |a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1))).await
     }
 
     /// The worst segments, the very worst first; otherwise as [`Summary::best`].
@@ -90,7 +95,18 @@ impl Summary {
     /// # Errors
     /// Internal.
     pub(crate) async fn worst(self: &Arc<Self>, most: usize) -> Result<Vec<SegmentRef>> {
-        self.foremost(most, |a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))).await
+        self.foremost(most, |summary| &summary.worst, |a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))).await
+    }
+
+    /// Finds out all that is found out once, so that nobody waits for it.
+    ///
+    /// # Errors
+    /// Internal.
+    pub(super) async fn warm(self: &Arc<Self>) -> Result<()> {
+        self.what_if(Selection::TopFraction(1.0)).await?;
+        self.best(1).await?;
+        self.worst(1).await?;
+        Ok(())
     }
 
     /// Mean q of an episode's segments; `None` when the run has none of it as an imperfect episode.
@@ -103,9 +119,18 @@ impl Summary {
         self.places.get(episode).map(|&place| self.candidates[place].q.as_slice())
     }
 
-    async fn foremost(self: &Arc<Self>, most: usize, order: Order) -> Result<Vec<SegmentRef>> {
+    async fn foremost(
+        self: &Arc<Self>,
+        most: usize,
+        kept: fn(&Self) -> &OnceLock<Vec<SegmentRef>>,
+        order: Order,
+    ) -> Result<Vec<SegmentRef>> {
         let summary = Arc::clone(self);
-        off_runtime("looking for the best and worst", move || Ok(foremost(&summary.candidates, most, order))).await
+        let looking = move || {
+            let found = kept(&summary).get_or_init(|| foremost(&summary.candidates, FOREMOST, order));
+            Ok(found.iter().take(most).cloned().collect())
+        };
+        off_runtime("looking for the best and worst", looking).await
     }
 }
 
@@ -120,21 +145,26 @@ fn mean(q: &[f32]) -> Option<f64> {
 
 /// The segments that come first in this order.
 fn foremost(candidates: &[Candidate], most: usize, order: Order) -> Vec<SegmentRef> {
+    let compare = |a: &(&Candidate, usize), b: &(&Candidate, usize)| {
+        let by_score = order(&scores(a.0, a.1), &scores(b.0, b.1));
+        by_score.then_with(|| a.0.episode_id.cmp(&b.0.episode_id)).then(a.1.cmp(&b.1))
+    };
+    // An episode has one among them only if its own first is.
+    let mut firsts: Vec<(&Candidate, usize)> =
+        candidates.iter().filter_map(|one| Some((one, next(one, &[], order)?))).collect();
+    firsts.sort_unstable_by(compare);
+    firsts.truncate(most);
     let mut found: Vec<(&Candidate, usize)> = Vec::new();
-    for candidate in candidates {
-        let mut chosen: Vec<usize> = Vec::with_capacity(OF_ONE_EPISODE);
-        while chosen.len() < OF_ONE_EPISODE.min(most) {
-            let free = (0..candidate.q.len()).filter(|step| chosen.iter().all(|other| other.abs_diff(*step) >= APART));
-            // Of equal ones the first.
-            let Some(step) = free.min_by(|&a, &b| order(&scores(candidate, a), &scores(candidate, b))) else { break };
+    for (candidate, first) in firsts {
+        let mut chosen = vec![first];
+        while chosen.len() < OF_ONE_EPISODE
+            && let Some(step) = next(candidate, &chosen, order)
+        {
             chosen.push(step);
         }
         found.extend(chosen.into_iter().map(|step| (candidate, step)));
     }
-    found.sort_unstable_by(|a, b| {
-        let by_score = order(&scores(a.0, a.1), &scores(b.0, b.1));
-        by_score.then_with(|| a.0.episode_id.cmp(&b.0.episode_id)).then(a.1.cmp(&b.1))
-    });
+    found.sort_unstable_by(compare);
     found.truncate(most);
     let segment = |(candidate, step): (&Candidate, usize)| SegmentRef {
         episode_id: candidate.episode_id.clone(),
@@ -142,6 +172,12 @@ fn foremost(candidates: &[Candidate], most: usize, order: Order) -> Vec<SegmentR
         q: candidate.q[step],
     };
     found.into_iter().map(segment).collect()
+}
+
+/// The step of an episode that comes first in this order apart from those that are chosen; of equal ones the earliest.
+fn next(candidate: &Candidate, chosen: &[usize], order: Order) -> Option<usize> {
+    let free = (0..candidate.q.len()).filter(|step| chosen.iter().all(|other| other.abs_diff(*step) >= APART));
+    free.min_by(|&a, &b| order(&scores(candidate, a), &scores(candidate, b)))
 }
 
 fn scores(candidate: &Candidate, step: usize) -> (f32, f64) {

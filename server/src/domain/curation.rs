@@ -98,20 +98,28 @@ impl SortKey {
 }
 
 /// Sorts rows; equal ones by id, older first, so that pages of the same list meet.
-pub fn sort(rows: &mut [TableRow], key: SortKey, descending: bool, mean_q: impl Fn(&EpisodeId) -> Option<f64>) {
+pub fn sort(rows: &mut Vec<TableRow>, key: SortKey, descending: bool, mean_q: impl Fn(&EpisodeId) -> Option<f64>) {
     let directed = |order: Ordering| if descending { order.reverse() } else { order };
     let compare = |a: &Episode, b: &Episode| match key {
-        SortKey::MeanQ => match (mean_q(&a.id), mean_q(&b.id)) {
-            (Some(a), Some(b)) => directed(a.total_cmp(&b)),
-            (a, b) => b.is_some().cmp(&a.is_some()),
-        },
-        SortKey::Steps => directed(a.steps.cmp(&b.steps)),
-        SortKey::Date => directed(a.created_at.cmp(&b.created_at)),
-        SortKey::Outcome => directed(a.outcome.as_str().cmp(b.outcome.as_str())),
-        SortKey::Cohort => directed(a.cohort.cmp(&b.cohort)),
-        SortKey::Findings => directed(a.warnings.cmp(&b.warnings)),
+        SortKey::MeanQ => Ordering::Equal,
+        SortKey::Steps => a.steps.cmp(&b.steps),
+        SortKey::Date => a.created_at.cmp(&b.created_at),
+        SortKey::Outcome => a.outcome.as_str().cmp(b.outcome.as_str()),
+        SortKey::Cohort => a.cohort.cmp(&b.cohort),
+        SortKey::Findings => a.warnings.cmp(&b.warnings),
     };
-    rows.sort_by(|a, b| compare(&a.episode, &b.episode).then_with(|| a.episode.id.cmp(&b.episode.id)));
+    let by_q = |a: Option<f64>, b: Option<f64>| match (a, b) {
+        (Some(a), Some(b)) => directed(a.total_cmp(&b)),
+        (a, b) => b.is_some().cmp(&a.is_some()),
+    };
+    // Looked up once for each row, not for each comparison.
+    let q_of = |row: &TableRow| if key == SortKey::MeanQ { mean_q(&row.episode.id) } else { None };
+    let mut keyed: Vec<(Option<f64>, TableRow)> = rows.drain(..).map(|row| (q_of(&row), row)).collect();
+    keyed.sort_by(|(a_q, a), (b_q, b)| {
+        let by_key = by_q(*a_q, *b_q).then_with(|| directed(compare(&a.episode, &b.episode)));
+        by_key.then_with(|| a.episode.id.cmp(&b.episode.id))
+    });
+    rows.extend(keyed.into_iter().map(|(_, row)| row));
 }
 
 /// How labelling ended for one who said which labels they saw.
@@ -143,17 +151,6 @@ pub struct SegmentRef {
     pub end_step: u32,
     /// Its q.
     pub q: f32,
-}
-
-/// The episodes of one cohort in a snapshot.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CohortRoles {
-    /// The cohort as it was then; may be empty.
-    pub cohort: String,
-    /// Experts.
-    pub experts: u64,
-    /// Imperfect episodes.
-    pub imperfect: u64,
 }
 
 /// Something that a job's spec names.

@@ -10,6 +10,7 @@ use tracing::Instrument as _;
 use super::{
     Policies,
     engine::{Engine, lock},
+    live::LiveSession,
     outlet::{Answers, Outlet},
     record::Record,
     session::{Session, Terms},
@@ -18,6 +19,7 @@ use crate::{
     domain::{
         id::{ScoreRunId, SessionId},
         observation::SessionInput,
+        time::Millis,
     },
     error::{Error, Kind, Result},
     rollouts::About,
@@ -112,6 +114,14 @@ impl Policies {
                 Some(self.0.rollouts.begin(about, &task)?)
             }
         };
+        let showing = self.0.live.begin(LiveSession {
+            id: id.clone(),
+            deployment: deployment.clone(),
+            policy_id: engine.identity().policy_id.clone(),
+            task_id: engine.identity().task_id.clone(),
+            since: Millis::now(),
+            recorded: recorder.is_some(),
+        });
         let terms = Terms {
             id: id.clone(),
             period: (*control_rate_hz > 0.0)
@@ -120,7 +130,7 @@ impl Policies {
             idle: self.0.config.policies.session_idle(),
             drain: Duration::from_secs(self.0.config.drain_seconds),
         };
-        Ok((id, Session::new(engine, terms, Record::new(recorder), watch)))
+        Ok((id, Session::new(engine, terms, Record::new(recorder, showing), watch)))
     }
 
     /// What a deployment points at: its policy, loaded, and its score run, both of one moment.

@@ -7,6 +7,7 @@ mod attend;
 mod batch;
 mod due;
 mod engine;
+mod live;
 mod model;
 pub(crate) mod observation;
 mod once;
@@ -31,8 +32,10 @@ use std::{
 use gleaner_learn::Policy as Model;
 use tracing::Instrument as _;
 
+pub(crate) use self::live::{LiveSession, Now};
 use self::{
     engine::{Engine, Identity, lock},
+    live::Live,
     sequences::Sequences,
     shelf::Shelf,
 };
@@ -40,7 +43,7 @@ use crate::{
     blobs::Blobs,
     config::ServeConfig,
     domain::{
-        id::{PolicyId, ScoreRunId},
+        id::{PolicyId, ScoreRunId, SessionId},
         observation::{Acted, Observation},
         policy::{Deployment, Policy},
     },
@@ -62,6 +65,7 @@ struct Inner {
     rollouts: Rollouts,
     shelf: Mutex<Shelf<Model>>,
     sequences: Sequences<Model>,
+    live: Live,
     /// Held while a policy is loaded or a name is moved, so that a slow first use cannot undo a deployment.
     moving: tokio::sync::Mutex<()>,
 }
@@ -77,6 +81,7 @@ impl Policies {
             rollouts,
             shelf: Mutex::new(Shelf::new(config.policies.policy_memory_bytes)),
             sequences: Sequences::default(),
+            live: Live::default(),
             moving: tokio::sync::Mutex::default(),
         }))
     }
@@ -147,6 +152,19 @@ impl Policies {
     pub(crate) async fn act(&self, deployment: &str, observations: Vec<Observation>) -> Result<Acted> {
         let engine = self.deployed(deployment).await?;
         once::once(&engine, observations).await
+    }
+
+    /// The sessions that run, the newest first, and how each stands.
+    pub(crate) fn live(&self) -> Vec<(LiveSession, Now)> {
+        self.0.live.all()
+    }
+
+    /// A session that runs, and how it stands.
+    ///
+    /// # Errors
+    /// NotFound when it does not, or not any more.
+    pub(crate) fn live_session(&self, id: &SessionId) -> Result<(LiveSession, Now)> {
+        self.0.live.one(id).ok_or_else(|| Error::not_found("session that runs", id))
     }
 
     /// The run that is to score what a policy does, ready.

@@ -1,8 +1,9 @@
-//! What goes along with a session beside its policy: its recording and its live score. Neither holds the session up.
+//! What goes along with a session beside its policy: its recording, its live score and what is shown of it. None holds
+//! the session up.
 
 use bytes::Bytes;
 
-use super::model::Step;
+use super::{live::Showing, model::Step};
 use crate::{
     domain::{
         episode::Outcome,
@@ -15,12 +16,15 @@ use crate::{
     scorers::{Scorer, Seen, Watch},
 };
 
-/// A session's recording, if it asked for one.
-pub(super) struct Record(Option<Recorder>);
+/// A session's recording, if it asked for one, and what is shown of it.
+pub(super) struct Record {
+    recorder: Option<Recorder>,
+    showing: Showing,
+}
 
 impl Record {
-    pub(super) fn new(recorder: Option<Recorder>) -> Self {
-        Self(recorder)
+    pub(super) fn new(recorder: Option<Recorder>, showing: Showing) -> Self {
+        Self { recorder, showing }
     }
 
     /// An observation has come. What a recording needs beyond what a session needs is asked for here.
@@ -28,7 +32,8 @@ impl Record {
     /// # Errors
     /// Invalid for a stamp that no recording can have.
     pub(super) fn observed(&mut self, observation: &Observation, before_ns: Option<i64>) -> Result<()> {
-        let Some(recorder) = &mut self.0 else { return Ok(()) };
+        self.showing.saw(observation);
+        let Some(recorder) = &mut self.recorder else { return Ok(()) };
         let stamp_ns = observation.stamp_ns;
         if stamp_ns < 0 || before_ns == Some(stamp_ns) {
             let mend =
@@ -41,21 +46,22 @@ impl Record {
 
     /// The observation of this stamp goes to the model.
     pub(super) fn asks(&mut self, stamp_ns: i64) {
-        if let Some(recorder) = &mut self.0 {
+        if let Some(recorder) = &mut self.recorder {
             recorder.asks(stamp_ns);
         }
     }
 
     /// What the model had is back; `sound` says that it was decoded.
     pub(super) fn turned(&mut self, sound: bool) {
-        if let Some(recorder) = &mut self.0 {
+        if let Some(recorder) = &mut self.recorder {
             recorder.turned(sound);
         }
     }
 
     /// The robot was given these actions.
     pub(super) fn commanded(&mut self, acted: &Acted) {
-        if let Some(recorder) = &mut self.0 {
+        self.showing.answered(&acted.timings);
+        if let Some(recorder) = &mut self.recorder {
             recorder.commanded(acted);
         }
     }
@@ -64,7 +70,8 @@ impl Record {
     pub(super) fn scored(&mut self, watch: Option<&mut Watch>) -> Option<SegmentScored> {
         let watch = watch?;
         for scored in watch.take_scored() {
-            if let Some(recorder) = &mut self.0 {
+            self.showing.scored(&scored);
+            if let Some(recorder) = &mut self.recorder {
                 recorder.scored(&scored);
             }
         }
@@ -76,7 +83,7 @@ impl Record {
     /// # Errors
     /// When it cannot be kept.
     pub(super) async fn close(&mut self, outcome: Outcome, how: &str, tally: Tally) -> Result<Option<EpisodeId>> {
-        match self.0.take() {
+        match self.recorder.take() {
             Some(recorder) => recorder.finish(outcome, how, tally).await,
             None => Ok(None),
         }
@@ -84,14 +91,14 @@ impl Record {
 
     /// The session is over by an error; its episode is stored in its own time.
     pub(super) fn break_off(&mut self, error: &Error, tally: Tally) {
-        if let Some(recorder) = self.0.take() {
+        if let Some(recorder) = self.recorder.take() {
             // Nobody waits for it.
             drop(recorder.end(Outcome::Unknown, &error.to_string(), tally));
         }
     }
 
     pub(super) fn is_on(&self) -> bool {
-        self.0.is_some()
+        self.recorder.is_some()
     }
 }
 

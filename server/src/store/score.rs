@@ -196,6 +196,16 @@ impl Store {
         rows.into_iter().map(RunRow::run).collect()
     }
 
+    /// The score run that was finished last, of whatever task.
+    pub(crate) async fn newest_run(&self) -> Result<Option<ScoreRunId>> {
+        let newest: Option<String> =
+            sqlx::query_scalar("select id from score_runs order by created_at desc, id desc limit 1")
+                .fetch_optional(self.read())
+                .await
+                .map_err(fault("looking for the newest score run"))?;
+        newest.map(|id| row::id("score_runs.id", id)).transpose()
+    }
+
     /// How much a finished run covers.
     ///
     /// # Errors

@@ -70,6 +70,11 @@ pub(super) async fn pass(
     };
     if let Some(told) = response.extensions_mut().remove::<Told>() {
         response = tell(response.status(), &told, wants_data);
+    } else if response.status().is_client_error() && says_text(response.headers()) {
+        // What could not even be given to a page, such as a form that is none.
+        let status = response.status();
+        let said = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
+        response = tell(status, &Told(String::from_utf8_lossy(&said).into_owned()), wants_data);
     }
     finish(&house, &mut response, new);
     response
@@ -153,6 +158,10 @@ async fn proven(request: Request, proof: &str) -> Result<Request> {
 fn bearer(headers: &HeaderMap) -> Option<String> {
     let (scheme, token) = headers.get(AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
     scheme.eq_ignore_ascii_case("bearer").then(|| token_hash(token.trim()))
+}
+
+fn says_text(headers: &HeaderMap) -> bool {
+    headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"text/plain"))
 }
 
 /// Whether a program reads the answer rather than a person.

@@ -52,7 +52,8 @@ use crate::{
 /// Connections at once, and from one address: a browser opens six, each for one request.
 const CONNECTIONS: usize = 512;
 const CONNECTIONS_PER_ADDRESS: usize = 128;
-/// How often what was measured is summed up, so that it does not pile up when nobody looks.
+/// How often what was measured is summed up, so that it does not pile up when nobody looks; and a new score run, so that
+/// who looks first need not wait.
 const UPKEEP: Duration = Duration::from_secs(5);
 
 /// What every page may look at.
@@ -97,8 +98,11 @@ async fn serve(house: Arc<House>, gate: Gate) {
     let pages = routes::all(&house).into_make_service_with_connect_info::<Link>();
     let upkeep = async {
         loop {
-            tokio::time::sleep(UPKEEP).await;
             house.metrics.run_upkeep();
+            if let Err(error) = house.rooms.curation.warm().await {
+                tracing::warn!(%error, "the newest score run was not summed up ahead");
+            }
+            tokio::time::sleep(UPKEEP).await;
         }
     };
     tokio::select! {

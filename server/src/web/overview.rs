@@ -1,15 +1,158 @@
-//! The first page: every task with its episodes, the latest jobs, what is left of the disk.
+//! The first page: every task with its episodes, the latest jobs, live sessions, what is left of the disk.
 
 use axum::response::IntoResponse as _;
-use maud::html;
+use maud::{Markup, html};
+use serde_json::json;
 
 use super::{
     refusal::Answer,
+    say,
+    sheet::{self, Format, Sheet},
     shell::{self, Head, Tab},
     visit::Visit,
+    vitals::{self, Disk},
+};
+use crate::{
+    domain::{curation::TaskOverview, job::Job, order::JobFilter, task::OutcomeCounts},
+    service::Rooms,
 };
 
+/// Jobs that are shown.
+const JOBS: u32 = 8;
+
+#[derive(serde::Deserialize)]
+struct Asked {
+    #[serde(default)]
+    format: Format,
+}
+
 pub(super) async fn show(visit: Visit) -> Answer {
+    let Asked { format } = visit.asked()?;
+    let rooms = visit.rooms();
+    let tasks = rooms.store.overview().await?;
+    if format != Format::Html {
+        return Ok(sheet(tasks).answer(format)?);
+    }
+    let (jobs, _) = rooms.store.jobs(&JobFilter::default(), None, JOBS).await?;
+    let disk = vitals::disk(rooms).await?;
+    let body = html! {
+        h1 { "Overview" }
+        (figures(rooms, &tasks, &disk))
+        h2 { "Tasks" }
+        @if tasks.is_empty() {
+            p.panel.empty { "There is no task yet. " code { "gleaner push" } " makes one and brings its episodes." }
+        } @else {
+            div.cards { @for task in &tasks { (card(task)) } }
+            (sheet::links(&visit))
+        }
+        h2 { "Latest jobs" }
+        @if jobs.is_empty() {
+            p.panel.empty { "No job was submitted yet." }
+        } @else {
+            div.scroll { table {
+                thead { tr { th { "State" } th { "Kind" } th { "Job" } th { "What it does" } th.number { "Submitted" } } }
+                tbody { @for job in &jobs { (job_row(job)) } }
+            } }
+        }
+    };
     let head = Head { title: "Overview", tab: Tab::Overview, task: None, script: None };
-    Ok(shell::page(&visit, &head, &html! { h1 { "Overview" } }).into_response())
+    Ok(shell::page(&visit, &head, &body).into_response())
+}
+
+fn figures(rooms: &Rooms, tasks: &[TaskOverview], disk: &Disk) -> Markup {
+    let sum = |of: fn(&TaskOverview) -> u64| tasks.iter().map(of).sum::<u64>();
+    let hours: f64 = tasks.iter().map(|task| task.hours).sum();
+    let sessions = u64::try_from(rooms.policies.live().len()).unwrap_or(u64::MAX);
+    html! {
+        dl.figures {
+            div { dt { "Episodes" } dd { (say::count(sum(|task| all(&task.outcomes)))) } }
+            div { dt { "Recorded" } dd { (say::seconds(hours * 3600.0)) } }
+            div { dt { "Recordings take" } dd { (say::bytes(sum(|task| task.bytes))) } }
+            div { dt { "Live sessions" } dd { a href="/deployments" { (say::count(sessions)) } } }
+            div { dt { "Disk left" } dd { (say::bytes(disk.free)) " " small { "of " (say::bytes(disk.size)) } } }
+        }
+    }
+}
+
+fn card(task: &TaskOverview) -> Markup {
+    let name = &task.task.spec.name;
+    let OutcomeCounts { success, failure, unknown } = task.outcomes;
+    html! {
+        section.card {
+            h3 { a href=(format!("/tasks/{name}/episodes")) { (name) } }
+            p.soft { (say::counted(all(&task.outcomes), "episode")) " · " (say::seconds(task.hours * 3600.0)) " · "
+                (say::counted(task.cohorts, "cohort")) }
+            (outcomes_bar(&task.outcomes))
+            ul.legend {
+                @for (outcome, count) in [("success", success), ("failure", failure), ("unknown", unknown)] {
+                    li { a href=(format!("/tasks/{name}/episodes?outcome={outcome}")) {
+                        svg viewBox="0 0 14 10" aria-hidden="true" { rect.(outcome) width="14" height="10" rx="2" {} }
+                        (say::count(count)) " " (outcome)
+                    } }
+                }
+            }
+            p { a href=(format!("/tasks/{name}/runs")) { "Score runs" } }
+        }
+    }
+}
+
+/// How episodes ended, as parts of a bar.
+#[expect(clippy::cast_precision_loss, reason = "parts of a bar")]
+fn outcomes_bar(counts: &OutcomeCounts) -> Markup {
+    let whole = all(counts).max(1) as f64;
+    let widths = [("success", counts.success), ("failure", counts.failure), ("unknown", counts.unknown)]
+        .map(|(class, count)| (class, 100.0 * count as f64 / whole));
+    let parts = widths.iter().scan(0.0, |end, &(class, width)| {
+        let begin = *end;
+        *end += width;
+        Some((class, begin, width))
+    });
+    html! {
+        svg.bar viewBox="0 0 100 4" preserveAspectRatio="none" role="img"
+            aria-label=(format!("{} succeeded, {} failed, {} unknown", counts.success, counts.failure, counts.unknown)) {
+            @for (class, begin, width) in parts {
+                rect.(class) x=(format!("{begin:.2}")) width=(format!("{width:.2}")) height="4" {}
+            }
+        }
+    }
+}
+
+fn all(counts: &OutcomeCounts) -> u64 {
+    counts.success + counts.failure + counts.unknown
+}
+
+fn job_row(job: &Job) -> Markup {
+    html! {
+        tr {
+            td { span class=(format!("tag {}", job.state.as_str())) { (job.state.as_str()) } }
+            td { (job.spec.kind().as_str()) }
+            td { a.id href=(format!("/jobs/{}", job.id)) { (job.id) } }
+            td {
+                @if job.total > 0 && !job.state.ended() {
+                    progress max=(job.total) value=(job.done) aria-label="done" {} " "
+                }
+                (if job.error.is_empty() { &job.message } else { &job.error })
+            }
+            td.number { (say::time(job.created_at)) }
+        }
+    }
+}
+
+fn sheet(tasks: Vec<TaskOverview>) -> Sheet {
+    let columns = &["task", "task_id", "success", "failure", "unknown", "hours", "bytes", "cohorts"];
+    let row = |task: TaskOverview| {
+        let TaskOverview { task, outcomes, hours, bytes, cohorts } = task;
+        let OutcomeCounts { success, failure, unknown } = outcomes;
+        vec![
+            json!(task.spec.name),
+            json!(task.id.as_str()),
+            json!(success),
+            json!(failure),
+            json!(unknown),
+            json!(hours),
+            json!(bytes),
+            json!(cohorts),
+        ]
+    };
+    Sheet { name: "tasks".to_owned(), columns, rows: tasks.into_iter().map(row).collect() }
 }

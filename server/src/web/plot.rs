@@ -8,7 +8,7 @@ use maud::{Markup, html};
 /// Room for the numbers beside and below.
 const LEFT: f64 = 46.0;
 const BOTTOM: f64 = 34.0;
-const TOP: f64 = 8.0;
+const TOP: f64 = 20.0;
 const RIGHT: f64 = 12.0;
 
 /// A picture's frame: its size, and the ranges of its axes.
@@ -57,7 +57,7 @@ impl Frame {
                 line.axis x1=(left) x2=(right) y1=(bottom) y2=(bottom) {}
                 line.axis x1=(left) x2=(left) y1=(top) y2=(bottom) {}
                 text x=(right) y=(self.height - 4.0) text-anchor="end" { (labels.0) }
-                text x=(left + 4.0) y=(top + 9.0) { (labels.1) }
+                text x=(left) y=(top - 8.0) { (labels.1) }
             }
         }
     }
@@ -100,6 +100,13 @@ impl Frame {
     pub(super) fn level(&self, value: f64, class: &str) -> Markup {
         html! { line class=(class) x1=(LEFT) x2=(self.width - RIGHT) y1=(at(self.y(value))) y2=(at(self.y(value))) {} }
     }
+}
+
+/// The range of some values with a little room on both sides, so that a line does not run along the edge.
+pub(super) fn roomy(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
+    let (lo, hi) = range(values);
+    let room = (hi - lo) * 0.04;
+    (lo - room, hi + room)
 }
 
 /// Lowest and highest of some values, without those that are no numbers; 0 to 1 of none.

@@ -48,12 +48,6 @@ pub(super) fn seconds(seconds: f64) -> String {
     }
 }
 
-/// `ep_…G5FAV`: what tells an id from its neighbours, who were made in the same second.
-pub(super) fn short_id(id: &str) -> String {
-    let (kind, rest) = id.split_once('_').unwrap_or(("", id));
-    format!("{kind}_…{}", rest.get(rest.len().saturating_sub(5)..).unwrap_or(rest))
-}
-
 /// `31.4 %` of a part; a dash of nothing.
 #[expect(clippy::cast_precision_loss, reason = "for reading")]
 pub(super) fn share(part: u64, of: u64) -> String {

@@ -19,13 +19,28 @@ pub(super) async fn take(rooms: &Rooms) -> Result<()> {
     }
     let waited = backlog.oldest_queued.map_or(0, |since| (Millis::now().0 - since.0).max(0));
     gauge!("gleaner_queue_age_seconds").set(waited as f64 / 1000.0);
+    let disk = disk(rooms).await?;
+    gauge!("gleaner_disk_free_bytes").set(disk.free as f64);
+    gauge!("gleaner_disk_size_bytes").set(disk.size as f64);
+    gauge!("gleaner_memory_bytes").set(memory::resident(std::process::id()).unwrap_or(0) as f64);
+    Ok(())
+}
+
+/// What is left of the disk that holds the data, in bytes.
+pub(super) struct Disk {
+    pub(super) free: u64,
+    pub(super) size: u64,
+}
+
+/// Asks the system.
+///
+/// # Errors
+/// Internal.
+pub(super) async fn disk(rooms: &Rooms) -> Result<Disk> {
     let folder = rooms.config.data_dir.clone();
     let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&folder))
         .await
         .map_err(|error| Error::internal("looking at the disk", error))?
         .map_err(|error| Error::internal("looking at the disk", error))?;
-    gauge!("gleaner_disk_free_bytes").set((disk.f_bavail * disk.f_frsize) as f64);
-    gauge!("gleaner_disk_size_bytes").set((disk.f_blocks * disk.f_frsize) as f64);
-    gauge!("gleaner_memory_bytes").set(memory::resident(std::process::id()).unwrap_or(0) as f64);
-    Ok(())
+    Ok(Disk { free: disk.f_bavail * disk.f_frsize, size: disk.f_blocks * disk.f_frsize })
 }

@@ -5,6 +5,7 @@ use futures::channel::mpsc::{UnboundedSender, unbounded};
 
 use super::{
     super::{
+        live::Showing,
         outlet::Answers,
         testing::{Parrot, SKIP, engine, observation},
     },
@@ -36,7 +37,8 @@ impl Robot {
     async fn open_under(terms: Terms, engine: &Arc<Engine<Parrot>>, stopping: &CancellationToken) -> Self {
         let (says, inputs) = unbounded();
         let (outlet, hears) = Outlet::new(IDLE);
-        let (session, stopping) = (Session::new(Arc::clone(engine), terms, Record::new(None), None), stopping.clone());
+        let (session, stopping) =
+            (Session::new(Arc::clone(engine), terms, Record::new(None, Showing::nowhere()), None), stopping.clone());
         tokio::spawn(async move {
             if let Err(error) = session.run(inputs, &outlet, &stopping).await {
                 outlet.fail(error);

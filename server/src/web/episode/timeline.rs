@@ -9,7 +9,7 @@ use crate::{
     error::Kind,
     web::{
         episodes::said,
-        plot::{Frame, range},
+        plot::{Frame, roomy},
         say,
     },
 };
@@ -17,7 +17,7 @@ use crate::{
 /// Size of a plot in its own units; it scales with the page.
 const WIDTH: f64 = 720.0;
 const Q_HEIGHT: f64 = 170.0;
-const HEIGHT: f64 = 130.0;
+const HEIGHT: f64 = 120.0;
 /// Colours of lines; after these the same ones dashed.
 const COLOURS: usize = 6;
 
@@ -113,23 +113,31 @@ fn panels(title: &str, fields: &[Series], times: &[f64]) -> Markup {
 
 fn panel(field: &Series, times: &[f64]) -> Markup {
     let values = || field.values.iter().map(|&value| f64::from(value));
-    let frame = Frame::new((WIDTH, HEIGHT), whole(times), range(values()));
+    let frame = Frame::new((WIDTH, HEIGHT), whole(times), roomy(values()));
     let dimension = |place: usize| -> Vec<(f64, f64)> {
         times.iter().copied().zip(values().skip(place).step_by(field.size.max(1))).collect()
     };
     let lines = html! { @for place in 0..field.size { (frame.line(&dimension(place), &colour(place))) } };
     html! {
         div.panel {
-            (frame.draw(&format!("{} over time", field.name), ("s", &field.name), &lines))
-            @if field.size > 1 {
-                ul.legend { @for place in 0..field.size {
-                    li {
-                        svg viewBox="0 0 14 10" aria-hidden="true" { path class=(format!("line {}", colour(place))) d="M0 5H14" {} }
-                        (field.name) "[" (place) "]"
-                    }
-                } }
+            div.row {
+                h3 { (field.name) }
+                @if field.size > 1 { (legend(field)) }
             }
+            (frame.draw(&format!("{} over time", field.name), ("s", ""), &lines))
         }
+    }
+}
+
+/// Which line is which of a field's numbers.
+fn legend(field: &Series) -> Markup {
+    html! {
+        ul.legend { @for place in 0..field.size {
+            li {
+                svg viewBox="0 0 14 10" aria-hidden="true" { path class=(format!("line {}", colour(place))) d="M0 5H14" {} }
+                "[" (place) "]"
+            }
+        } }
     }
 }
 
@@ -195,6 +203,6 @@ mod tests {
         let field = Series { name: "tool".into(), size: 2, values: vec![0.0, 5.0, 1.0, f32::NAN, 2.0, 7.0] };
         let drawn = panel(&field, &[0.0, 0.1, 0.2]).into_string();
         assert_eq!((drawn.matches("class=\"line c1\"").count(), drawn.matches("class=\"line c2\"").count()), (2, 2));
-        assert!(drawn.contains("tool[1]") && !drawn.contains("NaN"));
+        assert!(drawn.contains("[1]") && !drawn.contains("NaN"));
     }
 }

@@ -72,7 +72,7 @@ async fn an_action_that_was_never_given_is_not_taken_as_executed() {
 #[tokio::test]
 async fn after_an_answer_that_was_never_given_it_is_not_known_what_was_done() {
     let (engine, _control) = engine(8, 8).await;
-    let mut session = Session::new(engine, terms(), Record::new(None), None);
+    let mut session = Session::new(engine, terms(), Record::new(None, Showing::nowhere()), None);
     let (mut memory, actions) = (Memory::new(None), || Some(vec![vec![1.0, 0.0]]));
     for (owed, withheld) in [(true, false), (false, true), (true, false)] {
         session.asked = owed.then(|| Due::for_observation(&observation(1, &[]), None, 0));

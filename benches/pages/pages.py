@@ -1,0 +1,176 @@
+"""How long each page takes on a database of a large lab.
+
+A real server makes the schema, takes a few recordings of the embedded simulator and scores them; then rows are added
+until there are as many episodes and scored segments as asked for, and every page is asked for over a socket, one after
+the other. Nothing but Python's own library is needed.
+"""
+
+import argparse
+import array
+import json
+import os
+import pathlib
+import random
+import sqlite3
+import statistics
+import subprocess
+import tempfile
+import time
+import urllib.request
+
+CROCKFORD = "0123456789ABCDEFGHJKMNPQRSTVWXYZ"
+OUTCOMES = ["success", "failure", "failure", "unknown"]
+
+
+class Server:
+    """A server in a process of its own."""
+
+    def __init__(self, bin: pathlib.Path, data: pathlib.Path, workers: int):
+        command = [bin / "gleaner-server", "--log", "warn", "serve", "--data-dir", data, "--listen", "127.0.0.1:0"]
+        command += ["--web-listen", "127.0.0.1:0", "--workers", str(workers)]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self.pages = self.process.stdout.readline().split()[-1]
+        self.url = self.process.stdout.readline().split()[-1]
+
+    def stop(self):
+        self.process.terminate()
+        if self.process.wait() != 0:
+            raise SystemExit("the server did not end well")
+
+
+def lab(bin: pathlib.Path, folder: pathlib.Path) -> None:
+    """A few real episodes with a score run."""
+    server = Server(bin, folder / "data", workers=1)
+
+    def run(*words):
+        command = [bin / "gleaner", *words, "--json"]
+        env = {**os.environ, "GLEANER_SERVER": server.url}
+        done = subprocess.run(command, cwd=folder, env=env, check=True, stdout=subprocess.PIPE, text=True)
+        return done.stdout
+
+    run("record", "--task", "pick_cube", "--out", "recordings", "--agent", "expert:6", "--agent", "early_release:1.0:6")
+    run("task", "create", "--sim", "pick_cube")
+    run("push", "recordings/", "--labels", "recordings/labels.csv")
+    run("pretrain", "--steps", "3", "--wait")
+    with sqlite3.connect(folder / "data" / "gleaner.db") as rows:
+        (encoder,) = rows.execute("select id from encoders").fetchone()
+    run("score", "--encoder", encoder, "--wait")
+    server.stop()
+
+
+def ulid(millis: int, random_bits: random.Random) -> str:
+    number = millis << 80 | random_bits.getrandbits(80)
+    return "".join(CROCKFORD[number >> shift & 31] for shift in range(125, -1, -5))
+
+
+def fill(database: pathlib.Path, episodes: int, steps: int) -> None:
+    """Adds episodes, their labels, and their scores in the run there is."""
+    chance = random.Random(7)
+    rows = sqlite3.connect(database)
+    task, report = rows.execute("select task_id, report from episodes limit 1").fetchone()
+    run, snapshot = rows.execute("select id, snapshot_id from score_runs").fetchone()
+    (position,) = rows.execute("select count(*) from snapshot_episodes where snapshot_id = ?", [snapshot]).fetchone()
+    begin = int(time.time() * 1000) - 40 * 86_400_000
+    with rows:
+        for number in range(episodes):
+            at = begin + number * 300_000
+            episode = f"ep_{ulid(at, chance)}"
+            outcome, cohort = chance.choice(OUTCOMES), f"cohort_{chance.randrange(12)}"
+            digest = f"{chance.getrandbits(256):064x}"
+            rows.execute(
+                "insert into episodes (id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings,"
+                " report, outcome, cohort, created_at) values (?, ?, ?, ?, ?, ?, ?, 'gleaner', ?, ?, ?, ?, ?)",
+                [episode, task, f"{number:06}.mcap", digest, 3_000_000, steps, steps / 10, chance.randrange(3), report,
+                 outcome, cohort, at],
+            )
+            rows.execute(
+                "insert into labels (episode_id, outcome, cohort, author, reason, created_at) values (?, ?, ?, 'bench', '', ?)",
+                [episode, outcome, cohort, at],
+            )
+            rows.execute(
+                "insert into snapshot_episodes values (?, ?, ?, ?, ?, 'imperfect')",
+                [snapshot, position + number, episode, outcome, cohort],
+            )
+            scored(rows, run, position + number, episode, steps, chance)
+    rows.close()
+
+
+def scored(rows, run, position, episode, steps, chance):
+    base = chance.random()
+    q = array.array("f", (min(1.0, max(0.0, base + chance.gauss(0, 0.2))) for _ in range(steps)))
+    w = array.array("d", (value - 1.0 for value in q))
+    match = array.array("I", (chance.randrange(6) for _ in range(steps)))
+    step = array.array("I", (chance.randrange(20) for _ in range(steps)))
+    distances = array.array("f", (1.0 - value for value in q for _ in range(3)))
+    rows.execute(
+        "insert into episode_scores values (?, ?, ?, 'imperfect', ?, ?, ?, ?, ?)",
+        [run, position, episode, *(part.tobytes() for part in (w, q, match, step, distances))],
+    )
+
+
+def ask(url: str) -> tuple[float, int]:
+    begun = time.perf_counter()
+    request = urllib.request.Request(url, headers={"accept": "text/html"})
+    with urllib.request.urlopen(request) as answer:
+        size = len(answer.read())
+    return (time.perf_counter() - begun) * 1000, size
+
+
+def addresses(database: pathlib.Path) -> list[tuple[str, str]]:
+    rows = sqlite3.connect(database)
+    (task,) = rows.execute("select name from tasks").fetchone()
+    (run,) = rows.execute("select id from score_runs").fetchone()
+    real = rows.execute("select id from episodes where file_name not like '0%.mcap'").fetchone()[0]
+    (camera,) = rows.execute("select json_extract(spec, '$.cameras[0].name') from tasks").fetchone()
+    job = rows.execute("select id from jobs where kind = 'pretrain'").fetchone()[0]
+    episodes = f"/tasks/{task}/episodes"
+    return [
+        ("overview", "/"),
+        ("episodes", episodes),
+        ("episodes by mean q", f"{episodes}?sort=mean_q"),
+        ("episodes, filtered", f"{episodes}?outcome=failure&cohort=cohort_3&q_from=0.2&q_to=0.8"),
+        ("episodes, page 50", f"{episodes}?page=50"),
+        ("one episode", f"/episodes/{real}?run={run}"),
+        ("a frame", f"/episodes/{real}/frames/{camera}/3"),
+        ("a thumbnail", f"/episodes/{real}/frames/{camera}/3?size=96"),
+        ("score runs", f"/tasks/{task}/runs"),
+        ("score run", f"/runs/{run}?beta=0.8"),
+        ("β moved", f"/runs/{run}/what-if?beta=0.7&format=html"),
+        ("best tenth", f"/runs/{run}/what-if?top_fraction=0.1&format=html"),
+        ("jobs", "/jobs"),
+        ("one job", f"/jobs/{job}"),
+        ("deployments", "/deployments"),
+    ]
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--bin", type=pathlib.Path, required=True, help="where the programs are")
+    arguments.add_argument("--episodes", type=int, default=10_000)
+    arguments.add_argument("--steps", type=int, default=200)
+    arguments.add_argument("--times", type=int, default=30)
+    arguments.add_argument("--json", type=pathlib.Path, help="write the numbers here too")
+    given = arguments.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        print("recording, pushing, scoring a few episodes …", flush=True)
+        lab(given.bin.resolve(), folder)
+        database = folder / "data" / "gleaner.db"
+        print(f"adding {given.episodes} episodes of {given.steps} segments …", flush=True)
+        fill(database, given.episodes, given.steps)
+        server = Server(given.bin.resolve(), folder / "data", workers=0)
+        table = {}
+        for name, path in addresses(database):
+            took = [ask(server.pages + path) for _ in range(given.times + 1)]
+            rest = sorted(each for each, _ in took[1:])
+            table[name] = {"first": took[0][0], "p50": statistics.median(rest), "worst": rest[-1], "bytes": took[0][1]}
+        server.stop()
+    print(f"\n| page | first, ms | p50, ms | worst of {given.times}, ms | KiB |\n|---|---:|---:|---:|---:|")
+    for name, row in table.items():
+        print(f"| {name} | {row['first']:.0f} | {row['p50']:.1f} | {row['worst']:.0f} | {row['bytes'] / 1024:.0f} |")
+    if given.json:
+        given.json.write_text(json.dumps(table, indent=2))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+//! Sessions as they run, to be looked at: what each sees, how it scores, how fast it is answered.
+//!
+//! A session tells and never waits; who looks takes a copy. Nothing here outlives its session.
+
+use std::{
+    collections::{HashMap, VecDeque},
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+
+use crate::domain::{
+    id::{PolicyId, SessionId, TaskId},
+    observation::{CameraFrame, Observation, Timings},
+    score::SegmentScored,
+    time::Millis,
+};
+
+/// Answers whose times are remembered for each session.
+const REMEMBERED: usize = 256;
+
+/// What is known of a session from its beginning.
+#[derive(Debug, Clone)]
+pub(crate) struct LiveSession {
+    pub(crate) id: SessionId,
+    pub(crate) deployment: String,
+    pub(crate) policy_id: PolicyId,
+    pub(crate) task_id: TaskId,
+    pub(crate) since: Millis,
+    /// Whether it is kept as an episode.
+    pub(crate) recorded: bool,
+}
+
+/// What is known of it now.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Now {
+    /// What its cameras saw last, as it came.
+    pub(crate) cameras: Vec<CameraFrame>,
+    /// When that came.
+    pub(crate) seen_at: Option<Millis>,
+    /// The newest segment that was scored.
+    pub(crate) score: Option<SegmentScored>,
+    /// Observations answered.
+    pub(crate) answered: u64,
+    /// Microseconds from arrival to answer, of the newest answers.
+    pub(crate) total_us: VecDeque<u64>,
+}
+
+/// The sessions that run; clones share them.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Live(Arc<Mutex<HashMap<SessionId, Shown>>>);
+
+#[derive(Debug, Clone)]
+struct Shown {
+    session: LiveSession,
+    now: Arc<Mutex<Now>>,
+}
+
+/// A session's side; dropped, the session is over.
+#[derive(Debug)]
+pub(super) struct Showing {
+    live: Live,
+    id: SessionId,
+    now: Arc<Mutex<Now>>,
+}
+
+impl Live {
+    /// A session begins.
+    pub(super) fn begin(&self, session: LiveSession) -> Showing {
+        let (id, now) = (session.id.clone(), Arc::default());
+        self.sessions().insert(id.clone(), Shown { session, now: Arc::clone(&now) });
+        Showing { live: self.clone(), id, now }
+    }
+
+    /// Every session that runs, the newest first.
+    pub(super) fn all(&self) -> Vec<(LiveSession, Now)> {
+        // Each is copied after the list is let go: a session that begins must not wait for who looks.
+        let shown: Vec<Shown> = self.sessions().values().cloned().collect();
+        let mut all: Vec<_> = shown.into_iter().map(|shown| (shown.session, held(&shown.now).clone())).collect();
+        all.sort_by(|(one, _), (other, _)| other.id.cmp(&one.id));
+        all
+    }
+
+    /// One of them.
+    pub(super) fn one(&self, id: &SessionId) -> Option<(LiveSession, Now)> {
+        let shown = self.sessions().get(id).cloned()?;
+        let now = held(&shown.now).clone();
+        Some((shown.session, now))
+    }
+
+    fn sessions(&self) -> MutexGuard<'_, HashMap<SessionId, Shown>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Showing {
+    /// Of a session that nobody shows.
+    #[cfg(test)]
+    pub(super) fn nowhere() -> Self {
+        Self { live: Live::default(), id: SessionId::new(), now: Arc::default() }
+    }
+
+    /// Something was seen.
+    pub(super) fn saw(&self, observation: &Observation) {
+        let mut now = held(&self.now);
+        now.cameras.clone_from(&observation.cameras);
+        now.seen_at = Some(Millis::now());
+    }
+
+    /// It was answered.
+    pub(super) fn answered(&self, timings: &Timings) {
+        let mut now = held(&self.now);
+        now.answered += 1;
+        if now.total_us.len() == REMEMBERED {
+            now.total_us.pop_front();
+        }
+        now.total_us.push_back(timings.total_us);
+    }
+
+    /// A segment was scored.
+    pub(super) fn scored(&self, score: &SegmentScored) {
+        held(&self.now).score = Some(score.clone());
+    }
+}
+
+impl Drop for Showing {
+    fn drop(&mut self) {
+        self.live.sessions().remove(&self.id);
+    }
+}
+
+fn held(now: &Mutex<Now>) -> MutexGuard<'_, Now> {
+    now.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Now {
+    /// The time that so large a part of the newest answers took at most, in microseconds; `None` without answers.
+    #[expect(clippy::cast_precision_loss, reason = "a few hundred")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
+    pub(crate) fn quantile_us(&self, part: f64) -> Option<u64> {
+        let mut times: Vec<u64> = self.total_us.iter().copied().collect();
+        times.sort_unstable();
+        times.get(((times.len() as f64 * part).ceil() as usize).saturating_sub(1)).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn session() -> LiveSession {
+        LiveSession {
+            id: SessionId::new(),
+            deployment: "arm".into(),
+            policy_id: PolicyId::new(),
+            task_id: TaskId::new(),
+            since: Millis(1),
+            recorded: false,
+        }
+    }
+
+    #[test]
+    fn a_session_is_shown_while_it_runs() {
+        let live = Live::default();
+        let (one, other) = (session(), session());
+        let showing = live.begin(one.clone());
+        let _other = live.begin(other.clone());
+        showing.answered(&Timings { total_us: 7, ..Timings::default() });
+        let ids: Vec<_> = live.all().into_iter().map(|(session, _)| session.id).collect();
+        assert_eq!(ids, [other.id, one.id.clone()], "the newest first");
+        let (_, now) = live.one(&one.id).unwrap();
+        assert_eq!((now.answered, now.quantile_us(0.99)), (1, Some(7)));
+        drop(showing);
+        assert!(live.one(&one.id).is_none() && live.all().len() == 1);
+    }
+
+    #[test]
+    fn the_newest_times_count() {
+        let live = Live::default();
+        let showing = live.begin(session());
+        assert_eq!(Now::default().quantile_us(0.5), None);
+        for total_us in 0..1000 {
+            showing.answered(&Timings { total_us, ..Timings::default() });
+        }
+        let (_, now) = live.all().remove(0);
+        assert_eq!((now.answered, now.total_us.len()), (1000, REMEMBERED));
+        assert_eq!((now.quantile_us(0.5), now.quantile_us(1.0)), (Some(871), Some(999)));
+    }
+}

@@ -1,0 +1,128 @@
+//! The sessions of a deployment as they run: what the cameras see, the newest q, how fast answers are.
+
+use axum::{
+    extract::Path,
+    http::header::{CACHE_CONTROL, CONTENT_TYPE},
+    response::IntoResponse as _,
+};
+use gleaner_recording::encode_jpeg;
+use maud::{Markup, html};
+
+use crate::{
+    domain::{
+        id::SessionId,
+        observation::{Image, ImageFormat},
+        time::Millis,
+    },
+    error::{Error, Result},
+    policies::{LiveSession, Now},
+    web::{refusal::Answer, say, visit::Visit},
+};
+
+/// Sessions that are shown; a fleet's others are counted.
+const MOST: usize = 24;
+/// Good enough to see what a robot does.
+const QUALITY: u8 = 80;
+
+/// What a page that is open asks for again and again.
+pub(in crate::web) async fn fragment(visit: Visit, Path(name): Path<String>) -> Answer {
+    visit.rooms().store.deployment(&name).await?;
+    Ok(sessions(&visit, &name).into_response())
+}
+
+/// The sessions of a deployment.
+pub(super) fn sessions(visit: &Visit, deployment: &str) -> Markup {
+    let all = visit.rooms().policies.live();
+    let own: Vec<_> = all.iter().filter(|(session, _)| session.deployment == deployment).collect();
+    html! {
+        @if own.is_empty() {
+            p.panel.empty { "No session is open." }
+        } @else {
+            p.soft { (say::counted(own.len() as u64, "session")) " open"
+                @if own.len() > MOST { ", the newest " (MOST) " are shown" } "." }
+            div.cards { @for (session, now) in own.iter().take(MOST) { (card(session, now)) } }
+        }
+    }
+}
+
+fn card(session: &LiveSession, now: &Now) -> Markup {
+    // The address changes with each observation, so that a picture is asked for once.
+    let stamp = now.seen_at.map_or(0, |at| at.0);
+    let milliseconds = |part: f64| now.quantile_us(part).map_or("–".to_owned(), milliseconds);
+    html! {
+        section.card {
+            div.row {
+                @for camera in &now.cameras {
+                    img.live alt=(format!("camera {}", camera.camera)) width="112" height="112"
+                        src=(format!("/sessions/{}/frames/{}?at={stamp}", session.id, camera.camera));
+                }
+                @if now.cameras.is_empty() { span.soft { "Nothing was seen yet." } }
+            }
+            dl.facts {
+                dt { "Session" } dd.id { (session.id) }
+                dt { "Since" } dd { (say::time(session.since)) @if session.recorded { ", recorded" } }
+                dt { "Last seen" } dd { (ago(now.seen_at)) }
+                dt { "Answers" } dd { (say::count(now.answered)) }
+                dt { "p50 / p99" } dd { (milliseconds(0.5)) " / " (milliseconds(0.99)) }
+                dt { "q" } dd { (quality(now)) }
+                dt { "Policy" } dd { a.id href=(format!("/policies/{}", session.policy_id)) { (session.policy_id) } }
+            }
+        }
+    }
+}
+
+fn quality(now: &Now) -> Markup {
+    html! {
+        @match &now.score {
+            Some(score) => {
+                meter min="0" max="1" low="0.3" high="0.6" optimum="1" value=(score.q) {} " " (format!("{:.2}", score.q)) " "
+                a href=(format!("/episodes/{}?step={}", score.match_episode, score.match_step)) { "expert" }
+            }
+            None => span.soft { "not scored" },
+        }
+    }
+}
+
+fn ago(at: Option<Millis>) -> String {
+    at.map_or("never".to_owned(), |at| {
+        let milliseconds = u32::try_from((Millis::now().0 - at.0).max(0)).unwrap_or(u32::MAX);
+        format!("{} ago", say::seconds(f64::from(milliseconds) / 1000.0))
+    })
+}
+
+#[expect(clippy::cast_precision_loss, reason = "for reading")]
+fn milliseconds(microseconds: u64) -> String {
+    format!("{:.1} ms", microseconds as f64 / 1000.0)
+}
+
+/// What a session's camera saw last.
+pub(in crate::web) async fn frame(visit: Visit, Path((session, camera)): Path<(String, String)>) -> Answer {
+    let id = SessionId::parse("session", &session)?;
+    let rooms = visit.rooms();
+    let (session, now) = rooms.policies.live_session(&id)?;
+    let missing = || Error::not_found("camera of this session", camera.escape_debug());
+    let seen = now.cameras.into_iter().find(|seen| seen.camera == camera).and_then(|seen| seen.color);
+    let image = seen.ok_or_else(missing)?;
+    let task = rooms.store.task_by_id(&session.task_id).await?;
+    let spec = task.spec.cameras.iter().find(|spec| spec.name == camera).ok_or_else(missing)?;
+    let (kind, bytes) = picture(image, (spec.height, spec.width)).await?;
+    Ok(([(CONTENT_TYPE, kind), (CACHE_CONTROL, "private, max-age=60")], bytes).into_response())
+}
+
+/// An image as a browser reads it.
+async fn picture(image: Image, (height, width): (u32, u32)) -> Result<(&'static str, bytes::Bytes)> {
+    match image.format {
+        ImageFormat::Jpeg => Ok(("image/jpeg", image.data)),
+        ImageFormat::Png => Ok(("image/png", image.data)),
+        ImageFormat::Any if image.data.starts_with(&[0x89, b'P', b'N', b'G']) => Ok(("image/png", image.data)),
+        ImageFormat::Any => Ok(("image/jpeg", image.data)),
+        ImageFormat::Raw => {
+            let doing = "drawing what a session sees";
+            let encoded = tokio::task::spawn_blocking(move || encode_jpeg(&image.data, height, width, QUALITY))
+                .await
+                .map_err(|error| Error::internal(doing, error))?
+                .map_err(|error| Error::invalid("camera", error))?;
+            Ok(("image/jpeg", encoded.into()))
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! What is served: deployments with their history, and the sessions that run on them.
+
+mod live;
+mod one;
+
+use axum::response::IntoResponse as _;
+use maud::{Markup, html};
+use serde_json::json;
+
+pub(super) use self::{
+    live::{fragment, frame},
+    one::{roll_back, show},
+};
+use super::{
+    refusal::Answer,
+    say,
+    sheet::{self, Format, Sheet},
+    shell::{self, Head, Tab},
+    visit::Visit,
+};
+use crate::domain::policy::Deployment;
+
+#[derive(serde::Deserialize)]
+struct Asked {
+    #[serde(default)]
+    format: Format,
+}
+
+/// A deployment with its task's name and how many sessions it has.
+struct Row {
+    deployment: Deployment,
+    task: String,
+    sessions: usize,
+}
+
+pub(super) async fn list(visit: Visit) -> Answer {
+    let Asked { format } = visit.asked()?;
+    let rooms = visit.rooms();
+    let live = rooms.policies.live();
+    let mut rows = Vec::new();
+    for deployment in rooms.store.deployments(None).await? {
+        let task = rooms.store.task_by_id(&deployment.task_id).await?.spec.name;
+        let sessions = live.iter().filter(|(session, _)| session.deployment == deployment.name).count();
+        rows.push(Row { deployment, task, sessions });
+    }
+    if format != Format::Html {
+        return Ok(sheet(&rows).answer(format)?);
+    }
+    let body = html! {
+        h1 { "Deployments" }
+        p.lead { "What robots and simulators are served, by name." }
+        @if rows.is_empty() {
+            p.panel.empty { "Nothing is deployed. " code { "gleaner deploy NAME POLICY" } " does it." }
+        } @else {
+            div.scroll { table {
+                thead { tr { th { "Name" } th { "Task" } th { "Policy" } th { "Live score" } th.number { "Sessions" }
+                    th.number { "Since" } } }
+                tbody { @for row in &rows { (line(row)) } }
+            } }
+            (sheet::links(&visit))
+        }
+    };
+    let head = Head { title: "Deployments", tab: Tab::Deployments, task: None, script: None };
+    Ok(shell::page(&visit, &head, &body).into_response())
+}
+
+fn line(row: &Row) -> Markup {
+    let Row { deployment, task, sessions } = row;
+    let now = deployment.history.last();
+    html! {
+        tr {
+            td { a href=(format!("/deployments/{}", super::visit::escaped(&deployment.name))) { (deployment.name) } }
+            td { a href=(format!("/tasks/{task}/episodes")) { (task) } }
+            @if let Some(now) = now {
+                td { a.id href=(format!("/policies/{}", now.policy_id)) { (now.policy_id) } }
+                td { @match &now.score_run_id {
+                    Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
+                    None => span.soft { "none" },
+                } }
+                td.number { (sessions) }
+                td.number { (say::time(now.since)) }
+            }
+        }
+    }
+}
+
+fn sheet(rows: &[Row]) -> Sheet {
+    let columns = &["name", "task", "policy_id", "score_run_id", "sessions", "since", "changes"];
+    let row = |Row { deployment, task, sessions }: &Row| {
+        let now = deployment.history.last();
+        vec![
+            json!(deployment.name),
+            json!(task),
+            json!(deployment.policy_id().map(|id| id.as_str())),
+            json!(deployment.score_run_id().map(|id| id.as_str())),
+            json!(sessions),
+            json!(now.map(|change| say::stamp(change.since))),
+            json!(deployment.history.len()),
+        ]
+    };
+    Sheet { name: "deployments".to_owned(), columns, rows: rows.iter().map(row).collect() }
+}

@@ -1,0 +1,99 @@
+//! One deployment: what it points at, what it pointed at before, a way back, and its sessions.
+
+use axum::{
+    Extension,
+    extract::Path,
+    http::{StatusCode, header::LOCATION},
+    response::{IntoResponse as _, Response},
+};
+use maud::{Markup, html};
+
+use super::live;
+use crate::{
+    domain::policy::{Deployment, DeploymentChange},
+    web::{
+        door::Subjects,
+        page::Page,
+        refusal::Answer,
+        say,
+        shell::{self, Head, Tab},
+        visit::{Visit, escaped},
+    },
+};
+
+pub(in crate::web) async fn show(visit: Visit, Path(name): Path<String>) -> Answer {
+    let rooms = visit.rooms();
+    let deployment = rooms.store.deployment(&name).await?;
+    let task = rooms.store.task_by_id(&deployment.task_id).await?.spec.name;
+    let back = rooms.store.before(&name).await.ok();
+    let body = html! {
+        h1 { (deployment.name) }
+        p.lead { "Serves " a href=(format!("/tasks/{task}/episodes")) { (task) } "." }
+        (facts(&deployment))
+        h2 { "Live sessions" }
+        div #live data-from=(format!("/deployments/{}/live", escaped(&name))) aria-live="off" {
+            (live::sessions(&visit, &name))
+        }
+        h2 { "History" }
+        (history(&deployment))
+        @if let (Some((policy, _)), true) = (back, visit.may(Page::RollBack)) {
+            form.row method="post" action=(format!("/deployments/{}/roll-back", escaped(&name))) {
+                input type="hidden" name="proof" value=(visit.proof);
+                button.danger type="submit" { "Roll back" }
+                span.soft { "to " span.id { (policy) } ". Running sessions keep the policy they have." }
+            }
+        }
+    };
+    let head = Head { title: &deployment.name, tab: Tab::Deployments, task: Some(&task), script: Some("live.js") };
+    Ok(shell::page(&visit, &head, &body).into_response())
+}
+
+pub(in crate::web) async fn roll_back(visit: Visit, Path(name): Path<String>) -> Answer {
+    let deployment = visit.rooms().policies.roll_back(&name).await?;
+    let subjects = [Some(format!("name={name}")), deployment.policy_id().map(|policy| format!("policy_id={policy}"))];
+    let subjects = Subjects(subjects.into_iter().flatten().collect());
+    let to = format!("/deployments/{}", escaped(&name));
+    let response: Response = (StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response();
+    Ok((Extension(subjects), response).into_response())
+}
+
+fn facts(deployment: &Deployment) -> Markup {
+    html! {
+        @if let Some(now) = deployment.history.last() {
+            dl.facts.panel {
+                dt { "Policy" } dd { a.id href=(format!("/policies/{}", now.policy_id)) { (now.policy_id) } }
+                dt { "Live score" } dd { (scorer(now)) }
+                dt { "Since" } dd { (say::time(now.since)) " UTC" }
+            }
+        }
+    }
+}
+
+fn scorer(change: &DeploymentChange) -> Markup {
+    html! {
+        @match &change.score_run_id {
+            Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
+            None => span.soft { "none: deploy with a score run to see q while a robot acts" },
+        }
+    }
+}
+
+fn history(deployment: &Deployment) -> Markup {
+    html! {
+        div.scroll { table {
+            thead { tr { th { "Since" } th { "Policy" } th { "Live score" } } }
+            tbody {
+                @for change in deployment.history.iter().rev() {
+                    tr {
+                        td { (say::time(change.since)) }
+                        td { a.id href=(format!("/policies/{}", change.policy_id)) { (change.policy_id) } }
+                        td { @match &change.score_run_id {
+                            Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
+                            None => span.soft { "none" },
+                        } }
+                    }
+                }
+            }
+        } }
+    }
+}

@@ -1,0 +1,167 @@
+//! The pages over a fresh folder, asked without a socket.
+
+#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
+
+use std::{net::SocketAddr, sync::Arc};
+
+use axum::{
+    Router,
+    body::{Body, to_bytes},
+    extract::ConnectInfo,
+    http::{
+        HeaderMap, Method, Request, StatusCode,
+        header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, COOKIE, HOST, SET_COOKIE},
+    },
+};
+use clap::Parser as _;
+use tempfile::TempDir;
+use tower::ServiceExt as _;
+
+use super::{House, routes};
+use crate::{
+    access::{Book, PageGuard, token_hash},
+    config::{Cli, Command},
+    connections::{Connections, Link},
+    domain::{
+        access::{Role, Token},
+        id::TokenId,
+        time::Millis,
+    },
+    service::Rooms,
+    telemetry,
+};
+
+/// The pages, and the rooms behind them.
+pub(super) struct Pages {
+    pub(super) rooms: Rooms,
+    router: Router,
+    _dir: TempDir,
+}
+
+/// What a page answered.
+pub(super) struct Reply {
+    pub(super) status: StatusCode,
+    pub(super) headers: HeaderMap,
+    pub(super) body: Vec<u8>,
+}
+
+/// A browser, which keeps its cookie, or a program with a token.
+#[derive(Default, Clone)]
+pub(super) struct Client {
+    pub(super) cookie: Option<String>,
+    pub(super) token: Option<String>,
+    pub(super) proof: Option<String>,
+}
+
+impl Pages {
+    /// Pages that ask for tokens, or do not.
+    pub(super) async fn open(required: bool) -> Self {
+        let dir = tempfile::tempdir().unwrap();
+        let data = dir.path().to_str().unwrap();
+        let cli = Cli::try_parse_from(["gleaner-server", "serve", "--workers", "0", "--data-dir", data]).unwrap();
+        let Command::Serve(config) = cli.command else { panic!("not serve") };
+        let connections = Connections::new(config.connections.clone());
+        let rooms = Rooms::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
+        let book = Book::open(rooms.store.clone()).await.unwrap();
+        let guard = PageGuard::new(book, rooms.store.clone(), required, connections);
+        let metrics = telemetry::metrics::recorder().unwrap();
+        let house = House {
+            rooms: rooms.clone(),
+            guard,
+            signed_in: super::browser::SignedIn::default(),
+            metrics,
+            encrypted: false,
+            loopback: true,
+        };
+        Self { rooms, router: routes::all(&Arc::new(house)), _dir: dir }
+    }
+
+    /// Makes a token of this role.
+    pub(super) async fn token(&self, role: Role) -> String {
+        let deployments = if role == Role::Robot { vec!["arm".to_owned()] } else { Vec::new() };
+        let word = format!("token of {}", role.as_str());
+        let token = Token {
+            id: TokenId::new(),
+            name: role.as_str().to_owned(),
+            role,
+            deployments,
+            created_at: Millis::now(),
+            expires_at: None,
+            revoked_at: None,
+            last_used_at: None,
+        };
+        self.rooms.store.insert_token(&token, &token_hash(&word)).await.unwrap();
+        word
+    }
+
+    /// Asks for a page.
+    pub(super) async fn ask(&self, request: Request<Body>) -> Reply {
+        let answer = self.router.clone().oneshot(request).await.unwrap();
+        let (parts, body) = answer.into_parts();
+        let body = to_bytes(body, usize::MAX).await.unwrap().to_vec();
+        Reply { status: parts.status, headers: parts.headers, body }
+    }
+
+    /// Looks at a page as a browser does.
+    pub(super) async fn get(&self, client: &Client, path: &str) -> Reply {
+        self.ask(client.request(Method::GET, path, Body::empty())).await
+    }
+
+    /// Sends a form, or JSON, to a page.
+    pub(super) async fn post(&self, client: &Client, path: &str, (kind, body): (&'static str, &str)) -> Reply {
+        let mut request = client.request(Method::POST, path, Body::from(body.to_owned()));
+        request.headers_mut().insert(CONTENT_TYPE, kind.parse().unwrap());
+        self.ask(request).await
+    }
+
+    /// A browser on pages that ask for no token, once it has seen a page.
+    pub(super) async fn visitor(&self) -> Client {
+        let reply = self.get(&Client::default(), "/").await;
+        Client { cookie: reply.cookie(), proof: reply.proof(), token: None }
+    }
+}
+
+pub(super) const FORM: &str = "application/x-www-form-urlencoded";
+pub(super) const JSON: &str = "application/json";
+
+impl Client {
+    /// A program with a token.
+    pub(super) fn with(token: &str) -> Self {
+        Self { token: Some(token.to_owned()), ..Self::default() }
+    }
+
+    pub(super) fn request(&self, method: Method, path: &str, body: Body) -> Request<Body> {
+        let mut request = Request::builder().method(method).uri(path).header(HOST, "127.0.0.1:7401");
+        request = request.header(ACCEPT, "text/html");
+        if let Some(token) = &self.token {
+            request = request.header(AUTHORIZATION, format!("Bearer {token}"));
+        }
+        if let Some(cookie) = &self.cookie {
+            request = request.header(COOKIE, cookie);
+        }
+        if let Some(proof) = &self.proof {
+            request = request.header("x-gleaner-proof", proof);
+        }
+        let peer: SocketAddr = ([127, 0, 0, 1], 4000).into();
+        request.extension(ConnectInfo(Link::new(peer))).body(body).unwrap()
+    }
+}
+
+impl Reply {
+    pub(super) fn text(&self) -> String {
+        String::from_utf8(self.body.clone()).unwrap()
+    }
+
+    /// The cookie that it sets, as a browser sends it back.
+    pub(super) fn cookie(&self) -> Option<String> {
+        let cookie = self.headers.get(SET_COOKIE)?.to_str().unwrap();
+        cookie.split(';').next().map(str::to_owned)
+    }
+
+    /// What scripts of the page would bring.
+    pub(super) fn proof(&self) -> Option<String> {
+        let text = self.text();
+        let begin = text.find("name=\"proof\" content=\"")? + "name=\"proof\" content=\"".len();
+        text.get(begin..).and_then(|rest| rest.split('"').next()).map(str::to_owned)
+    }
+}

@@ -1,0 +1,180 @@
+//! The door: who comes in to which page, what other sites cannot do, what every answer says.
+
+#![allow(clippy::unwrap_used)]
+
+use axum::{
+    body::Body,
+    http::{
+        Method, StatusCode,
+        header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, HOST, LOCATION, SET_COOKIE, X_CONTENT_TYPE_OPTIONS},
+    },
+};
+
+use super::{
+    page::Page,
+    testing::{Client, FORM, JSON, Pages},
+};
+use crate::{access::PageGuard, domain::access::Role, domain::time::Millis};
+
+/// A page's address with something in every brace.
+fn address(page: Page) -> String {
+    page.path().replace("{id}", "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV").replace('{', "").replace('}', "")
+}
+
+async fn status(pages: &Pages, client: &Client, page: Page) -> StatusCode {
+    let request = client.request(page.method(), &address(page), Body::empty());
+    pages.ask(request).await.status
+}
+
+#[tokio::test]
+async fn every_page_with_every_role() {
+    let pages = Pages::open(true).await;
+    let mut known = Vec::new();
+    for role in Role::ALL {
+        known.push((role, Client::with(&pages.token(role).await)));
+    }
+    for &page in Page::ALL {
+        let refused = |status: StatusCode| matches!(status, StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN);
+        for nobody in [Client::default(), Client::with("no token of ours")] {
+            let answered = status(&pages, &nobody, page).await;
+            let sent_to_sign_in = answered == StatusCode::SEE_OTHER && page.method() == Method::GET;
+            let let_in = !refused(answered) && !sent_to_sign_in;
+            // Signing in and out are for everybody, who then has to come from a page of ours.
+            if page.method() == Method::GET || !PageGuard::is_open(page) {
+                assert_eq!(let_in, PageGuard::is_open(page), "{page:?} {answered}");
+            }
+        }
+        for (role, client) in &known {
+            let may = match page {
+                _ if PageGuard::is_open(page) => true,
+                _ if PageGuard::changes(page) && pages_of_contributors(page) => role.reaches(Role::Contributor),
+                _ if PageGuard::changes(page) => role.reaches(Role::Trainer),
+                _ => role.reaches(Role::Viewer),
+            };
+            let answered = status(&pages, client, page).await;
+            assert_eq!(may, !refused(answered), "{page:?} as {role:?}: {answered}");
+            assert_ne!(answered, StatusCode::INTERNAL_SERVER_ERROR, "{page:?} as {role:?}");
+        }
+    }
+}
+
+/// Changes that need no more than a contributor.
+fn pages_of_contributors(page: Page) -> bool {
+    format!("{page:?}").starts_with("Label")
+}
+
+#[tokio::test]
+async fn what_changes_something_is_posted_and_the_rest_is_not() {
+    for &page in Page::ALL {
+        let signing = matches!(page, Page::SigningIn | Page::SigningOut);
+        assert_eq!(page.method() == Method::POST, PageGuard::changes(page) || signing, "{page:?}");
+    }
+}
+
+#[tokio::test]
+async fn another_site_cannot_make_a_browser_change_anything() {
+    let pages = Pages::open(false).await;
+    let visitor = pages.visitor().await;
+    let path = address(Page::RollBack);
+    for (cookie, proof) in
+        [(None, None), (visitor.cookie.clone(), None), (visitor.cookie.clone(), Some("0".repeat(32)))]
+    {
+        let client = Client { cookie, proof, token: None };
+        for (kind, body) in [(FORM, "proof=1"), (JSON, "{}")] {
+            let reply = pages.post(&client, &path, (kind, body)).await;
+            assert_eq!(reply.status, StatusCode::FORBIDDEN);
+            assert!(reply.text().contains("load the page again"));
+        }
+    }
+    // With the proof of its own page it comes as far as the deployment, which is not there.
+    assert_eq!(pages.post(&visitor, &path, (FORM, "")).await.status, StatusCode::NOT_FOUND);
+    let form = format!("proof={}", visitor.proof.clone().unwrap());
+    let by_form = Client { proof: None, ..visitor };
+    assert_eq!(pages.post(&by_form, &path, (FORM, &form)).await.status, StatusCode::NOT_FOUND);
+    let log = pages.rooms.store.audit(Millis(0), 10).await.unwrap();
+    assert!(log.iter().any(|entry| entry.rpc == "pages/RollBack" && entry.outcome == "Not Found"), "{log:?}");
+}
+
+#[tokio::test]
+async fn a_name_that_was_made_to_lead_here_reads_nothing() {
+    let pages = Pages::open(false).await;
+    for (host, status) in [
+        ("127.0.0.1:7401", StatusCode::OK),
+        ("localhost:7401", StatusCode::OK),
+        ("localhost", StatusCode::OK),
+        ("[::1]:7401", StatusCode::OK),
+        ("evil.example:7401", StatusCode::FORBIDDEN),
+        ("localhost.evil.example", StatusCode::FORBIDDEN),
+        ("", StatusCode::FORBIDDEN),
+    ] {
+        let mut request = Client::default().request(Method::GET, "/", Body::empty());
+        request.headers_mut().insert(HOST, host.parse().unwrap());
+        assert_eq!(pages.ask(request).await.status, status, "{host}");
+    }
+}
+
+#[tokio::test]
+async fn a_browser_signs_in_and_out() {
+    let pages = Pages::open(true).await;
+    let token = pages.token(Role::Viewer).await;
+    let away = pages.get(&Client::default(), "/deployments?x=1").await;
+    assert_eq!(away.status, StatusCode::SEE_OTHER);
+    let form = away.headers[LOCATION].to_str().unwrap().to_owned();
+    assert_eq!(form, "/sign-in?next=%2Fdeployments%3Fx%3D1");
+    let come = pages.get(&Client::default(), &form).await;
+    let text = come.text();
+    let proof = text.split("name=\"proof\" value=\"").nth(1).unwrap().split('"').next().unwrap().to_owned();
+    assert!(text.contains("value=\"/deployments?x=1\""), "{text}");
+    let browser = Client { cookie: come.cookie(), proof: None, token: None };
+
+    let wrong = pages.post(&browser, "/sign-in", (FORM, &format!("token=nonsense&proof={proof}"))).await;
+    assert_eq!((wrong.status, wrong.headers.contains_key(SET_COOKIE)), (StatusCode::UNAUTHORIZED, false));
+    assert!(!wrong.text().contains("nonsense"));
+    let body = format!("token={}&next=%2Fdeployments%3Fx%3D1&proof={proof}", token.replace(' ', "+"));
+    let right = pages.post(&browser, "/sign-in", (FORM, &body)).await;
+    assert_eq!(right.status, StatusCode::SEE_OTHER);
+    assert_eq!(right.headers[LOCATION], "/deployments?x=1");
+    let signed_in = Client { cookie: right.cookie(), proof: None, token: None };
+    assert!(signed_in.cookie != browser.cookie, "a name that was put there by somebody else is worth nothing");
+    assert!(!right.cookie().unwrap().contains("token"));
+
+    let overview = pages.get(&signed_in, "/").await;
+    assert_eq!(overview.status, StatusCode::OK);
+    assert!(overview.text().contains("viewer") && !overview.text().contains(&token));
+    assert_eq!(pages.get(&browser, "/").await.status, StatusCode::SEE_OTHER, "the cookie from before");
+    let out = Client { proof: overview.proof(), ..signed_in.clone() };
+    assert_eq!(pages.post(&out, "/sign-out", (FORM, "")).await.status, StatusCode::SEE_OTHER);
+    assert_eq!(pages.get(&signed_in, "/").await.status, StatusCode::SEE_OTHER);
+}
+
+#[tokio::test]
+async fn every_answer_says_what_a_browser_must_not_do() {
+    let pages = Pages::open(false).await;
+    let visitor = pages.visitor().await;
+    for path in ["/", "/deployments", "/healthz", "/nothing/here", "/deployments/none", "/assets/../../etc/passwd"] {
+        let reply = pages.get(&visitor, path).await;
+        assert!(reply.headers[CONTENT_SECURITY_POLICY].to_str().unwrap().contains("default-src 'none'"), "{path}");
+        assert_eq!(reply.headers[X_CONTENT_TYPE_OPTIONS], "nosniff", "{path}");
+        assert_eq!(reply.headers[CACHE_CONTROL], "no-store", "{path}");
+        assert!(!reply.headers.contains_key(SET_COOKIE), "{path}: it has one");
+        let text = reply.text();
+        assert!(!text.contains("<style") && !text.contains(" style=") && !text.contains("onclick"), "{path}");
+    }
+    assert_eq!(pages.get(&visitor, "/nothing/here").await.status, StatusCode::NOT_FOUND);
+    assert_eq!(pages.ask(visitor.request(Method::DELETE, "/", Body::empty())).await.status, StatusCode::NOT_FOUND);
+}
+
+#[tokio::test]
+async fn programs_get_data_and_people_get_pages() {
+    let pages = Pages::open(false).await;
+    let visitor = pages.visitor().await;
+    let missing = pages.get(&visitor, "/deployments/none?format=json").await;
+    let said: serde_json::Value = serde_json::from_slice(&missing.body).unwrap();
+    assert_eq!((missing.status, &said["error"]), (StatusCode::NOT_FOUND, &serde_json::json!("no deployment none")));
+    assert!(pages.get(&visitor, "/deployments/none").await.text().contains("no deployment none"));
+    assert_eq!(pages.get(&visitor, "/?format=json").await.text(), "[]");
+    let csv = pages.get(&visitor, "/?format=csv").await.text();
+    assert_eq!(csv, "task,task_id,success,failure,unknown,hours,bytes,cohorts\n");
+    let wrong = pages.get(&visitor, "/?format=xml").await;
+    assert_eq!(wrong.status, StatusCode::BAD_REQUEST);
+}

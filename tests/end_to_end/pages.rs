@@ -1,0 +1,208 @@
+//! The pages in a real browser: the main ways through them, with pictures kept for people to look at.
+//!
+//! Who may see what is tested beside the pages; here is what only a browser can tell.
+
+mod browser;
+
+use gleaner_proto::v1::*;
+use serde_json::json;
+
+use self::browser::Browser;
+use crate::{
+    api::Api,
+    lab,
+    server::TestServer,
+    shared::{Shared, shared},
+};
+
+const EPISODES: &str = "/tasks/pick_cube/episodes";
+
+/// The outcomes of the table's rows, from the top.
+const OUTCOMES: &str =
+    "return [...document.querySelectorAll('#episodes tbody tr')].map((row) => row.dataset.outcome).join(' ')";
+
+/// A lab of its own, because labels change.
+async fn lab() -> (TestServer, Api) {
+    let server = TestServer::start_with(&["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
+    let mut api = Api::connect(&server).await;
+    lab::set_up(&mut api).await;
+    (server, api)
+}
+
+#[tokio::test]
+async fn ten_episodes_are_labelled_by_keyboard_and_the_last_is_taken_back() {
+    let Some(browser) = Browser::start().await else { return };
+    let (server, mut api) = lab().await;
+    browser.open(&format!("{}{EPISODES}", server.pages())).await;
+    let before = browser.run(OUTCOMES).await;
+    browser.keys("ufufufufuf").await;
+    let labelled = format!(
+        "{OUTCOMES}.startsWith('unknown failure unknown failure unknown failure unknown failure unknown failure')"
+    );
+    browser.until("ten labels", &labelled).await;
+    browser.keep("episodes").await;
+    browser.keys("z").await;
+    let tenth = "return document.querySelectorAll('#episodes tbody tr')[9].dataset.outcome";
+    let was = before.as_str().unwrap().split(' ').nth(9).unwrap().to_owned();
+    browser.until("the tenth is as before", &format!("{tenth} === '{was}'")).await;
+
+    let listed = api
+        .episodes
+        .list_episodes(ListEpisodesRequest { task: lab::TASK.into(), page_size: 100, ..Default::default() })
+        .await
+        .unwrap()
+        .into_inner()
+        .episodes;
+    let count = |outcome: Outcome| listed.iter().filter(|episode| episode.outcome() == outcome).count();
+    assert_eq!(count(Outcome::Unknown), 5, "what the page shows is what is kept");
+    let id = browser.run("return document.querySelector('#episodes tbody tr').dataset.id").await;
+    let id = id.as_str().unwrap().to_owned();
+    let labels = api.episodes.list_labels(ListLabelsRequest { episode_id: id }).await.unwrap().into_inner().labels;
+    assert_eq!(labels.last().map(|label| label.author.as_str()), Some("anyone"));
+    browser.close().await;
+}
+
+#[tokio::test]
+async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
+    let Some(browser) = Browser::start().await else { return };
+    let (server, mut api) = lab().await;
+    browser.open(&format!("{}{EPISODES}", server.pages())).await;
+    let id = browser.run("return document.querySelector('#episodes tbody tr').dataset.id").await;
+    let id = id.as_str().unwrap().to_owned();
+    let label = LabelEpisodesRequest {
+        episode_ids: vec![id.clone()],
+        outcome: Outcome::Success.into(),
+        author: "ada".into(),
+        ..Default::default()
+    };
+    api.episodes.label_episodes(label).await.unwrap();
+    browser.keys("u").await;
+    let said = browser.text("#told .note.bad p").await;
+    assert!(said.contains("ada") && said.contains("success") && said.contains("Nothing was changed"), "{said}");
+    browser.keep("conflict").await;
+    let newest = async |api: &mut Api| {
+        let request = ListLabelsRequest { episode_id: id.clone() };
+        let labels = api.episodes.list_labels(request).await.unwrap().into_inner().labels;
+        labels.last().map(|label| (label.author.clone(), label.outcome())).unwrap()
+    };
+    assert_eq!(newest(&mut api).await, ("ada".to_owned(), Outcome::Success));
+    browser.keys("a").await;
+    browser.until("labelled all the same", &format!("{OUTCOMES}.startsWith('unknown')")).await;
+    assert_eq!(newest(&mut api).await, ("anyone".to_owned(), Outcome::Unknown));
+    browser.close().await;
+}
+
+#[tokio::test]
+async fn the_counts_follow_beta_and_a_step_leads_to_its_expert() {
+    let Some(browser) = Browser::start().await else { return };
+    let shared = shared().await;
+    let Shared { server, run, episodes, .. } = &*shared;
+    browser.open(&format!("{}/runs/{run}?beta=0.9", server.pages())).await;
+    let mut api = Api::connect(server).await;
+    for beta in [0.25, 0.75] {
+        let request =
+            CountKeptRequest { score_run_id: run.clone(), selections: vec![lab::above(beta)], per_episode: false };
+        let counted = api.scores.count_kept(request).await.unwrap().into_inner().counts.remove(0).total.unwrap();
+        let kept = format!("{}", counted.segments);
+        browser
+            .run(&format!(
+                "const beta = document.getElementById('beta'); beta.value = '{beta}'; \
+                 beta.dispatchEvent(new Event('input', {{ bubbles: true }}))"
+            ))
+            .await;
+        let shown = format!("return document.querySelector('#counts dd').textContent.trim().startsWith('{kept} ')");
+        browser.until(&format!("{kept} segments are kept above {beta}"), &shown).await;
+        browser.until("the address follows", &format!("return location.search.includes('beta={beta}')")).await;
+    }
+    browser.keep("run").await;
+
+    let failed = &episodes.last().unwrap().id;
+    browser.open(&format!("{}/episodes/{failed}?run={run}&step=3", server.pages())).await;
+    browser
+        .until("frames are there", "return [...document.images].every((image) => image.complete && image.naturalWidth)")
+        .await;
+    browser.keep("episode").await;
+    browser.find("#match-link").await.click().await.unwrap();
+    let there = browser
+        .until("the expert", &format!("return !location.pathname.includes('{failed}') && location.pathname"))
+        .await;
+    let expert = there.as_str().unwrap().trim_start_matches("/episodes/").to_owned();
+    let of = episodes.iter().find(|episode| episode.id == expert).expect("an episode of the lab");
+    assert_eq!(of.outcome(), Outcome::Success);
+    browser.close().await;
+}
+
+#[tokio::test]
+async fn a_job_is_watched_until_it_has_ended() {
+    let Some(browser) = Browser::start().await else { return };
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let job = api.submit(lab::TASK, lab::pretrain(4)).await.unwrap();
+    browser.open(&format!("{}/jobs/{}", shared.server.pages(), job.id)).await;
+    browser.until("it has ended", "return document.querySelector('#course')?.dataset.state === 'succeeded'").await;
+    assert!(!browser.all("svg.plot path.line").await.is_empty(), "its losses are drawn");
+    browser.keep("job").await;
+    browser.open(&format!("{}/jobs", shared.server.pages())).await;
+    assert!(browser.text("main").await.contains("pretrain"));
+    browser.keep("jobs").await;
+    browser.close().await;
+}
+
+#[tokio::test]
+async fn a_deployment_is_rolled_back() {
+    let Some(browser) = Browser::start().await else { return };
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let name = "pick_cube@pages";
+    for score_run_id in [String::new(), shared.run.clone()] {
+        let request = DeployRequest { name: name.into(), policy_id: shared.policy.clone(), score_run_id };
+        api.policies.deploy(request).await.unwrap();
+    }
+    browser.open(&format!("{}/deployments", shared.server.pages())).await;
+    let scored = async || {
+        let request = ListDeploymentsRequest::default();
+        let all = shared_api(&shared).await.policies.list_deployments(request).await.unwrap().into_inner().deployments;
+        all.into_iter().find(|deployment| deployment.name == name).unwrap().score_run_id
+    };
+    assert_eq!(scored().await, shared.run);
+    let link = format!("a[href='/deployments/{}']", "pick_cube%40pages");
+    browser.find(&link).await.click().await.unwrap();
+    browser.find("form button.danger").await.click().await.unwrap();
+    browser.until("it is back", "return document.body.textContent.includes('deploy with a score run')").await;
+    assert_eq!(scored().await, "");
+    browser.keep("deployment").await;
+    browser.close().await;
+}
+
+async fn shared_api(shared: &Shared) -> Api {
+    Api::connect(&shared.server).await
+}
+
+/// Nothing is wider than the window, and the browser's console has no word of complaint, such as of the page's policy.
+#[tokio::test]
+async fn every_page_fits_a_telephone() {
+    let Some(browser) = Browser::start().await else { return };
+    let shared = shared().await;
+    let Shared { server, run, episodes, policy, .. } = &*shared;
+    let pages = [
+        ("overview", "/".to_owned()),
+        ("episodes", EPISODES.to_owned()),
+        ("episode", format!("/episodes/{}?run={run}", episodes.last().unwrap().id)),
+        ("runs", "/tasks/pick_cube/runs".to_owned()),
+        ("run", format!("/runs/{run}")),
+        ("policy", format!("/policies/{policy}")),
+        ("jobs", "/jobs".to_owned()),
+        ("deployments", "/deployments".to_owned()),
+    ];
+    // Chromium makes no window narrower than 500; a frame in a page of ours may be none, so the page itself is told.
+    browser.narrow(390).await;
+    for (name, path) in pages {
+        browser.open(&format!("{}{path}", server.pages())).await;
+        browser.find("main h1").await;
+        let width = browser.run("return document.documentElement.scrollWidth").await;
+        assert!(width.as_u64() <= json!(390).as_u64(), "{name} is {width} wide");
+        browser.keep(&format!("{name}-390")).await;
+    }
+    assert_eq!(browser.complaints().await, Vec::<String>::new());
+    browser.close().await;
+}

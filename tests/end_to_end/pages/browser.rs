@@ -1,0 +1,176 @@
+//! A real browser without a window: Chromium, driven over WebDriver. Where it is not installed, its tests say so and pass.
+
+use std::{path::PathBuf, process::Stdio, time::Duration};
+
+use fantoccini::{
+    Client, ClientBuilder, Locator,
+    actions::{InputSource as _, KeyAction, KeyActions},
+    elements::Element,
+    wd::WebDriverCompatibleCommand,
+};
+use serde_json::{Value, json};
+use tokio::{
+    io::{AsyncBufReadExt as _, BufReader},
+    process::{Child, Command},
+};
+
+/// No event in a browser takes longer.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// A browser; dropped, it is gone.
+pub struct Browser {
+    client: Client,
+    _driver: Child,
+}
+
+impl Browser {
+    /// Starts one; `None`, and a line that says so, where Chromium or its driver is not installed.
+    pub async fn start() -> Option<Self> {
+        let driver = Command::new("chromedriver")
+            .arg("--port=0")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .kill_on_drop(true)
+            .spawn();
+        let Ok(mut driver) = driver else {
+            println!("skipped: chromedriver is not installed (Debian: chromium and chromium-driver)");
+            return None;
+        };
+        let mut lines = BufReader::new(driver.stdout.take().unwrap()).lines();
+        let port = loop {
+            let line = lines.next_line().await.unwrap().expect("chromedriver ended before it listened");
+            if let Some((_, port)) = line.split_once("started successfully on port ") {
+                break port.trim_end_matches('.').to_owned();
+            }
+        };
+        // It goes on saying things; nobody must keep it from doing so.
+        tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
+        let args =
+            ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1280,900"];
+        let capabilities = [
+            ("goog:chromeOptions".to_owned(), json!({ "args": args })),
+            ("goog:loggingPrefs".to_owned(), json!({ "browser": "WARNING" })),
+        ];
+        let capabilities = capabilities.into_iter().collect();
+        let client = ClientBuilder::native()
+            .capabilities(capabilities)
+            .connect(&format!("http://127.0.0.1:{port}"))
+            .await
+            .expect("chromedriver starts Chromium");
+        Some(Self { client, _driver: driver })
+    }
+
+    /// Opens an address.
+    pub async fn open(&self, address: &str) {
+        self.client.goto(address).await.unwrap();
+    }
+
+    /// Where it is now.
+    pub async fn address(&self) -> String {
+        self.client.current_url().await.unwrap().to_string()
+    }
+
+    /// Waits for an element.
+    pub async fn find(&self, css: &str) -> Element {
+        let waited = self.client.wait().at_most(PATIENCE).for_element(Locator::Css(css)).await;
+        waited.unwrap_or_else(|error| panic!("no {css}: {error}"))
+    }
+
+    /// Every element there is now.
+    pub async fn all(&self, css: &str) -> Vec<Element> {
+        self.client.find_all(Locator::Css(css)).await.unwrap()
+    }
+
+    /// The text of an element.
+    pub async fn text(&self, css: &str) -> String {
+        self.find(css).await.text().await.unwrap()
+    }
+
+    /// Waits until a script says what is true, and gives it.
+    pub async fn until(&self, what: &str, script: &str) -> Value {
+        let asked = tokio::time::timeout(PATIENCE, async {
+            loop {
+                let said = self.run(script).await;
+                if said != Value::Null && said != Value::Bool(false) {
+                    return said;
+                }
+            }
+        });
+        let Ok(said) = asked.await else {
+            self.keep("failed").await;
+            panic!("never: {what}\n{}", self.client.source().await.unwrap_or_default());
+        };
+        said
+    }
+
+    /// What a script gives.
+    pub async fn run(&self, script: &str) -> Value {
+        self.client.execute(script, Vec::new()).await.unwrap()
+    }
+
+    /// Types keys to whatever has the focus.
+    pub async fn keys(&self, keys: &str) {
+        let typed = keys.chars().fold(KeyActions::new("keyboard".into()), |typed, key| {
+            typed.then(KeyAction::Down { value: key }).then(KeyAction::Up { value: key })
+        });
+        self.client.perform_actions(typed).await.unwrap();
+    }
+
+    /// Has pages believe that they are on a telephone so wide.
+    pub async fn narrow(&self, width: u32) {
+        let params = json!({ "width": width, "height": 844, "deviceScaleFactor": 1, "mobile": true });
+        let command = Devtools { cmd: "Emulation.setDeviceMetricsOverride", params };
+        self.client.issue_cmd(command).await.unwrap();
+    }
+
+    /// What the browser has complained of.
+    pub async fn complaints(&self) -> Vec<String> {
+        let said = self.client.issue_cmd(Complaints).await.unwrap();
+        let entries = said.as_array().cloned().unwrap_or_default();
+        entries.iter().filter_map(|entry| entry["message"].as_str().map(str::to_owned)).collect()
+    }
+
+    /// Keeps a picture of the page among the tests' output.
+    pub async fn keep(&self, name: &str) {
+        let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("pages");
+        std::fs::create_dir_all(&folder).unwrap();
+        let picture = self.client.screenshot().await.unwrap();
+        std::fs::write(folder.join(format!("{name}.png")), picture).unwrap();
+    }
+
+    /// Ends it.
+    pub async fn close(self) {
+        self.client.close().await.unwrap();
+    }
+}
+
+/// A command of Chromium's own developer tools.
+#[derive(Debug)]
+struct Devtools {
+    cmd: &'static str,
+    params: Value,
+}
+
+impl WebDriverCompatibleCommand for Devtools {
+    fn endpoint(&self, base: &url::Url, session: Option<&str>) -> Result<url::Url, url::ParseError> {
+        base.join(&format!("session/{}/goog/cdp/execute", session.unwrap_or_default()))
+    }
+
+    fn method_and_body(&self, _: &url::Url) -> (http::Method, Option<String>) {
+        (http::Method::POST, Some(json!({ "cmd": self.cmd, "params": self.params }).to_string()))
+    }
+}
+
+/// Asks for the console's warnings and errors.
+#[derive(Debug)]
+struct Complaints;
+
+impl WebDriverCompatibleCommand for Complaints {
+    fn endpoint(&self, base: &url::Url, session: Option<&str>) -> Result<url::Url, url::ParseError> {
+        base.join(&format!("session/{}/se/log", session.unwrap_or_default()))
+    }
+
+    fn method_and_body(&self, _: &url::Url) -> (http::Method, Option<String>) {
+        (http::Method::POST, Some(json!({ "type": "browser" }).to_string()))
+    }
+}
