@@ -158,6 +158,16 @@ impl JobSpec {
             Self::Evaluate { .. } => JobKind::Evaluate,
         }
     }
+
+    /// The snapshot it names, if it does.
+    pub fn snapshot_id(&self) -> Option<&SnapshotId> {
+        match self {
+            Self::Pretrain { snapshot_id, .. } | Self::Score { snapshot_id, .. } | Self::Train { snapshot_id, .. } => {
+                Some(snapshot_id)
+            }
+            Self::Export { .. } | Self::Evaluate { .. } => None,
+        }
+    }
 }
 
 /// A queued unit of work.

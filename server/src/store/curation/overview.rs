@@ -2,8 +2,8 @@
 
 use crate::{
     domain::{
-        curation::{CohortRoles, TaskOverview},
-        id::{SnapshotId, TaskId},
+        curation::TaskOverview,
+        id::TaskId,
         task::OutcomeCounts,
     },
     error::Result,
@@ -72,34 +72,13 @@ impl Store {
         .await
         .map_err(fault("listing cohorts"))
     }
-
-    /// How many episodes of each cohort play which role in a snapshot, by the cohort's name; none for a snapshot that
-    /// is not there.
-    ///
-    /// # Errors
-    /// Internal.
-    pub(crate) async fn snapshot_cohorts(&self, snapshot: &SnapshotId) -> Result<Vec<CohortRoles>> {
-        let rows: Vec<(String, i64, i64)> = sqlx::query_as(
-            "select cohort, count(*) filter (where role = 'expert'), count(*) filter (where role = 'imperfect') \
-             from snapshot_episodes where snapshot_id = ? group by cohort order by cohort",
-        )
-        .bind(snapshot.as_str())
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("counting a snapshot's cohorts"))?;
-        let read = |(cohort, experts, imperfect)| {
-            let (experts, imperfect) = (row::count("experts", experts)?, row::count("imperfect", imperfect)?);
-            Ok(CohortRoles { cohort, experts, imperfect })
-        };
-        rows.into_iter().map(read).collect()
-    }
 }
 
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
     use crate::{
-        domain::{curation::CohortRoles, episode::Outcome, id::SnapshotId, snapshot::RoleRule},
+        domain::episode::Outcome,
         store::testing,
     };
 
@@ -129,19 +108,5 @@ mod tests {
         assert!((one.hours * 3600.0 - 5.0 * 1.9).abs() < 1e-9, "{}", one.hours);
         assert_eq!((other.outcomes.success, other.bytes, other.cohorts, other.hours), (0, 0, 0, 0.0));
         assert_eq!(store.cohorts(&task.id).await.unwrap(), ["", "ada", "bob"]);
-    }
-
-    #[tokio::test]
-    async fn a_snapshot_counts_roles_by_cohort_as_they_were() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        for (outcome, cohort) in [(Outcome::Success, "b"), (Outcome::Failure, "b"), (Outcome::Failure, "a")] {
-            testing::episode(&store, &task, outcome, cohort).await;
-        }
-        testing::episode(&store, &task, Outcome::Unknown, "c").await;
-        let snapshot = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap();
-        let roles = |cohort: &str, experts, imperfect| CohortRoles { cohort: cohort.into(), experts, imperfect };
-        assert_eq!(store.snapshot_cohorts(&snapshot.id).await.unwrap(), [roles("a", 0, 1), roles("b", 1, 1)]);
-        assert_eq!(store.snapshot_cohorts(&SnapshotId::new()).await.unwrap(), []);
     }
 }

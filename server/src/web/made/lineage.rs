@@ -147,19 +147,23 @@ fn of_a_dataset(dataset: &Dataset) -> Card {
 }
 
 async fn of_snapshot(store: &Store, id: &SnapshotId) -> Result<Card> {
-    let says = episodes(&store.frozen(id).await?);
+    let says = counts(&store.frozen(id).await?);
     Ok(Card { stage: Stage::Episodes, id: id.to_string(), to: None, says, state: None })
+}
+
+fn counts(snapshot: &Snapshot) -> String {
+    let Snapshot { expert_episodes, imperfect_episodes, .. } = snapshot;
+    format!("{}, {} imperfect", say::counted(*expert_episodes, "expert"), say::count(*imperfect_episodes))
 }
 
 /// Which episodes a snapshot has, and by which rule.
 pub(in crate::web) fn episodes(snapshot: &Snapshot) -> String {
-    let Snapshot { rule, expert_episodes, imperfect_episodes, .. } = snapshot;
-    let counts = format!("{}, {} imperfect", say::counted(*expert_episodes, "expert"), say::count(*imperfect_episodes));
+    let rule = &snapshot.rule;
     let roles = if rule.by_cohort() {
         let named = |cohorts: &[String]| if cohorts.is_empty() { "none".to_owned() } else { cohorts.join(", ") };
-        format!("experts are cohort {}; imperfect {}", named(&rule.expert_cohorts), named(&rule.imperfect_cohorts))
+        format!("experts are of {}; imperfect of {}", named(&rule.expert_cohorts), named(&rule.imperfect_cohorts))
     } else {
-        "experts are successes, imperfect failures".to_owned()
+        "experts were labelled success, imperfect failure".to_owned()
     };
     let experts = if rule.max_experts > 0 { format!("; at most {} experts", rule.max_experts) } else { String::new() };
     let imperfect = if rule.imperfect_per_expert > 0.0 {
@@ -167,7 +171,7 @@ pub(in crate::web) fn episodes(snapshot: &Snapshot) -> String {
     } else {
         String::new()
     };
-    format!("{counts}; {roles}{experts}{imperfect}")
+    format!("{}; {roles}{experts}{imperfect}", counts(snapshot))
 }
 
 fn of_deployment(deployment: &Deployment) -> Card {

@@ -4,13 +4,15 @@ use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
 use serde::Deserialize;
 
-use super::{evaluations, link, of_job};
+use super::{episodes, evaluations, link, of_job};
 use crate::{
     domain::{
         id::PolicyId,
         job::{Job, JobSpec},
         policy::{Deployment, Policy},
+        snapshot::Snapshot,
     },
+    error::Error,
     web::{
         refusal::Answer,
         say,
@@ -37,6 +39,10 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     let (task, job) = (store.task_by_id(&policy.task_id).await?, store.job(&policy.job_id).await?);
     let mut deployments = store.deployments(Some(&policy.task_id)).await?;
     deployments.retain(|deployment| deployment.policy_id() == Some(&policy.id));
+    let Some(snapshot_id) = job.spec.snapshot_id() else {
+        return Err(Error::internal("reading a policy's spec", "its job is no training").into());
+    };
+    let snapshot = store.frozen(snapshot_id).await?;
     let body = html! {
         h1 { "Policy " (link::tail(policy.id.as_str())) }
         p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
@@ -52,21 +58,21 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
         h2 { "Lineage" }
         (of_job(store, &job).await?)
         h2 { "Facts" }
-        (facts(&policy, &job, &deployments))
+        (facts(&policy, &job, &snapshot, &deployments))
     };
     let head = Head { title: "Policy", tab: Tab::Runs, task: Some(&task.spec.name), script: None };
     Ok(shell::page(&visit, &head, &body).into_response())
 }
 
-fn facts(policy: &Policy, job: &Job, deployments: &[Deployment]) -> Markup {
+fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deployment]) -> Markup {
     html! {
         dl.facts.panel {
             dt { "Policy" } dd.id { (policy.id) }
             dt { "Kind" } dd { (policy.kind) }
-            @if let JobSpec::Train { snapshot_id, spec, .. } = &job.spec {
+            @if let JobSpec::Train { spec, .. } = &job.spec {
                 dt { "Steps" } dd { (say::count(spec.optim.steps)) }
-                dt { "λ, the weight of kept segments" } dd { (spec.lambda) }
-                dt { "Experts of" } dd.id { (snapshot_id) }
+                dt { "λ of kept segments" } dd { (spec.lambda) }
+                dt { "Experts of" } dd { (episodes(snapshot)) " (" span.id { (snapshot.id) } ")" }
             }
             @if let Some(dataset) = &policy.dataset_id { dt { "Dataset" } dd { (link::whole(dataset.as_str())) } }
             @if let Some(encoder) = &policy.encoder_id { dt { "Encoder" } dd.id { (encoder) } }

@@ -157,7 +157,7 @@ impl Made {
             td.when { (say::time(run.created_at)) }
             td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.expert_episodes)) } }
             td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.imperfect_episodes)) } }
-            td { (run.scorer) span.soft { ", " (run.similarity) } }
+            td.when { (run.scorer) span.soft { ", " (run.similarity) } }
             td { (run.normaliser) }
             td { (link::brief(run.encoder_id.as_str(), encoder.map(|job| format!("/jobs/{}", job.id)).as_deref())) }
             td { @for dataset in self.datasets_of(run) {

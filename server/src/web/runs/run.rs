@@ -127,7 +127,7 @@ fn following(summary: &Summary, what: &WhatIf, order: Order) -> Markup {
 
 async fn sheets(summary: &Arc<Summary>, task: &Task) -> Result<Markup> {
     let (best, worst) = (summary.best(contact::SEGMENTS).await?, summary.worst(contact::SEGMENTS).await?);
-    let (run, camera) = (&summary.run().id, task.spec.cameras.first().map(|camera| camera.name.as_str()));
+    let (run, camera) = (&summary.run().id, task.spec.cameras.first());
     Ok(html! {
         h2 { "Best segments" }
         (contact::sheet(run, camera, &best))

@@ -31,10 +31,8 @@ async fn run(store: &Store) -> (Task, ScoreRun) {
     let encoder = results::encoder(store, &task).await;
     let mut low = [0.1; 20];
     low[19] = 0.5;
-    let scores = [
-        results::scores(&good.id, Role::Imperfect, &[0.9; 20]),
-        results::scores(&bad.id, Role::Imperfect, &low),
-    ];
+    let scores =
+        [results::scores(&good.id, Role::Imperfect, &[0.9; 20]), results::scores(&bad.id, Role::Imperfect, &low)];
     (task.clone(), results::run(store, &task, &encoder, &scores).await)
 }
 
@@ -137,8 +135,7 @@ async fn who_may_only_look_is_offered_no_change() {
     let pages = Pages::open(true).await;
     let (_, run) = run(&pages.rooms.store).await;
     let path = format!("/runs/{}", run.id);
-    for (role, offered) in
-        [(crate::domain::access::Role::Viewer, false), (crate::domain::access::Role::Trainer, true)]
+    for (role, offered) in [(crate::domain::access::Role::Viewer, false), (crate::domain::access::Role::Trainer, true)]
     {
         let client = Client::with(&pages.token(role).await);
         let shown = pages.get(&client, &path).await.text();
