@@ -119,7 +119,7 @@
     if (!found || !element('match')) return;
     const link = element('match-link');
     link.href = `/episodes/${found.expert}?step=${found.at}&run=${about.run}`;
-    link.textContent = `${found.expert.slice(0, 3)}…${found.expert.slice(-8)} at step ${found.at}`;
+    link.textContent = `${found.expert.split('_')[0]}…${found.expert.slice(-8)} at step ${found.at}`;
     ['o', 'm', 'a'].forEach((name, place) => {
       document.querySelector(`[data-distance=${name}]`).textContent = found.distances[place]?.toFixed(3) ?? '–';
     });
@@ -216,6 +216,7 @@
       threshold(value);
     });
   });
+  if (element('choose')) element('choose').hidden = true;
   element('run')?.addEventListener('change', ({ target }) => target.form.requestSubmit());
 
   // Labels.
@@ -241,7 +242,12 @@
   document.querySelectorAll('[data-label]').forEach((one) =>
     one.addEventListener('click', () => label(one.dataset.label)));
 
-  const by = (steps) => (event) => { pause(); go(step + steps * (event.shiftKey ? 10 : 1)); };
+  const by = (steps) => ({ target, shiftKey }) => {
+    if (target.id === 'beta') return false;
+    pause();
+    go(step + steps * (shiftKey ? 10 : 1));
+    return true;
+  };
   labelling.keys({
     ' ': ({ target }) => (target.closest('button, a, summary') ? false : toggle()),
     ArrowLeft: by(-1),
@@ -256,6 +262,6 @@
     fetch(`/episodes/${about.id}/scores.json?run=${about.run}`, { headers: { accept: 'application/json' } })
       .then((response) => (response.ok ? response.json() : Promise.reject(new Error(response.statusText))))
       .then((answer) => { scores = answer; go(step); })
-      .catch((error) => labelling.say(`The scores did not come: ${error.message}`, true));
+      .catch((error) => labelling.warn(`The scores did not come: ${error.message}`));
   }
 })();

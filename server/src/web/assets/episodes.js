@@ -24,7 +24,7 @@
     const shown = Math.min(STRIP, last + 1);
     element('strip').replaceChildren(...Array.from({ length: shown }, (_, place) => {
       const step = Math.round(place * last / Math.max(shown - 1, 1));
-      const image = new Image();
+      const image = new Image(Number(table.dataset.width), Number(table.dataset.height));
       image.src = `${frames}${step}?size=320`;
       image.alt = `Step ${step}`;
       image.title = `Step ${step}`;
@@ -169,6 +169,18 @@
     const row = event.target.closest('tbody tr');
     if (row && rows.indexOf(row) !== cursor) move(rows.indexOf(row), false);
   });
+  // Episodes that do not fit the filter any more have made room: then this same page has new ones.
+  function turn(which) {
+    const { only } = table.dataset;
+    const link = document.querySelector(`nav.pages a[rel=${which}]`);
+    if (which === 'next' && only && rows.some((row) => row.dataset.outcome !== only)) location.reload();
+    else if (link) location.assign(link.href);
+  }
+  document.querySelector('nav.pages a[rel=next]')?.addEventListener('click', (event) => {
+    if (event.ctrlKey || event.metaKey || event.shiftKey) return;
+    event.preventDefault();
+    turn('next');
+  });
   const next = () => move(cursor + 1);
   const previous = () => move(Math.max(cursor - 1, 0));
   const open = (event) => {
@@ -176,7 +188,10 @@
     rows[cursor].querySelector('td.name a').click();
     return true;
   };
-  labelling.keys({ j: next, ArrowDown: next, k: previous, ArrowUp: previous, o: open, Enter: open });
+  labelling.keys({
+    j: next, ArrowDown: next, k: previous, ArrowUp: previous, o: open, Enter: open,
+    n: () => turn('next'), p: () => turn('prev'),
+  });
   if (labels) start();
   if (bar) move(0, false);
 })();

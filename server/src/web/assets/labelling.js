@@ -9,12 +9,27 @@ const labelling = (() => {
   let queue = Promise.resolve();
   let page = { task: '', find: () => null, apply: () => {}, back: () => {} };
 
-  const ELEMENT = (name, text, more = {}) => Object.assign(document.createElement(name), { textContent: text, ...more });
+  const made = (name, text, more = {}) => Object.assign(document.createElement(name), { textContent: text, ...more });
+  const line = told?.appendChild(made('p', ''));
 
-  function say(text, bad = false, ...more) {
+  // What went well is said until the next does.
+  function say(text) {
+    if (line) line.textContent = text;
+  }
+
+  // What did not stays until somebody has seen it.
+  function warn(text, again) {
     if (!told) return;
-    told.className = bad ? 'note bad' : '';
-    told.replaceChildren(ELEMENT('span', text), ...more);
+    const note = made('div', '', { className: 'note bad' });
+    const leave = made('button', again ? 'Leave it' : 'Dismiss', { type: 'button', className: 'leave' });
+    leave.addEventListener('click', () => note.remove());
+    note.append(made('p', text), leave);
+    if (again) {
+      const button = made('button', again.said, { type: 'button', className: 'again' });
+      button.addEventListener('click', () => { note.remove(); again.act(); });
+      leave.before(button, ' ');
+    }
+    told.append(note);
   }
 
   async function post(items, label) {
@@ -37,13 +52,9 @@ const labelling = (() => {
     changed.forEach((one) => page.apply(one));
     const first = changed[0];
     const others = changed.length > 1 ? ` and ${changed.length - 1} more` : '';
-    const again = ELEMENT('button', `Label ${label.outcome} all the same`, { type: 'button' });
-    const leave = ELEMENT('button', 'Leave it', { type: 'button' });
-    again.addEventListener('click', () => send(asked, label));
-    leave.addEventListener('click', () => say('Left as it is.'));
-    say(`${first.by || 'Somebody'} labelled ${page.find(first.id).name} ${first.outcome} at ${first.at} UTC meanwhile${others}. ` +
-      'Nothing was changed. ', true, again, ' ', leave);
-    again.focus();
+    warn(`${first.by || 'Somebody'} labelled ${page.find(first.id).name} ${first.outcome} at ${first.at} UTC ` +
+      `meanwhile${others}. Nothing was changed.`,
+      { said: `Label ${label.outcome} all the same`, act: () => send(asked, label) });
   }
 
   async function attempt(items, label, undoing) {
@@ -57,8 +68,8 @@ const labelling = (() => {
       return true;
     } catch (error) {
       if (error.changed) overtaken(items, label, error.changed);
-      else if (error instanceof TypeError) say(`The server cannot be reached; ${name} was not labelled.`, true);
-      else say(`${name} was not labelled: ${error.message}`, true);
+      else if (error instanceof TypeError) warn(`The server cannot be reached; ${name} was not labelled.`);
+      else warn(`${name} was not labelled: ${error.message}`);
       return false;
     } finally {
       if (undo) undo.disabled = done.length === 0;
@@ -81,9 +92,15 @@ const labelling = (() => {
         const key = JSON.stringify([one.outcome, one.cohort]);
         alike.set(key, [...(alike.get(key) ?? []), one]);
       });
-      for (const group of alike.values()) {
-        const { outcome, cohort } = group[0];
-        if (!await attempt(group, { outcome, cohort, reason: 'undone' }, true)) return;
+      const groups = [...alike.values()];
+      while (groups.length) {
+        const { outcome, cohort } = groups[0][0];
+        if (!await attempt(groups[0], { outcome, cohort, reason: 'undone' }, true)) {
+          done.push(groups.flat());
+          undo.disabled = false;
+          return;
+        }
+        groups.shift();
       }
       page.back(last[0].id);
     });
@@ -91,6 +108,7 @@ const labelling = (() => {
   }
 
   undo?.addEventListener('click', takeBack);
+  const press = (which) => () => told?.querySelector(`.note ${which}`)?.click();
 
   // What keys do, unless somebody writes or holds a modifier.
   function keys(handlers) {
@@ -104,5 +122,7 @@ const labelling = (() => {
     });
   }
 
-  return { begin: (given) => { page = given; }, send, takeBack, keys, say };
+  keys({ a: press('.again'), Escape: press('.leave') });
+
+  return { begin: (given) => { page = given; }, send, takeBack, keys, warn };
 })();

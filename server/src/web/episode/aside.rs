@@ -1,5 +1,6 @@
 //! What stands beside the cameras: the matched expert, labels, report, facts.
 
+use gleaner_recording::{Finding, Report, Severity};
 use maud::{Markup, html};
 
 use super::{Scored, View};
@@ -7,10 +8,11 @@ use crate::{
     domain::{episode::Label, id::EpisodeId},
     web::{
         episodes::{buttons, live},
-        frames, say, sheet,
+        frames,
+        made::link,
+        say, sheet,
     },
 };
-use gleaner_recording::{Finding, Report, Severity};
 
 /// All of it.
 pub(super) fn aside(view: &View) -> Markup {
@@ -61,8 +63,9 @@ fn matched(view: &View) -> Markup {
                             }
                         }
                         p { a #match-link href=(format!("/episodes/{expert}?step={step}&run={}", scored.run.id)) {
-                            (say::short_id(expert.as_str())) " at step " (step)
+                            (link::short(expert.as_str())) " at step " (step)
                         } }
+                        h3 { "Distances of features" }
                         dl.facts {
                             @for ((name, said), distance) in MODALITIES.iter().zip(distances) {
                                 dt { (said) }
@@ -78,8 +81,7 @@ fn matched(view: &View) -> Markup {
 }
 
 /// The modalities as the paper and the page name them, in the order of distances.
-const MODALITIES: [(&str, &str); 3] =
-    [("o", "Distance of images o"), ("m", "of proprioception m"), ("a", "of action a")];
+const MODALITIES: [(&str, &str); 3] = [("o", "Images o"), ("m", "Proprioception m"), ("a", "Action a")];
 
 fn nearest(scored: &Scored, step: usize) -> Option<(&EpisodeId, u32, [f32; 3])> {
     let scores = &scored.scores;

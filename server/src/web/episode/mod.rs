@@ -175,7 +175,7 @@ fn body(view: &View) -> Markup {
             span #outcome class=(format!("tag {outcome}")) { (outcome) }
             @if episode.cohort.is_empty() { span { "no cohort" } } @else { span { "cohort " (episode.cohort) } }
             span { (say::counted(episode.steps, "step")) ", " (say::seconds(episode.duration_s)) }
-            span { "came " (say::time(episode.created_at)) }
+            span { "arrived " (say::time(episode.created_at)) }
             a href=(format!("/tasks/{task}/episodes")) { "All episodes" }
         }
         @if let Some(since) = episode.deleted_at {
@@ -183,8 +183,10 @@ fn body(view: &View) -> Markup {
         }
         div.episode {
             div.watch {
-                (cameras::figures(view))
-                (cameras::scrubber(view, &times))
+                div.stage {
+                    (cameras::figures(view))
+                    (cameras::scrubber(view, &times))
+                }
                 (timeline::timeline(view, &times))
             }
             (aside::aside(view))

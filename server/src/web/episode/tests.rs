@@ -106,7 +106,10 @@ async fn what_is_missing_is_said_and_the_rest_is_shown() {
     let bare = testing::episode(&lab.pages.rooms.store, &lab.task, Outcome::Unknown, "").await;
     let text = lab.get(&format!("/episodes/{}", bare.id)).await.text();
     assert!(text.contains("No finished score run has scored this episode"));
-    assert!(text.contains("The recording&#39;s steps cannot be read") || text.contains("The recording's steps cannot be read"));
+    assert!(
+        text.contains("The recording&#39;s steps cannot be read")
+            || text.contains("The recording's steps cannot be read")
+    );
     assert!(text.contains("reach.mcap") && text.contains("data-label=\"success\""));
 
     lab.pages.rooms.store.delete_episodes(&[bare.id.clone()], false).await.unwrap();
@@ -145,7 +148,10 @@ async fn the_recording_and_the_labels_can_be_taken_along() {
     assert_eq!((reply.status, reply.body.as_slice()), (StatusCode::OK, content.as_slice()));
     assert!(reply.headers[CONTENT_DISPOSITION].to_str().unwrap().contains(&format!("{}.mcap", episode.id)));
     let labels = lab.get(&format!("/episodes/{}?format=csv", episode.id)).await.text();
-    assert!(labels.starts_with("labelled_at,outcome,cohort,labelled_by,reason\n") && labels.contains(",success,weak,tests,"));
+    assert!(
+        labels.starts_with("labelled_at,outcome,cohort,labelled_by,reason\n")
+            && labels.contains(",success,weak,tests,")
+    );
 }
 
 #[test]

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 use super::{View, asked::NO_COHORT};
 use crate::{
     domain::{episode::Outcome, score::ScoreRun},
-    web::say,
+    web::{made::link, say},
 };
 
 /// The form. What is filled in is what the address says.
@@ -73,7 +73,7 @@ fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
 
 /// A run as a list names it.
 pub(in crate::web) fn said(run: &ScoreRun) -> String {
-    format!("{} · {} · {}", say::time(run.created_at), run.scorer, say::short_id(run.id.as_str()))
+    format!("{} · {} · {}", say::time(run.created_at), run.scorer, link::short(run.id.as_str()))
 }
 
 #[cfg(test)]

@@ -164,8 +164,11 @@ const KEYS: &[(&[&str], &str)] = &[
     (&["f"], "Failure, and on to the next"),
     (&["u"], "Unknown, and on to the next"),
     (&["z"], "Undo the last labelling"),
+    (&["a"], "Label all the same, when somebody else was first"),
+    (&["Esc"], "Leave it, or dismiss a message"),
     (&["x"], "Select; with Shift and a click, all between"),
     (&["o", "Enter"], "Open the episode"),
+    (&["n", "p"], "Next page, previous page"),
     (&["?"], "These keys"),
 ];
 

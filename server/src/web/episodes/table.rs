@@ -5,16 +5,18 @@ use maud::{Markup, html};
 use super::{View, asked::Order};
 use crate::{
     domain::curation::{SortKey, TableRow},
-    web::{frames, say, visit::Visit},
+    web::{frames, made::link, say, visit::Visit},
 };
 
 /// The rows of the page that is shown.
 pub(super) fn table(view: &View) -> Markup {
-    let camera = view.task.spec.cameras.first().map(|camera| camera.name.as_str());
+    let first = view.task.spec.cameras.first();
+    let camera = first.map(|camera| camera.name.as_str());
     let labels = view.labels();
     html! {
         div.scroll {
-            table #episodes data-task=(view.task.spec.name) data-labels=[labels.then_some("")] {
+            table #episodes data-task=(view.task.spec.name) data-labels=[labels.then_some("")] data-only=(view.asked.outcome)
+                data-width=[first.map(|camera| camera.width)] data-height=[first.map(|camera| camera.height)] {
                 caption.unseen { "Episodes of " (view.task.spec.name) }
                 (heads(view, camera.is_some()))
                 tbody {
@@ -51,7 +53,7 @@ fn heads(view: &View, pictures: bool) -> Markup {
             (head(SortKey::Findings, "Report", false))
             (head(SortKey::MeanQ, "Mean q", true))
             th scope="col" { "Last label" }
-            (head(SortKey::Date, "Came", false))
+            (head(SortKey::Date, "Arrived", false))
         } }
     }
 }
@@ -78,14 +80,17 @@ fn row_of(view: &View, row: &TableRow, camera: Option<&str>) -> Markup {
                 td { img.thumb src=(frames::at(id, camera, episode.steps / 2, frames::THUMBNAIL)) alt="" loading="lazy"
                     width="72" height="54"; }
             }
-            td.name { a href=(format!("/episodes/{id}{run}")) { (episode.file_name) } span.id.soft { (say::short_id(id.as_str())) } }
+            td.name { a href=(format!("/episodes/{id}{run}")) { (episode.file_name) } span.id.soft { (link::short(id.as_str())) } }
             td { span class=(format!("tag {outcome}")) { (outcome) } }
             td.cohort { (episode.cohort) }
             td.number { (say::count(episode.steps)) " " span.soft { (say::seconds(episode.duration_s)) } }
-            td { @if episode.warnings > 0 { span.tag.warned { (say::counted(episode.warnings, "warning")) } } }
+            td {
+                @if episode.warnings > 0 { span.tag.warned { (say::counted(episode.warnings, "warning")) } }
+                @else { span.soft { "clean" } }
+            }
             td.number { @if let Some(q) = view.mean_q(row) { (format!("{q:.3}")) } @else { "–" } }
             td.labelled { span.by { (labelled_by) } " " span.at.soft { (say::time(*labelled_at)) } }
-            td.came { (say::time(episode.created_at)) }
+            td.arrived { (say::time(episode.created_at)) }
         }
     }
 }

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "tests only")]
 
-use axum::http::StatusCode;
+use axum::http::{HeaderValue, Method, StatusCode, header::ACCEPT};
 use serde_json::{Value, json};
 
 use super::*;
@@ -48,7 +48,9 @@ impl Lab {
 
     async fn label(&self, client: &Client, body: &Value) -> (StatusCode, Value) {
         let path = format!("/tasks/{}/labels", self.task.spec.name);
-        let reply = self.pages.post(client, &path, (JSON, &body.to_string())).await;
+        let mut request = client.request(Method::POST, &path, body.to_string().into());
+        request.headers_mut().insert(ACCEPT, HeaderValue::from_static(JSON));
+        let reply = self.pages.ask(request).await;
         (reply.status, serde_json::from_slice(&reply.body).unwrap_or_default())
     }
 }
