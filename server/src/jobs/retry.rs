@@ -173,9 +173,9 @@ mod tests {
                 spec: TrainSpec::default(),
             })
         };
-        let data = |order| match order {
-            JobOrder::Train { data, .. } => data,
-            other => panic!("{other:?}"),
+        let data = |order| {
+            let JobOrder::Train { data, .. } = order else { panic!("no training") };
+            data
         };
         assert_eq!(data(train(Some(encoder.clone()), Some(dataset.clone()))), TrainData::Dataset(dataset));
         assert_eq!(data(train(Some(encoder.clone()), None)), TrainData::ExpertsOf(encoder));

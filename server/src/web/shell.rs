@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 
-use super::{assets, page::Page, visit::Visit};
+use super::{assets, made::link, page::Page, visit::Visit};
 use crate::access::Caller;
 
 /// Which of the pages' families one belongs to.
@@ -68,7 +68,7 @@ pub(super) fn bare(title: &str, told: &str) -> Markup {
         main {
             div.bare.panel role="alert" {
                 h1 { (title) }
-                p { (told) }
+                p { (link::text(told)) }
                 p { a href="/" { "Overview" } }
             }
         }

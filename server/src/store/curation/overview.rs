@@ -1,11 +1,7 @@
 //! Tasks at a glance, and who is in them.
 
 use crate::{
-    domain::{
-        curation::TaskOverview,
-        id::TaskId,
-        task::OutcomeCounts,
-    },
+    domain::{curation::TaskOverview, id::TaskId, task::OutcomeCounts},
     error::Result,
     store::{Store, fault, row, task::TaskRow},
 };
@@ -77,10 +73,7 @@ impl Store {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use crate::{
-        domain::episode::Outcome,
-        store::testing,
-    };
+    use crate::{domain::episode::Outcome, store::testing};
 
     #[tokio::test]
     async fn a_task_is_summed_up_without_its_trash() {

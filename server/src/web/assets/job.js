@@ -19,7 +19,6 @@
         location.reload();
         return;
       }
-      // The live region stays the same element, so that what changes in it is read out.
       course().replaceChildren(...fresh.childNodes);
     } catch (_) {
       // The server is away; the next time may have it back.

@@ -36,7 +36,7 @@ pub(super) async fn course(store: &Store, job: &Job) -> Result<Markup> {
 
 fn standing(job: &Job, now: Millis) -> Markup {
     html! {
-        div.panel.standing aria-live="polite" {
+        div.panel.standing {
             div.row {
                 (state(job))
                 @if job.total > 0 {
@@ -53,7 +53,7 @@ fn standing(job: &Job, now: Millis) -> Markup {
                 @if let Some(took) = took(job, now) {
                     div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (say::seconds(took)) } }
                 }
-                div { dt { "Attempts" } dd { (job.attempt) " of at most " (job.max_attempts) } }
+                div { dt { "Attempts" } dd { (job.attempt) " of " (job.max_attempts) } }
                 @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (say::bytes(job.peak_memory_bytes)) } } }
                 @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (say::count(step)) } } }
             }

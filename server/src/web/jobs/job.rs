@@ -53,21 +53,21 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
 
 /// What may be done with it now, by who looks.
 fn actions(visit: &Visit, job: &Job) -> Markup {
-    let form = |to: &str, class: &str, name: &str| {
+    let form = |to: &str, class: &str, (name, hint): (&str, &str)| {
         html! {
             form method="post" action=(format!("/jobs/{}/{to}", job.id)) {
                 input type="hidden" name="proof" value=(visit.proof);
-                button class=(class) type="submit" { (name) }
+                button class=(class) type="submit" title=(hint) { (name) }
             }
         }
     };
     html! {
         @match job.state {
             JobState::Queued | JobState::Running => {
-                @if visit.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", "Cancel")) }
+                @if visit.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", ("Cancel", "Ends it, and the jobs that wait for it"))) }
             },
             JobState::Failed | JobState::Cancelled => {
-                @if visit.may(Page::RetryJob) { (form("retry", "primary", "Try again")) }
+                @if visit.may(Page::RetryJob) { (form("retry", "primary", ("Try again", "Orders the same anew, and what waited for it"))) }
             },
             JobState::Succeeded => {},
         }

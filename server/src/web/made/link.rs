@@ -62,9 +62,19 @@ pub(in crate::web) fn text(said: &str) -> Markup {
     }
     html! {
         @for (part, to) in parts {
-            @match to { Some(to) => a.id href=(to) { (part) }, None => (part) }
+            @match to {
+                Some(to) => a.id href=(to) { (part) },
+                None if is_id(part) => span.id { (part) },
+                None => (part),
+            }
         }
     }
+}
+
+/// Whether a word looks like an id, of whatever kind.
+fn is_id(word: &str) -> bool {
+    word.split_once('_')
+        .is_some_and(|(_, rest)| rest.len() == 26 && rest.bytes().all(|byte| byte.is_ascii_alphanumeric()))
 }
 
 /// What a selection keeps, in a word or two.
@@ -102,6 +112,8 @@ mod tests {
         assert!(said.starts_with(&format!("<a class=\"id\" href=\"/jobs/{job}\">{job}</a>, which")), "{said}");
         assert!(said.ends_with("&lt;failed&gt;: é"), "{said}");
         assert_eq!(text("").into_string(), "");
+        let encoder = EncoderId::new();
+        assert_eq!(text(encoder.as_str()).into_string(), format!("<span class=\"id\">{encoder}</span>"));
     }
 
     #[test]

@@ -43,7 +43,10 @@ mod tests {
         let camera = CameraSpec { name: "front cam".into(), height: 48, width: 64, depth: false };
         let shown = sheet(&run, Some(&camera), std::slice::from_ref(&segment)).into_string();
         assert!(shown.contains(&format!("href=\"/episodes/{episode_id}?run={run}&amp;step=17\"")), "{shown}");
-        assert!(shown.contains("/frames/front%20cam/17?") && shown.contains("q 0.250") && shown.contains("width=\"64\""), "{shown}");
+        assert!(
+            shown.contains("/frames/front%20cam/17?") && shown.contains("q 0.250") && shown.contains("width=\"64\""),
+            "{shown}"
+        );
         assert!(!sheet(&run, None, &[segment]).into_string().contains("<img"));
     }
 }
