@@ -8,6 +8,7 @@ use fantoccini::{
     elements::Element,
     wd::WebDriverCompatibleCommand,
 };
+use hyper_util::client::legacy::connect::HttpConnector;
 use serde_json::{Value, json};
 use tokio::{
     io::{AsyncBufReadExt as _, BufReader},
@@ -52,7 +53,7 @@ impl Browser {
             ("goog:loggingPrefs".to_owned(), json!({ "browser": "WARNING" })),
         ];
         let capabilities = capabilities.into_iter().collect();
-        let client = ClientBuilder::native()
+        let client = ClientBuilder::new(HttpConnector::new())
             .capabilities(capabilities)
             .connect(&format!("http://127.0.0.1:{port}"))
             .await
@@ -63,11 +64,6 @@ impl Browser {
     /// Opens an address.
     pub async fn open(&self, address: &str) {
         self.client.goto(address).await.unwrap();
-    }
-
-    /// Where it is now.
-    pub async fn address(&self) -> String {
-        self.client.current_url().await.unwrap().to_string()
     }
 
     /// Waits for an element.
