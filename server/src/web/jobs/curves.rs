@@ -9,10 +9,13 @@ use crate::{
     web::plot::{Frame, range, roomy},
 };
 
+/// (step, value), in order.
+type Points = Vec<(f64, f64)>;
+
 /// One metric's values over steps.
 pub(super) struct Curve<'a> {
     name: &'a str,
-    points: Vec<(f64, f64)>,
+    points: Points,
 }
 
 /// Metrics that are drawn over one another: those whose names begin with the same word.
@@ -23,7 +26,7 @@ pub(super) struct Family<'a> {
 
 /// The families, losses first.
 pub(super) fn families(metrics: &[Metric]) -> Vec<Family<'_>> {
-    let mut curves: BTreeMap<&str, BTreeMap<&str, Vec<(f64, f64)>>> = BTreeMap::new();
+    let mut curves: BTreeMap<&str, BTreeMap<&str, Points>> = BTreeMap::new();
     for metric in metrics {
         let word = metric.name.split('_').next().unwrap_or_default();
         #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 steps")]
