@@ -147,7 +147,8 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
             dt { "Factors of o, m, a" }
             dd { @match run.modality_scale { Some([o, m, a]) => { (o) ", " (m) ", " (a) }, None => "1, 1, 1" } }
             dt { "Normaliser" }
-            dd { (run.normaliser) ": similarity " (format!("{:.4}", run.lo)) " is q = 0, " (format!("{:.4}", run.hi)) " is q = 1" }
+            dd { (run.normaliser) "; measured by the yardstick, " (format!("{:.3}", run.lo)) " is q = 0 and "
+                (format!("{:.3}", run.hi)) " is q = 1" }
             dt { "Episodes" } dd { (made::episodes(snapshot)) " (" span.id { (run.snapshot_id) } ")" }
             dt { "Encoder" } dd.id { (run.encoder_id) }
             @if let Some(base) = &run.extends { dt { "Goes on from" } dd { (link::whole(base.as_str())) } }
