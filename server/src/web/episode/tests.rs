@@ -112,7 +112,7 @@ async fn what_is_missing_is_said_and_the_rest_is_shown() {
     );
     assert!(text.contains("reach.mcap") && text.contains("data-label=\"success\""));
 
-    lab.pages.rooms.store.delete_episodes(&[bare.id.clone()], false).await.unwrap();
+    lab.pages.rooms.store.delete_episodes(std::slice::from_ref(&bare.id), false).await.unwrap();
     let page = lab.get(&format!("/episodes/{}", bare.id)).await;
     assert!(page.status == StatusCode::OK && page.text().contains("In the trash since"));
     assert!(!page.text().contains("data-label="), "it takes no label");

@@ -128,7 +128,7 @@ async fn a_label_that_cannot_be_changes_nothing() {
         assert_eq!(status, expected, "{answer}");
         assert!(answer["error"].is_string());
     }
-    lab.pages.rooms.store.delete_episodes(&[episode.id.clone()], false).await.unwrap();
+    lab.pages.rooms.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
     let (status, answer) = lab.label(&lab.visitor, &json!({ "episodes": [seen], "outcome": "success" })).await;
     assert_eq!((status, answer["changed"].is_array()), (StatusCode::CONFLICT, false));
     assert_eq!(lab.pages.rooms.store.labels(&episode.id).await.unwrap().len(), 1);
