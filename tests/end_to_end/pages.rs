@@ -11,6 +11,7 @@ use self::browser::Browser;
 use crate::{
     api::Api,
     lab,
+    live::{Robot, observe, start_sim},
     server::TestServer,
     shared::{Shared, shared},
 };
@@ -171,6 +172,30 @@ async fn a_deployment_is_rolled_back() {
     browser.until("it is back", "return document.body.textContent.includes('deploy with a score run')").await;
     assert_eq!(scored().await, "");
     browser.keep("deployment").await;
+    browser.close().await;
+}
+
+#[tokio::test]
+async fn what_a_robot_sees_is_seen_while_it_runs() {
+    let Some(browser) = Browser::start().await else { return };
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let name = "pick_cube@watched";
+    let deploy =
+        DeployRequest { name: name.into(), policy_id: shared.policy.clone(), score_run_id: shared.run.clone() };
+    api.policies.deploy(deploy).await.unwrap();
+    browser.open(&format!("{}/deployments/{name}", shared.server.pages())).await;
+    assert!(browser.text("#live").await.contains("No session"));
+    let mut robot = Robot::open(&mut api, name).await.unwrap();
+    for _ in 0..3 {
+        robot.act(observe(&start_sim())).await.unwrap();
+    }
+    let seen = "return document.querySelector('#live img')?.naturalWidth === 16 \
+                && document.querySelector('#live').textContent.includes('Answers3')";
+    browser.until("its pictures, and three answers", seen).await;
+    browser.keep("live").await;
+    drop(robot);
+    browser.until("it is gone", "return document.querySelector('#live').textContent.includes('No session')").await;
     browser.close().await;
 }
 
