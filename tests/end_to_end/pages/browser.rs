@@ -15,6 +15,8 @@ use tokio::{
     process::{Child, Command},
 };
 
+use crate::skipped::skipped;
+
 /// No event in a browser takes longer.
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -34,7 +36,7 @@ impl Browser {
             .kill_on_drop(true)
             .spawn();
         let Ok(mut driver) = driver else {
-            println!("skipped: chromedriver is not installed (Debian: chromium and chromium-driver)");
+            skipped("chromedriver is not installed (Debian: chromium and chromium-driver)");
             return None;
         };
         let mut lines = BufReader::new(driver.stdout.take().unwrap()).lines();
