@@ -68,7 +68,7 @@ impl DemoArgs {
         write(&self.dir, &found)?;
         context.output.result(|| document(&found.report), || found.report.markdown())?;
         context.output.next(format_args!(
-            "open {}; or look around: {} serve --data-dir {}",
+            "open {}; or look around at http://127.0.0.1:7401: {} serve --data-dir {} --web-listen 127.0.0.1:7401",
             self.dir.join("report.md").display(),
             self.server_bin.display(),
             self.dir.join(DATA).display()
