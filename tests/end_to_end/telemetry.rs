@@ -69,6 +69,24 @@ async fn metrics_count_what_happens() {
     assert!(get(&server.metrics().replace("/metrics", "/nothing")).await.starts_with("HTTP/1.1 404"));
 }
 
+/// A connection carries one page, in HTTP/1: what could stay open for nothing would be in others' way.
+#[tokio::test]
+async fn a_connection_of_the_pages_ends_with_its_answer() {
+    let server = TestServer::start_with(&["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
+    let address = server.pages().strip_prefix("http://").unwrap().to_owned();
+    for asked in [
+        "GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: keep-alive\r\n\r\n",
+        "PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
+    ] {
+        let mut stream = TcpStream::connect(&address).await.unwrap();
+        stream.write_all(asked.as_bytes()).await.unwrap();
+        let mut said = Vec::new();
+        // It ends without ours being closed, and speaks no frames.
+        timeout(PATIENCE, stream.read_to_end(&mut said)).await.unwrap().unwrap();
+        assert!(said.is_empty() || said.starts_with(b"HTTP/1.1 "), "{asked:?}: {said:?}");
+    }
+}
+
 /// Spans by name, as they arrive at a collector.
 struct Collector(mpsc::UnboundedSender<String>);
 

@@ -40,11 +40,10 @@ impl Answer {
             }
             return response;
         }
-        let over = match caller {
-            Caller::Known(held) => Some(held.over()),
-            Caller::Anyone if entry.is_none() => return response,
-            Caller::Anyone => None,
-        };
+        let over = caller.over();
+        if over.is_none() && entry.is_none() {
+            return response;
+        }
         response.map(|body| Body::new(Self { body, over, entry, writing: None }))
     }
 

@@ -39,7 +39,7 @@ pub(crate) struct Held {
 }
 
 /// Ends when a token is over.
-pub(super) type Over = Pin<Box<WaitForCancellationFutureOwned>>;
+pub(crate) type Over = Pin<Box<WaitForCancellationFutureOwned>>;
 
 impl Held {
     pub(super) fn over(&self) -> Over {

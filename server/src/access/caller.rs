@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
-use super::{book::Held, table::Need};
+use super::{
+    book::{Held, Over},
+    table::Need,
+};
 use crate::{
     domain::{access::Role, id::TokenId},
     error::{Error, Result},
@@ -62,6 +65,14 @@ impl Caller {
         match self {
             Self::Known(held) => held.token.who(),
             Self::Anyone => "anyone",
+        }
+    }
+
+    /// Ends when its token is over; `None` when it has none.
+    pub(crate) fn over(&self) -> Option<Over> {
+        match self {
+            Self::Known(held) => Some(held.over()),
+            Self::Anyone => None,
         }
     }
 

@@ -40,7 +40,8 @@ pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
         let AuditEntry { at, token_id, who, peer, rpc, subjects, outcome } = entry;
         let id = token_id.map_or_else(|| "-".to_owned(), |id| id.to_string());
         let peer = if peer.is_empty() { "-" } else { &peer };
-        let (who, subjects) = (who.escape_debug(), subjects.join(" "));
+        // Subjects are escaped when they are written; whatever wrote them, no control character reaches the terminal.
+        let (who, subjects) = (who.escape_debug(), subjects.join(" ").replace(char::is_control, "\u{fffd}"));
         writeln!(out, "{}\t{who}\t{id}\t{peer}\t{rpc}\t{outcome}\t{subjects}", shown(at)).map_err(unwritten)?;
     }
     store.close().await;

@@ -2,14 +2,12 @@
 
 use std::{
     convert::Infallible,
-    num::NonZeroU32,
     pin::Pin,
     sync::Arc,
     task::{Context, Poll},
 };
 
 use bytes::Bytes;
-use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 use tonic::{
     Status,
     body::Body,
@@ -24,13 +22,13 @@ use super::{
     caller::Caller,
     entry::Entry,
     reception::Reception,
+    refusals::Refusals,
     secret,
     table::{Need, Rule, rule},
     worker::Worker,
 };
 use crate::{
     connections::{self, Call, Client, Connections, Link},
-    domain::id::TokenId,
     error::Result,
     jobs::Jobs,
     store::Store,
@@ -39,9 +37,6 @@ use crate::{
 
 /// What the transport gets.
 type Answered = std::result::Result<Response<Body>, Infallible>;
-
-/// Refusals by role of one token that are written to the audit log: one a second, and so many at once.
-const REFUSALS_AT_ONCE: u32 = 10;
 
 /// Stands before the services; clones share it.
 #[derive(Clone)]
@@ -59,22 +54,14 @@ struct Callers {
     reception: Reception,
     store: Store,
     connections: Connections,
-    /// Refusals by role that go to the audit log, by the token's id.
-    refusals: DefaultKeyedRateLimiter<TokenId>,
+    refusals: Refusals,
 }
 
 impl Guard {
     /// Stands before what everybody calls.
     pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
-        let one = NonZeroU32::MIN;
-        let quota = Quota::per_second(one).allow_burst(NonZeroU32::new(REFUSALS_AT_ONCE).unwrap_or(one));
-        let refusals = RateLimiter::keyed(quota);
-        Self(Arc::new(Door::Callers(Callers {
-            reception: Reception::new(book, required),
-            store,
-            connections,
-            refusals,
-        })))
+        let (reception, refusals) = (Reception::new(book, required), Refusals::new());
+        Self(Arc::new(Door::Callers(Callers { reception, store, connections, refusals })))
     }
 
     /// Stands before what workers call.
@@ -190,7 +177,7 @@ impl Callers {
         };
         let begin = || Entry::begin(self.store.clone(), caller.clone(), peer(&request), &path);
         if let Err(error) = caller.permit(rule.need) {
-            let entry = (rule.audited && self.tells_of_refusal(&caller)).then(begin);
+            let entry = (rule.audited && self.refusals.tell_of(&caller)).then(begin);
             return Ok(Answer::watched(from_error(error).into_http(), &caller, entry).await);
         }
         let entry = rule.audited.then(begin);
@@ -219,14 +206,6 @@ impl Callers {
 
     async fn authenticate(&self, shown: Result<Option<String>>, known: Option<Arc<Held>>) -> Result<Caller> {
         self.reception.authenticate(shown?.as_deref(), known).await
-    }
-
-    /// Whether the audit log hears of one more refusal by role: a flood of them must not fill it.
-    fn tells_of_refusal(&self, caller: &Caller) -> bool {
-        match caller {
-            Caller::Known(held) => self.refusals.check_key(&held.token.id).is_ok(),
-            Caller::Anyone => true,
-        }
     }
 }
 

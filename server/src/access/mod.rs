@@ -13,6 +13,7 @@ mod mint;
 mod overheard;
 mod pages;
 mod reception;
+mod refusals;
 mod secret;
 mod subject;
 mod table;

@@ -1,6 +1,6 @@
 //! The guard of the pages: who looks, what they may see and change, and what of it the audit log hears.
 //!
-//! The same book, table and log as for calls. Must not know HTTP.
+//! The same book, table, log and connections as for calls. Knows no page's content.
 
 use std::sync::Arc;
 
@@ -8,12 +8,13 @@ use super::{
     book::{Book, Held},
     caller::Caller,
     reception::Reception,
+    refusals::Refusals,
     table::{Need, page_rule},
 };
 use crate::{
     connections::{Call, Client, Connections, Link},
     domain::{access::AuditEntry, time::Millis},
-    error::{Kind, Result},
+    error::Result,
     store::Store,
     web::Page,
 };
@@ -24,12 +25,13 @@ pub(crate) struct PageGuard {
     reception: Reception,
     store: Store,
     connections: Connections,
+    refusals: Arc<Refusals>,
 }
 
 impl PageGuard {
     /// `required`: whether who shows no token is sent away.
     pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
-        Self { reception: Reception::new(book, required), store, connections }
+        Self { reception: Reception::new(book, required), store, connections, refusals: Arc::new(Refusals::new()) }
     }
 
     /// Counts a request for the token with the hash `shown` if that is known, else for the address; and says who it is.
@@ -47,16 +49,30 @@ impl PageGuard {
         Ok((call, self.reception.authenticate(shown, known).await))
     }
 
-    /// Whether a token with this hash lets anybody in.
+    /// Who it is that shows no token.
     ///
     /// # Errors
-    /// When the database cannot be read.
-    pub(crate) async fn is_token(&self, hash: &str) -> Result<bool> {
-        match self.reception.authenticate(Some(hash), None).await {
-            Ok(_) => Ok(true),
-            Err(error) if error.kind() == Kind::Unauthenticated => Ok(false),
-            Err(error) => Err(error),
-        }
+    /// Unauthenticated where one is asked for.
+    pub(crate) async fn nobody(&self) -> Result<Caller> {
+        self.reception.authenticate(None, None).await
+    }
+
+    /// Who it is that shows the token with this hash.
+    ///
+    /// # Errors
+    /// Unauthenticated when it is none of ours.
+    pub(crate) async fn known(&self, hash: &str) -> Result<Caller> {
+        self.reception.authenticate(Some(hash), None).await
+    }
+
+    /// An answer's body as its connection watches it: in pieces that must be taken, and its call runs until it is.
+    pub(crate) fn watched(&self, body: axum::body::Body, link: &Link, call: Call) -> axum::body::Body {
+        axum::body::Body::new(self.connections.answer(body, link.clone(), call))
+    }
+
+    /// Whether the audit log hears of one more refusal.
+    pub(crate) fn tells_of_refusal(&self, caller: &Caller) -> bool {
+        self.refusals.tell_of(caller)
     }
 
     /// Lets somebody look at a page, or change something with it.

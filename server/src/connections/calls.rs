@@ -96,7 +96,7 @@ struct Place {
 impl Call {
     /// Waits until few of its client's questions are in hand and the next one is due: who asks a hundred things at once
     /// waits for himself, and nobody waits for him. The turn is over when what is given here is dropped.
-    pub(super) async fn turn(&self) -> Option<OwnedSemaphorePermit> {
+    pub(crate) async fn turn(&self) -> Option<OwnedSemaphorePermit> {
         let Place { running, client, turns } = &*self.0;
         // Nobody closes it.
         let turn = Arc::clone(turns).acquire_owned().await.ok();

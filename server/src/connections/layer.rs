@@ -104,6 +104,11 @@ where
 }
 
 impl Connections {
+    /// An answer's body under watch, whose call runs until it is dropped.
+    pub(crate) fn answer<B>(&self, body: B, link: Link, call: Call) -> Answer<B> {
+        Answer::new(body, self.piece(), Some(Offer::new(link)), Some(call))
+    }
+
     /// The request under watch, unless it comes at its caller's own pace.
     fn watched(&self, request: Request<Body>) -> Request<Body> {
         let path = request.uri().path();

@@ -12,8 +12,6 @@ use std::{
 use axum::http::{HeaderMap, HeaderValue, header::COOKIE};
 use rand::RngExt as _;
 
-/// The cookie's name.
-const NAME: &str = "gleaner";
 /// How long after it was last seen a browser is forgotten.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(12 * 3600);
 /// Browsers that are signed in at once; beyond, the one that was silent longest must sign in again.
@@ -30,19 +28,25 @@ impl Browser {
         Self(blake3::Hash::from_bytes(random).to_hex().to_string())
     }
 
-    /// The one that a request says it comes from.
-    pub(super) fn of(headers: &HeaderMap) -> Option<Self> {
+    /// The name of the cookie of pages on this port: cookies know no ports, and one machine may have several servers.
+    pub(super) fn cookie_name(port: u16) -> String {
+        format!("gleaner-{port}")
+    }
+
+    /// The one that a request says it comes from, in the cookie of this name.
+    pub(super) fn of(headers: &HeaderMap, name: &str) -> Option<Self> {
         let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
         let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
-        let (_, text) = pairs.find(|(name, _)| *name == NAME)?;
+        let (_, text) = pairs.find(|(of, _)| *of == name)?;
         let ours = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
         ours.then(|| Self(text.to_owned()))
     }
 
-    /// The header that has the browser remember who it is.
-    pub(super) fn cookie(&self, encrypted: bool) -> HeaderValue {
+    /// The header that has the browser remember who it is. It comes along where a link from elsewhere leads here, so that a
+    /// page can be sent to a colleague; what changes something needs a proof beside it.
+    pub(super) fn cookie(&self, name: &str, encrypted: bool) -> HeaderValue {
         let secure = if encrypted { "; Secure" } else { "" };
-        let cookie = format!("{NAME}={}; Path=/; HttpOnly; SameSite=Strict{secure}", self.0);
+        let cookie = format!("{name}={}; Path=/; HttpOnly; SameSite=Lax{secure}", self.0);
         let mut cookie = HeaderValue::from_str(&cookie).unwrap_or_else(|_| HeaderValue::from_static(""));
         cookie.set_sensitive(true);
         cookie
@@ -112,15 +116,16 @@ mod tests {
     #[test]
     fn a_browser_comes_back_by_its_cookie() {
         let browser = Browser::new();
-        let cookie = browser.cookie(true);
+        let name = Browser::cookie_name(7401);
+        let cookie = browser.cookie(&name, true);
         let text = cookie.to_str().unwrap();
-        assert!(text.contains("HttpOnly") && text.contains("SameSite=Strict") && text.ends_with("Secure"));
-        assert!(!browser.cookie(false).to_str().unwrap().contains("Secure"));
+        assert!(text.contains("HttpOnly") && text.contains("SameSite=Lax") && text.ends_with("Secure"));
+        assert!(!browser.cookie(&name, false).to_str().unwrap().contains("Secure"));
         assert!(cookie.is_sensitive(), "no log of headers shows it");
         let sent = format!("a=b; {}; c", text.split(';').next().unwrap());
-        assert!(Browser::of(&headers(&sent)) == Some(browser));
-        for wrong in ["", "gleaner", "gleaner=", "gleaner=../../etc", &format!("gleaner={}", "g".repeat(64))] {
-            assert!(Browser::of(&headers(wrong)).is_none(), "{wrong}");
+        assert!(Browser::of(&headers(&sent), &name) == Some(browser));
+        for wrong in ["", "gleaner-7401", "gleaner-7401=", "gleaner-7401=../../etc", &sent.replace("7401", "7402")] {
+            assert!(Browser::of(&headers(wrong), &name).is_none(), "{wrong}");
         }
     }
 

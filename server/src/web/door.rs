@@ -9,13 +9,14 @@ use axum::{
     http::{
         HeaderMap, HeaderValue, StatusCode,
         header::{
-            AUTHORIZATION, CACHE_CONTROL, CONNECTION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, LOCATION,
-            REFERRER_POLICY, SET_COOKIE, X_CONTENT_TYPE_OPTIONS,
+            AUTHORIZATION, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, LOCATION, REFERRER_POLICY,
+            SET_COOKIE, X_CONTENT_TYPE_OPTIONS,
         },
     },
     middleware::Next,
     response::{IntoResponse as _, Response},
 };
+use futures::StreamExt as _;
 
 use super::{
     House,
@@ -27,12 +28,14 @@ use super::{
 };
 use crate::{
     access::{Caller, Done, PageGuard, token_hash},
-    connections::Link,
+    connections::{Call, Link},
     error::{Error, Kind, Result},
 };
 
 /// Largest body that a page takes: labels of some ten thousand episodes.
 const BODY_BYTES: usize = 1 << 20;
+/// Largest body of what anybody may send.
+const OPEN_BODY_BYTES: usize = 64 << 10;
 /// How long a page may take to be asked for and made. What it streams afterwards is watched by the connection.
 const WITHIN: Duration = Duration::from_secs(30);
 /// What a change was about: pages give it with their answer, for the audit log.
@@ -53,9 +56,8 @@ pub(super) async fn pass(
     next: Next,
 ) -> Response {
     link.call();
-    let come = Browser::of(request.headers());
-    let new = come.is_none().then(Browser::new);
-    let browser = come.or(new.clone()).unwrap_or_else(Browser::new);
+    let come = Browser::of(request.headers(), &house.cookie);
+    let browser = come.clone().unwrap_or_else(Browser::new);
     let wants_data = wants_data(&request);
     let uri = request.uri().clone();
     let served = tokio::time::timeout(WITHIN, serve(&house, page, &link, &browser, (request, next))).await;
@@ -66,7 +68,9 @@ pub(super) async fn pass(
             (StatusCode::SEE_OTHER, [(LOCATION, format!("/sign-in?next={}", escaped(back)))]).into_response()
         }
         Ok(Err(error)) => Refusal(error).into_response(),
-        Err(_) => Refusal(Error::late("this took too long; try again")).into_response(),
+        Err(_) => {
+            Refusal(Error::late("this took too long; look whether it was done before you try again")).into_response()
+        }
     };
     if let Some(told) = response.extensions_mut().remove::<Told>() {
         response = tell(response.status(), &told, wants_data);
@@ -76,7 +80,9 @@ pub(super) async fn pass(
         let said = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
         response = tell(status, &Told(String::from_utf8_lossy(&said).into_owned()), wants_data);
     }
-    finish(&house, &mut response, new);
+    // Who only fetches a picture or data needs no name.
+    let remembered = (come.is_none() && !wants_data && page != Page::Asset).then_some(browser);
+    finish(&house, &mut response, remembered);
     response
 }
 
@@ -89,69 +95,119 @@ async fn serve(
 ) -> Result<Response> {
     house.expects(request.headers())?;
     let bearer = bearer(request.headers());
-    let shown = bearer.clone().or_else(|| house.signed_in.token_of(browser));
-    let (_call, caller) = house.guard.admit(shown.as_deref(), link).await?;
-    let caller = match caller {
-        Err(_) if PageGuard::is_open(page) => Caller::Anyone,
-        other => other?,
-    };
+    let (call, caller) = who(house, page, link, (browser, bearer.as_deref())).await?;
     let changes = PageGuard::changes(page);
     if let Err(error) = PageGuard::permit(&caller, page) {
-        if changes {
+        if changes && house.guard.tells_of_refusal(&caller) {
             note(house, page, link, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
         }
         return Err(error);
     }
     let visit =
         Visit { house: Arc::clone(house), caller: caller.clone(), proof: browser.proof(), uri: request.uri().clone() };
-    // Who shows a token in a header is no browser that another site has sent.
-    let mut request =
-        if page.method() == "POST" && bearer.is_none() { proven(request, &visit.proof).await? } else { request };
+    let mut request = request;
+    if page.method() == "POST" {
+        let most = if PageGuard::is_open(page) { OPEN_BODY_BYTES } else { BODY_BYTES };
+        // Who shows a token in a header is no browser that another site has sent.
+        request = whole(request, most, bearer.is_none().then_some(visit.proof.as_str())).await?;
+    }
     request.extensions_mut().insert(browser.clone());
     request.extensions_mut().insert(visit);
-    let mut response = next.run(request).await;
-    if changes {
+    // Its client's further questions wait meanwhile.
+    let turn = call.turn().await;
+    let response =
+        if changes { made(house, page, link, &caller, next.run(request)).await? } else { next.run(request).await };
+    drop(turn);
+    let over = if page == Page::EpisodeRecording { caller.over() } else { None };
+    Ok(response.map(|body| {
+        let body = match over {
+            // What is downloaded ends with the token it was asked for with.
+            Some(over) => Body::from_stream(body.into_data_stream().take_until(over)),
+            None => body,
+        };
+        house.guard.watched(body, link, call)
+    }))
+}
+
+/// Counts a request, and says who it is from: by the token in its header, or by the one that its browser once showed.
+///
+/// # Errors
+/// Exhausted; Unauthenticated, but for pages that anybody may have.
+async fn who(
+    house: &House,
+    page: Page,
+    link: &Link,
+    (browser, bearer): (&Browser, Option<&str>),
+) -> Result<(Call, Caller)> {
+    let remembered = if bearer.is_none() { house.signed_in.token_of(browser) } else { None };
+    let (call, mut caller) = house.guard.admit(bearer.or(remembered.as_deref()), link).await?;
+    if caller.is_err() && remembered.is_some() {
+        // What it showed is good no more: it is as if it had never been here.
+        house.signed_in.sign_out(browser);
+        caller = house.guard.nobody().await;
+    }
+    match caller {
+        Err(_) if PageGuard::is_open(page) => Ok((call, Caller::Anyone)),
+        caller => Ok((call, caller?)),
+    }
+}
+
+/// Makes a change and writes it down, to the end, even if whoever asked for it goes away.
+async fn made(
+    house: &Arc<House>,
+    page: Page,
+    link: &Link,
+    caller: &Caller,
+    making: impl Future<Output = Response> + Send + 'static,
+) -> Result<Response> {
+    let (house, link, caller) = (Arc::clone(house), link.clone(), caller.clone());
+    let making = tokio::spawn(async move {
+        let mut response = making.await;
         let subjects = response.extensions_mut().remove::<Subjects>().unwrap_or_default().0;
         let outcome = if response.status().is_success() || response.status().is_redirection() {
             "ok".to_owned()
         } else {
             response.status().canonical_reason().unwrap_or("refused").to_owned()
         };
-        note(house, page, link, &caller, (subjects, outcome)).await;
-    }
-    Ok(response)
+        note(&house, page, &link, &caller, (subjects, outcome)).await;
+        response
+    });
+    making.await.map_err(|error| Error::internal("making a change", error))
 }
 
 async fn note(house: &House, page: Page, link: &Link, caller: &Caller, (subjects, outcome): (Vec<String>, String)) {
     house.guard.note(caller, link, Done { page, subjects, outcome }).await;
 }
 
-/// A request that changes something, if it comes from a page of ours: from a script in a header, from a form in a field.
+/// A request with its whole body; where a proof is asked for, only if it comes from a page of ours: from a script in a
+/// header, from a form in a field.
 ///
 /// # Errors
 /// Forbidden; Invalid when its body is too large or does not come.
-async fn proven(request: Request, proof: &str) -> Result<Request> {
+async fn whole(request: Request, most: usize, proof: Option<&str>) -> Result<Request> {
     let (parts, body) = request.into_parts();
-    let body = axum::body::to_bytes(body, BODY_BYTES).await.map_err(|_| {
-        Error::invalid("body", format!("must come whole, with at most {BODY_BYTES} bytes; send fewer at a time"))
+    let body = axum::body::to_bytes(body, most).await.map_err(|_| {
+        Error::invalid("body", format!("must come whole, with at most {most} bytes; send fewer at a time"))
     })?;
-    let in_header = parts.headers.get(PROOF).and_then(|value| value.to_str().ok()).map(str::to_owned);
-    let form =
-        parts.headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
-    let in_form = || {
-        let text = std::str::from_utf8(&body).unwrap_or_default();
-        text.split('&')
-            .filter_map(|pair| pair.split_once('='))
-            .find(|(name, _)| *name == "proof")
-            .map(|(_, value)| value)
-    };
-    let brought = in_header.as_deref().or_else(|| if form { in_form() } else { None });
-    if brought != Some(proof) {
+    if let Some(proof) = proof
+        && brought(&parts.headers, &body) != Some(proof)
+    {
         return Err(Error::forbidden(
             "this did not come from a page of this server that is still good; load the page again",
         ));
     }
     Ok(Request::from_parts(parts, Body::from(body)))
+}
+
+/// The proof that a request brings.
+fn brought<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
+    let in_header = headers.get(PROOF).and_then(|value| value.to_str().ok());
+    let form = headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
+    let in_form = || {
+        let pairs = std::str::from_utf8(body).unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
+        pairs.into_iter().find(|(name, _)| *name == "proof").map(|(_, value)| value)
+    };
+    in_header.or_else(|| if form { in_form() } else { None })
 }
 
 /// The hash of the token in the header, for programs that read pages.
@@ -194,10 +250,8 @@ fn finish(house: &House, response: &mut Response, new: Option<Browser>) {
     headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     headers.insert(REFERRER_POLICY, HeaderValue::from_static("same-origin"));
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
-    // One request a connection: what is silent afterwards is nobody's.
-    headers.insert(CONNECTION, HeaderValue::from_static("close"));
     if let Some(browser) = new {
-        headers.entry(SET_COOKIE).or_insert(browser.cookie(house.encrypted));
+        headers.entry(SET_COOKIE).or_insert(browser.cookie(&house.cookie, house.encrypted));
     }
 }
 

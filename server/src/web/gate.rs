@@ -1,58 +1,48 @@
 //! The pages' listener: connections under the same watch as those of calls, and encrypted like them. Each carries one
-//! request.
+//! request of HTTP/1, so that what is silent afterwards is nobody's.
 
-use std::{io, net::SocketAddr, sync::Arc};
+use std::{convert::Infallible, sync::Arc};
 
-use axum::{
-    extract::connect_info::Connected,
-    serve::{IncomingStream, Listener},
-};
+use axum::{Router, body::Body, extract::ConnectInfo};
 use futures::StreamExt as _;
+use http::{Request, Response};
+use hyper::{body::Incoming, server::conn::http1, service::service_fn};
+use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::net::TcpListener;
+use tower::ServiceExt as _;
 
 use crate::{
     access::tls::{self, Line, Tls},
-    connections::{self, Connections, Guarded, Incoming, Link},
-    error::{Error, Result},
+    connections::{self, Connections, Guarded},
 };
 
-/// Where the pages' connections come in.
-pub(super) struct Gate {
-    incoming: Incoming<Line>,
-    address: SocketAddr,
-}
-
-impl Gate {
-    pub(super) fn new(connections: &Connections, listener: TcpListener, tls: Option<Arc<Tls>>) -> Result<Self> {
-        let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
-        let incoming =
-            connections::incoming(connections, listener, move |stream| tls::handshake_of_pages(tls.clone(), stream));
-        Ok(Self { incoming, address })
+/// Serves pages to who connects, until nobody can any more.
+pub(super) async fn serve(connections: Connections, listener: TcpListener, tls: Option<Arc<Tls>>, pages: Router) {
+    let handshake = move |stream| tls::handshake_of_pages(tls.clone(), stream);
+    let mut incoming = connections::incoming(&connections, listener, handshake);
+    while let Some(Ok(connection)) = incoming.next().await {
+        tokio::spawn(one(connection, pages.clone()));
     }
 }
 
-impl Listener for Gate {
-    type Io = Guarded<Line>;
-    type Addr = Link;
-
-    async fn accept(&mut self) -> (Self::Io, Link) {
-        match self.incoming.next().await {
-            Some(Ok(connection)) => {
-                let link = connection.link().clone();
-                (connection, link)
-            }
-            // It listens no more.
-            None => std::future::pending().await,
-        }
-    }
-
-    fn local_addr(&self) -> io::Result<Link> {
-        Ok(Link::new(self.address))
+/// Serves one request.
+async fn one(connection: Guarded<Line>, pages: Router) {
+    let link = connection.link().clone();
+    let answer = service_fn(move |mut request: Request<Incoming>| {
+        request.extensions_mut().insert(ConnectInfo(link.clone()));
+        let pages = pages.clone();
+        async move { answered(pages, request.map(Body::new)).await }
+    });
+    let served = http1::Builder::new()
+        .keep_alive(false)
+        .timer(TokioTimer::new())
+        .serve_connection(TokioIo::new(connection), answer)
+        .await;
+    if let Err(error) = served {
+        tracing::debug!(%error, "a page's connection ended early");
     }
 }
 
-impl Connected<IncomingStream<'_, Gate>> for Link {
-    fn connect_info(stream: IncomingStream<'_, Gate>) -> Self {
-        stream.remote_addr().clone()
-    }
+async fn answered(pages: Router, request: Request<Body>) -> Result<Response<Body>, Infallible> {
+    pages.oneshot(request).await
 }

@@ -38,12 +38,12 @@ use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::net::TcpListener;
 use tokio_util::task::AbortOnDropHandle;
 
+use self::browser::{Browser, SignedIn};
 pub(crate) use self::page::Page;
-use self::{browser::SignedIn, gate::Gate};
 use crate::{
     access::{Book, PageGuard, tls::Tls},
     config::ConnectionsConfig,
-    connections::{Connections, Link},
+    connections::Connections,
     error::{Error, Result},
     service::Rooms,
     telemetry,
@@ -62,6 +62,8 @@ struct House {
     guard: PageGuard,
     signed_in: SignedIn,
     metrics: PrometheusHandle,
+    /// The name of the cookie that browsers come back with.
+    cookie: String,
     /// Whether the way to the browser is encrypted.
     encrypted: bool,
     /// Whether only this machine reaches the pages.
@@ -87,30 +89,25 @@ pub(crate) fn open(
         max_connections_per_address: CONNECTIONS_PER_ADDRESS,
         ..config.connections.clone()
     });
-    let encrypted = tls.is_some();
-    let gate = Gate::new(&connections, listener, tls)?;
-    let guard = PageGuard::new(book, rooms.store.clone(), required, connections);
-    let house = Arc::new(House { rooms, guard, signed_in: SignedIn::default(), metrics, encrypted, loopback });
-    Ok(AbortOnDropHandle::new(tokio::spawn(serve(house, gate))))
+    let (encrypted, cookie) = (tls.is_some(), Browser::cookie_name(address.port()));
+    let guard = PageGuard::new(book, rooms.store.clone(), required, connections.clone());
+    let house = Arc::new(House { rooms, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
+    Ok(AbortOnDropHandle::new(tokio::spawn(async move {
+        let pages = routes::all(&house);
+        tokio::select! {
+            () = gate::serve(connections, listener, tls, pages) => {}
+            () = keep_up(&house) => {}
+        }
+    })))
 }
 
-async fn serve(house: Arc<House>, gate: Gate) {
-    let pages = routes::all(&house).into_make_service_with_connect_info::<Link>();
-    let upkeep = async {
-        loop {
-            house.metrics.run_upkeep();
-            if let Err(error) = house.rooms.curation.warm().await {
-                tracing::warn!(%error, "the newest score run was not summed up ahead");
-            }
-            tokio::time::sleep(UPKEEP).await;
+/// Does again and again what need not wait until somebody looks.
+async fn keep_up(house: &House) {
+    loop {
+        house.metrics.run_upkeep();
+        if let Err(error) = house.rooms.curation.warm().await {
+            tracing::warn!(%error, "the newest score run was not summed up ahead");
         }
-    };
-    tokio::select! {
-        served = axum::serve(gate, pages) => {
-            if let Err(error) = served {
-                tracing::error!(%error, "the pages are gone");
-            }
-        }
-        () = upkeep => {}
+        tokio::time::sleep(UPKEEP).await;
     }
 }

@@ -11,8 +11,11 @@ use axum::{
 use maud::html;
 use serde::Deserialize;
 
-use super::{browser::Browser, refusal::Answer, shell, visit::Visit};
-use crate::{access::token_hash, config::Secret, error::Error};
+use super::{browser::Browser, page::Page, refusal::Answer, shell, visit::Visit};
+use crate::{
+    access::{PageGuard, token_hash},
+    config::Secret,
+};
 
 /// Where to go afterwards.
 #[derive(Deserialize)]
@@ -62,16 +65,12 @@ pub(super) async fn sign_in(
     Form(Shown { token, next }): Form<Shown>,
 ) -> Answer {
     let hash = token_hash(token.0.reveal().trim());
-    if !visit.house.guard.is_token(&hash).await? {
-        return Err(Error::unauthenticated(
-            "this token is not known, has expired or was revoked; who runs the server makes one with `gleaner-server \
-             token create`",
-        )
-        .into());
-    }
+    let caller = visit.house.guard.known(&hash).await?;
+    // One that opens no page is not worth remembering.
+    PageGuard::permit(&caller, Page::Overview)?;
     visit.house.signed_in.sign_out(&browser);
     let browser = visit.house.signed_in.sign_in(hash);
-    let cookie = browser.cookie(visit.house.encrypted);
+    let cookie = browser.cookie(&visit.house.cookie, visit.house.encrypted);
     Ok((StatusCode::SEE_OTHER, [(LOCATION, local(&next).to_owned())], [(SET_COOKIE, cookie)]).into_response())
 }
 

@@ -70,6 +70,7 @@ impl Pages {
             guard,
             signed_in: super::browser::SignedIn::default(),
             metrics,
+            cookie: super::browser::Browser::cookie_name(7401),
             encrypted: false,
             loopback: true,
         };
@@ -78,19 +79,34 @@ impl Pages {
 
     /// Makes a token of this role.
     pub(super) async fn token(&self, role: Role) -> String {
+        self.token_until(role, None).await
+    }
+
+    /// Makes a token of this role that expires.
+    pub(super) async fn token_until(&self, role: Role, expires_at: Option<Millis>) -> String {
         let deployments = if role == Role::Robot { vec!["arm".to_owned()] } else { Vec::new() };
-        let word = format!("token of {}", role.as_str());
+        let word = format!("token {} of {}", expires_at.map_or(0, |at| at.0), role.as_str());
         let token = Token {
             id: TokenId::new(),
-            name: role.as_str().to_owned(),
+            // A name is one live token's.
+            name: expires_at.map_or(role.as_str().to_owned(), |at| format!("{} until {}", role.as_str(), at.0)),
             role,
             deployments,
             created_at: Millis::now(),
-            expires_at: None,
+            expires_at,
             revoked_at: None,
             last_used_at: None,
         };
         self.rooms.store.insert_token(&token, &token_hash(&word)).await.unwrap();
+        word
+    }
+
+    /// Makes an admin's token and revokes it.
+    pub(super) async fn revoked(&self) -> String {
+        let word = self.token_until(Role::Admin, Some(Millis(i64::MAX))).await;
+        let tokens = self.rooms.store.tokens().await.unwrap();
+        let (_, token) = tokens.iter().find(|(hash, _)| *hash == token_hash(&word)).unwrap();
+        self.rooms.store.revoke_token(token.id.as_str()).await.unwrap();
         word
     }
 

@@ -33,9 +33,11 @@ async fn every_page_with_every_role() {
     for role in Role::ALL {
         known.push((role, Client::with(&pages.token(role).await)));
     }
+    let expired = Client::with(&pages.token_until(Role::Admin, Some(Millis(1))).await);
+    let revoked = Client::with(&pages.revoked().await);
     for &page in Page::ALL {
         let refused = |status: StatusCode| matches!(status, StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN);
-        for nobody in [Client::default(), Client::with("no token of ours")] {
+        for nobody in [Client::default(), Client::with("no token of ours"), expired.clone(), revoked.clone()] {
             let answered = status(&pages, &nobody, page).await;
             let sent_to_sign_in = answered == StatusCode::SEE_OTHER && page.method() == Method::GET;
             let let_in = !refused(answered) && !sent_to_sign_in;
@@ -145,6 +147,54 @@ async fn a_browser_signs_in_and_out() {
     let out = Client { proof: overview.proof(), ..signed_in.clone() };
     assert_eq!(pages.post(&out, "/sign-out", (FORM, "")).await.status, StatusCode::SEE_OTHER);
     assert_eq!(pages.get(&signed_in, "/").await.status, StatusCode::SEE_OTHER);
+}
+
+#[tokio::test]
+async fn a_token_that_is_over_is_as_if_it_had_never_been_shown() {
+    let pages = Pages::open(false).await;
+    let browser = pages.visitor().await;
+    let soon = Millis::now().after(std::time::Duration::from_millis(300));
+    let body = format!("token={}", pages.token_until(Role::Viewer, Some(soon)).await.replace(' ', "+"));
+    let signed_in = pages.post(&browser, "/sign-in", (FORM, &body)).await;
+    let viewer = Client { cookie: signed_in.cookie(), ..Client::default() };
+    assert!(pages.get(&viewer, "/").await.text().contains("Sign out"));
+    while Millis::now() <= soon {
+        tokio::task::yield_now().await;
+    }
+    let after = pages.get(&viewer, "/").await;
+    assert_eq!(after.status, StatusCode::OK, "nobody is asked for a token here");
+    assert!(!after.text().contains("Sign out"));
+    let robot = format!("token={}", pages.token(Role::Robot).await.replace(' ', "+"));
+    assert_eq!(pages.post(&browser, "/sign-in", (FORM, &robot)).await.status, StatusCode::FORBIDDEN);
+}
+
+#[tokio::test]
+async fn what_is_sent_has_an_end() {
+    let pages = Pages::open(false).await;
+    let visitor = pages.visitor().await;
+    let rollback = address(Page::RollBack);
+    for (path, most) in [("/sign-in", 64 << 10), (rollback.as_str(), 1 << 20)] {
+        let fits = pages.post(&visitor, path, (JSON, &" ".repeat(most))).await;
+        assert!(!fits.text().contains("must come whole"), "{path}: {}", fits.text());
+        for client in [&visitor, &Client::with("no token of ours")] {
+            let reply = pages.post(client, path, (JSON, &" ".repeat(most + 1))).await;
+            assert!(reply.status.is_client_error(), "{path}");
+            if client.token.is_none() || path == "/sign-in" {
+                assert!(reply.text().contains(&format!("at most {most} bytes")), "{path}: {}", reply.text());
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn a_flood_of_refusals_does_not_fill_the_audit_log() {
+    let pages = Pages::open(true).await;
+    let viewer = Client::with(&pages.token(Role::Viewer).await);
+    for _ in 0..50 {
+        assert_eq!(status(&pages, &viewer, Page::RollBack).await, StatusCode::FORBIDDEN);
+    }
+    let written = pages.rooms.store.audit(Millis(0), 100).await.unwrap().len();
+    assert!((10..15).contains(&written), "{written}");
 }
 
 #[tokio::test]
