@@ -150,10 +150,12 @@ pub struct Keyed {
 pub struct Plan {
     /// In an order in which each comes after those it waits for.
     pub jobs: Vec<NewJob>,
-    /// The dataset between scoring and training.
-    pub dataset: Option<Dataset>,
+    /// Datasets between scoring and training.
+    pub datasets: Vec<Dataset>,
     /// The schedule that moves on by this.
     pub start: Option<ScheduleStart>,
+    /// Refused when a job of the task that has not ended is to do the very same as the first of these.
+    pub once: bool,
 }
 
 /// Which jobs are meant.

@@ -49,5 +49,5 @@ pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId
             add(JobSpec::Evaluate { policy_id, spec }, EvaluationId::new().into());
         }
     }
-    Plan { dataset: Some(dataset), ..plan }
+    Plan { datasets: vec![dataset], ..plan }
 }

@@ -2,12 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use serde::{Serialize, de::DeserializeOwned};
+
 use super::Jobs;
 use crate::{
     domain::{
-        id::JobId,
+        dataset::Dataset,
+        id::{DatasetId, EncoderId, EvaluationId, ExportId, JobId, PolicyId, ScoreRunId},
         job::{Job, JobKind, JobState},
-        order::{JobOrder, Queueing},
+        order::{Keyed, NewJob, Plan},
+        time::Millis,
     },
     error::{Error, Result},
     store::Store,
@@ -18,69 +22,123 @@ type Renamed = BTreeMap<String, String>;
 
 impl Jobs {
     /// Orders anew what a job that failed or was cancelled was to do, and then the jobs that never began because they
-    /// waited for it. All get new ids, and so does what they make; keys stay.
+    /// waited for it, but for those that wait for another that gave up too. All get new ids, and so does what they make;
+    /// keys stay. They are queued together, or not at all.
     ///
     /// # Errors
-    /// NotFound; Precondition when the job may still end well or has; otherwise as for [`Jobs::submit`].
+    /// NotFound; Precondition when the job may still end well or has, or when the maker of an input gave up; Exists when a
+    /// job does the same and has not ended, so that who asks twice gets it once; otherwise as for [`Jobs::submit`].
     pub(crate) async fn retry(&self, id: &JobId) -> Result<Job> {
         let store = &self.0.store;
         let job = store.job(id).await?;
-        match job.state {
-            JobState::Failed | JobState::Cancelled => {}
-            JobState::Queued | JobState::Running | JobState::Succeeded => {
-                let state = job.state.as_str();
-                return Err(Error::precondition(format!(
-                    "{id} is {state}; only a job that failed or was cancelled is tried again"
-                )));
+        if !gave_up(job.state) {
+            let state = job.state.as_str();
+            return Err(Error::precondition(format!(
+                "{id} is {state}; only a job that failed or was cancelled is tried again"
+            )));
+        }
+        self.0.blobs.expect_room(0)?;
+        // What it names may be gone by now.
+        self.resolve(&job.task_id, job.spec.clone().into()).await?;
+        let mut again = Again::default();
+        again.add(store, &job).await?;
+        for waited in store.ended_with(id, job.state).await? {
+            if again.may_end_well(store, &waited).await? {
+                again.add(store, &waited).await?;
             }
         }
-        let waited = store.ended_with(id, job.state).await?;
-        let mut renamed = Renamed::new();
-        let first = self.again(&job, &mut renamed).await?;
-        for job in &waited {
-            self.again(job, &mut renamed).await?;
-        }
-        tracing::info!(job.id = %id, again.id = %first.id, waited = waited.len(), "a job is tried again");
+        let plan = Plan { once: true, ..again.plan };
+        let first = self.queue(&plan).await?.into_iter().next();
+        let first = first.ok_or_else(|| Error::internal("queueing a retry", "it was not there afterwards"))?;
+        tracing::info!(job.id = %id, again.id = %first.id, jobs = plan.jobs.len(), "a job is tried again");
         Ok(first)
     }
+}
 
-    async fn again(&self, job: &Job, renamed: &mut Renamed) -> Result<Job> {
-        let order = with_names(&self.0.store.ordered(job).await?, renamed)?;
-        let needs = job.needs.iter().map(|needed| match renamed.get(needed.as_str()) {
+fn gave_up(state: JobState) -> bool {
+    match state {
+        JobState::Failed | JobState::Cancelled => true,
+        JobState::Queued | JobState::Running | JobState::Succeeded => false,
+    }
+}
+
+/// What jobs were to do, planned anew.
+#[derive(Default)]
+struct Again {
+    plan: Plan,
+    renamed: Renamed,
+}
+
+impl Again {
+    /// Whether a job would wait for none that gave up and is not in the plan.
+    async fn may_end_well(&self, store: &Store, job: &Job) -> Result<bool> {
+        for needed in job.needs.iter().filter(|needed| !self.renamed.contains_key(needed.as_str())) {
+            if gave_up(store.job(needed).await?.state) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Plans a job anew; those it waits for, and are planned too, are there before.
+    async fn add(&mut self, store: &Store, job: &Job) -> Result<()> {
+        let (id, result_id) = (JobId::new(), new_result(job.spec.kind()));
+        let keyed = if job.key.is_empty() {
+            None
+        } else {
+            let order = with_names(&store.ordered(&job.id).await?, &self.renamed)?;
+            Some(Keyed { key: job.key.clone(), order })
+        };
+        let needs = job.needs.iter().map(|needed| match self.renamed.get(needed.as_str()) {
             Some(new) => JobId::parse("needs", new),
             None => Ok(needed.clone()),
         });
-        let queueing = Queueing {
+        self.plan.jobs.push(NewJob {
+            id: id.clone(),
+            task_id: job.task_id.clone(),
+            spec: with_names(&job.spec, &self.renamed)?,
+            result_id: result_id.clone(),
             priority: job.priority,
+            max_attempts: job.max_attempts,
             needs: needs.collect::<Result<_>>()?,
-            max_attempts: Some(job.max_attempts),
-            key: job.key.clone(),
-        };
-        let new = self.submit(&job.task_id, order, queueing).await?;
-        renamed.insert(job.id.to_string(), new.id.to_string());
-        renamed.insert(job.result_id.clone(), new.result_id.clone());
-        if new.spec.kind() == JobKind::Score {
-            same_datasets(&self.0.store, job, &new, renamed).await?;
+            keyed,
+        });
+        if job.spec.kind() == JobKind::Score {
+            self.add_datasets(store, job, &result_id).await?;
         }
-        Ok(new)
+        self.renamed.insert(job.id.to_string(), id.into());
+        self.renamed.insert(job.result_id.clone(), result_id);
+        Ok(())
+    }
+
+    /// Looks at the new run through every selection that the old one, which never came to be, had.
+    async fn add_datasets(&mut self, store: &Store, job: &Job, new: &str) -> Result<()> {
+        let run = |id: &str| ScoreRunId::parse("result_id", id);
+        // Newest first: the new ones are to stand in the same order.
+        for old in store.datasets_of_run(&run(&job.result_id)?).await?.into_iter().rev() {
+            let (id, created_at) = (DatasetId::new(), Millis::now());
+            self.renamed.insert(old.id.to_string(), id.to_string());
+            self.plan.datasets.push(Dataset { id, score_run_id: run(new)?, created_at, ..old });
+        }
+        Ok(())
     }
 }
 
-/// Looks at the new run through every selection that the old one, which never came to be, had.
-async fn same_datasets(store: &Store, old: &Job, new: &Job, renamed: &mut Renamed) -> Result<()> {
-    let run = |job: &Job| crate::domain::id::ScoreRunId::parse("result_id", &job.result_id);
-    let new = run(new)?;
-    for dataset in store.datasets_of_run(&run(old)?).await? {
-        let same = store.insert_dataset(&new, dataset.selection).await?;
-        renamed.insert(dataset.id.into(), same.id.into());
+/// An id for what a job of this kind makes.
+fn new_result(kind: JobKind) -> String {
+    match kind {
+        JobKind::Pretrain => EncoderId::new().into(),
+        JobKind::Score => ScoreRunId::new().into(),
+        JobKind::Train => PolicyId::new().into(),
+        JobKind::Export => ExportId::new().into(),
+        JobKind::Evaluate => EvaluationId::new().into(),
     }
-    Ok(())
 }
 
-/// The order with new ids for old ones. An id is in no order but where it is named.
-fn with_names(order: &JobOrder, renamed: &Renamed) -> Result<JobOrder> {
-    let wrong = |error: serde_json::Error| Error::internal("naming an order's inputs anew", error);
-    let mut text = serde_json::to_string(order).map_err(wrong)?;
+/// A spec or an order with new ids for old ones. An id is in none but where it is named.
+fn with_names<T: Serialize + DeserializeOwned>(named: &T, renamed: &Renamed) -> Result<T> {
+    let wrong = |error: serde_json::Error| Error::internal("naming a job's inputs anew", error);
+    let mut text = serde_json::to_string(named).map_err(wrong)?;
     for (old, new) in renamed {
         text = text.replace(old.as_str(), new);
     }
@@ -88,111 +146,4 @@ fn with_names(order: &JobOrder, renamed: &Renamed) -> Result<JobOrder> {
 }
 
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
-    use gleaner_learn::{Device, PretrainSpec, TrainSpec};
-
-    use super::*;
-    use crate::{
-        domain::{
-            attempt::AttemptEnd,
-            evaluation::EvaluateSpec,
-            job::JobSpec,
-            order::{Subject, TrainData},
-            schedule::PipelineSpec,
-            selection::Selection,
-            snapshot::RoleRule,
-        },
-        error::Kind,
-        jobs::testing::Bench,
-    };
-
-    fn pipeline() -> PipelineSpec {
-        PipelineSpec {
-            snapshot_id: None,
-            rule: RoleRule::default(),
-            pretrain: PretrainSpec::default(),
-            score: true,
-            scoring: None,
-            beta: Some(0.75),
-            top_fraction: None,
-            train: Some(TrainSpec::default()),
-            evaluate: None,
-        }
-    }
-
-    #[tokio::test]
-    async fn what_waited_for_a_failed_job_follows_its_retry() {
-        let bench = Bench::new().await;
-        let (old, dataset) = bench.jobs.submit_pipeline(&bench.task.id, &pipeline(), 3, None).await.unwrap();
-        let refused = bench.jobs.retry(&old[0].id).await.unwrap_err();
-        assert!(refused.kind() == Kind::Precondition && refused.message().contains("queued"), "{refused}");
-        let (attempt, _) = bench.claim().await;
-        bench.store.end_attempt(&attempt, &AttemptEnd::Hopeless("no such device".into())).await.unwrap();
-        assert!(old.len() == 3 && bench.store.job(&old[2].id).await.unwrap().state == JobState::Failed);
-
-        let first = bench.jobs.retry(&old[0].id).await.unwrap();
-        let (mut all, _) = bench.store.jobs(&crate::domain::order::JobFilter::default(), None, 10).await.unwrap();
-        all.reverse();
-        let [pretrain, score, train] = &all[3..] else { panic!("not three new jobs") };
-        assert_eq!((&pretrain.id, &pretrain.spec, pretrain.priority), (&first.id, &old[0].spec, 3));
-        assert_eq!((&score.needs, &train.needs), (&vec![pretrain.id.clone()], &vec![score.id.clone()]));
-        let JobSpec::Score { encoder_id, .. } = &score.spec else { panic!("no scoring") };
-        assert_eq!(encoder_id.as_str(), pretrain.result_id);
-        let JobSpec::Train { encoder_id, dataset_id: Some(new), .. } = &train.spec else { panic!("no training") };
-        assert_eq!(encoder_id.as_ref().unwrap().as_str(), pretrain.result_id);
-        let new = bench.store.dataset(new).await.unwrap();
-        assert_eq!((new.score_run_id.as_str(), new.selection), (score.result_id.as_str(), Selection::Beta(0.75)));
-        assert_ne!(Some(new.id), dataset);
-    }
-
-    #[tokio::test]
-    async fn a_key_stays_with_what_was_ordered_under_it() {
-        let bench = Bench::new().await;
-        let order = JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec: PretrainSpec::default() };
-        let queueing = || Queueing { key: "cell 7".into(), max_attempts: Some(2), ..Queueing::default() };
-        let job = bench.jobs.submit(&bench.task.id, order.clone(), queueing()).await.unwrap();
-        bench.jobs.cancel(&job.id).await.unwrap();
-        let again = bench.jobs.retry(&job.id).await.unwrap();
-        assert!(again.id != job.id && (again.key.as_str(), again.max_attempts) == ("cell 7", 2));
-        let asked = bench.jobs.submit(&bench.task.id, order, queueing()).await.unwrap();
-        assert_eq!(asked, again, "who asks again finds the retry");
-        assert_eq!(bench.jobs.retry(&job.id).await.unwrap(), again, "and so does who tries again");
-        assert_eq!(bench.jobs.retry(&JobId::new()).await.unwrap_err().kind(), Kind::NotFound);
-    }
-
-    #[test]
-    fn every_spec_can_be_ordered_again() {
-        use crate::domain::id::{DatasetId, EncoderId, PolicyId, SnapshotId};
-        let (encoder, snapshot, dataset) = (EncoderId::new(), SnapshotId::new(), DatasetId::new());
-        let train = |encoder_id, dataset_id| {
-            JobOrder::from(JobSpec::Train {
-                encoder_id,
-                snapshot_id: snapshot.clone(),
-                dataset_id,
-                spec: TrainSpec::default(),
-            })
-        };
-        let data = |order| {
-            let JobOrder::Train { data, .. } = order else { panic!("no training") };
-            data
-        };
-        assert_eq!(data(train(Some(encoder.clone()), Some(dataset.clone()))), TrainData::Dataset(dataset));
-        assert_eq!(data(train(Some(encoder.clone()), None)), TrainData::ExpertsOf(encoder));
-        assert_eq!(data(train(None, None)), TrainData::ExpertsIn(snapshot.clone()));
-        let policy = PolicyId::new();
-        let spec = EvaluateSpec {
-            simulation: "pick_cube".into(),
-            episodes: 1,
-            seeds: vec![4],
-            max_steps: 9,
-            device: Device::Cpu,
-        };
-        let order = JobOrder::from(JobSpec::Evaluate { policy_id: policy.clone(), spec: spec.clone() });
-        assert_eq!(order, JobOrder::Evaluate { subject: Subject::Policy(policy.clone()), spec });
-        let other = PolicyId::new();
-        let renamed = Renamed::from([(policy.to_string(), other.to_string())]);
-        let JobOrder::Evaluate { subject, .. } = with_names(&order, &renamed).unwrap() else { panic!("no evaluation") };
-        assert_eq!(subject, Subject::Policy(other));
-    }
-}
+mod tests;

@@ -83,11 +83,11 @@ impl Jobs {
         let named = pipeline.snapshot_id.clone();
         let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &pipeline.rule).await?;
         let plan = Plan { start, ..chain(task, pipeline, &snapshot, priority) };
-        let dataset = plan.dataset.as_ref().map(|dataset| dataset.id.clone());
+        let dataset = plan.datasets.first().map(|dataset| dataset.id.clone());
         Ok((self.queue(&plan).await?, dataset))
     }
 
-    async fn queue(&self, plan: &Plan) -> Result<Vec<Job>> {
+    pub(super) async fn queue(&self, plan: &Plan) -> Result<Vec<Job>> {
         let queued = self.0.store.insert_plan(plan).await?;
         for job in &queued {
             tracing::info!(job.id = %job.id, job.kind = job.spec.kind().as_str(), task.id = %job.task_id, "queued");

@@ -5,3 +5,5 @@ mod lineage;
 mod overview;
 mod retry;
 mod table;
+
+pub(super) use self::retry::expect_none_alike;

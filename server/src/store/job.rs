@@ -2,7 +2,7 @@
 
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 
-use super::{Store, commit, dataset, fault, is_duplicate, row, schedule};
+use super::{Store, commit, curation, dataset, fault, is_duplicate, row, schedule};
 use crate::{
     domain::{
         id::{BlobId, JobId, TaskId},
@@ -180,13 +180,16 @@ impl Store {
     ///
     /// # Errors
     /// NotFound when a job to wait for is unknown; Precondition when one failed or was cancelled; Exists when a job
-    /// has taken its key meanwhile.
+    /// has taken its key meanwhile, or does what a plan does that may be only once.
     pub(crate) async fn insert_plan(&self, plan: &Plan) -> Result<Vec<Job>> {
         let mut tx = self.write().await?;
+        if let Some(first) = plan.jobs.first().filter(|_| plan.once) {
+            curation::expect_none_alike(&mut tx, first).await?;
+        }
         for job in &plan.jobs {
             insert(&mut tx, job).await?;
         }
-        if let Some(dataset) = &plan.dataset {
+        for dataset in &plan.datasets {
             dataset::insert(&mut tx, dataset).await?;
         }
         if let Some(start) = &plan.start {

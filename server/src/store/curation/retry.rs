@@ -1,27 +1,29 @@
-//! What a retry needs to know: how a job was ordered, and which jobs ended because it did.
+//! What a retry needs to know: how a job was ordered, which jobs ended because it did, and whether it goes on already.
+
+use sqlx::{Sqlite, Transaction};
 
 use crate::{
     domain::{
         id::JobId,
         job::{Job, JobState},
-        order::JobOrder,
+        order::{JobOrder, NewJob},
     },
-    error::Result,
+    error::{Error, Result},
     store::{Store, fault, row},
 };
 
 impl Store {
-    /// What a job was asked to do, as its caller said it where it has a key, else as it was understood.
+    /// What a job that has a key was asked to do, as its caller said it.
     ///
     /// # Errors
-    /// Internal.
-    pub(crate) async fn ordered(&self, job: &Job) -> Result<JobOrder> {
+    /// Internal, also when it has none.
+    pub(crate) async fn ordered(&self, job: &JobId) -> Result<JobOrder> {
         let ordered: String = sqlx::query_scalar("select ordered from jobs where id = ?")
-            .bind(job.id.as_str())
+            .bind(job.as_str())
             .fetch_one(self.read())
             .await
             .map_err(fault("reading an order"))?;
-        if ordered.is_empty() { Ok(job.spec.clone().into()) } else { row::json("jobs.ordered", &ordered) }
+        row::json("jobs.ordered", &ordered)
     }
 
     /// The jobs that never began because they waited, directly or not, for this one, which failed or was cancelled;
@@ -45,5 +47,26 @@ impl Store {
             jobs.push(self.job(&row::id("jobs.id", id)?).await?);
         }
         Ok(jobs)
+    }
+}
+
+/// Refuses a job when one of its task that has not ended is to do the very same.
+///
+/// # Errors
+/// Exists, naming that one.
+pub(in crate::store) async fn expect_none_alike(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
+    let alike: Option<String> = sqlx::query_scalar(
+        "select id from jobs where task_id = ? and state in ('queued', 'running') and spec = ? limit 1",
+    )
+    .bind(job.task_id.as_str())
+    .bind(row::to_json(&job.spec)?)
+    .fetch_optional(&mut **tx)
+    .await
+    .map_err(fault("looking for a job that does the same"))?;
+    match alike {
+        Some(id) => {
+            Err(Error::exists(format!("{id} does the same and has not ended; look at that one, or cancel it first")))
+        }
+        None => Ok(()),
     }
 }
