@@ -46,7 +46,7 @@ impl Store {
 
     /// At most `limit` metrics of a job that arrived after `sequence`, in order of arrival.
     pub(crate) async fn metrics(&self, job: &JobId, sequence: i64, limit: u32) -> Result<Vec<Metric>> {
-        let rows: Vec<(i64, i64, String, f64)> = sqlx::query_as(
+        let rows: Vec<MetricRow> = sqlx::query_as(
             "select id, step, name, value from job_metrics where job_id = ? and id > ? order by id limit ?",
         )
         .bind(job.as_str())
@@ -55,12 +55,33 @@ impl Store {
         .fetch_all(self.read())
         .await
         .map_err(fault("reading metrics"))?;
-        rows.into_iter()
-            .map(|(sequence, step, name, value)| {
-                Ok(Metric { sequence, step: row::count("job_metrics.step", step)?, name, value })
-            })
-            .collect()
+        rows.into_iter().map(metric).collect()
     }
+}
+
+impl Store {
+    /// A job's metrics for a picture, in order of arrival: about `points` of each name, evenly spread, and the newest.
+    /// What lies between is left out, peaks too.
+    pub(crate) async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
+        let rows: Vec<MetricRow> = sqlx::query_as(
+            "select id, step, name, value from (select *, row_number() over (partition by name order by id) as place, \
+               count(*) over (partition by name) as places from job_metrics where job_id = ?1) \
+             where place = places or (place - 1) % ((places + ?2 - 1) / ?2) = 0 order by id",
+        )
+        .bind(job.as_str())
+        .bind(points.max(1))
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading some of the metrics"))?;
+        rows.into_iter().map(metric).collect()
+    }
+}
+
+/// id, step, name, value.
+type MetricRow = (i64, i64, String, f64);
+
+fn metric((sequence, step, name, value): MetricRow) -> Result<Metric> {
+    Ok(Metric { sequence, step: row::count("job_metrics.step", step)?, name, value })
 }
 
 /// Forgets the metrics of steps that the next attempt will do again.
@@ -76,4 +97,52 @@ pub(super) async fn cut_back(
         .await
         .map_err(fault("cutting metrics back"))?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::{
+        domain::{
+            id::{DatasetId, ExportId},
+            job::JobSpec,
+            order::{NewJob, Plan},
+        },
+        store::testing,
+    };
+
+    #[tokio::test]
+    async fn few_points_of_each_name_stand_for_many() {
+        let (_dir, store) = testing::store().await;
+        let id = JobId::new();
+        let job = NewJob {
+            id: id.clone(),
+            task_id: testing::task(&store).await.id,
+            spec: JobSpec::Export { dataset_id: DatasetId::new() },
+            result_id: ExportId::new().into(),
+            priority: 0,
+            max_attempts: 1,
+            needs: Vec::new(),
+            keyed: None,
+        };
+        store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.unwrap();
+        store.claim_job("hash").await.unwrap().unwrap();
+        let attempt = Attempt { job_id: id.clone(), token_hash: "hash".into() };
+        let losses = (1..=95).map(|step| (step, "loss".to_owned(), 0.5));
+        let rates = (1..=3).map(|step| (step * 10, "rate".to_owned(), 0.25));
+        let progress = Progress { metrics: losses.chain(rates).collect(), ..Progress::default() };
+        store.report_progress(&attempt, &progress).await.unwrap();
+
+        let steps = async |points| {
+            let metrics = store.sparse_metrics(&id, points).await.unwrap();
+            let of = |name| metrics.iter().filter(|one| one.name == name).map(|one| one.step).collect::<Vec<_>>();
+            (of("loss"), of("rate"))
+        };
+        let (losses, rates) = steps(10).await;
+        assert_eq!(losses, [1, 11, 21, 31, 41, 51, 61, 71, 81, 91, 95]);
+        assert_eq!(rates, [10, 20, 30], "there are few");
+        assert_eq!(steps(1000).await.0, (1..=95).collect::<Vec<_>>());
+        assert_eq!(store.sparse_metrics(&JobId::new(), 10).await.unwrap(), []);
+    }
 }

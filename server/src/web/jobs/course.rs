@@ -15,6 +15,9 @@ use crate::{
     web::{made::link, refusal::Answer, say, visit::Visit},
 };
 
+/// Points of a curve: more than its picture has room for.
+const POINTS: u32 = 2000;
+
 /// The part by itself.
 pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
     let store = &visit.rooms().store;
@@ -24,7 +27,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
 
 /// Progress, message, error and curves.
 pub(super) async fn course(store: &Store, job: &Job) -> Result<Markup> {
-    let metrics = store.metrics(&job.id, 0, u32::MAX).await?;
+    let metrics = store.sparse_metrics(&job.id, POINTS).await?;
     Ok(html! {
         div #course data-state=(job.state.as_str()) {
             (standing(job, Millis::now()))
