@@ -13,6 +13,9 @@ use serde_json::Value;
 
 use super::{door::Subjects, refusal::Answer};
 
+/// Most characters of a value in the audit log.
+const LONGEST: usize = 160;
+
 /// Whether a program has sent this.
 pub(super) fn is_json(headers: &HeaderMap) -> bool {
     headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/json"))
@@ -26,10 +29,31 @@ pub(super) fn done(json: bool, page: &str, told: Value) -> Response {
     (StatusCode::SEE_OTHER, [(LOCATION, page)]).into_response()
 }
 
-/// An answer with what it was about, `field=value`.
-pub(super) fn about(field: &str, value: &str, answer: Answer) -> Response {
+/// An answer, also one that refuses, with what it was about: fields and values as they were sent.
+pub(super) fn about<'a>(subjects: impl IntoIterator<Item = (&'a str, &'a str)>, answer: Answer) -> Response {
     let mut response = answer.into_response();
-    let subject = format!("{field}={}", value.chars().take(64).collect::<String>());
-    response.extensions_mut().insert(Subjects(vec![subject]));
+    let subjects = subjects.into_iter().map(|(field, value)| subject(field, value)).collect();
+    response.extensions_mut().insert(Subjects(subjects));
     response
+}
+
+/// `field=value`, written so that it can be shown: control characters would reach a terminal.
+fn subject(field: &str, value: &str) -> String {
+    format!("{field}={}", value.escape_debug().take(LONGEST).collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_sent_is_kept_short_and_harmless() {
+        let refused = Err(crate::error::Error::invalid("id", "must be an id").into());
+        let long = "\u{1b}[2J\n".repeat(1000);
+        let response = about([("job_id", long.as_str()), ("task", "reach")], refused);
+        let Some(Subjects(subjects)) = response.extensions().get() else { unreachable!("it says nothing") };
+        assert_eq!(subjects[1], "task=reach");
+        assert_eq!(subjects[0].len(), "job_id=".len() + LONGEST);
+        assert!(subjects[0].starts_with("job_id=\\u{1b}[2J\\n") && !subjects[0].contains(char::is_control));
+    }
 }

@@ -1,7 +1,6 @@
 //! One deployment: what it points at, what it pointed at before, a way back, and its sessions.
 
 use axum::{
-    Extension,
     extract::Path,
     http::{StatusCode, header::LOCATION},
     response::{IntoResponse as _, Response},
@@ -12,7 +11,7 @@ use super::live;
 use crate::{
     domain::policy::{Deployment, DeploymentChange},
     web::{
-        door::Subjects,
+        change::about,
         page::Page,
         refusal::Answer,
         say,
@@ -48,13 +47,13 @@ pub(in crate::web) async fn show(visit: Visit, Path(name): Path<String>) -> Answ
     Ok(shell::page(&visit, &head, &body).into_response())
 }
 
-pub(in crate::web) async fn roll_back(visit: Visit, Path(name): Path<String>) -> Answer {
-    let deployment = visit.rooms().policies.roll_back(&name).await?;
-    let subjects = [Some(format!("name={name}")), deployment.policy_id().map(|policy| format!("policy_id={policy}"))];
-    let subjects = Subjects(subjects.into_iter().flatten().collect());
+pub(in crate::web) async fn roll_back(visit: Visit, Path(name): Path<String>) -> Response {
+    let rolled = visit.rooms().policies.roll_back(&name).await;
+    let policy = rolled.as_ref().ok().and_then(Deployment::policy_id).cloned();
     let to = format!("/deployments/{}", escaped(&name));
-    let response: Response = (StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response();
-    Ok((Extension(subjects), response).into_response())
+    let answer = rolled.map(|_| (StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response()).map_err(Into::into);
+    let subjects = [Some(("name", name.as_str())), policy.as_ref().map(|policy| ("policy_id", policy.as_str()))];
+    about(subjects.into_iter().flatten(), answer)
 }
 
 fn facts(deployment: &Deployment) -> Markup {
@@ -81,7 +80,7 @@ fn scorer(change: &DeploymentChange) -> Markup {
 fn history(deployment: &Deployment) -> Markup {
     html! {
         div.scroll { table {
-            thead { tr { th { "Since" } th { "Policy" } th { "Live score" } } }
+            thead { tr { th { "Since (UTC)" } th { "Policy" } th { "Live score" } } }
             tbody {
                 @for change in deployment.history.iter().rev() {
                     tr {

@@ -21,7 +21,7 @@ use crate::{
     error::{Error, Result},
     store::Store,
     web::{
-        door::Subjects,
+        change::about,
         refusal::Answer,
         say,
         visit::{Visit, read},
@@ -32,7 +32,7 @@ use crate::{
 /// Most episodes in one act.
 const MANY: usize = 1000;
 /// Most that the audit log names of one act.
-const NAMED: usize = 32;
+const NAMED: usize = 31;
 
 /// A label for some episodes, each with the label's version that the page showed.
 #[derive(Debug, Deserialize)]
@@ -70,22 +70,28 @@ impl Sent {
     }
 }
 
-pub(in crate::web) async fn label(visit: Visit, Path(task): Path<String>, body: Bytes) -> Answer {
-    let (seen, label) = read::<Sent>(&body)?.read(visit.caller.who())?;
+pub(in crate::web) async fn label(visit: Visit, Path(task): Path<String>, body: Bytes) -> Response {
+    let sent = match read::<Sent>(&body) {
+        Ok(sent) => sent,
+        Err(error) => return about([("task", task.as_str())], Err(error.into())),
+    };
+    let ids: Vec<String> = sent.episodes.iter().take(NAMED).map(|seen| seen.id.clone()).collect();
+    let episodes = ids.iter().map(|id| ("episode_id", id.as_str()));
+    about([("task", task.as_str())].into_iter().chain(episodes), given(&visit, &task, sent).await)
+}
+
+async fn given(visit: &Visit, task: &str, sent: Sent) -> Answer {
+    let (seen, label) = sent.read(visit.caller.who())?;
     let rooms = visit.rooms();
-    let task = rooms.store.task(&task).await?;
+    let task = rooms.store.task(task).await?;
     belong(&rooms.store, &task.id, &seen).await?;
-    let labelled = rooms.store.label_episodes_as_seen(&seen, &label).await?;
-    let mut response = match labelled {
+    Ok(match rooms.store.label_episodes_as_seen(&seen, &label).await? {
         Labelled::Done(episodes) => {
             rooms.jobs.labelled();
             done(&episodes, &label.author)
         }
         Labelled::Changed(changed) => overtaken(&changed),
-    };
-    let subjects = seen.iter().take(NAMED).map(|(id, _)| format!("episode_id={id}")).collect();
-    response.extensions_mut().insert(Subjects(subjects));
-    Ok(response)
+    })
 }
 
 /// Refuses episodes of another task: who labels looks at this one's.

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "tests only")]
 
 use axum::http::{HeaderValue, Method, StatusCode, header::ACCEPT};
+use gleaner_recording::TaskSpec;
 use serde_json::{Value, json};
 
 use super::*;
@@ -105,9 +106,9 @@ async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
     let labels = lab.pages.rooms.store.labels(&episode.id).await.unwrap();
     assert_eq!((labels.len(), labels[1].reason.as_str()), (2, "held it"));
     let audit = lab.pages.rooms.store.audit(Millis(0), 10).await.unwrap();
-    let named = format!("episode_id={}", episode.id);
+    let named = ["task=reach".to_owned(), format!("episode_id={}", episode.id)];
     let mut outcomes: Vec<&str> =
-        audit.iter().filter(|entry| entry.subjects == [named.as_str()]).map(|entry| entry.outcome.as_str()).collect();
+        audit.iter().filter(|entry| entry.subjects == named).map(|entry| entry.outcome.as_str()).collect();
     outcomes.sort_unstable();
     assert_eq!(outcomes, ["Conflict", "ok"]);
 }
@@ -118,16 +119,33 @@ async fn a_label_that_cannot_be_changes_nothing() {
     let episode = lab.episode(Outcome::Unknown, "").await;
     let version = lab.rows("").await[0]["label_version"].clone();
     let elsewhere = crate::domain::id::EpisodeId::new();
+    let store = &lab.pages.rooms.store;
+    let other = store.insert_task(&TaskSpec { name: "push".into(), ..testing::spec() }).await.unwrap();
+    let foreign = testing::episode(store, &other, Outcome::Unknown, "").await;
+    let foreign = json!({ "id": foreign.id, "version": store.label_version(&foreign.id).await.unwrap() });
     let seen = json!({ "id": episode.id, "version": version });
-    for (expected, body) in [
-        (StatusCode::NOT_FOUND, json!({ "episodes": [seen, { "id": elsewhere, "version": 1 }], "outcome": "success" })),
-        (StatusCode::BAD_REQUEST, json!({ "episodes": [seen], "outcome": "won" })),
-        (StatusCode::BAD_REQUEST, json!([])),
+    let too_many: Vec<Value> =
+        (0..=1000).map(|_| json!({ "id": crate::domain::id::EpisodeId::new(), "version": 1 })).collect();
+    for (expected, said, body) in [
+        (
+            StatusCode::NOT_FOUND,
+            "no episode",
+            json!({ "episodes": [seen, { "id": elsewhere, "version": 1 }], "outcome": "success" }),
+        ),
+        (StatusCode::BAD_REQUEST, "is of another task", json!({ "episodes": [seen, foreign], "outcome": "success" })),
+        (StatusCode::BAD_REQUEST, "1 to 1000", json!({ "episodes": too_many, "outcome": "success" })),
+        (StatusCode::BAD_REQUEST, "outcome: ", json!({ "episodes": [seen], "outcome": "won" })),
+        (StatusCode::BAD_REQUEST, "body: ", json!([])),
     ] {
         let (status, answer) = lab.label(&lab.visitor, &body).await;
         assert_eq!(status, expected, "{answer}");
-        assert!(answer["error"].is_string());
+        assert!(answer["error"].as_str().unwrap().contains(said), "{answer}");
     }
+    let audit = store.audit(Millis(0), 10).await.unwrap();
+    assert_eq!(audit.len(), 5, "the log hears of each");
+    let about = |id: &str| audit.iter().filter(|entry| entry.subjects.contains(&format!("episode_id={id}"))).count();
+    assert_eq!([elsewhere.as_str(), foreign["id"].as_str().unwrap(), episode.id.as_str()].map(about), [1, 1, 3]);
+    assert!(audit.iter().all(|entry| entry.subjects[0] == "task=reach" && entry.subjects.len() <= 32), "{audit:?}");
     lab.pages.rooms.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
     let (status, answer) = lab.label(&lab.visitor, &json!({ "episodes": [seen], "outcome": "success" })).await;
     assert_eq!((status, answer["changed"].is_array()), (StatusCode::CONFLICT, false));

@@ -29,5 +29,5 @@ fn answer(id: &str, headers: &HeaderMap, moved: Result<Job>) -> Response {
         let page = format!("/jobs/{}", job.id);
         done(is_json(headers), &page, json!({ "job_id": job.id, "state": job.state.as_str(), "page": page }))
     };
-    about("job_id", id, moved.map(told).map_err(Into::into))
+    about([("job_id", id)], moved.map(told).map_err(Into::into))
 }

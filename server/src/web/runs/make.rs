@@ -28,7 +28,7 @@ struct Named<T> {
 
 /// Makes the dataset of a selection, or finds the one there is. A form leads to its page, JSON is answered with JSON.
 pub(in crate::web) async fn make(visit: Visit, Path(id): Path<String>, request: Request) -> Response {
-    about("score_run_id", &id, made(&visit, &id, request).await)
+    about([("score_run_id", id.as_str())], made(&visit, &id, request).await)
 }
 
 async fn made(visit: &Visit, id: &str, request: Request) -> Answer {
