@@ -7,7 +7,6 @@ pub mod access;
 pub mod blobs;
 pub mod config;
 mod connections;
-#[cfg_attr(not(test), expect(dead_code, reason = "the pages that look at it come next"))]
 mod curation;
 pub mod domain;
 pub mod error;

@@ -19,7 +19,7 @@ pub(crate) use self::{
 use self::{steps::Steps, summary::Weigh};
 use crate::{
     domain::id::{EpisodeId, ScoreRunId},
-    error::{Error, Result},
+    error::{Error, Kind, Result},
     ingest::Ingest,
     store::Store,
 };
@@ -98,7 +98,15 @@ impl Curation {
     /// The steps of an episode, mapped.
     async fn steps(&self, episode: &EpisodeId) -> Result<Arc<Steps>> {
         // Asked each time: what was deleted for good is not shown any more.
-        let (task, recording) = self.0.store.recording_of(episode).await?;
+        let (task, recording) = match self.0.store.recording_of(episode).await {
+            Ok(found) => found,
+            Err(error) => {
+                if error.kind() == Kind::NotFound {
+                    self.0.open.remove(episode);
+                }
+                return Err(error);
+            }
+        };
         let open = async {
             let spec = self.0.store.task_by_id(&task).await?.spec;
             let decoded = self.0.ingest.frames(&spec, &recording).await?;

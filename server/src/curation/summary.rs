@@ -114,11 +114,6 @@ impl Summary {
         self.places.get(episode).and_then(|&place| self.mean_q[place])
     }
 
-    /// q of an imperfect episode's segments, one a step.
-    pub(crate) fn q(&self, episode: &EpisodeId) -> Option<&[f32]> {
-        self.places.get(episode).map(|&place| self.candidates[place].q.as_slice())
-    }
-
     async fn foremost(
         self: &Arc<Self>,
         most: usize,
