@@ -50,7 +50,7 @@ pub(super) async fn show(visit: Visit) -> Answer {
             p.panel.empty { "No job was submitted yet." }
         } @else {
             div.scroll { table {
-                thead { tr { th { "State" } th { "Kind" } th { "Job" } th { "What it does" } th.number { "Submitted" } } }
+                thead { tr { th { "State" } th { "Kind" } th { "Job" } th { "What it does" } th.number { "Submitted (UTC)" } } }
                 tbody { @for job in &jobs { (job_row(job)) } }
             } }
         }

@@ -229,7 +229,7 @@
       Object.assign(element('outcome'), { className: `tag ${outcome}`, textContent: outcome });
       const [item, tag, rest] = ['li', 'span', 'span'].map((kind) => document.createElement(kind));
       Object.assign(tag, { className: `tag ${outcome}`, textContent: outcome });
-      Object.assign(rest, { className: 'soft', textContent: ` ${cohort} by ${by}, ${at}` });
+      Object.assign(rest, { className: 'soft', textContent: ` ${cohort} by ${by}, ${at} UTC` });
       item.append(tag, rest, ...(reason ? [document.createElement('br'), `“${reason}”`] : []));
       element('labels').prepend(item);
     },

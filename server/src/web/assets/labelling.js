@@ -110,13 +110,16 @@ const labelling = (() => {
   undo?.addEventListener('click', takeBack);
   const press = (which) => () => told?.querySelector(`.note ${which}`)?.click();
 
+  // Keys that change labels: one that is held down changes one.
+  const ONCE = ['s', 'f', 'u', 'z', 'a'];
+
   // What keys do, unless somebody writes or holds a modifier.
   function keys(handlers) {
     document.addEventListener('keydown', (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector('dialog[open]')) return;
       const inside = event.target.closest('input:not([type=checkbox], [type=range]), select, textarea');
       const pressed = event.key.length === 1 ? event.key.toLowerCase() : event.key;
-      const handler = handlers[pressed];
+      const handler = event.repeat && ONCE.includes(pressed) ? null : handlers[pressed];
       if (inside || !handler || handler(event) === false) return;
       event.preventDefault();
     });

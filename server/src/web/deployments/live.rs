@@ -60,7 +60,7 @@ fn card(session: &LiveSession, now: &Now) -> Markup {
             }
             dl.facts {
                 dt { "Session" } dd.id { (session.id) }
-                dt { "Since" } dd { (say::time(session.since)) @if session.recorded { ", recorded" } }
+                dt { "Since" } dd { (say::time(session.since)) " UTC" @if session.recorded { ", recorded" } }
                 dt { "Last seen" } dd { (ago(now.seen_at)) }
                 dt { "Answers" } dd { (say::count(now.answered)) }
                 dt { "p50 / p99" } dd { (milliseconds(0.5)) " / " (milliseconds(0.99)) }

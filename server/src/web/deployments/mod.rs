@@ -54,7 +54,7 @@ pub(super) async fn list(visit: Visit) -> Answer {
         } @else {
             div.scroll { table {
                 thead { tr { th { "Name" } th { "Task" } th { "Policy" } th { "Live score" } th.number { "Sessions" }
-                    th.number { "Since" } } }
+                    th.number { "Since (UTC)" } } }
                 tbody { @for row in &rows { (line(row)) } }
             } }
             (sheet::links(&visit))

@@ -110,7 +110,7 @@ fn given(label: &Label) -> Markup {
         li {
             span class=(format!("tag {outcome}")) { (outcome) } " "
             @if !label.cohort.is_empty() { (label.cohort) " " }
-            span.soft { @if !label.author.is_empty() { "by " (label.author) ", " } (say::time(label.created_at)) }
+            span.soft { @if !label.author.is_empty() { "by " (label.author) ", " } (say::time(label.created_at)) " UTC" }
             @if !label.reason.is_empty() { br; "“" (label.reason) "”" }
         }
     }

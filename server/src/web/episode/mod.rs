@@ -111,13 +111,14 @@ pub(super) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
 async fn look(visit: Visit, id: &EpisodeId, asked: &Asked) -> Result<View> {
     let rooms = visit.rooms();
     let beta = beta(if asked.beta.is_empty() { BETA } else { &asked.beta })?;
+    // Before the episode: a label that is given in between is then newer than what was seen.
+    let version = rooms.store.label_version(id).await?;
     let inspected = rooms.store.episode(id).await?;
     let step = step(&asked.step, inspected.episode.steps)?;
     let task = rooms.store.task_by_id(&inspected.episode.task_id).await?;
     let scoring = rooms.store.runs_that_scored(&task.id, id).await?;
     let mut runs = rooms.store.score_runs(&task.id).await?;
     runs.retain(|run| scoring.contains(&run.id));
-    let version = rooms.store.label_version(id).await?;
     let labels = rooms.store.labels(id).await?;
     let scored = match chosen(&asked.run, &runs)? {
         Some(run) => Some(scored(rooms, id, run.clone()).await?),
@@ -175,11 +176,11 @@ fn body(view: &View) -> Markup {
             span #outcome class=(format!("tag {outcome}")) { (outcome) }
             @if episode.cohort.is_empty() { span { "no cohort" } } @else { span { "cohort " (episode.cohort) } }
             span { (say::counted(episode.steps, "step")) ", " (say::seconds(episode.duration_s)) }
-            span { "arrived " (say::time(episode.created_at)) }
+            span { "arrived " (say::time(episode.created_at)) " UTC" }
             a href=(format!("/tasks/{task}/episodes")) { "All episodes" }
         }
         @if let Some(since) = episode.deleted_at {
-            p.note.bad { "In the trash since " (say::time(since)) ". It takes no label until it is taken back." }
+            p.note.bad { "In the trash since " (say::time(since)) " UTC. It takes no label until it is taken back." }
         }
         div.episode {
             div.watch {

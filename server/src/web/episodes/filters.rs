@@ -22,8 +22,8 @@ pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup
             (choice(("findings", "Report"), &asked.findings, "any", &[
                 ("some".to_owned(), "with warnings".to_owned()), ("none".to_owned(), "without".to_owned()),
             ]))
-            label { "From" input type="date" name="from" value=(asked.from); }
-            label { "To" input type="date" name="to" value=(asked.to); }
+            label { "From (UTC)" input type="date" name="from" value=(asked.from); }
+            label { "To (UTC)" input type="date" name="to" value=(asked.to); }
             label { "Name or id" input type="search" name="text" value=(asked.text) maxlength="255"; }
             @if !runs.is_empty() {
                 (choice(("run", "q of run"), &asked.run, "the newest", &run_choices(runs)))
@@ -73,7 +73,7 @@ fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
 
 /// A run as a list names it.
 pub(in crate::web) fn said(run: &ScoreRun) -> String {
-    format!("{} · {} · {}", say::time(run.created_at), run.scorer, link::short(run.id.as_str()))
+    format!("{} UTC · {} · {}", say::time(run.created_at), run.scorer, link::short(run.id.as_str()))
 }
 
 #[cfg(test)]

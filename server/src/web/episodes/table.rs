@@ -52,8 +52,8 @@ fn heads(view: &View, pictures: bool) -> Markup {
             (head(SortKey::Steps, "Length", true))
             (head(SortKey::Findings, "Report", false))
             (head(SortKey::MeanQ, "Mean q", true))
-            th scope="col" { "Last label" }
-            (head(SortKey::Date, "Arrived", false))
+            th scope="col" { "Last label (UTC)" }
+            (head(SortKey::Date, "Arrived (UTC)", false))
         } }
     }
 }
