@@ -4,6 +4,9 @@
 
 use std::sync::Arc;
 
+use bytes::Bytes;
+use http_body::Body;
+
 use super::{
     book::{Book, Held},
     caller::Caller,
@@ -66,8 +69,13 @@ impl PageGuard {
     }
 
     /// An answer's body as its connection watches it: in pieces that must be taken, and its call runs until it is.
-    pub(crate) fn watched(&self, body: axum::body::Body, link: &Link, call: Call) -> axum::body::Body {
-        axum::body::Body::new(self.connections.answer(body, link.clone(), call))
+    pub(crate) fn watched<B: Body<Data = Bytes> + Unpin>(
+        &self,
+        body: B,
+        link: &Link,
+        call: Call,
+    ) -> impl Body<Data = Bytes, Error = B::Error> + use<B> {
+        self.connections.answer(body, link.clone(), call)
     }
 
     /// Whether the audit log hears of one more refusal.

@@ -125,7 +125,7 @@ async fn serve(
             Some(over) => Body::from_stream(body.into_data_stream().take_until(over)),
             None => body,
         };
-        house.guard.watched(body, link, call)
+        Body::new(house.guard.watched(body, link, call))
     }))
 }
 
