@@ -119,7 +119,7 @@ def ask(url: str) -> tuple[float, int]:
 def addresses(database: pathlib.Path) -> list[tuple[str, str]]:
     rows = sqlite3.connect(database)
     (task,) = rows.execute("select name from tasks").fetchone()
-    (run,) = rows.execute("select id from score_runs").fetchone()
+    run, snapshot, encoder = rows.execute("select id, snapshot_id, encoder_id from score_runs").fetchone()
     real = rows.execute("select id from episodes where file_name not like '0%.mcap'").fetchone()[0]
     (camera,) = rows.execute("select json_extract(spec, '$.cameras[0].name') from tasks").fetchone()
     job = rows.execute("select id from jobs where kind = 'pretrain'").fetchone()[0]
@@ -137,6 +137,8 @@ def addresses(database: pathlib.Path) -> list[tuple[str, str]]:
         ("score run", f"/runs/{run}?beta=0.8"),
         ("β moved", f"/runs/{run}/what-if?beta=0.7&format=html"),
         ("best tenth", f"/runs/{run}/what-if?top_fraction=0.1&format=html"),
+        ("snapshot", f"/snapshots/{snapshot}"),
+        ("encoder", f"/encoders/{encoder}"),
         ("jobs", "/jobs"),
         ("one job", f"/jobs/{job}"),
         ("deployments", "/deployments"),

@@ -208,13 +208,15 @@ async fn shared_api(shared: &Shared) -> Api {
 async fn every_page_fits_a_telephone() {
     let Some(browser) = Browser::start().await else { return };
     let shared = shared().await;
-    let Shared { server, run, episodes, policy, .. } = &*shared;
+    let Shared { server, run, episodes, policy, snapshot, encoder, .. } = &*shared;
     let pages = [
         ("overview", "/".to_owned()),
         ("episodes", EPISODES.to_owned()),
         ("episode", format!("/episodes/{}?run={run}", episodes.last().unwrap().id)),
         ("runs", "/tasks/pick_cube/runs".to_owned()),
         ("run", format!("/runs/{run}")),
+        ("snapshot", format!("/snapshots/{snapshot}")),
+        ("encoder", format!("/encoders/{encoder}")),
         ("policy", format!("/policies/{policy}")),
         ("jobs", "/jobs".to_owned()),
         ("deployments", "/deployments".to_owned()),

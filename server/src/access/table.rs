@@ -154,6 +154,8 @@ pub(super) fn page_rule(page: Page) -> Rule {
         | Page::Runs
         | Page::Run
         | Page::WhatIf
+        | Page::Snapshot
+        | Page::Encoder
         | Page::Dataset
         | Page::Policy
         | Page::Jobs

@@ -9,6 +9,7 @@ use super::{
     id::{DatasetId, EncoderId, EpisodeId, PolicyId, ScoreRunId, SnapshotId},
     job::{Job, JobSpec},
     policy::Deployment,
+    snapshot::Role,
     task::{OutcomeCounts, Task},
     time::Millis,
 };
@@ -151,6 +152,78 @@ pub struct SegmentRef {
     pub end_step: u32,
     /// Its q.
     pub q: f32,
+}
+
+/// What a label says, and which one it is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LabelSeen {
+    /// How the attempt ended.
+    pub outcome: Outcome,
+    /// Its cohort.
+    pub cohort: String,
+    /// The label's version; `None` where the history does not tell it.
+    pub version: Option<i64>,
+}
+
+/// Whether an episode can still be looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// It can.
+    Present,
+    /// It can, and it can be taken back.
+    InTrash,
+    /// Its recording was deleted for good; nothing can be learned from it any more.
+    Deleted,
+}
+
+impl Standing {
+    /// The word for it in tables.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Present => "present",
+            Self::InTrash => "in_trash",
+            Self::Deleted => "deleted",
+        }
+    }
+}
+
+/// An episode as a snapshot holds it, beside what it is now.
+#[derive(Debug, Clone)]
+pub struct FrozenEpisode {
+    /// The episode.
+    pub episode_id: EpisodeId,
+    /// The name it was uploaded under.
+    pub file_name: String,
+    /// Its role in the snapshot.
+    pub role: Role,
+    /// Its label when the snapshot was made.
+    pub then: LabelSeen,
+    /// Its label now.
+    pub now: LabelSeen,
+    /// What is left of it.
+    pub standing: Standing,
+}
+
+impl FrozenEpisode {
+    /// Whether its label says something else now.
+    pub fn relabelled(&self) -> bool {
+        self.then.outcome != self.now.outcome || self.then.cohort != self.now.cohort
+    }
+}
+
+/// A snapshot that holds an episode.
+#[derive(Debug, Clone)]
+pub struct SnapshotUse {
+    /// The snapshot.
+    pub snapshot_id: SnapshotId,
+    /// When it was made.
+    pub created_at: Millis,
+    /// The episode's role in it.
+    pub role: Role,
+    /// The episode's outcome then.
+    pub outcome: Outcome,
+    /// The episode's cohort then.
+    pub cohort: String,
 }
 
 /// Something that a job's spec names.

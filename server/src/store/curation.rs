@@ -4,6 +4,7 @@ mod episode;
 mod lineage;
 mod overview;
 mod retry;
+mod snapshot;
 mod table;
 
 pub(super) use self::retry::expect_none_alike;

@@ -70,6 +70,10 @@ pages! {
     WhatIf = GET "/runs/{id}/what-if",
     /// Makes what a threshold keeps a dataset.
     MakeDataset = POST "/runs/{id}/datasets",
+    /// One snapshot.
+    Snapshot = GET "/snapshots/{id}",
+    /// One encoder.
+    Encoder = GET "/encoders/{id}",
     /// One dataset.
     Dataset = GET "/datasets/{id}",
     /// One policy.

@@ -40,6 +40,8 @@ fn made(page: Page) -> MethodRouter {
         Page::Run => get(runs::show),
         Page::WhatIf => get(runs::what_if),
         Page::MakeDataset => post(runs::make),
+        Page::Snapshot => get(made::snapshot),
+        Page::Encoder => get(made::encoder),
         Page::Dataset => get(made::dataset),
         Page::Policy => get(made::policy),
         Page::Jobs => get(jobs::list),

@@ -24,6 +24,21 @@ pub(super) enum Format {
     Csv,
 }
 
+/// What the address of a page asks for that has nothing else to ask.
+#[derive(Deserialize)]
+struct Asked {
+    #[serde(default)]
+    format: Format,
+}
+
+/// How a page is asked for whose address can say nothing else.
+///
+/// # Errors
+/// Invalid.
+pub(super) fn asked(visit: &Visit) -> Result<Format> {
+    visit.asked().map(|Asked { format }| format)
+}
+
 /// A table: its file's name, its columns, its rows.
 pub(super) struct Sheet {
     pub(super) name: String,

@@ -3,7 +3,7 @@
 use gleaner_recording::{Finding, Report, Severity};
 use maud::{Markup, html};
 
-use super::{Scored, View};
+use super::{Scored, View, uses};
 use crate::{
     domain::{episode::Label, id::EpisodeId},
     web::{
@@ -21,6 +21,7 @@ pub(super) fn aside(view: &View) -> Markup {
             @if view.labels() { (labelling()) }
             (matched(view))
             (history(view))
+            (uses::panel(view))
             (report(view))
             (facts(view))
         }

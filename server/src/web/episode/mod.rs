@@ -4,6 +4,7 @@ mod aside;
 mod cameras;
 mod data;
 mod timeline;
+mod uses;
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -22,6 +23,7 @@ use super::{
 use crate::{
     curation::Numbers,
     domain::{
+        curation::SnapshotUse,
         episode::{InspectedEpisode, Label},
         id::{EpisodeId, ScoreRunId},
         score::{EpisodeScores, ScoreRun},
@@ -52,6 +54,8 @@ struct View {
     labels: Vec<Label>,
     /// The version of the newest label.
     version: i64,
+    /// The newest snapshots that hold it, and how many do.
+    uses: (Vec<SnapshotUse>, u64),
     /// The runs that scored it, newest first.
     runs: Vec<ScoreRun>,
     /// What the chosen one says.
@@ -120,6 +124,7 @@ async fn look(visit: Visit, id: &EpisodeId, asked: &Asked) -> Result<View> {
     let mut runs = rooms.store.score_runs(&task.id).await?;
     runs.retain(|run| scoring.contains(&run.id));
     let labels = rooms.store.labels(id).await?;
+    let uses = rooms.store.snapshots_with(id, uses::MOST).await?;
     let scored = match chosen(&asked.run, &runs)? {
         Some(run) => Some(scored(rooms, id, run.clone()).await?),
         None => None,
@@ -130,7 +135,7 @@ async fn look(visit: Visit, id: &EpisodeId, asked: &Asked) -> Result<View> {
     {
         tracing::error!(%error, episode.id = %id, "an episode's steps cannot be read");
     }
-    Ok(View { task, inspected, labels, version, runs, scored, numbers, step, beta, visit })
+    Ok(View { task, inspected, labels, version, uses, runs, scored, numbers, step, beta, visit })
 }
 
 /// The run that is asked for, or the newest that scored the episode.

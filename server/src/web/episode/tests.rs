@@ -119,6 +119,28 @@ async fn what_is_missing_is_said_and_the_rest_is_shown() {
 }
 
 #[tokio::test]
+async fn the_page_leads_to_the_snapshots_it_went_into() {
+    let lab = lab().await;
+    let store = &lab.pages.rooms.store;
+    let expert = testing::episode(store, &lab.task, Outcome::Success, "").await;
+    let weak = testing::episode(store, &lab.task, Outcome::Failure, "bob").await;
+    assert!(!lab.get(&format!("/episodes/{}", weak.id)).await.text().contains("Went into"));
+    let oldest = results::encoder(store, &lab.task).await.snapshot_id;
+    testing::run(store, &format!("update episodes set outcome = 'success' where id = '{}'", weak.id)).await;
+    let told = lab.get(&format!("/episodes/{}", weak.id)).await.text();
+    let panel = told.split("Went into").nth(1).unwrap().split("</section>").next().unwrap();
+    assert!(panel.contains(&format!("href=\"/snapshots/{oldest}\"")) && panel.contains(" as imperfect"), "{panel}");
+    assert!(panel.contains("tag failure") && panel.contains("bob"), "as labelled then: {panel}");
+    testing::episode(store, &lab.task, Outcome::Failure, "").await;
+    for _ in 0..10 {
+        results::encoder(store, &lab.task).await;
+    }
+    let told = lab.get(&format!("/episodes/{}", expert.id)).await.text();
+    assert_eq!(told.matches("href=\"/snapshots/").count(), 8);
+    assert!(told.contains("and 3 older snapshots") && !told.contains(oldest.as_str()), "{told}");
+}
+
+#[tokio::test]
 async fn an_address_that_is_wrong_is_refused_by_name() {
     let lab = lab().await;
     let episode = lab.recorded(Outcome::Success).await;

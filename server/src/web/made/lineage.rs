@@ -12,7 +12,7 @@ use crate::{
     domain::{
         curation::Input,
         dataset::Dataset,
-        id::{PolicyId, SnapshotId},
+        id::PolicyId,
         job::{Job, JobKind, JobSpec, JobState},
         policy::Deployment,
         snapshot::Snapshot,
@@ -57,6 +57,22 @@ pub(in crate::web) async fn of_dataset(store: &Store, dataset: &Dataset) -> Resu
     Ok(card::row(&family.cards, dataset.id.as_str()))
 }
 
+/// A snapshot, what jobs make of it, and what is selected of its runs.
+///
+/// # Errors
+/// Internal.
+pub(in crate::web) async fn of_snapshot(store: &Store, snapshot: &Snapshot) -> Result<Markup> {
+    let mut family = Family::new(store);
+    family.add(of_episodes(snapshot));
+    let jobs = store.jobs_naming(&snapshot.task_id, &[snapshot.id.as_str()]).await?;
+    let results: BTreeSet<&str> = jobs.iter().map(|job| job.result_id.as_str()).collect();
+    let datasets = store.datasets(&snapshot.task_id).await?;
+    let selected = datasets.iter().filter(|dataset| results.contains(dataset.score_run_id.as_str()));
+    selected.for_each(|dataset| family.add(of_a_dataset(dataset)));
+    family.after(&jobs);
+    Ok(card::row(&family.cards, snapshot.id.as_str()))
+}
+
 struct Family<'a> {
     store: &'a Store,
     known: BTreeSet<String>,
@@ -81,8 +97,8 @@ impl<'a> Family<'a> {
             for (input, maker) in self.store.inputs(&job).await? {
                 match &input {
                     Input::Snapshot(id) if !self.known.contains(id.as_str()) => {
-                        let card = of_snapshot(self.store, id).await?;
-                        self.add(card);
+                        let snapshot = self.store.frozen(id).await?;
+                        self.add(of_episodes(&snapshot));
                     }
                     Input::Dataset(dataset) => self.add(of_a_dataset(dataset)),
                     Input::Snapshot(_) | Input::Encoder(_) | Input::ScoreRun(_) | Input::Policy(_) => {}
@@ -121,7 +137,7 @@ fn of_result(job: &Job) -> Card {
     let made_by = Some(format!("/jobs/{}", job.id));
     let own = link::page(&job.result_id).filter(|_| job.state == JobState::Succeeded).or_else(|| made_by.clone());
     let (stage, to, says) = match &job.spec {
-        JobSpec::Pretrain { spec, .. } => (Stage::Encoder, made_by, say::counted(spec.optim.steps, "step")),
+        JobSpec::Pretrain { spec, .. } => (Stage::Encoder, own, say::counted(spec.optim.steps, "step")),
         JobSpec::Score { spec, .. } => {
             (Stage::Scores, own, format!("{}, {}", spec.scorer.as_str(), spec.similarity.as_str()))
         }
@@ -146,9 +162,14 @@ fn of_a_dataset(dataset: &Dataset) -> Card {
     }
 }
 
-async fn of_snapshot(store: &Store, id: &SnapshotId) -> Result<Card> {
-    let says = counts(&store.frozen(id).await?);
-    Ok(Card { stage: Stage::Episodes, id: id.to_string(), to: None, says, state: None })
+fn of_episodes(snapshot: &Snapshot) -> Card {
+    Card {
+        stage: Stage::Episodes,
+        id: snapshot.id.to_string(),
+        to: link::page(snapshot.id.as_str()),
+        says: counts(snapshot),
+        state: None,
+    }
 }
 
 fn counts(snapshot: &Snapshot) -> String {

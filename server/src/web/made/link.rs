@@ -3,7 +3,7 @@
 use maud::{Markup, html};
 
 use crate::domain::{
-    id::{DatasetId, EpisodeId, JobId, PolicyId, ScoreRunId},
+    id::{DatasetId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId, SnapshotId},
     selection::Selection,
 };
 
@@ -14,6 +14,8 @@ pub(in crate::web) fn page(id: &str) -> Option<String> {
         .or_else(|| found(ScoreRunId::parse("id", id).is_ok(), "runs"))
         .or_else(|| found(DatasetId::parse("id", id).is_ok(), "datasets"))
         .or_else(|| found(PolicyId::parse("id", id).is_ok(), "policies"))
+        .or_else(|| found(EncoderId::parse("id", id).is_ok(), "encoders"))
+        .or_else(|| found(SnapshotId::parse("id", id).is_ok(), "snapshots"))
         .or_else(|| found(EpisodeId::parse("id", id).is_ok(), "episodes"))
 }
 
@@ -90,14 +92,17 @@ pub(in crate::web) fn selection(selection: Selection) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::id::EncoderId;
+    use crate::domain::id::ExportId;
 
     #[test]
     fn ids_lead_to_their_pages() {
-        let (job, run, encoder) = (JobId::new(), ScoreRunId::new(), EncoderId::new());
+        let (job, run, export) = (JobId::new(), ScoreRunId::new(), ExportId::new());
+        let (encoder, snapshot) = (EncoderId::new(), SnapshotId::new());
         assert_eq!(page(job.as_str()), Some(format!("/jobs/{job}")));
         assert_eq!(page(run.as_str()), Some(format!("/runs/{run}")));
-        assert_eq!((page(encoder.as_str()), page("job_../../etc"), page("")), (None, None, None));
+        assert_eq!(page(encoder.as_str()), Some(format!("/encoders/{encoder}")));
+        assert_eq!(page(snapshot.as_str()), Some(format!("/snapshots/{snapshot}")));
+        assert_eq!((page(export.as_str()), page("job_../../etc"), page("")), (None, None, None));
         assert!(
             short(job.as_str()).starts_with("job…") && job.as_str().ends_with(&short(job.as_str())["job…".len()..])
         );
@@ -112,8 +117,8 @@ mod tests {
         assert!(said.starts_with(&format!("<a class=\"id\" href=\"/jobs/{job}\">{job}</a>, which")), "{said}");
         assert!(said.ends_with("&lt;failed&gt;: é"), "{said}");
         assert_eq!(text("").into_string(), "");
-        let encoder = EncoderId::new();
-        assert_eq!(text(encoder.as_str()).into_string(), format!("<span class=\"id\">{encoder}</span>"));
+        let export = ExportId::new();
+        assert_eq!(text(export.as_str()).into_string(), format!("<span class=\"id\">{export}</span>"));
     }
 
     #[test]

@@ -2,7 +2,6 @@
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
-use serde::Deserialize;
 
 use super::{episodes, evaluations, link, of_job};
 use crate::{
@@ -22,14 +21,8 @@ use crate::{
     },
 };
 
-#[derive(Deserialize)]
-struct Asked {
-    #[serde(default)]
-    format: Format,
-}
-
 pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let Asked { format } = visit.asked()?;
+    let format = sheet::asked(&visit)?;
     let store = &visit.rooms().store;
     let policy = store.policy(&PolicyId::parse("id", &id)?).await?;
     let tried = store.evaluations(&policy.id).await?;
@@ -72,10 +65,10 @@ fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deploym
             @if let JobSpec::Train { spec, .. } = &job.spec {
                 dt { "Steps" } dd { (say::count(spec.optim.steps)) }
                 dt { "λ of kept segments" } dd { (spec.lambda) }
-                dt { "Experts of" } dd { (episodes(snapshot)) " (" span.id { (snapshot.id) } ")" }
+                dt { "Experts of" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
             }
             @if let Some(dataset) = &policy.dataset_id { dt { "Dataset" } dd { (link::whole(dataset.as_str())) } }
-            @if let Some(encoder) = &policy.encoder_id { dt { "Encoder" } dd.id { (encoder) } }
+            @if let Some(encoder) = &policy.encoder_id { dt { "Encoder" } dd { (link::whole(encoder.as_str())) } }
             dt { "Deployed as" }
             dd {
                 @if deployments.is_empty() { "not deployed" }

@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::{
     domain::{
         dataset::Dataset,
-        id::{DatasetId, EncoderId, SnapshotId},
+        id::{DatasetId, SnapshotId},
         job::{Job, JobKind, JobState},
         order::JobFilter,
         policy::Policy,
@@ -55,8 +55,6 @@ struct Made {
     runs: Vec<ScoreRun>,
     snapshots: HashMap<SnapshotId, Snapshot>,
     datasets: Vec<Dataset>,
-    /// The job behind each encoder.
-    encoders: HashMap<EncoderId, Option<Job>>,
     coming: Vec<Job>,
     policies: Vec<Policy>,
 }
@@ -97,12 +95,6 @@ pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answ
 impl Made {
     async fn of(store: &Store, task: &Task) -> Result<Self> {
         let runs = store.score_runs(&task.id).await?;
-        let mut encoders = HashMap::new();
-        for run in &runs {
-            if !encoders.contains_key(&run.encoder_id) {
-                encoders.insert(run.encoder_id.clone(), store.job_of_result(run.encoder_id.as_str()).await?);
-            }
-        }
         let mut coming = Vec::new();
         for state in [JobState::Running, JobState::Queued] {
             let filter = JobFilter { task_id: Some(task.id.clone()), state: Some(state), kind: Some(JobKind::Score) };
@@ -113,7 +105,6 @@ impl Made {
             runs,
             snapshots: snapshots.into_iter().map(|snapshot| (snapshot.id.clone(), snapshot)).collect(),
             datasets: store.datasets(&task.id).await?,
-            encoders,
             coming,
             policies: store.policies(&task.id).await?,
         })
@@ -151,7 +142,6 @@ impl Made {
 
     fn run_row(&self, run: &ScoreRun) -> Markup {
         let snapshot = self.snapshots.get(&run.snapshot_id);
-        let encoder = self.encoders.get(&run.encoder_id).and_then(Option::as_ref);
         html! { tr {
             td { (link::brief(run.id.as_str(), Some(&format!("/runs/{}", run.id)))) }
             td.when { (say::time(run.created_at)) }
@@ -159,7 +149,7 @@ impl Made {
             td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.imperfect_episodes)) } }
             td.when { (run.scorer) span.soft { ", " (run.similarity) } }
             td { (run.normaliser) }
-            td { (link::brief(run.encoder_id.as_str(), encoder.map(|job| format!("/jobs/{}", job.id)).as_deref())) }
+            td { (link::brief(run.encoder_id.as_str(), Some(&format!("/encoders/{}", run.encoder_id)))) }
             td { @for dataset in self.datasets_of(run) {
                 a.tag.kept href=(format!("/datasets/{}", dataset.id)) { (link::selection(dataset.selection)) } " "
             } }

@@ -149,8 +149,8 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
             dt { "Normaliser" }
             dd { (run.normaliser) "; measured by the yardstick, " (format!("{:.3}", run.lo)) " is q = 0 and "
                 (format!("{:.3}", run.hi)) " is q = 1" }
-            dt { "Episodes" } dd { (made::episodes(snapshot)) " (" span.id { (run.snapshot_id) } ")" }
-            dt { "Encoder" } dd.id { (run.encoder_id) }
+            dt { "Episodes" } dd { (made::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
+            dt { "Encoder" } dd { (link::whole(run.encoder_id.as_str())) }
             @if let Some(base) = &run.extends { dt { "Goes on from" } dd { (link::whole(base.as_str())) } }
             dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }
         }

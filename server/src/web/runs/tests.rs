@@ -169,7 +169,8 @@ async fn a_policy_shows_how_it_does_and_what_it_came_from() {
     store.deploy("arm", &task.id, &policy.id, None).await.unwrap();
     let path = format!("/policies/{}", policy.id);
     let shown = pages.get(&Client::default(), &path).await.text();
-    for there in ["50.0 % (29.9 to 70.1)", "bench 3", "/deployments/arm", encoder.id.as_str()] {
+    let (made_with, made_of) = (format!("/encoders/{}", encoder.id), format!("/snapshots/{}", encoder.snapshot_id));
+    for there in ["50.0 % (29.9 to 70.1)", "bench 3", "/deployments/arm", made_with.as_str(), made_of.as_str()] {
         assert!(shown.contains(there), "{there} is not in {shown}");
     }
     assert_eq!(json(&pages, &format!("{path}?format=json")).await[0]["successes"], 10);
