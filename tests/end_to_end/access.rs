@@ -17,7 +17,7 @@ use gleaner_proto::{
 };
 use tonic::{Code, Request, transport::Channel};
 
-use self::guarded::Guarded;
+pub use self::guarded::Guarded;
 use crate::{bad_input::refused, lab, refusals::NOBODY};
 
 /// No event in these tests takes longer.

@@ -3,6 +3,7 @@
 //! Who may see what is tested beside the pages; here is what only a browser can tell.
 
 mod browser;
+mod signed_in;
 
 use gleaner_proto::v1::*;
 use serde_json::json;
@@ -36,6 +37,11 @@ async fn ten_episodes_are_labelled_by_keyboard_and_the_last_is_taken_back() {
     let (server, mut api) = lab().await;
     browser.open(&format!("{}{EPISODES}", server.pages())).await;
     let before = browser.run(OUTCOMES).await;
+    // A key that is held down repeats itself, and that labels nothing.
+    let held = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key: 'u', repeat: true, bubbles: true }))";
+    for _ in 0..3 {
+        browser.run(held).await;
+    }
     browser.keys("ufufufufuf").await;
     let labelled = format!(
         "{OUTCOMES}.startsWith('unknown failure unknown failure unknown failure unknown failure unknown failure')"
@@ -63,6 +69,16 @@ async fn ten_episodes_are_labelled_by_keyboard_and_the_last_is_taken_back() {
     browser.close().await;
 }
 
+async fn label_as_ada(api: &mut Api, id: &str, outcome: Outcome) {
+    let label = LabelEpisodesRequest {
+        episode_ids: vec![id.to_owned()],
+        outcome: outcome.into(),
+        author: "ada".into(),
+        ..Default::default()
+    };
+    api.episodes.label_episodes(label).await.unwrap();
+}
+
 #[tokio::test]
 async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
     let Some(browser) = Browser::start().await else { return };
@@ -70,13 +86,7 @@ async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
     browser.open(&format!("{}{EPISODES}", server.pages())).await;
     let id = browser.run("return document.querySelector('#episodes tbody tr').dataset.id").await;
     let id = id.as_str().unwrap().to_owned();
-    let label = LabelEpisodesRequest {
-        episode_ids: vec![id.clone()],
-        outcome: Outcome::Success.into(),
-        author: "ada".into(),
-        ..Default::default()
-    };
-    api.episodes.label_episodes(label).await.unwrap();
+    label_as_ada(&mut api, &id, Outcome::Success).await;
     browser.keys("u").await;
     let said = browser.text("#told .note.bad p").await;
     assert!(said.contains("ada") && said.contains("success") && said.contains("Nothing was changed"), "{said}");
@@ -90,6 +100,15 @@ async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
     browser.keys("a").await;
     browser.until("labelled all the same", &format!("{OUTCOMES}.startsWith('unknown')")).await;
     assert_eq!(newest(&mut api).await, ("anyone".to_owned(), Outcome::Unknown));
+
+    // The same on the episode's own page.
+    browser.open(&format!("{}/episodes/{id}", server.pages())).await;
+    browser.find("#labels").await;
+    label_as_ada(&mut api, &id, Outcome::Failure).await;
+    browser.keys("s").await;
+    let said = browser.text("#told .note.bad p").await;
+    assert!(said.contains("ada") && said.contains("failure") && said.contains("Nothing was changed"), "{said}");
+    assert_eq!(newest(&mut api).await, ("ada".to_owned(), Outcome::Failure));
     browser.close().await;
 }
 
@@ -142,6 +161,9 @@ async fn a_job_is_watched_until_it_has_ended() {
     browser.open(&format!("{}/jobs/{}", shared.server.pages(), job.id)).await;
     browser.until("it has ended", "return document.querySelector('#course')?.dataset.state === 'succeeded'").await;
     assert!(!browser.all("svg.plot path.line").await.is_empty(), "its losses are drawn");
+    let said = browser.text("#log").await;
+    let begun = said.find("attempt 1 of").zip(said.find("pretraining")).zip(said.find("handing the result over"));
+    assert!(begun.is_some_and(|((begun, worked), done)| begun < worked && worked < done), "{said}");
     browser.keep("job").await;
     browser.open(&format!("{}/jobs", shared.server.pages())).await;
     assert!(browser.text("main").await.contains("pretrain"));

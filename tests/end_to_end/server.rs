@@ -175,7 +175,7 @@ fn serve(data: &Path, flags: &[String], listen: &str) -> Command {
 }
 
 /// Its first lines name its addresses. `None` when it has ended without them.
-async fn listening(child: &mut Child) -> Option<Addresses> {
+pub async fn listening(child: &mut Child) -> Option<Addresses> {
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
     let mut pages = None;
     loop {

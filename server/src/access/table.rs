@@ -160,7 +160,8 @@ pub(super) fn page_rule(page: Page) -> Rule {
         | Page::Policy
         | Page::Jobs
         | Page::Job
-        | Page::JobCourse => reads(Role::Viewer),
+        | Page::JobCourse
+        | Page::JobLog => reads(Role::Viewer),
         Page::LabelEpisodes => changes(Role::Contributor),
         Page::RollBack | Page::MakeDataset | Page::CancelJob | Page::RetryJob => changes(Role::Trainer),
     }

@@ -1,11 +1,11 @@
 //! One attempt of a job: its worker process from start to end, and what the end means.
 
-use std::time::Duration;
+use std::{pin::pin, time::Duration};
 
-use tokio::process::Child;
+use tokio::process::{Child, ChildStderr};
 use tracing::Instrument as _;
 
-use super::{Room, lease::Lease, process, token::Mint};
+use super::{Room, lease::Lease, log::Log, process, token::Mint};
 use crate::{
     domain::{attempt::AttemptEnd, job::Job},
     telemetry::memory,
@@ -13,6 +13,8 @@ use crate::{
 
 /// How long a worker that was asked to stop may take.
 const GRACE: Duration = Duration::from_secs(10);
+/// How long the last words of a worker that has ended may take to be heard.
+const LAST_WORDS: Duration = Duration::from_secs(2);
 
 /// Runs the attempt that has claimed `job`.
 pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
@@ -21,12 +23,15 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
         let attempt = mint.attempt(&job.id);
         let lease = room.leases.grant(&attempt);
         tracing::info!("attempt started");
+        let mut log = Log::of(&room.config.data_dir, &job.id).await;
+        log.note(&format!("attempt {} of {} begins", job.attempt, job.max_attempts)).await;
         let end = match process::start(&room.config, room.server, &mint.token(&job.id)) {
-            Ok(child) => {
+            Ok(mut child) => {
                 crate::fail_point::pass("worker.started");
                 let memory = memory::of_worker(child.id().unwrap_or(0), job.spec.kind().as_str());
+                let said = child.stderr.take();
                 tokio::select! {
-                    end = watch_over(room, child, &lease) => end,
+                    end = heard(watch_over(room, child, &lease), &mut log, said) => end,
                     never = memory => match never {},
                 }
             }
@@ -37,9 +42,36 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
         let end = if stopped { AttemptEnd::Stopped } else { end };
         room.end_surely(&attempt, &end).await;
         room.leases.end(&attempt);
+        log.note(&left(room, &job).await).await;
     }
     .instrument(span)
     .await;
+}
+
+/// What `end` gives, once all that the worker said until then was heard.
+async fn heard(end: impl Future<Output = AttemptEnd>, log: &mut Log, said: Option<ChildStderr>) -> AttemptEnd {
+    let Some(said) = said else { return end.await };
+    let (mut end, mut following) = (pin!(end), pin!(log.follow(said, std::io::stderr())));
+    tokio::select! {
+        end = &mut end => {
+            // Nothing else holds the other end of the pipe; if something did, it would not be waited for.
+            let _ = tokio::time::timeout(LAST_WORDS, following).await;
+            end
+        }
+        () = &mut following => end.await,
+    }
+}
+
+/// How the job stands after an attempt, in words.
+async fn left(room: &Room, job: &Job) -> String {
+    let ended = format!("attempt {} has ended", job.attempt);
+    match room.store.job(&job.id).await {
+        Ok(Job { state, error, message, .. }) => {
+            let said = if error.is_empty() { message } else { error };
+            format!("{ended}; the job is {}: {said}", state.as_str())
+        }
+        Err(error) => format!("{ended}; how the job stands cannot be read: {error}"),
+    }
 }
 
 /// Waits for the process to end, and ends it when it is silent or does not stop when asked.

@@ -7,6 +7,7 @@ mod attempt;
 mod chain;
 mod extend;
 mod lease;
+mod log;
 mod process;
 mod report;
 mod resolve;
@@ -28,6 +29,7 @@ use tokio::sync::{Notify, watch as state};
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
 
 use self::lease::Leases;
+pub(crate) use self::log::folder as logs_folder;
 use crate::{
     blobs::Blobs,
     config::ServeConfig,
@@ -126,6 +128,14 @@ impl Jobs {
         let moved = self.0.store.cancel_job(id).await?;
         self.0.leases.stop(id);
         self.0.settle(moved).await
+    }
+
+    /// What is kept of what a job's workers said: lines of text, the newest last.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses.
+    pub(crate) async fn log(&self, id: &JobId) -> Result<String> {
+        log::read(&self.0.config.data_dir, id).await
     }
 
     /// Keeps a new schedule.

@@ -10,7 +10,8 @@ use tokio::process::{Child, Command};
 
 use crate::config::{Secret, ServeConfig, worker_environment};
 
-/// Starts a worker for the attempt with this token. Dropped, it is killed; and it ends with this process.
+/// Starts a worker for the attempt with this token; what it says is to be read. Dropped, it is killed; and it ends with
+/// this process.
 pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io::Result<Child> {
     Command::new(std::env::current_exe()?)
         .arg("worker")
@@ -28,6 +29,7 @@ pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) ->
         .env("GLEANER_JOB_TOKEN", token.reveal())
         .stdin(Stdio::null())
         .stdout(Stdio::null())
+        .stderr(Stdio::piped())
         .kill_on_drop(true)
         .spawn()
 }

@@ -28,7 +28,7 @@ use tokio_util::{sync::CancellationToken, task::TaskTracker};
 pub(crate) use self::sweep::forget;
 use crate::{
     blobs::Blobs,
-    config::{KeepingCommand, ServeConfig},
+    config::{KeepingCommand, KeepingConfig, ServeConfig},
     error::Result,
     ingest::Ingest,
     store::Store,
@@ -66,18 +66,20 @@ struct Room {
     ingest: Ingest,
     data_dir: PathBuf,
     trash_days: u32,
+    log_days: u32,
 }
 
 impl Keeping {
     /// Sweeps now and then until it is stopped.
     pub(crate) fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, ingest: Ingest) -> Self {
         let (tasks, stopping) = (TaskTracker::new(), CancellationToken::new());
-        let (data_dir, trash_days) = (config.data_dir.clone(), config.keeping.trash_days);
+        let KeepingConfig { trash_days, log_days, .. } = config.keeping;
+        let data_dir = config.data_dir.clone();
         let (watched, stopped) = (blobs.clone(), stopping.clone());
         tasks.spawn(async move {
             let _: Option<()> = stopped.run_until_cancelled(watch::watch(watched)).await;
         });
-        let room = Room { store, blobs, ingest, data_dir, trash_days };
+        let room = Room { store, blobs, ingest, data_dir, trash_days, log_days };
         let stopped = stopping.clone();
         tasks.spawn(async move {
             let sweeping = async {
@@ -112,6 +114,7 @@ impl Room {
                 caches.removed = tally.caches,
                 uploads.forgotten = tally.uploads,
                 leavings.removed = tally.leavings,
+                logs.removed = tally.logs,
                 "swept"
             ),
             Err(error) => tracing::error!(%error, "the sweep broke off; it is tried again later"),

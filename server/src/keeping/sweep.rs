@@ -16,11 +16,13 @@ use crate::{
     blobs::Blobs,
     domain::{id::BlobId, time::Millis},
     error::{Error, Result},
+    jobs,
     store::Store,
 };
 
 /// Files that no row names are left alone for so long.
-pub(super) const SAFE_AGE: Duration = Duration::from_secs(24 * 60 * 60);
+pub(super) const SAFE_AGE: Duration = DAY;
+const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 const DAY_MS: i64 = 24 * 60 * 60 * 1000;
 
 /// What a sweep removed.
@@ -34,6 +36,8 @@ pub(super) struct Tally {
     pub(super) uploads: u64,
     /// What processes that were killed have left in `tmp`.
     pub(super) leavings: u64,
+    /// Logs of jobs to which nothing was added for long.
+    pub(super) logs: u64,
 }
 
 impl Room {
@@ -53,7 +57,10 @@ impl Room {
         self.orphans(&named, old, &mut tally).await?;
         tally.caches = self.caches(named, old).await?;
         let tmp = self.data_dir.join("tmp");
-        tally.leavings = off_runtime(move || remove_leavings(&tmp, old)).await?;
+        tally.leavings = off_runtime(move || remove_unwritten(&tmp, old)).await?;
+        let logs = jobs::logs_folder(&self.data_dir);
+        let quiet = now.checked_sub(DAY.saturating_mul(self.log_days)).unwrap_or(SystemTime::UNIX_EPOCH);
+        tally.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
         tally.uploads = self.ingest.forget_abandoned(now).await?;
         Ok(tally)
     }
@@ -105,9 +112,9 @@ fn remove_caches(folder: &Path, named: &HashSet<BlobId>, old: SystemTime) -> Res
 }
 
 /// Removes what nobody has written to for long, and says how much there was.
-fn remove_leavings(tmp: &Path, old: SystemTime) -> Result<u64> {
+fn remove_unwritten(folder: &Path, old: SystemTime) -> Result<u64> {
     let mut removed = 0;
-    for path in files::entries(tmp)? {
+    for path in files::entries(folder)? {
         if written(&path).is_ok_and(|at| at < old) {
             let is_folder = path.is_dir();
             let gone = if is_folder { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };

@@ -6,6 +6,8 @@ pub(crate) mod request;
 mod rpc;
 mod traces;
 
+use std::io::IsTerminal as _;
+
 use tracing_subscriber::{EnvFilter, Layer as _, layer::SubscriberExt as _, util::SubscriberInitExt as _};
 
 pub(crate) use self::rpc::RpcLayer;
@@ -30,7 +32,8 @@ pub struct Telling<'a> {
 pub fn start(telling: Telling<'_>) -> Result<Traces, String> {
     let Telling { filter, json, otlp_endpoint } = telling;
     let filter = EnvFilter::try_new(filter).map_err(|error| format!("--log {filter:?}: {error}"))?;
-    let logs = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    let colours = std::io::stderr().is_terminal();
+    let logs = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_ansi(colours);
     let logs = if json { logs.json().boxed() } else { logs.boxed() };
     let (traces, layer) = Traces::to(otlp_endpoint)?;
     let result = tracing_subscriber::registry().with(logs.with_filter(filter)).with(layer).try_init();

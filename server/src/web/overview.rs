@@ -20,14 +20,8 @@ use crate::{
 /// Jobs that are shown.
 const JOBS: u32 = 8;
 
-#[derive(serde::Deserialize)]
-struct Asked {
-    #[serde(default)]
-    format: Format,
-}
-
 pub(super) async fn show(visit: Visit) -> Answer {
-    let Asked { format } = visit.asked()?;
+    let format = sheet::asked(&visit)?;
     let rooms = visit.rooms();
     let tasks = rooms.store.overview().await?;
     if format != Format::Html {
@@ -53,6 +47,8 @@ pub(super) async fn show(visit: Visit) -> Answer {
                 thead { tr { th { "State" } th { "Kind" } th { "Job" } th { "What it does" } th.number { "Submitted (UTC)" } } }
                 tbody { @for job in &jobs { (job_row(job)) } }
             } }
+            p.formats { a href="/jobs" { "All jobs" } ", and as " a href="/jobs?format=json" { "JSON" } " or "
+                a href="/jobs?format=csv" { "CSV" } }
         }
     };
     let head = Head { title: "Overview", tab: Tab::Overview, task: None, script: None };

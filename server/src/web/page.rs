@@ -84,6 +84,8 @@ pages! {
     Job = GET "/jobs/{id}",
     /// How far it is, for a page that is open.
     JobCourse = GET "/jobs/{id}/course",
+    /// What its workers said.
+    JobLog = GET "/jobs/{id}/log",
     /// Ends it, and those that wait for it.
     CancelJob = POST "/jobs/{id}/cancel",
     /// Orders the same anew.

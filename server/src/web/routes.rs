@@ -47,6 +47,7 @@ fn made(page: Page) -> MethodRouter {
         Page::Jobs => get(jobs::list),
         Page::Job => get(jobs::show),
         Page::JobCourse => get(jobs::course),
+        Page::JobLog => get(jobs::log),
         Page::CancelJob => post(jobs::cancel),
         Page::RetryJob => post(jobs::retry),
         Page::Deployments => get(deployments::list),

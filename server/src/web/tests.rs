@@ -228,3 +228,17 @@ async fn programs_get_data_and_people_get_pages() {
     let wrong = pages.get(&visitor, "/?format=xml").await;
     assert_eq!(wrong.status, StatusCode::BAD_REQUEST);
 }
+
+#[tokio::test]
+async fn a_form_that_does_not_come_is_not_waited_for() {
+    let pages = Pages::open(false).await;
+    let visitor = pages.visitor().await;
+    // Nothing else happens in this runtime, so that time passes at once.
+    tokio::time::pause();
+    let begun = tokio::time::Instant::now();
+    let endless = Body::from_stream(futures::stream::pending::<std::io::Result<Vec<u8>>>());
+    let reply = pages.ask(visitor.request(Method::POST, "/sign-in", endless)).await;
+    assert_eq!(reply.status, StatusCode::GATEWAY_TIMEOUT);
+    assert!(reply.text().contains("took too long"), "{}", reply.text());
+    assert!((29..60).contains(&begun.elapsed().as_secs()), "{:?}", begun.elapsed());
+}

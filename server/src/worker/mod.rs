@@ -65,9 +65,21 @@ async fn serve(config: WorkerConfig) -> Result<()> {
         Err(error) => Err(Failure::Broken(format!("the job's code gave up: {error}"))),
     };
     match made {
-        Ok(made) => client.complete(made).await,
-        Err(Failure::Cancelled) => Ok(()),
-        Err(Failure::Hopeless(error)) => client.fail(error, false).await,
-        Err(Failure::Broken(error)) => client.fail(error, true).await,
+        Ok(made) => {
+            tracing::info!("handing the result over");
+            client.complete(made).await
+        }
+        Err(Failure::Cancelled) => {
+            tracing::info!("stopped as asked");
+            Ok(())
+        }
+        Err(Failure::Hopeless(error)) => {
+            tracing::error!(%error, "this cannot be done");
+            client.fail(error, false).await
+        }
+        Err(Failure::Broken(error)) => {
+            tracing::error!(%error, "this attempt broke");
+            client.fail(error, true).await
+        }
     }
 }

@@ -69,6 +69,7 @@ impl Watcher {
 
     /// Says what is done from now on.
     pub(super) fn phase(&self, doing: &str) {
+        tracing::info!("{doing}");
         self.say(Event::Phase(doing.to_owned()));
     }
 

@@ -8,10 +8,9 @@ use std::{
 use gleaner_client::{Client, Credentials};
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use tempfile::TempDir;
-use tokio::{
-    io::{AsyncBufReadExt as _, BufReader},
-    process::{Child, Command},
-};
+use tokio::process::{Child, Command};
+
+use crate::server::listening;
 
 const SERVER: &str = env!("CARGO_BIN_EXE_gleaner-server-under-test");
 
@@ -19,6 +18,7 @@ const SERVER: &str = env!("CARGO_BIN_EXE_gleaner-server-under-test");
 pub struct Guarded {
     folder: TempDir,
     pub url: String,
+    pages: Option<String>,
     pub child: Child,
     /// Who signed its certificate.
     pub ca: Vec<u8>,
@@ -46,10 +46,13 @@ impl Guarded {
             .kill_on_drop(true)
             .spawn()
             .unwrap();
-        let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
-        let line = lines.next_line().await.unwrap().expect("the server ended before it listened");
-        let url = line.strip_prefix("listening on ").unwrap().to_owned();
-        Self { folder, url, child, ca }
+        let (url, pages) = listening(&mut child).await.expect("the server ended before it listened");
+        Self { folder, url, pages, child, ca }
+    }
+
+    /// Where its pages are, with `--web-listen`.
+    pub fn pages(&self) -> &str {
+        self.pages.as_deref().expect("started with --web-listen")
     }
 
     pub fn data_dir(&self) -> PathBuf {

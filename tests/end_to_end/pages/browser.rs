@@ -18,7 +18,7 @@ use tokio::{
 use crate::skipped::skipped;
 
 /// No event in a browser takes longer.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A browser; dropped, it is gone.
 pub struct Browser {
@@ -53,6 +53,8 @@ impl Browser {
         let capabilities = [
             ("goog:chromeOptions".to_owned(), json!({ "args": args })),
             ("goog:loggingPrefs".to_owned(), json!({ "browser": "WARNING" })),
+            // Certificates of tests are signed by nobody it knows.
+            ("acceptInsecureCerts".to_owned(), json!(true)),
         ];
         let capabilities = capabilities.into_iter().collect();
         let client = ClientBuilder::new(HttpConnector::new())

@@ -18,7 +18,14 @@ const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 fn room(lab: &Lab, trash_days: u32) -> Room {
     let data_dir = lab.dir.path().to_owned();
     fs::create_dir_all(data_dir.join("cache")).unwrap();
-    Room { store: lab.store.clone(), blobs: lab.blobs.clone(), ingest: lab.ingest.clone(), data_dir, trash_days }
+    Room {
+        store: lab.store.clone(),
+        blobs: lab.blobs.clone(),
+        ingest: lab.ingest.clone(),
+        data_dir,
+        trash_days,
+        log_days: 90,
+    }
 }
 
 fn in_days(days: u32) -> SystemTime {
@@ -145,4 +152,20 @@ async fn what_killed_workers_left_goes() {
     assert_eq!(room.sweep(in_days(2)).await.unwrap().leavings, 1);
     assert_eq!(room.sweep(in_days(4)).await.unwrap().leavings, 1);
     assert!(fs::read_dir(&tmp).unwrap().next().is_none());
+}
+
+/// What was said of a job is kept for long, and no job's page needs it afterwards.
+#[tokio::test]
+async fn logs_that_were_long_quiet_go() {
+    let lab = lab().await;
+    let (room, logs) = (room(&lab, 30), lab.dir.path().join("logs"));
+    fs::create_dir_all(&logs).unwrap();
+    let [quiet, newer] = ["a.log", "b.log"].map(|name| logs.join(name));
+    fs::write(&quiet, b"said").unwrap();
+    fs::write(&newer, b"said").unwrap();
+    fs::File::options().write(true).open(&newer).unwrap().set_modified(in_days(80)).unwrap();
+    assert_eq!(room.sweep(in_days(89)).await.unwrap().logs, 0);
+    assert_eq!(room.sweep(in_days(91)).await.unwrap().logs, 1);
+    assert!(newer.exists() && !quiet.exists());
+    assert_eq!(room.sweep(in_days(171)).await.unwrap().logs, 1);
 }

@@ -19,7 +19,10 @@
         location.reload();
         return;
       }
+      // Who reads further up in the log is left there.
+      const read = document.getElementById('log')?.scrollTop ?? 0;
       course().replaceChildren(...fresh.childNodes);
+      document.getElementById('log')?.scrollTo(0, read);
     } catch (_) {
       // The server is away; the next time may have it back.
     } finally {

@@ -20,12 +20,6 @@ use super::{
 };
 use crate::domain::policy::Deployment;
 
-#[derive(serde::Deserialize)]
-struct Asked {
-    #[serde(default)]
-    format: Format,
-}
-
 /// A deployment with its task's name and how many sessions it has.
 struct Row {
     deployment: Deployment,
@@ -34,7 +28,7 @@ struct Row {
 }
 
 pub(super) async fn list(visit: Visit) -> Answer {
-    let Asked { format } = visit.asked()?;
+    let format = sheet::asked(&visit)?;
     let rooms = visit.rooms();
     let live = rooms.policies.live();
     let mut rows = Vec::new();

@@ -6,6 +6,7 @@ use axum::{
     response::{IntoResponse as _, Response},
 };
 use maud::{Markup, html};
+use serde_json::json;
 
 use super::live;
 use crate::{
@@ -15,6 +16,7 @@ use crate::{
         page::Page,
         refusal::Answer,
         say,
+        sheet::{self, Format, Sheet},
         shell::{self, Head, Tab},
         visit::{Visit, escaped},
     },
@@ -23,6 +25,10 @@ use crate::{
 pub(in crate::web) async fn show(visit: Visit, Path(name): Path<String>) -> Answer {
     let rooms = visit.rooms();
     let deployment = rooms.store.deployment(&name).await?;
+    let format = sheet::asked(&visit)?;
+    if format != Format::Html {
+        return Ok(history_sheet(&deployment).answer(format)?);
+    }
     let task = rooms.store.task_by_id(&deployment.task_id).await?.spec.name;
     let back = rooms.store.before(&name).await.ok();
     let body = html! {
@@ -35,6 +41,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(name): Path<String>) -> Answ
         }
         h2 { "History" }
         (history(&deployment))
+        (sheet::links(&visit))
         @if let (Some((policy, _)), true) = (back, visit.may(Page::RollBack)) {
             form.row method="post" action=(format!("/deployments/{}/roll-back", escaped(&name))) {
                 input type="hidden" name="proof" value=(visit.proof);
@@ -94,5 +101,18 @@ fn history(deployment: &Deployment) -> Markup {
                 }
             }
         } }
+    }
+}
+
+/// The history for programs, the newest first.
+fn history_sheet(deployment: &Deployment) -> Sheet {
+    let row = |change: &DeploymentChange| {
+        let run = change.score_run_id.as_ref().map(|run| run.as_str());
+        vec![json!(say::stamp(change.since)), json!(change.policy_id.as_str()), json!(run)]
+    };
+    Sheet {
+        name: format!("{}-history", deployment.name),
+        columns: &["since", "policy_id", "score_run_id"],
+        rows: deployment.history.iter().rev().map(row).collect(),
     }
 }

@@ -124,7 +124,7 @@ fn panel(field: &Series, times: &[f64]) -> Markup {
                 h3 { (field.name) }
                 @if field.size > 1 { (legend(field)) }
             }
-            (frame.draw(&format!("{} over time", field.name), ("s", ""), &lines))
+            (frame.draw(&format!("{} over time", field.name), ("s", "as recorded"), &lines))
         }
     }
 }

@@ -3,7 +3,7 @@
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
 
-use super::curves;
+use super::{curves, log};
 use crate::{
     domain::{
         id::JobId,
@@ -11,7 +11,7 @@ use crate::{
         time::Millis,
     },
     error::Result,
-    store::Store,
+    service::Rooms,
     web::{made::link, refusal::Answer, say, visit::Visit},
 };
 
@@ -20,19 +20,21 @@ const POINTS: u32 = 2000;
 
 /// The part by itself.
 pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let store = &visit.rooms().store;
-    let job = store.job(&JobId::parse("id", &id)?).await?;
-    Ok(course(store, &job).await?.into_response())
+    let rooms = visit.rooms();
+    let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
+    Ok(course(rooms, &job).await?.into_response())
 }
 
-/// Progress, message, error and curves.
-pub(super) async fn course(store: &Store, job: &Job) -> Result<Markup> {
-    let metrics = store.sparse_metrics(&job.id, POINTS).await?;
+/// Progress, message, error, curves and log.
+pub(super) async fn course(rooms: &Rooms, job: &Job) -> Result<Markup> {
+    let metrics = rooms.store.sparse_metrics(&job.id, POINTS).await?;
+    let said = rooms.jobs.log(&job.id).await?;
     Ok(html! {
         div #course data-state=(job.state.as_str()) {
             (standing(job, Millis::now()))
             @if !job.error.is_empty() { p.note.bad role="alert" { (link::text(&job.error)) } }
             (panels(&metrics))
+            (log::newest(&job.id, &said))
         }
     })
 }

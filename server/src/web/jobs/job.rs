@@ -37,7 +37,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
             h1 { (name) " job " (link::tail(job.id.as_str())) }
             (actions(&visit, &job))
         }
-        (course::course(&rooms.store, &job).await?)
+        (course::course(rooms, &job).await?)
         (made_of(rooms, &job).await?)
         (waits(rooms, &job).await?)
         h2 { "Lineage" }
@@ -81,7 +81,7 @@ async fn made_of(rooms: &Rooms, job: &Job) -> Result<Markup> {
     }
     let result = job.result_id.as_str();
     let made = match job.spec.kind() {
-        JobKind::Pretrain => html! { "Encoder " span.id { (result) } },
+        JobKind::Pretrain => html! { "Encoder " (link::whole(result)) },
         JobKind::Score => html! { "Score run " (link::whole(result)) },
         JobKind::Train => html! { "Policy " (link::whole(result)) },
         JobKind::Evaluate => {
@@ -125,7 +125,6 @@ fn record(job: &Job) -> Markup {
             dt { "Priority" } dd { (job.priority) }
             @if !job.key.is_empty() { dt { "Key" } dd { (job.key) } }
             @if let Some(ended) = job.ended_at { dt { "Ended" } dd { (say::time(ended)) " UTC" } }
-            dt { "Log" } dd { "What its workers said is in the server's log, in lines with " code { "job.id=" (job.id) } "." }
         }
     }
 }

@@ -5,6 +5,7 @@ mod course;
 mod curves;
 mod job;
 mod list;
+mod log;
 mod spec;
 
 pub(super) use self::{
@@ -12,6 +13,7 @@ pub(super) use self::{
     course::show as course,
     job::show,
     list::show as list,
+    log::show as log,
 };
 
 #[cfg(test)]

@@ -2,7 +2,10 @@
 
 #![allow(clippy::unwrap_used)]
 
-use axum::http::{StatusCode, header::LOCATION};
+use axum::http::{
+    StatusCode,
+    header::{CONTENT_TYPE, LOCATION},
+};
 use gleaner_learn::PretrainSpec;
 use serde_json::Value;
 
@@ -16,6 +19,7 @@ use crate::{
         task::Task,
         work::Progress,
     },
+    jobs::logs_folder,
     store::testing::{self, results},
     web::testing::{Client, FORM, JSON, Pages},
 };
@@ -119,4 +123,29 @@ async fn what_went_wrong_is_said_and_leads_to_its_cause() {
     results::set_state(&pages.rooms.store, &job.id, JobState::Failed, &error).await;
     let shown = pages.get(&Client::default(), &format!("/jobs/{}", job.id)).await.text();
     assert!(shown.contains(&format!("href=\"/jobs/{cause}\"")) && shown.contains("&lt;failed&gt;"), "{shown}");
+}
+
+#[tokio::test]
+async fn what_its_workers_said_is_on_its_page_and_as_text() {
+    let pages = Pages::open(false).await;
+    let task = task(&pages).await;
+    let job = pretrain(&pages, &task).await;
+    let page = format!("/jobs/{}", job.id);
+    assert!(pages.get(&Client::default(), &page).await.text().contains("Nothing was said yet"));
+    assert_eq!(pages.get(&Client::default(), &format!("{page}/log")).await.text(), "");
+
+    let folder = logs_folder(&pages.rooms.config.data_dir);
+    std::fs::create_dir_all(&folder).unwrap();
+    std::fs::write(folder.join(format!("{}.log", job.id)), "one\n<script>two\x07\n").unwrap();
+    let course = pages.get(&Client::default(), &format!("{page}/course")).await.text();
+    assert!(course.contains("one\n&lt;script&gt;two\u{fffd}\n") && !course.contains("<script>"), "{course}");
+    let whole = pages.get(&Client::default(), &format!("{page}/log")).await;
+    assert_eq!(whole.text(), "one\n<script>two\u{fffd}\n");
+    assert_eq!(whole.headers[CONTENT_TYPE], "text/plain; charset=utf-8", "no browser takes it for a page");
+    for (path, status) in [
+        (format!("/jobs/{}/log", JobId::new()), StatusCode::NOT_FOUND),
+        ("/jobs/..%2f/log".into(), StatusCode::BAD_REQUEST),
+    ] {
+        assert_eq!(pages.get(&Client::default(), &path).await.status, status, "{path}");
+    }
 }

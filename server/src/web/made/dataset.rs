@@ -2,7 +2,6 @@
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
-use serde::Deserialize;
 
 use super::{link, of_dataset};
 use crate::{
@@ -22,14 +21,8 @@ use crate::{
     },
 };
 
-#[derive(Deserialize)]
-struct Asked {
-    #[serde(default)]
-    format: Format,
-}
-
 pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let Asked { format } = visit.asked()?;
+    let format = sheet::asked(&visit)?;
     let rooms = visit.rooms();
     let dataset = rooms.store.dataset(&DatasetId::parse("id", &id)?).await?;
     let kept = kept(rooms, &dataset).await?;

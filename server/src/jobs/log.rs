@@ -1,0 +1,188 @@
+//! What a job's workers say on standard error: passed on to the server's own, and the newest of it kept in files of the
+//! job's, for whoever looks at the job. Knows files; must not know what is said.
+//!
+//! A log is two files: when the newer is full it takes the place of the older. What is kept is thus between `FULL` and
+//! twice that of the newest bytes, however much a worker says. A log is no promise: a disk that refuses it stops no job.
+
+use std::{
+    io::{ErrorKind, Write},
+    path::{Path, PathBuf},
+};
+
+use bytes::BytesMut;
+use tokio::{
+    fs::{File, OpenOptions},
+    io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _},
+};
+
+use crate::{
+    domain::id::JobId,
+    error::{Error, Result},
+};
+
+/// Bytes after which the newer file takes the place of the older.
+const FULL: u64 = 256 << 10;
+/// Bytes of a line that are waited for before it is passed on in parts.
+const LINE: usize = 16 << 10;
+
+/// A job's log, to write to.
+pub(super) struct Log {
+    newer: PathBuf,
+    older: PathBuf,
+    /// The newer file and its size; `None` once the disk has refused it.
+    open: Option<(File, u64)>,
+}
+
+impl Log {
+    /// The log of this job, to go on with.
+    pub(super) async fn of(data_dir: &Path, job: &JobId) -> Self {
+        let [older, newer] = files(data_dir, job);
+        let mut log = Self { newer, older, open: None };
+        let opened = async {
+            tokio::fs::create_dir_all(folder(data_dir)).await?;
+            log.open().await
+        };
+        if let Err(error) = opened.await {
+            tracing::warn!(%error, "the job's log is not kept");
+        }
+        log
+    }
+
+    async fn open(&mut self) -> std::io::Result<()> {
+        let file = OpenOptions::new().create(true).append(true).open(&self.newer).await?;
+        let size = file.metadata().await?.len();
+        self.open = Some((file, size));
+        Ok(())
+    }
+
+    /// Writes a line of the server's own.
+    pub(super) async fn note(&mut self, said: &str) {
+        let line = format!("{:.6} gleaner-server: {said}\n", jiff::Timestamp::now());
+        self.keep(line.as_bytes()).await;
+    }
+
+    /// Keeps everything that is said until its end, and passes it on to `others`, in whole lines where they are not too
+    /// long.
+    pub(super) async fn follow(&mut self, mut said: impl AsyncRead + Unpin, mut others: impl Write) {
+        let mut lines = BytesMut::new();
+        while matches!(said.read_buf(&mut lines).await, Ok(1..)) {
+            let end = lines.iter().rposition(|&byte| byte == b'\n').map(|at| at + 1);
+            if let Some(end) = end.or((lines.len() >= LINE).then_some(lines.len())) {
+                self.pass_on(&lines.split_to(end), &mut others).await;
+            }
+        }
+        if !lines.is_empty() {
+            lines.extend_from_slice(b"\n");
+            self.pass_on(&lines, &mut others).await;
+        }
+    }
+
+    async fn pass_on(&mut self, lines: &[u8], others: &mut impl Write) {
+        // If nobody takes it, that is no reason to stop the job.
+        let _ = others.write_all(lines);
+        self.keep(lines).await;
+    }
+
+    async fn keep(&mut self, lines: &[u8]) {
+        if let Err(error) = self.write(lines).await {
+            tracing::warn!(%error, "the rest of the job's log is not kept");
+            self.open = None;
+        }
+    }
+
+    async fn write(&mut self, lines: &[u8]) -> std::io::Result<()> {
+        if self.open.as_ref().is_some_and(|(_, size)| *size >= FULL) {
+            tokio::fs::rename(&self.newer, &self.older).await?;
+            self.open().await?;
+        }
+        if let Some((file, size)) = &mut self.open {
+            file.write_all(lines).await?;
+            // Whoever looks now sees it.
+            file.flush().await?;
+            *size += lines.len() as u64;
+        }
+        Ok(())
+    }
+}
+
+/// What is kept of a job's log, as text; empty when nothing was said.
+///
+/// # Errors
+/// Internal when the disk refuses.
+pub(super) async fn read(data_dir: &Path, job: &JobId) -> Result<String> {
+    let mut bytes = Vec::new();
+    for file in files(data_dir, job) {
+        match tokio::fs::read(&file).await {
+            Ok(part) => bytes.extend(part),
+            Err(error) if error.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(Error::internal("reading a job's log", error)),
+        }
+    }
+    // Libraries may say anything; whoever shows this gets lines of text.
+    let text = String::from_utf8_lossy(&bytes);
+    Ok(text.replace(|character: char| character.is_control() && !matches!(character, '\n' | '\t'), "\u{fffd}"))
+}
+
+/// Where logs are.
+pub(crate) fn folder(data_dir: &Path) -> PathBuf {
+    data_dir.join("logs")
+}
+
+/// The older file and the newer.
+fn files(data_dir: &Path, job: &JobId) -> [PathBuf; 2] {
+    let folder = folder(data_dir);
+    [folder.join(format!("{job}.older.log")), folder.join(format!("{job}.log"))]
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    const SAID: &[u8] = b"one\ntwo\n\x1b[1mth\xffree";
+
+    #[tokio::test]
+    async fn everything_said_is_kept_in_its_order_also_by_another_attempt() {
+        let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
+        assert_eq!(read(dir.path(), &job).await.unwrap(), "");
+        for attempt in 1..=2 {
+            let mut log = Log::of(dir.path(), &job).await;
+            log.note(&format!("attempt {attempt}")).await;
+            let mut others = Vec::new();
+            log.follow(SAID, &mut others).await;
+            assert_eq!(others, [SAID, b"\n"].concat(), "passed on as it was said");
+        }
+        let said = read(dir.path(), &job).await.unwrap();
+        let lines: Vec<&str> = said.lines().collect();
+        assert_eq!(lines.len(), 8, "{said}");
+        assert!(lines[0].ends_with("gleaner-server: attempt 1") && lines[4].ends_with("gleaner-server: attempt 2"));
+        assert_eq!(&lines[1..4], ["one", "two", "\u{fffd}[1mth\u{fffd}ree"]);
+        assert_eq!(read(dir.path(), &JobId::new()).await.unwrap(), "", "no other job's");
+    }
+
+    #[tokio::test]
+    async fn of_very_much_the_newest_is_kept() {
+        let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
+        let said: String = (0..200_000).map(|line| format!("line {line}\n")).collect();
+        Log::of(dir.path(), &job).await.follow(said.as_bytes(), std::io::sink()).await;
+        let kept = read(dir.path(), &job).await.unwrap();
+        assert!(said.ends_with(&kept), "the newest, without a gap");
+        let (least, most) = (usize::try_from(FULL).unwrap(), 3 * usize::try_from(FULL).unwrap());
+        assert!((least..most).contains(&kept.len()), "{}", kept.len());
+        let on_disk: u64 =
+            std::fs::read_dir(folder(dir.path())).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
+        assert_eq!(on_disk, kept.len() as u64);
+    }
+
+    #[tokio::test]
+    async fn a_line_without_an_end_is_not_waited_for_and_a_disk_that_refuses_stops_nobody() {
+        let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
+        Log::of(dir.path(), &job).await.follow(vec![b'x'; 3 * LINE].as_slice(), std::io::sink()).await;
+        assert_eq!(read(dir.path(), &job).await.unwrap().trim_end().len(), 3 * LINE);
+
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let mut log = Log::of(file.path(), &job).await;
+        log.follow(b"said\n".as_slice(), std::io::sink()).await;
+        assert!(log.open.is_none());
+    }
+}
