@@ -153,6 +153,9 @@ impl TestServer {
     }
 }
 
+/// Little is said, but what workers say is looked for in their jobs' logs.
+const QUIET: &str = "warn,gleaner_server::worker=info";
+
 /// Where a server listens, and where its pages are if anywhere.
 type Addresses = (String, Option<String>);
 
@@ -168,7 +171,7 @@ fn serve(data: &Path, flags: &[String], listen: &str) -> Command {
         .args(["serve", "--listen", listen, "--worker-threads", "1", "--data-dir"])
         .arg(data)
         .args(flags)
-        .env("GLEANER_LOG", std::env::var("GLEANER_LOG").unwrap_or_else(|_| "warn".to_owned()))
+        .env("GLEANER_LOG", std::env::var("GLEANER_LOG").unwrap_or_else(|_| QUIET.to_owned()))
         .stdout(Stdio::piped())
         .kill_on_drop(true);
     command

@@ -129,8 +129,8 @@ pub fn folders_are_clear(data_dir: &Path) {
     }
 }
 
-/// `gleaner-server check` finds nothing.
-pub async fn check_is_clean(data_dir: &Path) {
+/// `gleaner-server check` finds nothing wrong; what it says.
+pub async fn check_is_clean(data_dir: &Path) -> String {
     let checked = tokio::process::Command::new(env!("CARGO_BIN_EXE_gleaner-server-under-test"))
         .args(["check", "--data-dir"])
         .arg(data_dir)
@@ -140,4 +140,5 @@ pub async fn check_is_clean(data_dir: &Path) {
     let said = String::from_utf8_lossy(&[checked.stdout, checked.stderr].concat()).into_owned();
     assert!(checked.status.success(), "{said}");
     eprintln!("{said}");
+    said
 }
