@@ -63,9 +63,9 @@ lint: .libtorch
 doc: .libtorch
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --workspace --no-deps --locked
 
-# Licences, advisories, sources: where cargo-deny is installed and its advisory database can be had.
+# Licences, sources, two versions of one crate; advisories where their list can be fetched.
 deny:
-	@if command -v cargo-deny >/dev/null; then $(CARGO) deny check; else echo "cargo-deny is not installed: skipped"; fi
+	scripts/cargo-deny.sh
 
 # What a training step, encoding, an ACT inference and the nearest search cost here.
 bench: .libtorch
