@@ -161,9 +161,10 @@ async fn a_job_is_watched_until_it_has_ended() {
     browser.open(&format!("{}/jobs/{}", shared.server.pages(), job.id)).await;
     browser.until("it has ended", "return document.querySelector('#course')?.dataset.state === 'succeeded'").await;
     assert!(!browser.all("svg.plot path.line").await.is_empty(), "its losses are drawn");
-    let said = browser.text("#log").await;
-    let begun = said.find("attempt 1 of").zip(said.find("pretraining")).zip(said.find("handing the result over"));
-    assert!(begun.is_some_and(|((begun, worked), done)| begun < worked && worked < done), "{said}");
+    let said = "const said = document.querySelector('#log').textContent; \
+                const at = ['attempt 1 of', 'pretraining', 'handing the result over', 'is succeeded'].map((part) => said.indexOf(part)); \
+                return at.every((place, i) => place > (at[i - 1] ?? -1))";
+    browser.until("what was said is there, in its order", said).await;
     browser.keep("job").await;
     browser.open(&format!("{}/jobs", shared.server.pages())).await;
     assert!(browser.text("main").await.contains("pretrain"));

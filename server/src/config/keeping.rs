@@ -10,7 +10,7 @@ pub struct KeepingConfig {
     /// Days that a deleted episode can be taken back, before the sweep removes it for good.
     #[arg(long, env = "GLEANER_TRASH_DAYS", default_value_t = 30, value_name = "DAYS")]
     pub trash_days: u32,
-    /// Days that the log of a job is kept after its last line.
+    /// Days that what the workers of a job said is kept.
     #[arg(long = "keep-logs-days", env = "GLEANER_KEEP_LOGS_DAYS", default_value_t = 90, value_name = "DAYS")]
     pub log_days: u32,
     /// Bytes of the disk that stay free: below, nothing new is taken in, until there is room again.

@@ -1,8 +1,9 @@
 //! One attempt of a job: its worker process from start to end, and what the end means.
 
-use std::{pin::pin, time::Duration};
+use std::{io::Write as _, pin::pin, time::Duration};
 
-use tokio::process::{Child, ChildStderr};
+use bytes::Bytes;
+use tokio::{io::AsyncRead, process::Child};
 use tracing::Instrument as _;
 
 use super::{Room, lease::Lease, log::Log, process, token::Mint};
@@ -49,9 +50,13 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
 }
 
 /// What `end` gives, once all that the worker said until then was heard.
-async fn heard(end: impl Future<Output = AttemptEnd>, log: &mut Log, said: Option<ChildStderr>) -> AttemptEnd {
+async fn heard(
+    end: impl Future<Output = AttemptEnd>,
+    log: &mut Log,
+    said: Option<impl AsyncRead + Unpin>,
+) -> AttemptEnd {
     let Some(said) = said else { return end.await };
-    let (mut end, mut following) = (pin!(end), pin!(log.follow(said, std::io::stderr())));
+    let (mut end, mut following) = (pin!(end), pin!(log.follow(said, pass_on)));
     tokio::select! {
         end = &mut end => {
             // Nothing else holds the other end of the pipe; if something did, it would not be waited for.
@@ -62,10 +67,17 @@ async fn heard(end: impl Future<Output = AttemptEnd>, log: &mut Log, said: Optio
     }
 }
 
+/// Writes to standard error, where the server's own log is, and not on the runtime: nobody may be reading there.
+async fn pass_on(lines: Bytes) {
+    // If nobody takes it, that is no reason to stop the job.
+    let _ = tokio::task::spawn_blocking(move || std::io::stderr().write_all(&lines)).await;
+}
+
 /// How the job stands after an attempt, in words.
 async fn left(room: &Room, job: &Job) -> String {
     let ended = format!("attempt {} has ended", job.attempt);
     match room.store.job(&job.id).await {
+        Ok(Job { attempt, .. }) if attempt > job.attempt => format!("{ended}; the next goes on"),
         Ok(Job { state, error, message, .. }) => {
             let said = if error.is_empty() { message } else { error };
             format!("{ended}; the job is {}: {said}", state.as_str())
@@ -95,4 +107,42 @@ async fn watch_over(room: &Room, mut child: Child, lease: &Lease) -> AttemptEnd 
 async fn stubborn(lease: &Lease) {
     lease.stop.cancelled().await;
     tokio::time::sleep(GRACE).await;
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use tokio::io::AsyncWriteExt as _;
+
+    use super::*;
+    use crate::{domain::id::JobId, jobs::log};
+
+    /// The log of a worker that says these last words and ends; whether its end of the pipe goes with it.
+    async fn log_of(last_words: &[u8], lets_go: bool) -> String {
+        let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
+        let mut log = Log::of(dir.path(), &job).await;
+        let (mut worker, said) = tokio::io::duplex(4096);
+        let end = async {
+            worker.write_all(last_words).await.unwrap();
+            if lets_go {
+                drop(worker);
+            } else {
+                std::mem::forget(worker);
+            }
+            AttemptEnd::Broken("it ended".to_owned())
+        };
+        assert_eq!(heard(end, &mut log, Some(said)).await, AttemptEnd::Broken("it ended".to_owned()));
+        log::read(dir.path(), &job, u64::MAX).await.unwrap()
+    }
+
+    #[tokio::test]
+    async fn the_last_words_of_a_worker_are_heard() {
+        assert_eq!(log_of(b"one\nlast", true).await, "one\nlast\n");
+        assert_eq!(log_of(b"", true).await, "");
+    }
+
+    #[tokio::test]
+    async fn a_pipe_that_somebody_holds_open_is_not_waited_for() {
+        assert_eq!(log_of(b"one\nhalf", false).await, "one\n");
+    }
 }

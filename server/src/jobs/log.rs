@@ -1,18 +1,20 @@
 //! What a job's workers say on standard error: passed on to the server's own, and the newest of it kept in files of the
 //! job's, for whoever looks at the job. Knows files; must not know what is said.
 //!
-//! A log is two files: when the newer is full it takes the place of the older. What is kept is thus between `FULL` and
-//! twice that of the newest bytes, however much a worker says. A log is no promise: a disk that refuses it stops no job.
+//! A log is two files: when the newer is full it takes the place of the older. So about `FULL` to twice that of the newest
+//! bytes are kept, however much a worker says. A log is no promise: a disk that refuses it stops no job.
 
 use std::{
-    io::{ErrorKind, Write},
+    fs::Metadata,
+    io::{ErrorKind, SeekFrom},
+    os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
 };
 
-use bytes::BytesMut;
+use bytes::{Bytes, BytesMut};
 use tokio::{
     fs::{File, OpenOptions},
-    io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _},
+    io::{AsyncRead, AsyncReadExt as _, AsyncSeekExt as _, AsyncWriteExt as _},
 };
 
 use crate::{
@@ -63,24 +65,22 @@ impl Log {
 
     /// Keeps everything that is said until its end, and passes it on to `others`, in whole lines where they are not too
     /// long.
-    pub(super) async fn follow(&mut self, mut said: impl AsyncRead + Unpin, mut others: impl Write) {
-        let mut lines = BytesMut::new();
+    pub(super) async fn follow(&mut self, mut said: impl AsyncRead + Unpin, mut others: impl AsyncFnMut(Bytes)) {
+        let mut lines = BytesMut::with_capacity(LINE);
         while matches!(said.read_buf(&mut lines).await, Ok(1..)) {
             let end = lines.iter().rposition(|&byte| byte == b'\n').map(|at| at + 1);
             if let Some(end) = end.or((lines.len() >= LINE).then_some(lines.len())) {
-                self.pass_on(&lines.split_to(end), &mut others).await;
+                let whole = lines.split_to(end).freeze();
+                self.keep(&whole).await;
+                others(whole).await;
             }
+            lines.reserve(LINE);
         }
         if !lines.is_empty() {
             lines.extend_from_slice(b"\n");
-            self.pass_on(&lines, &mut others).await;
+            self.keep(&lines).await;
+            others(lines.freeze()).await;
         }
-    }
-
-    async fn pass_on(&mut self, lines: &[u8], others: &mut impl Write) {
-        // If nobody takes it, that is no reason to stop the job.
-        let _ = others.write_all(lines);
-        self.keep(lines).await;
     }
 
     async fn keep(&mut self, lines: &[u8]) {
@@ -91,8 +91,11 @@ impl Log {
     }
 
     async fn write(&mut self, lines: &[u8]) -> std::io::Result<()> {
-        if self.open.as_ref().is_some_and(|(_, size)| *size >= FULL) {
-            tokio::fs::rename(&self.newer, &self.older).await?;
+        if let Some((file, FULL..)) = &self.open {
+            // Another attempt may have turned it over already.
+            if file.metadata().await?.ino() == tokio::fs::metadata(&self.newer).await?.ino() {
+                tokio::fs::rename(&self.newer, &self.older).await?;
+            }
             self.open().await?;
         }
         if let Some((file, size)) = &mut self.open {
@@ -105,22 +108,47 @@ impl Log {
     }
 }
 
-/// What is kept of a job's log, as text; empty when nothing was said.
+/// The newest of a job's log, of at most about so many bytes, as text; empty when nothing was said.
 ///
 /// # Errors
 /// Internal when the disk refuses.
-pub(super) async fn read(data_dir: &Path, job: &JobId) -> Result<String> {
-    let mut bytes = Vec::new();
-    for file in files(data_dir, job) {
-        match tokio::fs::read(&file).await {
-            Ok(part) => bytes.extend(part),
-            Err(error) if error.kind() == ErrorKind::NotFound => {}
-            Err(error) => return Err(Error::internal("reading a job's log", error)),
-        }
-    }
+pub(super) async fn read(data_dir: &Path, job: &JobId, most: u64) -> Result<String> {
+    let bytes = newest(data_dir, job, most).await.map_err(|error| Error::internal("reading a job's log", error))?;
     // Libraries may say anything; whoever shows this gets lines of text.
     let text = String::from_utf8_lossy(&bytes);
     Ok(text.replace(|character: char| character.is_control() && !matches!(character, '\n' | '\t'), "\u{fffd}"))
+}
+
+async fn newest(data_dir: &Path, job: &JobId, most: u64) -> std::io::Result<Vec<u8>> {
+    let [older, newer] = files(data_dir, job);
+    // The newer first: if it is turned over before the other is opened, both are one.
+    let newer = there(&newer).await?;
+    let older =
+        there(&older).await?.filter(|(_, older)| newer.as_ref().is_none_or(|(_, newer)| newer.ino() != older.ino()));
+    let mut left = most;
+    let mut parts = Vec::new();
+    for (mut file, about) in [newer, older].into_iter().flatten() {
+        let wanted = about.len().min(left);
+        left -= wanted;
+        file.seek(SeekFrom::Start(about.len() - wanted)).await?;
+        let mut part = Vec::new();
+        file.take(wanted).read_to_end(&mut part).await?;
+        parts.push(part);
+    }
+    parts.reverse();
+    Ok(parts.concat())
+}
+
+/// A file, if it is there.
+async fn there(path: &Path) -> std::io::Result<Option<(File, Metadata)>> {
+    match File::open(path).await {
+        Ok(file) => {
+            let about = file.metadata().await?;
+            Ok(Some((file, about)))
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
 }
 
 /// Where logs are.
@@ -144,45 +172,62 @@ mod tests {
     #[tokio::test]
     async fn everything_said_is_kept_in_its_order_also_by_another_attempt() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
-        assert_eq!(read(dir.path(), &job).await.unwrap(), "");
+        assert_eq!(read(dir.path(), &job, u64::MAX).await.unwrap(), "");
         for attempt in 1..=2 {
             let mut log = Log::of(dir.path(), &job).await;
             log.note(&format!("attempt {attempt}")).await;
             let mut others = Vec::new();
-            log.follow(SAID, &mut others).await;
+            log.follow(SAID, async |lines| others.extend(lines)).await;
             assert_eq!(others, [SAID, b"\n"].concat(), "passed on as it was said");
         }
-        let said = read(dir.path(), &job).await.unwrap();
+        let said = read(dir.path(), &job, u64::MAX).await.unwrap();
         let lines: Vec<&str> = said.lines().collect();
         assert_eq!(lines.len(), 8, "{said}");
         assert!(lines[0].ends_with("gleaner-server: attempt 1") && lines[4].ends_with("gleaner-server: attempt 2"));
         assert_eq!(&lines[1..4], ["one", "two", "\u{fffd}[1mth\u{fffd}ree"]);
-        assert_eq!(read(dir.path(), &JobId::new()).await.unwrap(), "", "no other job's");
+        assert_eq!(read(dir.path(), &JobId::new(), u64::MAX).await.unwrap(), "", "no other job's");
     }
 
     #[tokio::test]
     async fn of_very_much_the_newest_is_kept() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         let said: String = (0..200_000).map(|line| format!("line {line}\n")).collect();
-        Log::of(dir.path(), &job).await.follow(said.as_bytes(), std::io::sink()).await;
-        let kept = read(dir.path(), &job).await.unwrap();
+        Log::of(dir.path(), &job).await.follow(said.as_bytes(), async |_| ()).await;
+        let kept = read(dir.path(), &job, u64::MAX).await.unwrap();
         assert!(said.ends_with(&kept), "the newest, without a gap");
         let (least, most) = (usize::try_from(FULL).unwrap(), 3 * usize::try_from(FULL).unwrap());
         assert!((least..most).contains(&kept.len()), "{}", kept.len());
+        assert_eq!(read(dir.path(), &job, 100).await.unwrap(), said[said.len() - 100..], "no more than is asked for");
+        assert_eq!(read(dir.path(), &job, FULL).await.unwrap(), kept[kept.len() - least..], "of both files");
         let on_disk: u64 =
             std::fs::read_dir(folder(dir.path())).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
         assert_eq!(on_disk, kept.len() as u64);
     }
 
     #[tokio::test]
+    async fn two_attempts_at_once_turn_it_over_once() {
+        let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
+        let mut logs = [Log::of(dir.path(), &job).await, Log::of(dir.path(), &job).await];
+        let much = vec![b'a'; usize::try_from(FULL).unwrap()];
+        for log in &mut logs {
+            log.keep(&much).await;
+        }
+        for log in &mut logs {
+            log.keep(b"end\n").await;
+        }
+        let kept = read(dir.path(), &job, u64::MAX).await.unwrap();
+        assert!(kept.len() == 2 * much.len() + 8 && kept.ends_with("aend\nend\n"), "{}", kept.len());
+    }
+
+    #[tokio::test]
     async fn a_line_without_an_end_is_not_waited_for_and_a_disk_that_refuses_stops_nobody() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
-        Log::of(dir.path(), &job).await.follow(vec![b'x'; 3 * LINE].as_slice(), std::io::sink()).await;
-        assert_eq!(read(dir.path(), &job).await.unwrap().trim_end().len(), 3 * LINE);
+        Log::of(dir.path(), &job).await.follow(vec![b'x'; 3 * LINE].as_slice(), async |_| ()).await;
+        assert_eq!(read(dir.path(), &job, u64::MAX).await.unwrap().trim_end().len(), 3 * LINE);
 
         let file = tempfile::NamedTempFile::new().unwrap();
         let mut log = Log::of(file.path(), &job).await;
-        log.follow(b"said\n".as_slice(), std::io::sink()).await;
+        log.follow(b"said\n".as_slice(), async |_| ()).await;
         assert!(log.open.is_none());
     }
 }

@@ -130,12 +130,13 @@ impl Jobs {
         self.0.settle(moved).await
     }
 
-    /// What is kept of what a job's workers said: lines of text, the newest last.
+    /// The newest of what is kept of what a job's workers said, of at most about so many bytes: lines of text, the newest
+    /// last.
     ///
     /// # Errors
     /// Internal when the disk refuses.
-    pub(crate) async fn log(&self, id: &JobId) -> Result<String> {
-        log::read(&self.0.config.data_dir, id).await
+    pub(crate) async fn log(&self, id: &JobId, most: u64) -> Result<String> {
+        log::read(&self.0.config.data_dir, id, most).await
     }
 
     /// Keeps a new schedule.

@@ -20,10 +20,11 @@ use crate::{
     store::Store,
 };
 
-/// Files that no row names are left alone for so long.
-pub(super) const SAFE_AGE: Duration = DAY;
+/// Days for which files that no row names are left alone.
+const SAFE_DAYS: u32 = 1;
+/// More than files' times, which follow a coarser clock, lag behind.
+const FILES_LAG: Duration = Duration::from_secs(1);
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
-const DAY_MS: i64 = 24 * 60 * 60 * 1000;
 
 /// What a sweep removed.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -44,8 +45,7 @@ impl Room {
     /// Sweeps once, as if it were `now`.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<Tally> {
         let mut tally = Tally::default();
-        let trashed = Millis::of(now).0.saturating_sub(i64::from(self.trash_days).saturating_mul(DAY_MS));
-        let swept = self.store.sweep_trash(Millis(trashed)).await?;
+        let swept = self.store.sweep_trash(Millis::of(days_before(now, self.trash_days))).await?;
         (tally.episodes, tally.purged) = (swept.removed, swept.purged);
         for recording in &swept.recordings {
             // No worker makes recordings: what the trash gave up can go at once.
@@ -59,7 +59,8 @@ impl Room {
         let tmp = self.data_dir.join("tmp");
         tally.leavings = off_runtime(move || remove_unwritten(&tmp, old)).await?;
         let logs = jobs::logs_folder(&self.data_dir);
-        let quiet = now.checked_sub(DAY.saturating_mul(self.log_days)).unwrap_or(SystemTime::UNIX_EPOCH);
+        // Those of jobs that run are being written, however seldom.
+        let quiet = days_before(now, self.log_days).min(old);
         tally.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
         tally.uploads = self.ingest.forget_abandoned(now).await?;
         Ok(tally)
@@ -67,8 +68,8 @@ impl Room {
 
     /// Before when a file must have been put to be sure that nobody is about to name it.
     async fn old_enough(&self, now: SystemTime) -> Result<SystemTime> {
-        let day = now.checked_sub(SAFE_AGE).unwrap_or(SystemTime::UNIX_EPOCH);
-        let running = self.store.oldest_running().await?.map(Millis::time);
+        let day = days_before(now, SAFE_DAYS);
+        let running = self.store.oldest_running().await?.map(|begun| begun.time() - FILES_LAG);
         Ok(running.map_or(day, |running| running.min(day)))
     }
 
@@ -109,6 +110,10 @@ fn remove_caches(folder: &Path, named: &HashSet<BlobId>, old: SystemTime) -> Res
         }
     }
     Ok(removed)
+}
+
+fn days_before(now: SystemTime, days: u32) -> SystemTime {
+    now.checked_sub(DAY.saturating_mul(days)).unwrap_or(SystemTime::UNIX_EPOCH)
 }
 
 /// Removes what nobody has written to for long, and says how much there was.

@@ -32,8 +32,9 @@ pub struct Telling<'a> {
 pub fn start(telling: Telling<'_>) -> Result<Traces, String> {
     let Telling { filter, json, otlp_endpoint } = telling;
     let filter = EnvFilter::try_new(filter).map_err(|error| format!("--log {filter:?}: {error}"))?;
-    let colours = std::io::stderr().is_terminal();
-    let logs = tracing_subscriber::fmt::layer().with_writer(std::io::stderr).with_ansi(colours);
+    let logs = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    // Colours are for people, and for those only who want them (NO_COLOR).
+    let logs = if std::io::stderr().is_terminal() { logs } else { logs.with_ansi(false) };
     let logs = if json { logs.json().boxed() } else { logs.boxed() };
     let (traces, layer) = Traces::to(otlp_endpoint)?;
     let result = tracing_subscriber::registry().with(logs.with_filter(filter)).with(layer).try_init();

@@ -78,11 +78,16 @@ async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
     let claimed = lab.store.claim_job("token").await.unwrap().unwrap();
     assert_eq!(claimed.id, job);
     let its_own = lab.blobs.put(b"of the job that runs").unwrap();
+    let log = lab.dir.path().join("logs").join("of the job that runs");
+    fs::create_dir_all(log.parent().unwrap()).unwrap();
+    fs::write(&log, b"begins").unwrap();
+    let impatient = Room { log_days: 0, ..room };
+    let room = &impatient;
     assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1, "the attempt is younger than that one");
-    assert!(!lab.blobs.contains(&orphan) && lab.blobs.contains(&its_own));
+    assert!(!lab.blobs.contains(&orphan) && lab.blobs.contains(&its_own) && log.exists());
     results::set_state(&lab.store, &job, crate::domain::job::JobState::Failed, "").await;
     assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1);
-    assert!(!lab.blobs.contains(&its_own) && lab.blobs.contains(&lab.recording));
+    assert!(!lab.blobs.contains(&its_own) && lab.blobs.contains(&lab.recording) && !log.exists());
 }
 
 #[tokio::test]

@@ -28,14 +28,18 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
 /// Progress, message, error, curves and log.
 pub(super) async fn course(rooms: &Rooms, job: &Job) -> Result<Markup> {
     let metrics = rooms.store.sparse_metrics(&job.id, POINTS).await?;
-    let said = rooms.jobs.log(&job.id).await?;
+    // What else there is to see and do does not depend on it.
+    let said = rooms.jobs.log(&job.id, log::LOOKED_AT).await;
+    if let Err(error) = &said {
+        tracing::warn!(job.id = %job.id, %error, "a job's log cannot be shown");
+    }
     Ok(html! {
         div #course data-state=(job.state.as_str()) {
             (standing(job, Millis::now()))
             @if !job.error.is_empty() { p.note.bad role="alert" { (link::text(&job.error)) } }
             (panels(&metrics))
-            (log::newest(&job.id, &said))
         }
+        (log::newest(&job.id, &said))
     })
 }
 

@@ -5,55 +5,62 @@ use maud::{Markup, html};
 
 use crate::{
     domain::id::JobId,
-    web::{refusal::Answer, say, visit::Visit},
+    error::Result,
+    web::{refusal::Answer, visit::Visit},
 };
 
-/// Lines that the job's page shows.
+/// Lines that the job's page shows, and bytes that it looks for them in.
 const SHOWN: usize = 200;
+pub(super) const LOOKED_AT: u64 = 48 << 10;
 
 /// All that is kept, as text.
 pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
     let rooms = visit.rooms();
     let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
-    let said = rooms.jobs.log(&job.id).await?;
+    let said = rooms.jobs.log(&job.id, u64::MAX).await?;
     Ok(([(CONTENT_TYPE, "text/plain; charset=utf-8")], said).into_response())
 }
 
-/// The newest lines.
-pub(super) fn newest(job: &JobId, said: &str) -> Markup {
-    let (earlier, lines) = last(said, SHOWN);
+/// The newest lines: the part of the page that a script adds to.
+pub(super) fn newest(job: &JobId, said: &Result<String>) -> Markup {
     html! {
-        h2 { "Log" }
-        @if lines.is_empty() {
-            p.panel.empty { "Nothing was said yet." }
-        } @else {
-            div #log.panel.log tabindex="0" role="region" aria-label="Log, the newest lines" { pre { (lines) } }
-            p.formats {
-                @if earlier > 0 { "After " (say::counted(earlier, "earlier line")) ". " }
-                a href=(format!("/jobs/{job}/log")) { "All that is kept, as text" } ", times in UTC"
+        section #said aria-labelledby="said-head" {
+            h2 #said-head { "Log" }
+            @match said {
+                Err(_) => p.note.bad { "The log cannot be read; the server's own log says why." },
+                Ok(said) if said.is_empty() => p.panel.empty { "Nothing was said yet." },
+                Ok(said) => (lines(job, last(said, SHOWN))),
             }
         }
     }
 }
 
-/// The last lines of a text, and how many are before them.
-fn last(said: &str, most: usize) -> (u64, &str) {
+fn lines(job: &JobId, lines: &str) -> Markup {
+    html! {
+        div #log.panel.log tabindex="0" role="region" aria-label="Log, the newest lines" { pre { (lines) } }
+        p.formats { "The newest lines, times in UTC. " a href=(format!("/jobs/{job}/log")) { "All that is kept, as text" } }
+    }
+}
+
+/// The last lines of a text.
+fn last(said: &str, most: usize) -> &str {
     let begin = said.trim_end_matches('\n').rmatch_indices('\n').nth(most - 1).map_or(0, |(at, _)| at + 1);
-    let (earlier, lines) = said.split_at(begin);
-    (earlier.matches('\n').count() as u64, lines)
+    said.get(begin..).unwrap_or_default()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::Error;
 
     #[test]
-    fn the_newest_lines_are_shown_and_the_others_counted() {
-        assert_eq!(last("", 2), (0, ""));
-        assert_eq!(last("a\nb\n", 2), (0, "a\nb\n"));
-        assert_eq!(last("a\nb\nc\n", 2), (1, "b\nc\n"));
-        assert_eq!(last("a\nb\nc", 2), (1, "b\nc"));
-        let shown = newest(&JobId::new(), &"<b>\n".repeat(SHOWN + 3)).into_string();
-        assert!(shown.contains("After 3 earlier lines") && shown.contains("&lt;b&gt;") && !shown.contains("<b>"));
+    fn the_newest_lines_are_shown() {
+        for (said, shown) in [("", ""), ("a\nb\n", "a\nb\n"), ("a\nb\nc\n", "b\nc\n"), ("a\nb\nc", "b\nc")] {
+            assert_eq!(last(said, 2), shown);
+        }
+        let shown = newest(&JobId::new(), &Ok("<b>\n".repeat(SHOWN + 3))).into_string();
+        assert!(shown.matches("&lt;b&gt;").count() == SHOWN && !shown.contains("<b>"));
+        let shown = newest(&JobId::new(), &Err(Error::internal("reading", "denied"))).into_string();
+        assert!(shown.contains("cannot be read"), "{shown}");
     }
 }
