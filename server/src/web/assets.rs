@@ -53,6 +53,7 @@ pub(super) async fn serve(Path(name): Path<String>) -> Answer {
 
 #[cfg(test)]
 mod tests {
+    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]
@@ -62,6 +63,54 @@ mod tests {
             assert_eq!(address.and_then(|address| BY_ADDRESS.get(address)).map(|found| found.1), Some(*content));
             let outside = content.replace("http://www.w3.org/", "");
             assert!(!outside.contains("://") && !outside.contains("@import"), "{name}");
+        }
+    }
+
+    /// Of a colour `#rrggbb` as WCAG has it.
+    fn luminance(colour: &str) -> f64 {
+        let part = |at: usize| {
+            let value = f64::from(u8::from_str_radix(&colour[at..at + 2], 16).unwrap()) / 255.0;
+            if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+        };
+        0.2126 * part(1) + 0.7152 * part(3) + 0.0722 * part(5)
+    }
+
+    /// Text needs 4.5 to 1, lines and what has the focus 3 to 1.
+    #[test]
+    fn colours_can_be_told_apart_by_light_and_by_dark() {
+        let text = [
+            ("ink", ["ground", "surface", "raised", "shade"].as_slice()),
+            ("soft", &["ground", "surface", "raised"]),
+            ("accent", &["ground", "surface", "raised", "shade"]),
+            ("accent-ink", &["accent"]),
+            ("good", &["surface", "good-wash"]),
+            ("bad", &["surface", "bad-wash"]),
+            ("other", &["surface", "other-wash"]),
+        ];
+        let marks = ["focus", "plot-1", "plot-2", "plot-3", "plot-4", "plot-5", "plot-6"];
+        let style = include_str!("assets/gleaner.css");
+        let themes: Vec<HashMap<&str, &str>> = style
+            .split(":root {")
+            .skip(1)
+            .map(|theme| {
+                let of_theme = theme.split('}').next().unwrap();
+                of_theme.split(';').filter_map(|line| line.trim().strip_prefix("--")?.split_once(": ")).collect()
+            })
+            .collect();
+        assert_eq!(themes.len(), 2);
+        for theme in themes {
+            let contrast = |a: &str, b: &str| {
+                let (a, b) = (luminance(theme[a]), luminance(theme[b]));
+                (a.max(b) + 0.05) / (a.min(b) + 0.05)
+            };
+            for (ink, grounds) in text {
+                for ground in grounds {
+                    assert!(contrast(ink, ground) >= 4.5, "{ink} on {ground}: {}", contrast(ink, ground));
+                }
+            }
+            for mark in marks {
+                assert!(contrast(mark, "surface") >= 3.0, "{mark}: {}", contrast(mark, "surface"));
+            }
         }
     }
 }
