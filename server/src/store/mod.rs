@@ -52,6 +52,9 @@ static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("../migrations");
 /// SQLite before this can lose acknowledged commits when a commit races a checkpoint.
 const OLDEST_SQLITE: (u32, u32, u32) = (3, 51, 3);
 
+/// Connections that read; one more writes.
+const READERS: u32 = 4;
+
 /// Handle to the database; clones share it.
 #[derive(Debug, Clone)]
 pub struct Store {
@@ -94,7 +97,9 @@ impl Store {
             }
             Error::internal("migrating the database", error)
         })?;
-        let readers = SqlitePoolOptions::new().max_connections(4).connect_with(options).await.map_err(doing)?;
+        // All from the beginning: one that is opened under load comes late, and its memory when there is least.
+        let readers = SqlitePoolOptions::new().min_connections(READERS).max_connections(READERS);
+        let readers = readers.connect_with(options).await.map_err(doing)?;
         Ok(Self { writer, readers })
     }
 

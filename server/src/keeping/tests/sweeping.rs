@@ -70,6 +70,8 @@ async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
     let room = room(&lab, 30);
     let orphan = lab.blobs.put(b"of a job that died").unwrap();
     assert_eq!(room.sweep(SystemTime::now()).await.unwrap().blobs, 0, "too young");
+    let long_ago = SystemTime::now() - Duration::from_secs(60);
+    fs::File::open(lab.blobs.path(&orphan)).unwrap().set_modified(long_ago).unwrap();
     // What was put since an attempt began may be the attempt's.
     let encoder = crate::domain::id::EncoderId::new();
     let snapshot_id = lab.store.create_snapshot(&lab.task.id, &Default::default()).await.unwrap().id;

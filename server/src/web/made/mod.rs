@@ -1,4 +1,5 @@
-//! What was made of what: snapshots, encoders, datasets and policies, and every result's place on the way from episodes to robots.
+//! What was made of what: snapshots, encoders, datasets and policies, and every result's place on the way from episodes to
+//! robots.
 
 mod card;
 mod dataset;
