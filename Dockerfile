@@ -1,4 +1,4 @@
-# Plan, cook dependencies, build, then a slim image that holds two binaries and libtorch's CPU part.
+# Plan, cook dependencies, build, then a slim image that holds three binaries and libtorch's CPU part.
 # Every step is the one CI runs: scripts/libtorch.sh, then cargo with the committed lock file.
 
 FROM rust:1.95-slim-bookworm AS build
@@ -11,9 +11,9 @@ ENV XDG_CACHE_HOME=/cache
 COPY scripts/libtorch.sh scripts/
 RUN scripts/libtorch.sh
 COPY . .
-RUN cargo build --release --locked -p gleaner-server -p gleaner-client --bin gleaner-server --bin gleaner \
+RUN make build \
  && mkdir -p /out/bin /out/lib \
- && cp target/release/gleaner-server target/release/gleaner /out/bin/ \
+ && cp target/release/gleaner-server target/release/gleaner-inspector target/release/gleaner /out/bin/ \
  && cp -L .libtorch/lib/* /out/lib/
 
 FROM debian:bookworm-slim

@@ -8,16 +8,18 @@ PYTHON_ENV = target/python
 METAWORLD_ENV = target/metaworld
 BENCH_PROFILE ?= bench
 FUZZ_SECONDS ?= 30
+# The server looks for its inspector beside itself.
+PROGRAMS = --bin gleaner-server --bin gleaner-inspector --bin gleaner
 
 # The main job, start to end, on an embedded database: a table at the end, a report in $(DEMO_DIR). The
 # development profile is optimised too, and `make test` then compiles little more.
 demo: .libtorch
-	$(CARGO) build --locked --bin gleaner-server --bin gleaner
+	$(CARGO) build --locked $(PROGRAMS)
 	target/debug/gleaner demo --server-bin target/debug/gleaner-server --dir $(DEMO_DIR)
 
 # By package: what the tests turn on in a whole workspace (the fail points) stays out.
 build: .libtorch
-	$(CARGO) build --release --locked -p gleaner-server -p gleaner-client --bin gleaner-server --bin gleaner
+	$(CARGO) build --release --locked -p gleaner-server -p gleaner-inspector -p gleaner-client $(PROGRAMS)
 
 # Every test, from a bare clone.
 test: .libtorch
@@ -32,7 +34,7 @@ crash-test: .libtorch
 
 # The Python client, as it is installed, against the real server.
 test-python: .libtorch $(PYTHON_ENV)
-	$(CARGO) build --locked --bin gleaner-server --bin gleaner
+	$(CARGO) build --locked $(PROGRAMS)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/pytest
 
@@ -45,7 +47,7 @@ lint-python: $(PYTHON_ENV)
 # Fetches MuJoCo and Meta-World (about 110 MB) the first time; needs libosmesa6, or a GPU and MUJOCO_GL=egl.
 TASK ?= pick-place-v3
 metaworld: .libtorch $(METAWORLD_ENV)
-	$(CARGO) build --locked --bin gleaner-server
+	$(CARGO) build --locked $(PROGRAMS)
 	$(METAWORLD_ENV)/bin/pip install -q --require-hashes -r client/python/examples/requirements.lock
 	$(METAWORLD_ENV)/bin/pip install -q --no-deps client/python
 	$(METAWORLD_ENV)/bin/python client/python/examples/metaworld.py all --task $(TASK) \

@@ -5,21 +5,20 @@ mod children;
 mod connections;
 mod keeping;
 mod policies;
-mod recordings;
 mod telemetry;
 mod uploads;
 
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand};
+use gleaner_inspector::RecordingsConfig;
 
 pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
-    children::{InspectConfig, WorkerConfig, worker_environment},
+    children::{WorkerConfig, worker_environment},
     connections::ConnectionsConfig,
     keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RestoreConfig},
     policies::PoliciesConfig,
-    recordings::RecordingsConfig,
     telemetry::TelemetryConfig,
     uploads::UploadsConfig,
 };
@@ -62,9 +61,6 @@ pub enum Command {
     /// Run one job (started by `serve`, not by hand).
     #[command(hide = true)]
     Worker(WorkerConfig),
-    /// Inspect one recording under limits (started by `serve`, not by hand).
-    #[command(hide = true)]
-    Inspect(InspectConfig),
 }
 
 /// What `serve` needs.
@@ -217,9 +213,7 @@ mod tests {
         let all = [&["gleaner-server", "serve"], args].concat();
         match Cli::try_parse_from(all).unwrap().command {
             Command::Serve(config) => *config,
-            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) | Command::Inspect(_) => {
-                panic!("not serve")
-            }
+            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) => panic!("not serve"),
         }
     }
 

@@ -6,6 +6,7 @@ use clap::Parser as _;
 use gleaner_server::{
     Listeners,
     config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TokenConfig},
+    ingest,
     lock::DataLock,
     shutdown,
     telemetry::{self, Telling, Traces},
@@ -46,7 +47,6 @@ fn main() -> ExitCode {
         Command::Token(config) => token(config),
         Command::Audit(config) => audit(config),
         Command::Worker(config) => gleaner_server::worker::run(config),
-        Command::Inspect(config) => gleaner_server::ingest::inspect(&config),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -83,7 +83,7 @@ impl Stage {
     fn set(cli: &Cli) -> Result<Self, String> {
         let serving = match &cli.command {
             Command::Serve(config) => Some(config),
-            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) | Command::Inspect(_) => None,
+            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) => None,
         };
         let runtime =
             serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
@@ -113,6 +113,7 @@ async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
         tracing::warn!(%error, "SIGHUP would end the server");
     }
     // Before anything is said: who starts a server must not wait for one that will not serve.
+    ingest::can_inspect()?;
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;
     if let Some(pages) = listeners.pages_url()? {

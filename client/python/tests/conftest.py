@@ -26,7 +26,7 @@ def binary(name: str) -> str:
     given = os.environ.get(f"{name.upper().replace('-', '_')}_BIN")
     found = Path(given) if given else ROOT / "target" / "debug" / name
     if not found.exists():
-        pytest.exit(f"{found}: not built; run cargo build --bin gleaner-server --bin gleaner", returncode=2)
+        pytest.exit(f"{found}: not built; run make demo or make test-python", returncode=2)
     return str(found)
 
 

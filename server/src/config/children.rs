@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::{RecordingsConfig, Secret};
+use super::Secret;
 
 /// What a worker process needs. Its token comes by the environment, so that no process list shows it.
 #[derive(Debug, Clone, Args)]
@@ -36,35 +36,6 @@ pub struct WorkerConfig {
     /// The token of this attempt of its job.
     #[arg(long, env = "GLEANER_JOB_TOKEN", hide_env_values = true)]
     pub token: Secret,
-}
-
-/// What an inspection needs.
-#[derive(Debug, Clone, Args)]
-pub struct InspectConfig {
-    /// The recording.
-    #[arg(long)]
-    pub recording: PathBuf,
-    /// The task's spec, as JSON.
-    #[arg(long)]
-    pub spec: PathBuf,
-    /// Where to put the report.
-    #[arg(long)]
-    pub report: PathBuf,
-    /// Where to put the decoded frames.
-    #[arg(long)]
-    pub frames: PathBuf,
-    /// Copy what is whole of the recording to here, instead of inspecting it.
-    #[arg(long)]
-    pub salvage: Option<PathBuf>,
-    /// Most memory to take, in bytes.
-    #[arg(long)]
-    pub memory_bytes: u64,
-    /// Most processor time to take, in seconds.
-    #[arg(long)]
-    pub seconds: u64,
-    /// Limits on what the recording may hold.
-    #[command(flatten)]
-    pub limits: RecordingsConfig,
 }
 
 /// What of this process's environment a worker gets: where programs and libraries are, which devices may be

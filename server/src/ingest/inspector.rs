@@ -1,13 +1,14 @@
-//! Starts inspections: child processes of this very program, so many at once, each with limits and a deadline.
+//! Starts inspections: child processes, so many at once, each with limits and a deadline.
 
 use std::{
-    ffi::{OsStr, OsString},
+    ffi::OsString,
     os::unix::process::ExitStatusExt as _,
     path::{Path, PathBuf},
     process::{ExitStatus, Stdio},
     time::Duration,
 };
 
+use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{Limits, Report, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
@@ -17,9 +18,9 @@ use tokio::{
     sync::{Semaphore, SemaphorePermit},
 };
 
-use super::{inspect::Verdict, off_runtime, sync_folder};
+use super::{off_runtime, program::program, sync_folder};
 use crate::{
-    config::{LimitConfig, RecordingsConfig, worker_environment},
+    config::{LimitConfig, worker_environment},
     error::{Error, Result},
 };
 
@@ -51,9 +52,8 @@ pub(super) struct Inspected {
 
 impl Inspector {
     pub(super) fn new(data_dir: &Path, limits: &LimitConfig) -> Result<Self> {
-        let program = std::env::current_exe().map_err(|error| Error::internal("finding this program", error))?;
         Ok(Self {
-            command: vec![program.into(), "inspect".into()],
+            command: vec![program()?.into()],
             tmp: data_dir.join("tmp"),
             memory_bytes: limits.inspect_memory_bytes,
             seconds: limits.inspect_seconds,
@@ -95,7 +95,8 @@ impl Inspector {
     ) -> Result<Inspected> {
         let _permit = self.permit().await?;
         let folder = self.prepare(Some(spec)).await?;
-        let Verdict::Usable(report) = self.verdict(recording, folder.path(), &limits.flags(), shown).await? else {
+        let order = Order { limits: limits.clone(), ..self.order(recording, folder.path()) };
+        let Verdict::Usable(report) = self.verdict(&order, shown).await? else {
             return Err(Error::internal("inspecting a recording", "the verdict is of another kind"));
         };
         Ok(Inspected { report, folder })
@@ -108,8 +109,8 @@ impl Inspector {
     pub(super) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
         let _permit = self.permit().await?;
         let folder = self.prepare(None).await?;
-        let salvage: [&OsStr; 2] = ["--salvage".as_ref(), out.as_ref()];
-        let Verdict::Salvaged(actions) = self.verdict(torn, folder.path(), &salvage, "the recording").await? else {
+        let order = Order { salvage: Some(out.to_owned()), ..self.order(torn, folder.path()) };
+        let Verdict::Salvaged(actions) = self.verdict(&order, "the recording").await? else {
             return Err(Error::internal("mending a recording", "the verdict is of another kind"));
         };
         Ok(actions)
@@ -124,23 +125,31 @@ impl Inspector {
         off_runtime("preparing an inspection", move || prepare(&tmp, spec.as_ref())).await
     }
 
+    /// To inspect `recording` under our own limits, with everything else in `folder`.
+    fn order(&self, recording: &Path, folder: &Path) -> Order {
+        Order {
+            recording: recording.to_owned(),
+            spec: folder.join(SPEC),
+            report: folder.join(REPORT),
+            frames: folder.join(FRAMES),
+            salvage: None,
+            memory_bytes: self.memory_bytes,
+            seconds: self.seconds,
+            limits: self.limits.clone(),
+        }
+    }
+
     /// What the child found, if it found nothing wrong.
-    async fn verdict(
-        &self,
-        recording: &Path,
-        folder: &Path,
-        extra: &[impl AsRef<OsStr>],
-        shown: &str,
-    ) -> Result<Verdict> {
-        let (status, said) = self.run(recording, folder, extra).await?;
-        let report = folder.join(REPORT);
+    async fn verdict(&self, order: &Order, shown: &str) -> Result<Verdict> {
+        let (status, said) = self.run(order).await?;
+        let report = order.report.clone();
         let verdict = off_runtime("reading an inspection's report", move || Ok(std::fs::read(report).ok())).await?;
         let verdict = verdict.and_then(|json| serde_json::from_slice(&json).ok());
         match verdict {
             Some(found @ (Verdict::Usable(_) | Verdict::Salvaged(_))) if status.success() => Ok(found),
             Some(Verdict::Refused(why)) if status.success() => {
                 // The caller does not know our paths.
-                let why = why.replace(&recording.display().to_string(), shown);
+                let why = why.replace(&order.recording.display().to_string(), shown);
                 Err(Error::invalid("recording", shortened(&why)))
             }
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
@@ -151,25 +160,16 @@ impl Inspector {
     }
 
     /// Runs the child to its end, or to the deadline's.
-    async fn run(&self, recording: &Path, folder: &Path, extra: &[impl AsRef<OsStr>]) -> Result<(ExitStatus, String)> {
+    async fn run(&self, order: &Order) -> Result<(ExitStatus, String)> {
         let fault = |error: std::io::Error| Error::internal("running an inspection", error);
         let (program, first) = self.command.split_first().ok_or_else(|| fault(std::io::ErrorKind::NotFound.into()))?;
         let mut child = Command::new(program)
             .args(first)
+            .args(order.arguments())
             .env_clear()
             .envs(worker_environment())
             // Naming a panic's frames takes more memory than the child has, and it may then hang instead of ending.
             .env("RUST_BACKTRACE", "0")
-            .arg("--recording")
-            .arg(recording)
-            .arg("--spec")
-            .arg(folder.join(SPEC))
-            .arg("--report")
-            .arg(folder.join(REPORT))
-            .arg("--frames")
-            .arg(folder.join(FRAMES))
-            .args(["--memory-bytes", &self.memory_bytes.to_string(), "--seconds", &self.seconds.to_string()])
-            .args(extra)
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())

@@ -6,12 +6,11 @@
 mod claim;
 #[cfg(test)]
 mod contract;
-mod inspect;
 mod inspector;
 mod keep;
-mod limits;
 mod part;
 mod passing;
+mod program;
 mod recover;
 #[cfg(test)]
 pub(crate) mod testing;
@@ -29,7 +28,7 @@ use std::{
 use gleaner_recording::{Episode as Frames, TaskSpec};
 use tokio::sync::Semaphore;
 
-pub use self::inspect::inspect;
+pub use self::program::can_inspect;
 use self::{claim::Claims, inspector::Inspector};
 pub(crate) use self::{
     keep::NewRecording,

@@ -9,16 +9,17 @@ use std::{
     sync::{Arc, atomic::AtomicU64},
 };
 
-use clap::Parser as _;
+use clap::{Args as _, FromArgMatches as _, Parser as _};
 use futures::stream;
+use gleaner_inspector::{Order, inspect, take_limits};
 use gleaner_recording::{EpisodeWriter, StepRef, written_mapping};
 use tempfile::TempDir;
 use tokio::sync::Semaphore;
 
-use super::{Chunk, Ingest, NewUpload, Room, Started, inspect, limits};
+use super::{Chunk, Ingest, NewUpload, Room, Started};
 use crate::{
     blobs::Blobs,
-    config::{Cli, Command, InspectConfig, ServeConfig},
+    config::{Cli, Command, ServeConfig},
     domain::{
         episode::{InspectedEpisode, Outcome, Upload},
         id::UploadId,
@@ -194,20 +195,20 @@ pub(super) fn recording(task: &Task, steps: u8) -> Vec<u8> {
 fn as_inspector() {
     let given = std::env::var(ARGUMENTS).ok();
     let line = given.as_deref().unwrap_or("--recording r --spec s --report p --frames f --memory-bytes 7 --seconds 1");
-    let args = ["gleaner-server", "inspect"].into_iter().chain(line.split_whitespace());
-    let Command::Inspect(config) = Cli::try_parse_from(args).unwrap().command else { panic!("not inspect") };
+    let flags = Order::augment_args(clap::Command::new("inspector")).no_binary_name(true);
+    let order = Order::from_arg_matches(&flags.get_matches_from(line.split_whitespace())).unwrap();
     match given {
-        Some(_) => misbehave(&std::env::var(MISBEHAVIOUR).unwrap(), &config),
-        None => assert_eq!((config.memory_bytes, config.seconds), (7, 1)),
+        Some(_) => misbehave(&std::env::var(MISBEHAVIOUR).unwrap(), &order),
+        None => assert_eq!((order.memory_bytes, order.seconds), (7, 1)),
     }
 }
 
-fn misbehave(misbehaviour: &str, config: &InspectConfig) {
+fn misbehave(misbehaviour: &str, order: &Order) {
     if misbehaviour != "none" {
-        limits::take(config).unwrap();
+        take_limits(order).unwrap();
     }
     match misbehaviour {
-        "none" => inspect(config).unwrap(),
+        "none" => inspect(order).unwrap(),
         "memory" => {
             let mut hoard: Vec<Vec<u8>> = Vec::new();
             loop {
@@ -223,7 +224,7 @@ fn misbehave(misbehaviour: &str, config: &InspectConfig) {
         },
         "disk" => {
             let flood = vec![1; 1 << 20];
-            let mut file = std::fs::File::create(&config.frames).unwrap();
+            let mut file = std::fs::File::create(&order.frames).unwrap();
             loop {
                 std::io::Write::write_all(&mut file, &flood).unwrap();
             }

@@ -5,36 +5,36 @@ use rustix::{
     process::{Resource, Rlimit, Signal, set_parent_process_death_signal, setrlimit},
 };
 
-use crate::{
-    config::InspectConfig,
-    error::{Error, Result},
-};
+use crate::{InspectError, Order};
 
 /// The recording, the spec, the frames, the verdict, standard streams, and some for the runtime.
 const OPEN_FILES: u64 = 64;
 
 /// Limits memory, processor time, file size and open files of this process, and lets it die with its parent.
-pub(super) fn take(config: &InspectConfig) -> Result<()> {
-    let fault = |error| Error::internal("limiting this process", error);
-    set_parent_process_death_signal(Some(Signal::KILL)).map_err(fault)?;
-    let recording = std::fs::metadata(&config.recording).map_or(0, |file| file.len());
-    let taken = taken().map_err(|error| Error::internal("asking how much memory is taken", error))?;
+///
+/// # Errors
+/// When the system does not say how much is taken, or does not take a limit.
+pub fn take(order: &Order) -> Result<(), InspectError> {
+    let fault = InspectError::when::<Errno>("limiting this process");
+    set_parent_process_death_signal(Some(Signal::KILL)).map_err(&fault)?;
+    let recording = std::fs::metadata(&order.recording).map_or(0, |file| file.len());
+    let taken = taken().map_err(InspectError::when("asking how much memory is taken"))?;
     // What the program and its libraries take before they do anything is not the recording's doing.
-    let data = taken.data.saturating_add(config.memory_bytes);
+    let data = taken.data.saturating_add(order.memory_bytes);
     // The recording itself may be mapped.
-    let address_space = taken.size.saturating_add(config.memory_bytes).saturating_add(recording);
+    let address_space = taken.size.saturating_add(order.memory_bytes).saturating_add(recording);
     for (resource, limit) in [
         (Resource::Data, data),
         (Resource::As, address_space),
         // What is mended is about as large as what was torn.
-        (Resource::Fsize, config.memory_bytes.saturating_add(if config.salvage.is_some() { recording } else { 0 })),
+        (Resource::Fsize, order.memory_bytes.saturating_add(if order.salvage.is_some() { recording } else { 0 })),
         (Resource::Nofile, OPEN_FILES),
         (Resource::Core, 0),
     ] {
-        limit_to(resource, limit, limit).map_err(fault)?;
+        limit_to(resource, limit, limit).map_err(&fault)?;
     }
     // The soft limit's signal tells the parent what was too much; the hard one's would not.
-    limit_to(Resource::Cpu, config.seconds, config.seconds.saturating_add(1)).map_err(fault)
+    limit_to(Resource::Cpu, order.seconds, order.seconds.saturating_add(1)).map_err(fault)
 }
 
 fn limit_to(resource: Resource, soft: u64, hard: u64) -> std::result::Result<(), Errno> {

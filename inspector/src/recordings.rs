@@ -84,7 +84,7 @@ impl RecordingsConfig {
     ///
     /// # Errors
     /// A sentence that names the flag and the mend.
-    pub(super) fn validate(&self) -> Result<(), String> {
+    pub fn validate(&self) -> Result<(), String> {
         let sizes = [
             ("--max-chunk-bytes", self.max_chunk_bytes),
             ("--max-record-bytes", self.max_record_bytes),

@@ -1,0 +1,26 @@
+//! The `gleaner-inspector` binary: one recording, under limits. The server starts it, and reads its exit code and what
+//! it says on standard error.
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use gleaner_inspector::{Order, inspect};
+
+/// Inspects one recording under limits (started by `gleaner-server`, not by hand).
+#[derive(Debug, Parser)]
+#[command(name = "gleaner-inspector", version)]
+struct Cli {
+    #[command(flatten)]
+    order: Order,
+}
+
+#[expect(clippy::print_stderr, reason = "the server keeps it for its log")]
+fn main() -> ExitCode {
+    match inspect(&Cli::parse().order) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("gleaner-inspector: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
