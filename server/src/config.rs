@@ -246,6 +246,7 @@ mod tests {
             ("--policy-batch", "0"),
             ("--policy-batch-wait", "0.6"),
             ("--policy-batch-wait", "NaN"),
+            ("--policy-awake-us", "100001"),
             ("--session-idle-seconds", "0"),
             ("--drain-seconds", "3601"),
         ] {

@@ -11,6 +11,7 @@ use super::{
     model::{Advanced, Model, Turn, answer},
     pace::Pace,
     stages::Stages,
+    vigil::Vigil,
 };
 use crate::error::{Error, Result};
 
@@ -54,6 +55,7 @@ pub(super) struct Server<M: Model> {
     /// Most turns in one batch.
     pub(super) most: usize,
     pub(super) pace: Arc<Pace>,
+    pub(super) vigil: Vigil,
     /// How long the model took last: what a deadline must leave it.
     pub(super) took: Duration,
 }
@@ -61,7 +63,7 @@ pub(super) struct Server<M: Model> {
 impl<M: Model> Server<M> {
     /// Serves until nobody can ask any more.
     pub(super) fn run(mut self) {
-        while let Ok(first) = self.waiting.recv() {
+        while let Some(first) = self.vigil.next(&self.waiting) {
             let free = Instant::now();
             let (mut batch, waited) = self.gather(first, free);
             batch.retain(|request| !request.reply.is_closed());

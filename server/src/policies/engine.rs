@@ -15,6 +15,7 @@ use super::{
     observation::blank,
     pace::{Pace, Seat},
     stages::Stages,
+    vigil::Vigil,
 };
 use crate::{
     domain::id::{PolicyId, TaskId},
@@ -34,6 +35,8 @@ pub(super) struct Identity {
     pub(super) period: Duration,
     /// The part of the fastest session's period that a free model may wait for others.
     pub(super) wait: f64,
+    /// The longest wait for a request that its thread may be awake for.
+    pub(super) awake: Duration,
 }
 
 /// A turn to be answered.
@@ -70,13 +73,13 @@ impl<M: Model> Engine<M> {
         let (requests, waiting) = flume::bounded(identity.queue.max(1));
         let (tell, told) = oneshot::channel();
         let most = identity.batch.max(1);
-        let pace = Pace::new(identity.wait);
+        let (pace, vigil) = (Pace::new(identity.wait), Vigil::new(identity.awake));
         let paced = Arc::clone(&pace);
         let thread = std::thread::Builder::new()
             .name(format!("policy {}", identity.policy_id))
             .spawn(move || {
                 if let Some((model, took)) = warmed(load, tell) {
-                    Server { model, waiting, most, pace: paced, took }.run();
+                    Server { model, waiting, most, pace: paced, vigil, took }.run();
                 }
             })
             .map_err(|error| Error::internal("starting a policy's thread", error))?;

@@ -23,6 +23,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 mod turn;
+mod vigil;
 
 use std::{
     sync::{Arc, Mutex},
@@ -215,6 +216,7 @@ impl Policies {
             queue: config.policy_queue,
             period: Duration::from_secs_f64(1.0 / self.0.store.task_by_id(&policy.task_id).await?.spec.rate_hz),
             wait: config.policy_batch_wait,
+            awake: config.policy_awake(),
         };
         let (blobs, checkpoint) = (self.0.blobs.clone(), policy.checkpoint.clone());
         let engine =

@@ -105,7 +105,7 @@ pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Cont
 
 pub(super) fn identity(batch: usize, queue: usize) -> Identity {
     let (policy_id, task_id) = (PolicyId::new(), TaskId::new());
-    Identity { policy_id, task_id, batch, queue, period: Duration::from_secs(1000), wait: 0.05 }
+    Identity { policy_id, task_id, batch, queue, period: Duration::from_secs(1000), wait: 0.05, awake: Duration::ZERO }
 }
 
 /// A first turn with this proprioception.
