@@ -13,6 +13,13 @@ pub struct KeepingConfig {
     /// Days that what the workers of a job said is kept.
     #[arg(long = "keep-logs-days", env = "GLEANER_KEEP_LOGS_DAYS", default_value_t = 90, value_name = "DAYS")]
     pub log_days: u32,
+    /// Days that the audit log remembers; unless given, for ever.
+    #[arg(long = "keep-audit-days", env = "GLEANER_KEEP_AUDIT_DAYS", value_name = "DAYS")]
+    pub audit_days: Option<u32>,
+    /// Most bytes that the decoded steps of recordings may take, looked at once an hour: beyond, those that were not used
+    /// for longest go, and are decoded again when somebody needs them. Unless given, any number.
+    #[arg(long, env = "GLEANER_MAX_CACHE_BYTES", value_name = "BYTES")]
+    pub max_cache_bytes: Option<u64>,
     /// Bytes of the disk that stay free: below, nothing new is taken in, until there is room again.
     #[arg(long, env = "GLEANER_MIN_FREE_BYTES", default_value_t = 512 << 20, value_name = "BYTES")]
     pub min_free_bytes: u64,

@@ -5,6 +5,7 @@
 //! type.
 
 mod backup;
+mod caches;
 mod check;
 mod files;
 mod manifest;
@@ -65,21 +66,19 @@ struct Room {
     blobs: Blobs,
     ingest: Ingest,
     data_dir: PathBuf,
-    trash_days: u32,
-    log_days: u32,
+    keeping: KeepingConfig,
 }
 
 impl Keeping {
     /// Sweeps now and then until it is stopped.
     pub(crate) fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, ingest: Ingest) -> Self {
         let (tasks, stopping) = (TaskTracker::new(), CancellationToken::new());
-        let KeepingConfig { trash_days, log_days, .. } = config.keeping;
-        let data_dir = config.data_dir.clone();
+        let (data_dir, keeping) = (config.data_dir.clone(), config.keeping.clone());
         let (watched, stopped) = (blobs.clone(), stopping.clone());
         tasks.spawn(async move {
             let _: Option<()> = stopped.run_until_cancelled(watch::watch(watched)).await;
         });
-        let room = Room { store, blobs, ingest, data_dir, trash_days, log_days };
+        let room = Room { store, blobs, ingest, data_dir, keeping };
         let stopped = stopping.clone();
         tasks.spawn(async move {
             let sweeping = async {
@@ -115,6 +114,7 @@ impl Room {
                 uploads.forgotten = tally.uploads,
                 leavings.removed = tally.leavings,
                 logs.removed = tally.logs,
+                audit.forgotten = tally.audited,
                 "swept"
             ),
             Err(error) => tracing::error!(%error, "the sweep broke off; it is tried again later"),

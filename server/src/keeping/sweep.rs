@@ -11,7 +11,7 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use super::{Room, files};
+use super::{Room, caches::Rules, files};
 use crate::{
     blobs::Blobs,
     domain::{id::BlobId, time::Millis},
@@ -39,13 +39,15 @@ pub(super) struct Tally {
     pub(super) leavings: u64,
     /// Logs of jobs to which nothing was added for long.
     pub(super) logs: u64,
+    /// Entries of the audit log.
+    pub(super) audited: u64,
 }
 
 impl Room {
     /// Sweeps once, as if it were `now`.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<Tally> {
         let mut tally = Tally::default();
-        let swept = self.store.sweep_trash(Millis::of(days_before(now, self.trash_days))).await?;
+        let swept = self.store.sweep_trash(Millis::of(days_before(now, self.keeping.trash_days))).await?;
         (tally.episodes, tally.purged) = (swept.removed, swept.purged);
         for recording in &swept.recordings {
             // No worker makes recordings: what the trash gave up can go at once.
@@ -55,14 +57,18 @@ impl Room {
         let named: HashSet<BlobId> = named.into_iter().map(|named| named.blob).collect();
         let old = self.old_enough(now).await?;
         self.orphans(&named, old, &mut tally).await?;
-        tally.caches = self.caches(named, old).await?;
+        let (folder, most_bytes) = (self.data_dir.join("cache"), self.keeping.max_cache_bytes);
+        tally.caches = off_runtime(move || Rules { folder, named, old, most_bytes }.sweep()).await?;
         let tmp = self.data_dir.join("tmp");
         tally.leavings = off_runtime(move || remove_unwritten(&tmp, old)).await?;
         let logs = jobs::logs_folder(&self.data_dir);
         // Those of jobs that run are being written, however seldom.
-        let quiet = days_before(now, self.log_days).min(old);
+        let quiet = days_before(now, self.keeping.log_days).min(old);
         tally.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
         tally.uploads = self.ingest.forget_abandoned(now).await?;
+        if let Some(days) = self.keeping.audit_days {
+            tally.audited = self.store.forget_audit(Millis::of(days_before(now, days))).await?;
+        }
         Ok(tally)
     }
 
@@ -88,28 +94,6 @@ impl Room {
         }
         Ok(())
     }
-
-    /// Removes the decoded steps of recordings that are gone. They can always be made again, so nothing is locked.
-    async fn caches(&self, named: HashSet<BlobId>, old: SystemTime) -> Result<u64> {
-        let folder = self.data_dir.join("cache");
-        off_runtime(move || remove_caches(&folder, &named, old)).await
-    }
-}
-
-fn remove_caches(folder: &Path, named: &HashSet<BlobId>, old: SystemTime) -> Result<u64> {
-    let fault = |error| Error::internal(format!("sweeping {}", folder.display()), error);
-    let mut removed = 0;
-    for entry in std::fs::read_dir(folder).map_err(fault)? {
-        let path = entry.map_err(fault)?.path();
-        let recording = path.file_stem().and_then(|name| name.to_str()?.split('-').next()?.to_owned().try_into().ok());
-        let orphan = recording.is_some_and(|recording| !named.contains(&recording));
-        let aged = std::fs::metadata(&path).and_then(|file| file.modified()).is_ok_and(|made| made < old);
-        if orphan && aged {
-            std::fs::remove_file(&path).map_err(fault)?;
-            removed += 1;
-        }
-    }
-    Ok(removed)
 }
 
 fn days_before(now: SystemTime, days: u32) -> SystemTime {

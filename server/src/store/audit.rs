@@ -1,10 +1,13 @@
-//! Rows of the audit log: only ever added.
+//! Rows of the audit log: added, and forgotten when they are old.
 
 use super::{Store, commit, fault, row};
 use crate::{
     domain::{access::AuditEntry, time::Millis},
     error::Result,
 };
+
+/// Entries forgotten in one transaction.
+const FORGOTTEN_AT_ONCE: u32 = if cfg!(test) { 2 } else { 10_000 };
 
 #[derive(sqlx::FromRow)]
 struct AuditRow {
@@ -62,6 +65,27 @@ impl Store {
         .map_err(fault("reading the audit log"))?;
         rows.into_iter().map(AuditRow::read).collect()
     }
+
+    /// Forgets the entries before a time, some at a time so that others can write in between, and says how many there
+    /// were.
+    pub(crate) async fn forget_audit(&self, before: Millis) -> Result<u64> {
+        let mut forgotten = 0;
+        loop {
+            let mut tx = self.write().await?;
+            let some = sqlx::query("delete from audit where id in (select id from audit where at < ? limit ?)")
+                .bind(before.0)
+                .bind(FORGOTTEN_AT_ONCE)
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("forgetting the audit log"))?
+                .rows_affected();
+            commit(tx).await?;
+            forgotten += some;
+            if some < u64::from(FORGOTTEN_AT_ONCE) {
+                return Ok(forgotten);
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -97,5 +121,7 @@ mod tests {
         assert_eq!(store.audit(Millis(0), 10).await.unwrap(), entries);
         assert_eq!(store.audit(Millis(2), 2).await.unwrap(), entries[2..]);
         assert!(store.audit(Millis(5), 10).await.unwrap().is_empty());
+        assert_eq!(store.forget_audit(Millis(4)).await.unwrap(), 3);
+        assert_eq!(store.audit(Millis(0), 10).await.unwrap(), entries[3..]);
     }
 }

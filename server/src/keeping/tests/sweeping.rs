@@ -8,7 +8,8 @@ use std::{
 use super::{super::sweep::Tally, *};
 use crate::{
     blobs::Copying,
-    domain::{episode::Upload, job::JobSpec},
+    config::KeepingConfig,
+    domain::{access::AuditEntry, episode::Upload, job::JobSpec, time::Millis},
     ingest::testing::{USABLE, playing},
     keeping::{Room, forget},
 };
@@ -23,8 +24,7 @@ fn room(lab: &Lab, trash_days: u32) -> Room {
         blobs: lab.blobs.clone(),
         ingest: lab.ingest.clone(),
         data_dir,
-        trash_days,
-        log_days: 90,
+        keeping: KeepingConfig { trash_days, log_days: 90, audit_days: None, max_cache_bytes: None, min_free_bytes: 0 },
     }
 }
 
@@ -67,7 +67,7 @@ async fn content_that_another_episode_has_stays() {
 #[tokio::test]
 async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
     let lab = lab().await;
-    let room = room(&lab, 30);
+    let mut room = room(&lab, 30);
     let orphan = lab.blobs.put(b"of a job that died").unwrap();
     assert_eq!(room.sweep(SystemTime::now()).await.unwrap().blobs, 0, "too young");
     let long_ago = SystemTime::now() - Duration::from_secs(60);
@@ -83,8 +83,7 @@ async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
     let log = lab.dir.path().join("logs").join("of the job that runs");
     fs::create_dir_all(log.parent().unwrap()).unwrap();
     fs::write(&log, b"begins").unwrap();
-    let impatient = Room { log_days: 0, ..room };
-    let room = &impatient;
+    room.keeping.log_days = 0;
     assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1, "the attempt is younger than that one");
     assert!(!lab.blobs.contains(&orphan) && lab.blobs.contains(&its_own) && log.exists());
     results::set_state(&lab.store, &job, crate::domain::job::JobState::Failed, "").await;
@@ -175,4 +174,27 @@ async fn logs_that_were_long_quiet_go() {
     assert_eq!(room.sweep(in_days(91)).await.unwrap().logs, 1);
     assert!(newer.exists() && !quiet.exists());
     assert_eq!(room.sweep(in_days(171)).await.unwrap().logs, 1);
+}
+
+#[tokio::test]
+async fn the_audit_log_remembers_for_as_long_as_it_was_told() {
+    let lab = lab().await;
+    let mut room = room(&lab, 30);
+    let entry = |days| AuditEntry {
+        at: Millis::of(SystemTime::now() - DAY * days),
+        token_id: None,
+        who: "anna".into(),
+        peer: "10.0.0.7:9".into(),
+        rpc: "TaskService/CreateTask".into(),
+        subjects: Vec::new(),
+        outcome: "ok".into(),
+    };
+    let (old, new) = (entry(31), entry(29));
+    for entry in [&old, &new] {
+        lab.store.insert_audit(entry).await.unwrap();
+    }
+    assert_eq!(room.sweep(SystemTime::now()).await.unwrap(), Tally::default(), "nobody has said to forget");
+    room.keeping.audit_days = Some(30);
+    assert_eq!(room.sweep(SystemTime::now()).await.unwrap(), Tally { audited: 1, ..Tally::default() });
+    assert_eq!(lab.store.audit(Millis(0), 10).await.unwrap(), [new]);
 }

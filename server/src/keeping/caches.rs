@@ -1,0 +1,139 @@
+//! The decoded steps of recordings: which of them go. They can always be made again, and who has one open keeps it, so
+//! nothing is locked.
+
+use std::{collections::HashSet, io::ErrorKind, path::PathBuf, time::SystemTime};
+
+use crate::{
+    domain::id::BlobId,
+    error::{Error, Result},
+};
+
+/// Which decoded steps stay.
+pub(super) struct Rules {
+    pub(super) folder: PathBuf,
+    /// Recordings that there are.
+    pub(super) named: HashSet<BlobId>,
+    /// What was made since is left alone, its recording being perhaps about to be named.
+    pub(super) old: SystemTime,
+    /// Most bytes in all; `None`: any number.
+    pub(super) most_bytes: Option<u64>,
+}
+
+struct Cache {
+    path: PathBuf,
+    recording: BlobId,
+    bytes: u64,
+    made: SystemTime,
+    used: SystemTime,
+}
+
+impl Rules {
+    /// Removes those of recordings that are gone, then those that were not used for longest until few enough bytes are
+    /// left, and says how many.
+    pub(super) fn sweep(&self) -> Result<u64> {
+        let (orphans, mut kept): (Vec<_>, Vec<_>) =
+            self.list()?.into_iter().partition(|cache| cache.made < self.old && !self.named.contains(&cache.recording));
+        kept.sort_by_key(|cache| cache.used);
+        let mut left: u64 = kept.iter().map(|cache| cache.bytes).sum();
+        let too_many = kept.into_iter().take_while(|cache| {
+            let goes = self.most_bytes.is_some_and(|most| left > most);
+            left -= if goes { cache.bytes } else { 0 };
+            goes
+        });
+        let mut removed = 0;
+        for cache in orphans.into_iter().chain(too_many) {
+            std::fs::remove_file(&cache.path).map_err(|error| self.fault(error))?;
+            removed += 1;
+        }
+        Ok(removed)
+    }
+
+    /// What is there, other files aside.
+    fn list(&self) -> Result<Vec<Cache>> {
+        let mut all = Vec::new();
+        for entry in std::fs::read_dir(&self.folder).map_err(|error| self.fault(error))? {
+            match Cache::read(entry.map_err(|error| self.fault(error))?.path()) {
+                Ok(cache) => all.extend(cache),
+                // Made anew, or gone, while we looked.
+                Err(error) if error.kind() == ErrorKind::NotFound => {}
+                Err(error) => return Err(self.fault(error)),
+            }
+        }
+        Ok(all)
+    }
+
+    fn fault(&self, error: std::io::Error) -> Error {
+        Error::internal(format!("sweeping {}", self.folder.display()), error)
+    }
+}
+
+impl Cache {
+    /// `None` if it is no cache.
+    fn read(path: PathBuf) -> std::io::Result<Option<Self>> {
+        let recording = path.file_stem().and_then(|name| name.to_str()?.split('-').next()?.to_owned().try_into().ok());
+        let Some(recording) = recording else { return Ok(None) };
+        let file = std::fs::metadata(&path)?;
+        let made = file.modified()?;
+        // Some file systems do not write down when a file is read; then the oldest go first.
+        let used = file.accessed().map_or(made, |read| read.max(made));
+        Ok(Some(Self { path, recording, bytes: file.len(), made, used }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use std::{
+        fs::{self, FileTimes},
+        time::Duration,
+    };
+
+    use super::*;
+
+    /// A cache of 10 bytes, made long ago and used so many seconds after that.
+    fn cache(folder: &std::path::Path, content: &[u8], used: u64) -> (BlobId, PathBuf) {
+        let recording: BlobId = blake3::hash(content).into();
+        let path = folder.join(format!("{recording}-0123456789abcdef.frames"));
+        fs::write(&path, [0; 10]).unwrap();
+        let made = SystemTime::UNIX_EPOCH + Duration::from_secs(1000);
+        let times = FileTimes::new().set_modified(made).set_accessed(made + Duration::from_secs(used));
+        fs::File::options().write(true).open(&path).unwrap().set_times(times).unwrap();
+        (recording, path)
+    }
+
+    #[test]
+    fn what_was_not_used_for_longest_goes_first() {
+        let dir = tempfile::tempdir().unwrap();
+        let all = [(b"a", 30), (b"b", 10), (b"c", 20)].map(|(content, used)| cache(dir.path(), content, used));
+        let other = dir.path().join("notes.txt");
+        fs::write(&other, [0; 100]).unwrap();
+        let rules = |most_bytes| Rules {
+            folder: dir.path().to_owned(),
+            named: all.iter().map(|(recording, _)| recording.clone()).collect(),
+            old: SystemTime::now(),
+            most_bytes,
+        };
+        let there = || all.each_ref().map(|(_, path)| path.exists());
+        assert_eq!((rules(None).sweep().unwrap(), rules(Some(30)).sweep().unwrap()), (0, 0));
+        assert_eq!((rules(Some(29)).sweep().unwrap(), there()), (1, [true, false, true]));
+        assert_eq!((rules(Some(10)).sweep().unwrap(), there()), (1, [true, false, false]));
+        assert_eq!((rules(Some(0)).sweep().unwrap(), other.exists()), (1, true));
+    }
+
+    #[test]
+    fn what_has_no_recording_goes_whatever_the_limit_and_makes_room() {
+        let dir = tempfile::tempdir().unwrap();
+        let (kept, gone) = (cache(dir.path(), b"kept", 0), cache(dir.path(), b"gone", 5));
+        let rules = Rules {
+            folder: dir.path().to_owned(),
+            named: HashSet::from([kept.0]),
+            old: SystemTime::now(),
+            most_bytes: Some(10),
+        };
+        assert_eq!(rules.sweep().unwrap(), 1);
+        assert!(kept.1.exists() && !gone.1.exists());
+        let young = Rules { old: SystemTime::UNIX_EPOCH, most_bytes: None, ..rules };
+        let (_, new) = cache(dir.path(), b"new", 5);
+        assert_eq!((young.sweep().unwrap(), new.exists()), (0, true), "its recording may yet be named");
+    }
+}
