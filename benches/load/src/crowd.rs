@@ -14,7 +14,7 @@ use gleaner_proto::v1::{
     GetEpisodeRequest, ListEpisodesRequest, ListPoliciesRequest, ListTasksRequest, Observation, Outcome,
 };
 use gleaner_recording::TaskSpec;
-use tokio::task::JoinSet;
+use tokio::task::{JoinSet, spawn_blocking};
 use tokio::time::{Interval, MissedTickBehavior, interval_at};
 
 use crate::cli::Options;
@@ -142,7 +142,9 @@ impl Uploader {
             (*first, *second) = (f32::from(turn), f32::from(u16::try_from(self.number)?));
         }
         let path = self.folder.join(format!("upload-{}.mcap", self.number));
-        record(&self.spec, &self.steps, &path)?;
+        // Elsewhere, or every other client would wait for the encoding and call it the server's time.
+        let (spec, steps, out) = (self.spec.clone(), self.steps.clone(), path.clone());
+        spawn_blocking(move || record(&spec, &steps, &out)).await??;
         let label = UploadLabel { outcome: Outcome::Unknown, cohort: "load".to_owned(), author: "load".to_owned() };
         self.client.upload(&self.spec.name, &path, &label, |_| ()).await?;
         Ok(())

@@ -15,6 +15,7 @@ const ACTION: u32 = 7;
 const JPEG_QUALITY: u8 = 90;
 
 /// One step.
+#[derive(Clone)]
 pub struct Step {
     /// RGB of each camera, one after the other.
     pub frames: Vec<u8>,
