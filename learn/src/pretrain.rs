@@ -190,6 +190,27 @@ mod tests {
     }
 
     #[test]
+    fn a_run_that_is_stopped_keeps_every_step() {
+        let (shape, data) = (toy::shape(), toy::experts(3, 12));
+        let spec = PretrainSpec { checkpoint_every: 3, ..toy::pretrain_spec(8) };
+        let straight = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
+        for (after, kept) in [(2, vec![2]), (3, vec![3]), (5, vec![3, 5])] {
+            let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
+            let result = pretrain(&shape, &data, &spec, None, &mut stopped);
+            assert!(matches!(result, Err(LearnError::Cancelled)));
+            assert_eq!(stopped.checkpoints.iter().map(|(step, _)| *step).collect::<Vec<_>>(), kept);
+            let (_, last) = stopped.checkpoints.last().unwrap();
+            assert_eq!(pretrain(&shape, &data, &spec, Some(last), &mut Silent).unwrap(), straight);
+        }
+        // Stopped again before it took a step, it has nothing new to keep.
+        let mut first = Recorder { stop_after: Some(2), ..Recorder::default() };
+        assert!(pretrain(&shape, &data, &spec, None, &mut first).is_err());
+        let mut again = Recorder { stop_after: Some(0), ..Recorder::default() };
+        assert!(pretrain(&shape, &data, &spec, Some(&first.checkpoints[0].1), &mut again).is_err());
+        assert!(again.checkpoints.is_empty());
+    }
+
+    #[test]
     fn a_checkpoint_of_another_run_is_refused() {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
         let spec = toy::pretrain_spec(2);

@@ -17,7 +17,8 @@ pub trait Monitor {
     /// `step` of `total` are done; `metrics` are (name, value). Called after every step.
     fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]);
 
-    /// Keeps `bytes`, from which the job can resume after `step` steps.
+    /// Keeps `bytes`, from which the job can resume after `step` steps. Called now and then, and where the job is asked
+    /// to stop.
     ///
     /// # Errors
     /// Why it could not; the job then fails.
@@ -131,7 +132,8 @@ impl<N: Learner> Training<N> {
         Ok(Resumed::Unfinished(Box::new(training)))
     }
 
-    /// Takes the remaining steps and gives the finished checkpoint, without optimiser state.
+    /// Takes the remaining steps and gives the finished checkpoint, without optimiser state. Asked to stop, it keeps what
+    /// it has.
     pub(crate) fn run(
         mut self,
         optim: &OptimSpec,
@@ -139,16 +141,21 @@ impl<N: Learner> Training<N> {
         loss: &dyn Fn(&N, u64) -> Loss,
         monitor: &mut dyn Monitor,
     ) -> Result<Vec<u8>, LearnError> {
+        let mut kept = self.info.step;
         while self.info.step < optim.steps {
             if monitor.cancelled() {
+                if self.info.step > kept {
+                    // If nobody takes it any more, whoever resumes does these steps again.
+                    let _ = self.keep(monitor);
+                }
                 return Err(LearnError::Cancelled);
             }
             let metrics = self.step(optim, loss)?;
             let done = self.info.step;
             monitor.progress(done, optim.steps, &metrics);
             if done.is_multiple_of(u64::from(checkpoint_every)) && done < optim.steps {
-                let bytes = checkpoint::write(&self.info, &self.state())?;
-                monitor.checkpoint(done, &bytes).map_err(|message| LearnError::Monitor { step: done, message })?;
+                self.keep(monitor)?;
+                kept = done;
             }
         }
         self.info.finished = true;
@@ -180,6 +187,11 @@ impl<N: Learner> Training<N> {
             ("ms_per_step", begin.elapsed().as_secs_f64() * 1e3),
         ]);
         Ok(metrics)
+    }
+
+    fn keep(&self, monitor: &mut dyn Monitor) -> Result<(), LearnError> {
+        let (bytes, step) = (checkpoint::write(&self.info, &self.state())?, self.info.step);
+        monitor.checkpoint(step, &bytes).map_err(|message| LearnError::Monitor { step, message })
     }
 
     /// Everything a resume needs.

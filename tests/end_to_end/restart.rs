@@ -156,6 +156,8 @@ async fn a_stop_lets_a_running_job_resume_later() {
     let mut api = Api::connect(&server).await;
     let ended = api.watch(&job.id).await;
     assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "a stop burns no attempt");
+    let steps: Vec<u64> = api.metric(&job.id, "loss").await.into_iter().map(|(step, _)| step).collect();
+    assert_eq!(steps, (1..=30).collect::<Vec<_>>(), "a stop loses no step: none is done twice");
 }
 
 /// Two servers on one folder would run the same jobs twice.
