@@ -6,6 +6,7 @@ use clap::Parser as _;
 use gleaner_server::{
     Listeners,
     config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TokenConfig},
+    error::{Error, Result},
     ingest,
     lock::DataLock,
     shutdown,
@@ -58,17 +59,17 @@ fn main() -> ExitCode {
 }
 
 #[tokio::main(flavor = "current_thread")]
-async fn keep(command: KeepingCommand) -> gleaner_server::error::Result<bool> {
+async fn keep(command: KeepingCommand) -> Result<bool> {
     gleaner_server::keeping::run(&command, &mut std::io::stdout().lock()).await
 }
 
 #[tokio::main(flavor = "current_thread")]
-async fn token(config: TokenConfig) -> gleaner_server::error::Result<()> {
+async fn token(config: TokenConfig) -> Result<()> {
     gleaner_server::access::command::token(config, &mut std::io::stdout().lock()).await
 }
 
 #[tokio::main(flavor = "current_thread")]
-async fn audit(config: AuditConfig) -> gleaner_server::error::Result<()> {
+async fn audit(config: AuditConfig) -> Result<()> {
     gleaner_server::access::command::audit(config, &mut std::io::stdout().lock()).await
 }
 
@@ -80,7 +81,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn set(cli: &Cli) -> Result<Self, String> {
+    fn set(cli: &Cli) -> std::result::Result<Self, String> {
         let serving = match &cli.command {
             Command::Serve(config) => Some(config),
             Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) => None,
@@ -93,7 +94,7 @@ impl Stage {
         Ok(Self { runtime, traces })
     }
 
-    fn serve(self, config: ServeConfig) -> gleaner_server::error::Result<()> {
+    fn serve(self, config: ServeConfig) -> Result<()> {
         let Some(runtime) = self.runtime else { return Ok(()) };
         let served = runtime.block_on(serve(config));
         self.traces.finish();
@@ -108,11 +109,12 @@ fn threads(config: &ServeConfig) -> std::io::Result<Runtime> {
 }
 
 #[expect(clippy::print_stdout, reason = "scripts that start a server on port 0 read this line")]
-async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
+async fn serve(config: ServeConfig) -> Result<()> {
     if let Err(error) = shutdown::outlive_hangups() {
         tracing::warn!(%error, "SIGHUP would end the server");
     }
-    // Before anything is said: who starts a server must not wait for one that will not serve.
+    // Before anything is said: who starts a server must not wait for one that will not serve, and may stop it at once.
+    let asked = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
     ingest::can_inspect()?;
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;
@@ -122,9 +124,7 @@ async fn serve(config: ServeConfig) -> gleaner_server::error::Result<()> {
     println!("listening on {}", listeners.url()?);
     let limit = Duration::from_secs(config.drain_seconds) + ENDING;
     gleaner_server::run(config, lock, listeners, async move {
-        if let Err(error) = shutdown::requested().await {
-            tracing::error!(%error, "cannot listen to signals");
-        }
+        asked.await;
         if let Err(error) = shutdown::must_end_within(limit) {
             tracing::error!(%error, "the end has no limit");
         }

@@ -9,17 +9,11 @@ use std::{
 use rustix::process::{Signal, getpid, kill_process};
 use tokio::signal::unix::{SignalKind, signal};
 
-/// Ends at the first SIGINT or SIGTERM.
+/// Ends at the next SIGINT or SIGTERM, counted from now on and not from when it is awaited.
 ///
 /// # Errors
 /// When the signals cannot be listened to.
-pub async fn requested() -> io::Result<()> {
-    request()?.await;
-    Ok(())
-}
-
-/// Listens from now on, not from when it is awaited.
-fn request() -> io::Result<impl Future<Output = ()>> {
+pub fn requested() -> io::Result<impl Future<Output = ()>> {
     let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
     Ok(async move {
         tokio::select! {
@@ -45,7 +39,7 @@ pub fn outlive_hangups() -> io::Result<()> {
 /// # Errors
 /// When no thread can be had for it, or the signals cannot be listened to.
 pub fn must_end_within(limit: Duration) -> io::Result<()> {
-    let again = request()?;
+    let again = requested()?;
     tokio::spawn(async {
         again.await;
         end("asked to stop a second time")
