@@ -15,6 +15,9 @@ use super::{
 };
 use crate::error::{Error, Result};
 
+/// So many turns share a pass however few others there are: fewer cost the model more each.
+const LEAST_WAVE: usize = 4;
+
 /// What came of asking.
 #[derive(Debug)]
 pub(super) enum Turned<H> {
@@ -89,18 +92,20 @@ impl<M: Model> Server<M> {
     /// What waits, and what comes while every deadline and the fastest session can spare the time; and whether time
     /// was taken for that.
     fn gather(&self, first: Request<M::History>, free: Instant) -> (Vec<Request<M::History>>, bool) {
+        let patience = self.pace.patience();
+        let most = patience.map_or(self.most, |(present, _)| self.most.min(wave(present)));
         let mut batch = vec![first];
-        while batch.len() < self.most
+        while batch.len() < most
             && let Ok(next) = self.waiting.try_recv()
         {
             batch.push(next);
         }
-        let Some((present, wait)) = self.pace.patience() else {
+        let Some((present, wait)) = patience else {
             return (batch, false);
         };
         let mut waited = false;
         let mut until = free + wait;
-        while batch.len() < present.min(self.most) {
+        while batch.len() < present.min(most) {
             // Half of what a deadline leaves besides the model: a thread may wake late.
             let spare = |deadline: Instant| deadline.saturating_duration_since(free).saturating_sub(self.took) / 2;
             let tightest = batch.iter().filter_map(|request| request.deadline).map(spare).min();
@@ -113,6 +118,12 @@ impl<M: Model> Server<M> {
         }
         (batch, waited)
     }
+}
+
+/// How many of those present share a pass at most: half, so that the others' observations come in and are decoded while
+/// the model is busy, instead of both waiting for each other in turns.
+fn wave(present: usize) -> usize {
+    present.div_ceil(2).max(LEAST_WAVE)
 }
 
 /// Answers a batch. If it fails as a whole, each turn is tried alone, so that only the one at fault fails.
