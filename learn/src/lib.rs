@@ -31,7 +31,10 @@ pub use error::LearnError;
 pub use history::{Embedding, History};
 pub use policy::{Ensemble, Policy, train_policy};
 pub use pretrain::pretrain;
-pub use score::{EpisodeScores, LiveScorer, Normaliser, ScoreBase, Scores, SegmentScore, extend_scores, score};
+pub use score::{
+    EpisodeScores, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores, SegmentScore,
+    extend_scores, score,
+};
 pub use spec::{
     ActSpec, Augmentation, CameraShape, Device, FeatureScale, ModelSpec, NormaliserKind, Objective, OptimSpec,
     PolicyKind, Preset, PretrainSpec, ScoreSpec, Scorer, Similarity, TaskShape, TrainSpec, Yardstick,

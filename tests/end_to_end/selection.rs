@@ -1,6 +1,6 @@
 //! What selections keep, counted ahead of time and as datasets; limits of snapshots; runs that go on from others.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, path::Path};
 
 use gleaner_proto::v1::*;
 
@@ -118,6 +118,13 @@ async fn limits_of_snapshots_nest() {
     }
 }
 
+/// Removes the features that score jobs have kept, which a sweep or a person may at any time; says of how many episodes.
+fn forget_features(data_dir: &Path) -> usize {
+    let files = data_dir.join("cache").read_dir().unwrap().map(|entry| entry.unwrap().path());
+    let features = files.filter(|path| path.extension().is_some_and(|extension| extension == "features"));
+    features.map(|path| std::fs::remove_file(path).unwrap()).count()
+}
+
 /// A run that goes on from a smaller one has the scores of a full run bit for bit, under the smaller one's normaliser.
 #[tokio::test]
 async fn a_run_that_goes_on_equals_a_full_one() {
@@ -136,6 +143,7 @@ async fn a_run_that_goes_on_equals_a_full_one() {
     };
     let base = api.succeed(lab::TASK, score(&small, "")).await.result_id;
     let grown = api.succeed(lab::TASK, score(&shared.snapshot, &base)).await.result_id;
+    assert!(forget_features(shared.server.data_dir()) >= shared.episodes.len(), "of every episode, for the next run");
     let full = api.succeed(lab::TASK, score(&shared.snapshot, "")).await.result_id;
 
     let (base, grown) = (api.run(&base).await, api.run(&grown).await);

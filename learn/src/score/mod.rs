@@ -14,7 +14,7 @@ mod normaliser;
 mod run;
 mod similarity;
 
-pub use features::Features;
+pub use features::{FeatureStore, Features, Forgetful};
 pub(crate) use features::{last_steps, view};
 pub use live::{LiveScorer, SegmentScore};
 pub use nearest::{Match, Reference};
@@ -78,8 +78,21 @@ pub struct ScoreBase {
     pub scores: Vec<EpisodeScores>,
 }
 
-/// Scores every segment of the `imperfect` episodes (D_i) against every segment of the `experts`
-/// (D_e) under a pretrained `encoder`.
+/// What is scored.
+#[derive(Clone, Copy)]
+pub struct ScoreInputs<'a> {
+    /// The pretrained encoder's checkpoint.
+    pub encoder: &'a [u8],
+    /// D_e.
+    pub experts: &'a [Trajectory],
+    /// D_i.
+    pub imperfect: &'a [Trajectory],
+    /// Features of these episodes under this encoder and [`ScoreSpec::features_kind`]: what it has is not encoded again.
+    pub kept: &'a dyn FeatureStore,
+}
+
+/// Scores every segment of the imperfect episodes (D_i) against every segment of the experts (D_e) under a pretrained
+/// encoder.
 ///
 /// The nearest expert segment is exact; ties go to the expert whose id sorts first, then the first
 /// step, so the order of the episodes does not matter. An episode never matches itself: an expert
@@ -89,14 +102,8 @@ pub struct ScoreBase {
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for
 /// an encoder that cannot be used, [`LearnError::Cancelled`], and what the tensor library may give.
-pub fn score(
-    encoder: &[u8],
-    experts: &[Trajectory],
-    imperfect: &[Trajectory],
-    spec: &ScoreSpec,
-    monitor: &mut dyn Monitor,
-) -> Result<Scores, LearnError> {
-    Call { encoder, experts, imperfect, spec }.run(None, monitor)
+pub fn score(inputs: ScoreInputs<'_>, spec: &ScoreSpec, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
+    Call { inputs, spec }.run(None, monitor)
 }
 
 /// Goes on from an earlier run of the same encoder and settings with more experts, more imperfect
@@ -109,9 +116,7 @@ pub fn score(
 /// As [`score`]; also [`LearnError::Invalid`] if an expert of the earlier run is missing, if its
 /// scores do not fit the episodes, or for the classifier, whose every score depends on all episodes.
 pub fn extend_scores(
-    encoder: &[u8],
-    experts: &[Trajectory],
-    imperfect: &[Trajectory],
+    inputs: ScoreInputs<'_>,
     base: &ScoreBase,
     spec: &ScoreSpec,
     monitor: &mut dyn Monitor,
@@ -124,7 +129,7 @@ pub fn extend_scores(
         let message = "is one alone, so its run had no yardstick that the normaliser could go with; score anew";
         return Err(LearnError::invalid("base.experts", message));
     }
-    Call { encoder, experts, imperfect, spec }.run(Some(base), monitor)
+    Call { inputs, spec }.run(Some(base), monitor)
 }
 
 /// A pretrained encoder, opened.
@@ -155,9 +160,7 @@ impl Opened {
 
 /// What both ways to score are called with.
 struct Call<'a> {
-    encoder: &'a [u8],
-    experts: &'a [Trajectory],
-    imperfect: &'a [Trajectory],
+    inputs: ScoreInputs<'a>,
     spec: &'a ScoreSpec,
 }
 
@@ -165,15 +168,15 @@ impl Call<'_> {
     fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
         self.validate()?;
         guard(|| {
-            let opened = Opened::read(self.encoder, self.spec)?;
+            let opened = Opened::read(self.inputs.encoder, self.spec)?;
             let network = &opened.network;
-            for trajectory in self.experts.iter().chain(self.imperfect) {
+            for trajectory in self.inputs.experts.iter().chain(self.inputs.imperfect) {
                 trajectory.validate(&network.shape)?;
             }
             let Found { mut imperfect, mut experts, local } = match self.spec.scorer {
                 Scorer::Ssdf | Scorer::Raw => self.by_nearest(opened.encoder(), base, monitor)?,
                 Scorer::Classifier => {
-                    let episodes = (self.experts, self.imperfect);
+                    let episodes = (self.inputs.experts, self.inputs.imperfect);
                     let (imperfect, experts) = classifier::scores(network, episodes, self.spec.seed, monitor)?;
                     Found { imperfect, experts, local: None }
                 }
@@ -191,7 +194,7 @@ impl Call<'_> {
 
     fn validate(&self) -> Result<(), LearnError> {
         self.spec.validate()?;
-        for (field, episodes) in [("experts", self.experts), ("imperfect", self.imperfect)] {
+        for (field, episodes) in [("experts", self.inputs.experts), ("imperfect", self.inputs.imperfect)] {
             if episodes.is_empty() {
                 return Err(LearnError::invalid(field, "has no episode to score with"));
             }
@@ -213,18 +216,21 @@ impl Call<'_> {
     ) -> Result<Found, LearnError> {
         let _no_grad = no_grad_guard();
         let network = encoder.network;
-        let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(self.experts).collect();
+        let ScoreInputs { encoder: _, experts, imperfect, kept } = self.inputs;
+        let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(experts).collect();
         sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
+        let total = 2 * count(network, experts) + count(network, imperfect);
         let (places, experts): (Vec<u32>, Vec<&Trajectory>) = sorted.into_iter().unzip();
         let known = match base {
-            Some(base) => Known::new(base, &network.shape, &experts, self.imperfect)?,
+            Some(base) => Known::new(base, &network.shape, &experts, imperfect)?,
             None => Known::default(),
         };
-        let total = 2 * count(network, self.experts) + count(network, self.imperfect);
         let progress = Progress::new(monitor, total);
-        let run = Run { encoder, spec: self.spec, experts: &experts, places: &places, known: &known, progress };
-        let Found { imperfect, experts, local } = run.scores(self.imperfect)?;
-        Ok(Found { imperfect, experts: placed(&places, experts), local: local.map(|all| placed(&places, all)) })
+        let kept = self.spec.features_kind().map(|_| kept);
+        let (spec, experts, places, known) = (self.spec, &experts, &places, &known);
+        let run = Run { encoder, spec, experts, places, known, kept, progress };
+        let Found { imperfect, experts, local } = run.scores(imperfect)?;
+        Ok(Found { imperfect, experts: placed(places, experts), local: local.map(|all| placed(places, all)) })
     }
 }
 

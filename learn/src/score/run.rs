@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::EpisodeScores;
 use super::base::Known;
-use super::features::{Encoder, Features, episode_features};
+use super::features::{Encoder, FeatureStore, Features, episode_features, widths};
 use super::local::Neighbourhoods;
 use super::nearest::{Match, Reference};
 use super::similarity::Metric;
@@ -62,6 +62,8 @@ pub(super) struct Run<'a> {
     /// For every number, the expert's place in the order given.
     pub(super) places: &'a [u32],
     pub(super) known: &'a Known<'a>,
+    /// Features of earlier runs; `None` where they are not worth keeping.
+    pub(super) kept: Option<&'a dyn FeatureStore>,
     pub(super) progress: Progress<'a>,
 }
 
@@ -192,8 +194,25 @@ impl Run<'_> {
     }
 
     fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = sound(episode_features(self.encoder, trajectory, self.spec), &trajectory.id)?;
+        let features = match self.kept_features(trajectory) {
+            Some(features) => features,
+            None => self.encoded(trajectory)?,
+        };
         self.progress.advance(features.count())?;
+        Ok(features)
+    }
+
+    fn kept_features(&self, trajectory: &Trajectory) -> Option<Features> {
+        let network = self.encoder.network;
+        let bytes = self.kept?.get(&trajectory.id)?;
+        Features::from_bytes(&bytes, trajectory.steps(&network.shape), widths(network, self.spec))
+    }
+
+    fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
+        let features = sound(episode_features(self.encoder, trajectory, self.spec), &trajectory.id)?;
+        if let Some(kept) = self.kept {
+            kept.put(&trajectory.id, &features.to_bytes()?);
+        }
         Ok(features)
     }
 

@@ -31,8 +31,18 @@ fn some_specs() -> Vec<ScoreSpec> {
     specs().into_iter().step_by(3).collect()
 }
 
+/// Scores, keeping no features.
+pub(super) fn score_anew(
+    experts: &[Trajectory],
+    imperfect: &[Trajectory],
+    spec: &ScoreSpec,
+    monitor: &mut dyn Monitor,
+) -> Result<Scores, LearnError> {
+    score(ScoreInputs { encoder: &encoder(), experts, imperfect, kept: &Forgetful }, spec, monitor)
+}
+
 fn run(experts: &[Trajectory], imperfect: &[Trajectory], spec: &ScoreSpec) -> Scores {
-    score(&encoder(), experts, imperfect, spec, &mut Silent).unwrap()
+    score_anew(experts, imperfect, spec, &mut Silent).unwrap()
 }
 
 #[test]
@@ -113,7 +123,7 @@ fn the_order_of_the_episodes_does_not_matter() {
 fn bad_input_is_named() {
     let experts = toy::experts(2, 8);
     let message = |experts: &[Trajectory], imperfect: &[Trajectory]| {
-        let result = score(&encoder(), experts, imperfect, &ScoreSpec::default(), &mut Silent);
+        let result = score_anew(experts, imperfect, &ScoreSpec::default(), &mut Silent);
         result.unwrap_err().to_string()
     };
     assert!(message(&[], &experts).starts_with("experts: "));
@@ -133,7 +143,7 @@ fn a_cancelled_run_stops() {
     for scorer in [Scorer::Ssdf, Scorer::Classifier] {
         let mut monitor = toy::Recorder { stop_after: Some(1), ..Default::default() };
         let spec = ScoreSpec { scorer, ..ScoreSpec::default() };
-        let result = score(&encoder(), &experts, &experts, &spec, &mut monitor);
+        let result = score_anew(&experts, &experts, &spec, &mut monitor);
         assert!(matches!(result, Err(LearnError::Cancelled)));
         assert_eq!(monitor.losses.len(), 1);
     }

@@ -16,8 +16,12 @@ pub struct KeepingConfig {
     /// Days that the audit log remembers; unless given, for ever.
     #[arg(long = "keep-audit-days", env = "GLEANER_KEEP_AUDIT_DAYS", value_name = "DAYS")]
     pub audit_days: Option<u32>,
-    /// Most bytes that the decoded steps of recordings may take, looked at once an hour: beyond, those that were not used
-    /// for longest go, and are decoded again when somebody needs them. Unless given, any number.
+    /// Days that segments' features are kept that no score job has used; then they are encoded again when one needs them.
+    #[arg(long = "keep-features-days", env = "GLEANER_KEEP_FEATURES_DAYS", default_value_t = 7, value_name = "DAYS")]
+    pub features_days: u32,
+    /// Most bytes that the decoded steps of recordings and the features of their segments may take, looked at once an
+    /// hour: beyond, what was not used for longest goes, and is made again when somebody needs it. Unless given, any
+    /// number.
     #[arg(long, env = "GLEANER_MAX_CACHE_BYTES", value_name = "BYTES")]
     pub max_cache_bytes: Option<u64>,
     /// Bytes of the disk that stay free: below, nothing new is taken in, until there is room again.

@@ -1,20 +1,23 @@
-//! The decoded steps of recordings: which of them go. They can always be made again, and who has one open keeps it, so
-//! nothing is locked.
+//! The decoded steps of recordings, and the features of their segments: which of them go. They can always be made again,
+//! and who has one open keeps it, so nothing is locked.
 
 use std::{collections::HashSet, io::ErrorKind, path::PathBuf, time::SystemTime};
 
 use crate::{
     domain::id::BlobId,
     error::{Error, Result},
+    worker::FEATURES,
 };
 
-/// Which decoded steps stay.
+/// Which of them stay.
 pub(super) struct Rules {
     pub(super) folder: PathBuf,
     /// Recordings that there are.
     pub(super) named: HashSet<BlobId>,
     /// What was made since is left alone, its recording being perhaps about to be named.
     pub(super) old: SystemTime,
+    /// Features that were not used since go.
+    pub(super) features_used: SystemTime,
     /// Most bytes in all; `None`: any number.
     pub(super) most_bytes: Option<u64>,
 }
@@ -25,14 +28,18 @@ struct Cache {
     bytes: u64,
     made: SystemTime,
     used: SystemTime,
+    features: bool,
 }
 
 impl Rules {
-    /// Removes those of recordings that are gone, then those that were not used for longest until few enough bytes are
-    /// left, and says how many.
+    /// Removes those of recordings that are gone and features that nobody uses, then those that were not used for longest
+    /// until few enough bytes are left, and says how many.
     pub(super) fn sweep(&self) -> Result<u64> {
-        let (orphans, mut kept): (Vec<_>, Vec<_>) =
-            self.list()?.into_iter().partition(|cache| cache.made < self.old && !self.named.contains(&cache.recording));
+        let of_no_use = |cache: &Cache| {
+            let orphan = cache.made < self.old && !self.named.contains(&cache.recording);
+            orphan || cache.features && cache.used < self.features_used
+        };
+        let (of_no_use, mut kept): (Vec<_>, Vec<_>) = self.list()?.into_iter().partition(of_no_use);
         kept.sort_by_key(|cache| cache.used);
         let mut left: u64 = kept.iter().map(|cache| cache.bytes).sum();
         let too_many = kept.into_iter().take_while(|cache| {
@@ -41,7 +48,7 @@ impl Rules {
             goes
         });
         let mut removed = 0;
-        for cache in orphans.into_iter().chain(too_many) {
+        for cache in of_no_use.into_iter().chain(too_many) {
             std::fs::remove_file(&cache.path).map_err(|error| self.fault(error))?;
             removed += 1;
         }
@@ -76,7 +83,8 @@ impl Cache {
         let made = file.modified()?;
         // Some file systems do not write down when a file is read; then the oldest go first.
         let used = file.accessed().map_or(made, |read| read.max(made));
-        Ok(Some(Self { path, recording, bytes: file.len(), made, used }))
+        let features = path.extension().is_some_and(|extension| extension == FEATURES);
+        Ok(Some(Self { path, recording, bytes: file.len(), made, used, features }))
     }
 }
 
@@ -92,8 +100,12 @@ mod tests {
 
     /// A cache of 10 bytes, made long ago and used so many seconds after that.
     fn cache(folder: &std::path::Path, content: &[u8], used: u64) -> (BlobId, PathBuf) {
+        file(folder, (content, "frames"), used)
+    }
+
+    fn file(folder: &std::path::Path, (content, extension): (&[u8], &str), used: u64) -> (BlobId, PathBuf) {
         let recording: BlobId = blake3::hash(content).into();
-        let path = folder.join(format!("{recording}-0123456789abcdef.frames"));
+        let path = folder.join(format!("{recording}-0123456789abcdef.{extension}"));
         fs::write(&path, [0; 10]).unwrap();
         let made = SystemTime::UNIX_EPOCH + Duration::from_secs(1000);
         let times = FileTimes::new().set_modified(made).set_accessed(made + Duration::from_secs(used));
@@ -111,6 +123,7 @@ mod tests {
             folder: dir.path().to_owned(),
             named: all.iter().map(|(recording, _)| recording.clone()).collect(),
             old: SystemTime::now(),
+            features_used: SystemTime::UNIX_EPOCH,
             most_bytes,
         };
         let there = || all.each_ref().map(|(_, path)| path.exists());
@@ -121,6 +134,22 @@ mod tests {
     }
 
     #[test]
+    fn features_that_nobody_uses_go_before_the_steps_they_were_made_of() {
+        let dir = tempfile::tempdir().unwrap();
+        let steps = cache(dir.path(), b"a", 0);
+        let used = [10, 20].map(|used| file(dir.path(), (if used == 10 { b"a" } else { b"b" }, FEATURES), used));
+        let rules = Rules {
+            folder: dir.path().to_owned(),
+            named: used.iter().map(|(recording, _)| recording.clone()).collect(),
+            old: SystemTime::UNIX_EPOCH,
+            features_used: SystemTime::UNIX_EPOCH + Duration::from_secs(1020),
+            most_bytes: None,
+        };
+        assert_eq!(rules.sweep().unwrap(), 1);
+        assert_eq!((steps.1.exists(), used.map(|(_, path)| path.exists())), (true, [false, true]));
+    }
+
+    #[test]
     fn what_has_no_recording_goes_whatever_the_limit_and_makes_room() {
         let dir = tempfile::tempdir().unwrap();
         let (kept, gone) = (cache(dir.path(), b"kept", 0), cache(dir.path(), b"gone", 5));
@@ -128,6 +157,7 @@ mod tests {
             folder: dir.path().to_owned(),
             named: HashSet::from([kept.0]),
             old: SystemTime::now(),
+            features_used: SystemTime::UNIX_EPOCH,
             most_bytes: Some(10),
         };
         assert_eq!(rules.sweep().unwrap(), 1);

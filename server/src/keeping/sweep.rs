@@ -57,8 +57,14 @@ impl Room {
         let named: HashSet<BlobId> = named.into_iter().map(|named| named.blob).collect();
         let old = self.old_enough(now).await?;
         self.orphans(&named, old, &mut tally).await?;
-        let (folder, most_bytes) = (self.data_dir.join("cache"), self.keeping.max_cache_bytes);
-        tally.caches = off_runtime(move || Rules { folder, named, old, most_bytes }.sweep()).await?;
+        let rules = Rules {
+            folder: self.data_dir.join("cache"),
+            named,
+            old,
+            features_used: days_before(now, self.keeping.features_days).min(old),
+            most_bytes: self.keeping.max_cache_bytes,
+        };
+        tally.caches = off_runtime(move || rules.sweep()).await?;
         let tmp = self.data_dir.join("tmp");
         tally.leavings = off_runtime(move || remove_unwritten(&tmp, old)).await?;
         let logs = jobs::logs_folder(&self.data_dir);

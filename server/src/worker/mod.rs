@@ -8,11 +8,13 @@ mod episodes;
 mod evaluate;
 mod export;
 mod failure;
+mod features;
 mod monitor;
 mod process;
 mod reporter;
 mod work;
 
+pub(crate) use self::features::EXTENSION as FEATURES;
 use self::{
     client::Client,
     failure::Failure,

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use gleaner_learn::{Normaliser, PolicyKind, PretrainSpec, ScoreBase, ScoreSpec, TrainSpec};
+use gleaner_learn::{Normaliser, PolicyKind, PretrainSpec, ScoreBase, ScoreInputs, ScoreSpec, TrainSpec};
 
-use super::{episodes::Episodes, evaluate, export, failure::Failure, monitor::Watcher};
+use super::{episodes::Episodes, evaluate, export, failure::Failure, features::KeptFeatures, monitor::Watcher};
 use crate::{
     blobs::Blobs,
     domain::{
@@ -94,12 +94,12 @@ impl Work {
         let experts = self.episodes().trajectories(&self.inputs.experts)?;
         let imperfect = self.episodes().trajectories(&self.inputs.imperfect)?;
         self.monitor.phase("scoring");
+        let kind = spec.features_kind().unwrap_or_default();
+        let kept = KeptFeatures::new(&self.data_dir, &self.blobs, &self.inputs, &kind);
+        let inputs = ScoreInputs { encoder: &encoder, experts: &experts, imperfect: &imperfect, kept: &kept };
         let scores = match self.base.take() {
-            None => gleaner_learn::score(&encoder, &experts, &imperfect, &spec, &mut self.monitor)?,
-            Some(base) => {
-                let base = base_of(base, &spec);
-                gleaner_learn::extend_scores(&encoder, &experts, &imperfect, &base, &spec, &mut self.monitor)?
-            }
+            None => gleaner_learn::score(inputs, &spec, &mut self.monitor)?,
+            Some(base) => gleaner_learn::extend_scores(inputs, &base_of(base, &spec), &spec, &mut self.monitor)?,
         };
         let of_role = |episodes: Vec<gleaner_learn::EpisodeScores>, role| {
             episodes.into_iter().map(move |scores| episode_scores(scores, role))

@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use crate::LearnError;
-use crate::score::tests::encoder;
-use crate::score::{Scores, score};
+use crate::score::Scores;
+use crate::score::tests::score_anew;
 use crate::spec::{ScoreSpec, Scorer};
 use crate::toy;
 use crate::train::Silent;
@@ -16,7 +16,7 @@ fn failures(count: u64) -> Vec<Trajectory> {
 
 fn classify(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Result<Scores, LearnError> {
     let spec = ScoreSpec { scorer: Scorer::Classifier, seed, ..ScoreSpec::default() };
-    score(&encoder(), experts, imperfect, &spec, &mut Silent)
+    score_anew(experts, imperfect, &spec, &mut Silent)
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Features of an episode's segments: what similarities compare. Every frame is encoded once.
 //! Knows nothing of how features are compared.
 
+mod kept;
 mod learned;
 pub(super) mod raw;
 
@@ -12,6 +13,8 @@ use crate::normalize::FeatureScale;
 use crate::spec::{Objective, ScoreSpec, Scorer};
 use crate::trajectory::Trajectory;
 use tch::Tensor;
+
+pub use kept::{FeatureStore, Forgetful};
 
 /// Steps encoded, and windows passed, at a time: bounds memory, and being fixed it gives an
 /// episode the same features whatever it is scored with.
@@ -110,11 +113,21 @@ pub(crate) fn view(objectives: &[Objective]) -> View<'static> {
 /// those of an episode. Of the encoder only: raw observations are not kept in histories.
 pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, spec: &ScoreSpec) -> Features {
     let network = encoder.network;
-    let keep = if spec.similarity.whole_segment() { network.spec.window() } else { 1 };
+    let keep = keep(network, spec);
     let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
-    let mut features = Features::empty([keep * network.width(); 3]);
+    let mut features = Features::empty(widths(network, spec));
     features.extend(&learned::pass(encoder, &steps, &stacked.windows, keep));
     features
+}
+
+/// How many steps of a segment are compared.
+fn keep(network: &Network, spec: &ScoreSpec) -> usize {
+    if spec.similarity.whole_segment() { network.spec.window() } else { 1 }
+}
+
+/// How many values the features of a segment have that the encoder gives, per modality.
+pub(super) fn widths(network: &Network, spec: &ScoreSpec) -> [usize; 3] {
+    [keep(network, spec) * network.width(); 3]
 }
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the transformer gives them, each `[T, d]`.

@@ -4,7 +4,7 @@
 
 use super::super::tests::encoder;
 use super::*;
-use crate::score::score;
+use crate::score::tests::score_anew;
 use crate::spec::{FeatureScale as Scale, NormaliserKind, Similarity};
 use crate::toy;
 use crate::train::Silent;
@@ -27,7 +27,7 @@ fn episodes() -> (Vec<Trajectory>, Trajectory) {
 fn an_episode_scores_bit_for_bit_as_in_the_run() {
     let (experts, failure) = episodes();
     for spec in specs() {
-        let run = score(&encoder(), &experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
+        let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
         let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
         assert_eq!(live.score_episode(&failure).unwrap(), run.imperfect[0], "{spec:?}");
     }
@@ -38,7 +38,7 @@ fn a_session_scores_step_by_step_as_the_episode_does() {
     let (experts, failure) = episodes();
     let shape = toy::shape();
     for spec in specs() {
-        let run = score(&encoder(), &experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
+        let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
         let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
         let mut history = History::new(live.segment_length());
         let frames = failure.frames.as_ref().as_ref();
@@ -60,7 +60,7 @@ fn a_session_scores_step_by_step_as_the_episode_does() {
 fn what_cannot_be_scored_is_named() {
     let (experts, failure) = episodes();
     let spec = ScoreSpec::default();
-    let run = score(&encoder(), &experts, &[failure], &spec, &mut Silent).unwrap();
+    let run = score_anew(&experts, &[failure], &spec, &mut Silent).unwrap();
     let load = |experts: &[Trajectory], spec: &ScoreSpec| {
         LiveScorer::load(&encoder(), experts, spec, run.normaliser.clone()).map(|_| ()).unwrap_err().to_string()
     };

@@ -1,5 +1,8 @@
 //! Going on from an earlier run gives what a full run gives.
 
+use std::cell::RefCell;
+use std::collections::HashMap;
+
 use super::*;
 
 /// What the server keeps of a run.
@@ -15,8 +18,18 @@ fn failures(count: u64) -> Vec<Trajectory> {
     (0..count).map(|i| toy::episode(&format!("failure {i}"), 100 + i, 7, i % 2 == 1)).collect()
 }
 
+fn try_extend(
+    experts: &[Trajectory],
+    imperfect: &[Trajectory],
+    base: &ScoreBase,
+    spec: &ScoreSpec,
+) -> Result<Scores, LearnError> {
+    let inputs = ScoreInputs { encoder: &encoder(), experts, imperfect, kept: &Forgetful };
+    extend_scores(inputs, base, spec, &mut Silent)
+}
+
 fn extend(experts: &[Trajectory], imperfect: &[Trajectory], base: &ScoreBase, spec: &ScoreSpec) -> Scores {
-    extend_scores(&encoder(), experts, imperfect, base, spec, &mut Silent).unwrap()
+    try_extend(experts, imperfect, base, spec).unwrap()
 }
 
 /// A full run under `normaliser`: it goes on from a run that knew nothing else.
@@ -91,7 +104,7 @@ fn a_lone_expert_gives_no_yardstick_to_go_on_with() {
     let (experts, imperfect) = (toy::experts(2, 8), failures(2));
     let spec = ScoreSpec::default();
     let base = base(run(&experts[..1], &imperfect, &spec), &experts[..1]);
-    let message = extend_scores(&encoder(), &experts, &imperfect, &base, &spec, &mut Silent).unwrap_err().to_string();
+    let message = try_extend(&experts, &imperfect, &base, &spec).unwrap_err().to_string();
     assert!(message.starts_with("base.experts: ") && message.contains("score anew"), "{message}");
 }
 
@@ -116,7 +129,7 @@ fn a_base_that_does_not_fit_is_named() {
     let spec = ScoreSpec::default();
     let good = base(run(&experts, &imperfect, &spec), &experts);
     let message = |experts: &[Trajectory], base: &ScoreBase, spec: &ScoreSpec| {
-        extend_scores(&encoder(), experts, &imperfect, base, spec, &mut Silent).unwrap_err().to_string()
+        try_extend(experts, &imperfect, base, spec).unwrap_err().to_string()
     };
     let missing = message(&experts[1..], &good, &spec);
     assert!(missing.starts_with("base.experts: ") && missing.contains("expert 0"), "{missing}");
@@ -138,4 +151,45 @@ fn a_base_that_does_not_fit_is_named() {
     }
     let normaliser = Normaliser { hi: f64::NAN, ..good.normaliser.clone() };
     assert!(message(&experts, &ScoreBase { normaliser, ..good.clone() }, &spec).starts_with("base.normaliser: "));
+}
+
+/// Keeps features in memory.
+#[derive(Default)]
+struct Memory(RefCell<HashMap<String, Vec<u8>>>);
+
+impl FeatureStore for Memory {
+    fn get(&self, episode: &str) -> Option<Vec<u8>> {
+        self.0.borrow().get(episode).cloned()
+    }
+
+    fn put(&self, episode: &str, bytes: &[u8]) {
+        self.0.borrow_mut().insert(episode.to_owned(), bytes.to_vec());
+    }
+}
+
+#[test]
+fn kept_features_give_the_same_bits_and_are_not_encoded_again() {
+    let (experts, imperfect) = (toy::experts(4, 8), failures(3));
+    for spec in specs() {
+        let kept = Memory::default();
+        let inputs = ScoreInputs { encoder: &encoder(), experts: &experts[..3], imperfect: &imperfect, kept: &kept };
+        let first = score(inputs, &spec, &mut Silent).unwrap();
+        assert_eq!(bits(&first), bits(&run(&experts[..3], &imperfect, &spec)));
+        let of_all = kept.0.borrow().len();
+        if spec.scorer == Scorer::Raw {
+            assert_eq!(of_all, 0, "observations are not kept twice");
+            continue;
+        }
+        assert_eq!(of_all, 6);
+        // Were it encoded, this would change the scores.
+        let mut blind = imperfect.clone();
+        blind[0].proprioception.iter_mut().for_each(|value| *value += 3.0);
+        // Cut off, as by a disk: made again.
+        kept.0.borrow_mut().get_mut("failure 1").unwrap().pop();
+        let base = base(first.clone(), &experts[..3]);
+        let inputs = ScoreInputs { experts: &experts, imperfect: &blind, ..inputs };
+        let extended = extend_scores(inputs, &base, &spec, &mut Silent).unwrap();
+        assert_eq!(bits(&extended), bits(&full(&experts, &imperfect, &first.normaliser, &spec)), "{spec:?}");
+        assert_eq!(kept.0.borrow().len(), 7);
+    }
 }

@@ -24,7 +24,14 @@ fn room(lab: &Lab, trash_days: u32) -> Room {
         blobs: lab.blobs.clone(),
         ingest: lab.ingest.clone(),
         data_dir,
-        keeping: KeepingConfig { trash_days, log_days: 90, audit_days: None, max_cache_bytes: None, min_free_bytes: 0 },
+        keeping: KeepingConfig {
+            trash_days,
+            log_days: 90,
+            features_days: 7,
+            audit_days: None,
+            max_cache_bytes: None,
+            min_free_bytes: 0,
+        },
     }
 }
 

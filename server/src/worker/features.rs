@@ -1,0 +1,154 @@
+//! Features that score jobs have made, kept beside the decoded steps they were made of: a run that goes on from another
+//! one, or compares otherwise, encodes only what is new. Always to be made again, so nothing here can fail a job.
+
+use std::{
+    collections::HashMap,
+    io::Write as _,
+    path::{Path, PathBuf},
+};
+
+use gleaner_learn::FeatureStore;
+use gleaner_recording::TaskSpec;
+
+use crate::{
+    blobs::Blobs,
+    domain::{
+        id::BlobId,
+        work::{InputEpisode, Inputs},
+    },
+    error::{Error, Result},
+    ingest::frames_path,
+};
+
+/// The extension of their files, which the sweep goes by.
+pub(crate) const EXTENSION: &str = "features";
+
+/// The features of a job's episodes under one encoder.
+pub(super) struct KeptFeatures<'a> {
+    blobs: &'a Blobs,
+    /// Where files are until they are whole.
+    unfinished: PathBuf,
+    /// By the episodes' ids.
+    places: HashMap<&'a str, PathBuf>,
+}
+
+impl<'a> KeptFeatures<'a> {
+    /// Those of `inputs` under their encoder; `kind` is what else decides them.
+    pub(super) fn new(data_dir: &Path, blobs: &'a Blobs, inputs: &'a Inputs, kind: &str) -> Self {
+        let place = |episode: &'a InputEpisode| {
+            let place = place(data_dir, &inputs.task, episode, (inputs.encoder.as_ref()?, kind))?;
+            Some((episode.id.as_str(), place))
+        };
+        let places = inputs.experts.iter().chain(&inputs.imperfect).filter_map(place).collect();
+        Self { blobs, unfinished: data_dir.join("tmp"), places }
+    }
+
+    /// Its digest, then the bytes; under its name only once it is whole.
+    fn write(&self, place: &Path, bytes: &[u8]) -> Result<()> {
+        self.blobs.expect_room(bytes.len() as u64)?;
+        let fault = |error: std::io::Error| Error::internal(format!("keeping {}", place.display()), error);
+        let mut file = tempfile::Builder::new().prefix("features-").tempfile_in(&self.unfinished).map_err(fault)?;
+        file.write_all(blake3::hash(bytes).as_bytes()).and_then(|()| file.write_all(bytes)).map_err(fault)?;
+        file.persist(place).map_err(|error| fault(error.error))?;
+        Ok(())
+    }
+}
+
+/// The name has what the features follow from: the recording, how the task reads it, the encoder and the rest.
+fn place(data_dir: &Path, task: &TaskSpec, episode: &InputEpisode, made_by: (&BlobId, &str)) -> Option<PathBuf> {
+    let frames = frames_path(data_dir, &episode.recording, task);
+    let (encoder, kind) = made_by;
+    let key = blake3::hash(format!("{} {encoder} {kind}", frames.file_name()?.to_str()?).as_bytes()).to_hex();
+    Some(frames.with_file_name(format!("{}-{}.{EXTENSION}", episode.recording, key.get(..16)?)))
+}
+
+impl FeatureStore for KeptFeatures<'_> {
+    fn get(&self, episode: &str) -> Option<Vec<u8>> {
+        let place = self.places.get(episode)?;
+        // Most often there is none.
+        let mut bytes = std::fs::read(place).ok()?;
+        let (digest, features) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
+        if blake3::hash(features) != *digest {
+            tracing::warn!(episode.id = episode, "its kept features are not what they were; making them again");
+            return None;
+        }
+        bytes.drain(..blake3::OUT_LEN);
+        Some(bytes)
+    }
+
+    fn put(&self, episode: &str, bytes: &[u8]) {
+        let Some(place) = self.places.get(episode) else { return };
+        if let Err(error) = self.write(place, bytes) {
+            tracing::warn!(episode.id = episode, %error, "its features are not kept");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+    use crate::domain::id::EpisodeId;
+
+    fn inputs(task: &TaskSpec, encoder: &[u8]) -> Inputs {
+        let episode = |content: &[u8]| InputEpisode {
+            id: EpisodeId::new(),
+            recording: blake3::hash(content).into(),
+            steps: 3,
+            file_name: String::new(),
+        };
+        Inputs {
+            task: task.clone(),
+            experts: vec![episode(b"one")],
+            imperfect: vec![episode(b"two")],
+            kept: Vec::new(),
+            encoder: Some(blake3::hash(encoder).into()),
+            checkpoint: None,
+            segment_length: 0,
+            policy: None,
+            base: None,
+        }
+    }
+
+    #[test]
+    fn what_was_put_is_there_for_the_same_encoder_and_kind_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        std::fs::create_dir_all(dir.path().join("cache")).unwrap();
+        let task = crate::store::testing::spec();
+        let inputs = inputs(&task, b"encoder");
+        let (one, two) = (inputs.experts[0].id.as_str(), inputs.imperfect[0].id.as_str());
+        let store = KeptFeatures::new(dir.path(), &blobs, &inputs, "last");
+        store.put(one, b"features of one");
+        store.put("somebody else's", b"features");
+        assert_eq!(store.get(one).unwrap(), b"features of one");
+        assert_eq!((store.get(two), store.get("somebody else's")), (None, None));
+        assert_eq!(KeptFeatures::new(dir.path(), &blobs, &inputs, "segment").get(one), None);
+        let other = Inputs { encoder: Some(blake3::hash(b"other").into()), ..inputs.clone() };
+        assert_eq!(KeptFeatures::new(dir.path(), &blobs, &other, "last").get(one), None);
+        assert_eq!(std::fs::read_dir(dir.path().join("tmp")).unwrap().count(), 0);
+
+        let place = &store.places[one];
+        let mut bytes = std::fs::read(place).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        std::fs::write(place, &bytes).unwrap();
+        assert_eq!(store.get(one), None, "rotten");
+        std::fs::write(place, b"short").unwrap();
+        assert_eq!(store.get(one), None);
+        store.put(one, b"again");
+        assert_eq!(store.get(one).unwrap(), b"again");
+    }
+
+    #[test]
+    fn without_room_nothing_is_kept_and_nothing_fails() {
+        let dir = tempfile::tempdir().unwrap();
+        let free = std::sync::Arc::default();
+        let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
+        let task = crate::store::testing::spec();
+        let inputs = inputs(&task, b"encoder");
+        let store = KeptFeatures::new(dir.path(), &blobs, &inputs, "last");
+        let one = inputs.experts[0].id.as_str();
+        store.put(one, b"features");
+        assert_eq!(store.get(one), None);
+    }
+}
