@@ -44,7 +44,7 @@ lint-python: $(PYTHON_ENV)
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
 
 # Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in metaworld-runs/$(TASK).
-# Fetches MuJoCo and Meta-World (about 110 MB) the first time; needs libosmesa6, or a GPU and MUJOCO_GL=egl.
+# Fetches MuJoCo and Meta-World (about 110 MB) the first time; draws by OSMesa or EGL, whichever there is.
 TASK ?= pick-place-v3
 metaworld: .libtorch $(METAWORLD_ENV)
 	$(CARGO) build --locked $(PROGRAMS)
