@@ -141,6 +141,7 @@ async fn a_run_that_goes_on_equals_a_full_one() {
             ..ScoreSpec::default()
         })
     };
+    forget_features(shared.server.data_dir());
     let base = api.succeed(lab::TASK, score(&small, "")).await.result_id;
     let grown = api.succeed(lab::TASK, score(&shared.snapshot, &base)).await.result_id;
     assert!(forget_features(shared.server.data_dir()) >= shared.episodes.len(), "of every episode, for the next run");

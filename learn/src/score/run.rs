@@ -210,8 +210,8 @@ impl Run<'_> {
 
     fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
         let features = sound(episode_features(self.encoder, trajectory, self.spec), &trajectory.id)?;
-        if let Some(kept) = self.kept {
-            kept.put(&trajectory.id, &features.to_bytes()?);
+        if let (Some(kept), Ok(bytes)) = (self.kept, features.to_bytes()) {
+            kept.put(&trajectory.id, &bytes);
         }
         Ok(features)
     }

@@ -32,15 +32,16 @@ struct Cache {
 }
 
 impl Rules {
-    /// Removes those of recordings that are gone and features that nobody uses, then those that were not used for longest
-    /// until few enough bytes are left, and says how many.
+    /// Removes those of recordings that are gone and features that nobody uses, then, until few enough bytes are left,
+    /// features and at last steps that were not used for longest, and says how many.
     pub(super) fn sweep(&self) -> Result<u64> {
         let of_no_use = |cache: &Cache| {
             let orphan = cache.made < self.old && !self.named.contains(&cache.recording);
             orphan || cache.features && cache.used < self.features_used
         };
         let (of_no_use, mut kept): (Vec<_>, Vec<_>) = self.list()?.into_iter().partition(of_no_use);
-        kept.sort_by_key(|cache| cache.used);
+        // Features without their steps save nothing: a score job opens both.
+        kept.sort_by_key(|cache| (!cache.features, cache.used));
         let mut left: u64 = kept.iter().map(|cache| cache.bytes).sum();
         let too_many = kept.into_iter().take_while(|cache| {
             let goes = self.most_bytes.is_some_and(|most| left > most);
@@ -49,8 +50,12 @@ impl Rules {
         });
         let mut removed = 0;
         for cache in of_no_use.into_iter().chain(too_many) {
-            std::fs::remove_file(&cache.path).map_err(|error| self.fault(error))?;
-            removed += 1;
+            match std::fs::remove_file(&cache.path) {
+                Ok(()) => removed += 1,
+                // Gone, while we looked.
+                Err(error) if error.kind() == ErrorKind::NotFound => {}
+                Err(error) => return Err(self.fault(error)),
+            }
         }
         Ok(removed)
     }
@@ -146,7 +151,9 @@ mod tests {
             most_bytes: None,
         };
         assert_eq!(rules.sweep().unwrap(), 1);
-        assert_eq!((steps.1.exists(), used.map(|(_, path)| path.exists())), (true, [false, true]));
+        assert_eq!((steps.1.exists(), used.each_ref().map(|(_, path)| path.exists())), (true, [false, true]));
+        let tight = Rules { most_bytes: Some(10), ..rules };
+        assert_eq!((tight.sweep().unwrap(), steps.1.exists(), used[1].1.exists()), (1, true, false));
     }
 
     #[test]

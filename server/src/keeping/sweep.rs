@@ -61,7 +61,7 @@ impl Room {
             folder: self.data_dir.join("cache"),
             named,
             old,
-            features_used: days_before(now, self.keeping.features_days).min(old),
+            features_used: days_before(now, self.keeping.features_days),
             most_bytes: self.keeping.max_cache_bytes,
         };
         tally.caches = off_runtime(move || rules.sweep()).await?;

@@ -15,7 +15,7 @@ use super::{
 };
 use crate::error::{Error, Result};
 
-/// So many turns share a pass however few others there are: fewer cost the model more each.
+/// So many turns may share a pass however few others there are: fewer cost the model more each.
 const LEAST_WAVE: usize = 4;
 
 /// What came of asking.
@@ -61,6 +61,8 @@ pub(super) struct Server<M: Model> {
     pub(super) vigil: Vigil,
     /// How long the model took last: what a deadline must leave it.
     pub(super) took: Duration,
+    /// How many turns its last pass had.
+    pub(super) last: usize,
 }
 
 impl<M: Model> Server<M> {
@@ -84,6 +86,7 @@ impl<M: Model> Server<M> {
                 let gathered = if waited { begun - free.max(request.since).min(begun) } else { Duration::ZERO };
                 request.stages.enters(gathered, batch.len());
             }
+            self.last = batch.len();
             serve(&self.model, batch);
             self.took = begun.elapsed();
         }
@@ -93,7 +96,9 @@ impl<M: Model> Server<M> {
     /// was taken for that.
     fn gather(&self, first: Request<M::History>, free: Instant) -> (Vec<Request<M::History>>, bool) {
         let patience = self.pace.patience();
-        let most = patience.map_or(self.most, |(present, _)| self.most.min(wave(present)));
+        // Not all who ask have a session.
+        let here = |present: usize| present.max(1 + self.waiting.len());
+        let most = patience.map_or(self.most, |(present, _)| self.most.min(wave(here(present))));
         let mut batch = vec![first];
         while batch.len() < most
             && let Ok(next) = self.waiting.try_recv()
@@ -103,9 +108,11 @@ impl<M: Model> Server<M> {
         let Some((present, wait)) = patience else {
             return (batch, false);
         };
+        // Where there are two waves, those of the last one are not due.
+        let due = if present > LEAST_WAVE { present.saturating_sub(self.last) } else { present };
         let mut waited = false;
         let mut until = free + wait;
-        while batch.len() < present.min(most) {
+        while batch.len() < due.min(most) {
             // Half of what a deadline leaves besides the model: a thread may wake late.
             let spare = |deadline: Instant| deadline.saturating_duration_since(free).saturating_sub(self.took) / 2;
             let tightest = batch.iter().filter_map(|request| request.deadline).map(spare).min();
@@ -120,7 +127,7 @@ impl<M: Model> Server<M> {
     }
 }
 
-/// How many of those present share a pass at most: half, so that the others' observations come in and are decoded while
+/// How many of those who are here share a pass at most: half, so that the others' observations come in and are decoded while
 /// the model is busy, instead of both waiting for each other in turns.
 fn wave(present: usize) -> usize {
     present.div_ceil(2).max(LEAST_WAVE)

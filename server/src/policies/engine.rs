@@ -79,7 +79,7 @@ impl<M: Model> Engine<M> {
             .name(format!("policy {}", identity.policy_id))
             .spawn(move || {
                 if let Some((model, took)) = warmed(load, tell) {
-                    Server { model, waiting, most, pace: paced, vigil, took }.run();
+                    Server { model, waiting, most, pace: paced, vigil, took, last: 0 }.run();
                 }
             })
             .map_err(|error| Error::internal("starting a policy's thread", error))?;

@@ -10,7 +10,7 @@ use super::Features;
 use crate::error::LearnError;
 use crate::spec::{Device, ScoreSpec, Scorer};
 
-/// Changes with whatever changes features of the same encoder, episode and settings.
+/// Changes with whatever in this program, or in libtorch, changes features of the same encoder, episode and settings.
 const VERSION: u32 = 1;
 /// The modalities' names in the bytes.
 const NAMES: [&str; 3] = ["o", "m", "a"];
@@ -41,17 +41,40 @@ impl ScoreSpec {
     /// What, besides the encoder and the episode, decides a segment's features to the last bit; `None` where they cost
     /// no more to make than to keep.
     pub fn features_kind(&self) -> Option<String> {
-        if self.scorer != Scorer::Ssdf {
+        // All of them, so that none to come is forgotten; features are the same whatever they are compared by.
+        let Self {
+            yardstick: _,
+            normaliser: _,
+            modality_scale: _,
+            seed: _,
+            scorer,
+            similarity,
+            feature_scale,
+            device,
+            threads,
+        } = self;
+        if *scorer != Scorer::Ssdf {
             return None;
         }
-        let steps = if self.similarity.whole_segment() { "segment" } else { "last" };
-        let device = match self.device {
-            Device::Cpu => "cpu",
+        let steps = if similarity.whole_segment() { "segment" } else { "last" };
+        let device = match device {
+            Device::Cpu => processor(),
             Device::Cuda => "cuda",
         };
-        let threads = self.threads.unwrap_or_default();
-        Some(format!("{VERSION} {} {steps} {device} {threads}", self.feature_scale.as_str()))
+        let threads = threads.unwrap_or_default();
+        Some(format!("{VERSION} {} {steps} {device} {threads}", feature_scale.as_str()))
     }
+}
+
+/// What libtorch chooses its kernels by: others round otherwise.
+fn processor() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    if std::is_x86_feature_detected!("avx512f") {
+        return "cpu avx512";
+    } else if std::is_x86_feature_detected!("avx2") {
+        return "cpu avx2";
+    }
+    "cpu"
 }
 
 impl Features {
