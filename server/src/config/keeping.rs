@@ -20,8 +20,8 @@ pub struct KeepingConfig {
     #[arg(long = "keep-features-days", env = "GLEANER_KEEP_FEATURES_DAYS", default_value_t = 7, value_name = "DAYS")]
     pub features_days: u32,
     /// Most bytes that the decoded steps of recordings and the features of their segments may take, looked at once an
-    /// hour: beyond, what was not used for longest goes, and is made again when somebody needs it. Unless given, any
-    /// number.
+    /// hour: beyond, features and at last steps go that were not used for longest, and are made again when somebody needs
+    /// them. Unless given, any number.
     #[arg(long, env = "GLEANER_MAX_CACHE_BYTES", value_name = "BYTES")]
     pub max_cache_bytes: Option<u64>,
     /// Bytes of the disk that stay free: below, nothing new is taken in, until there is room again.

@@ -127,8 +127,8 @@ impl<M: Model> Server<M> {
     }
 }
 
-/// How many of those who are here share a pass at most: half, so that the others' observations come in and are decoded while
-/// the model is busy, instead of both waiting for each other in turns.
+/// How many of those who are here share a pass at most: half, so that the others' observations come in and are decoded
+/// while the model is busy, instead of both waiting for each other in turns.
 fn wave(present: usize) -> usize {
     present.div_ceil(2).max(LEAST_WAVE)
 }
