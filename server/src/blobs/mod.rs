@@ -12,6 +12,7 @@ mod stream;
 use std::{
     fs::{self, File},
     io::{self, Write as _},
+    os::unix::fs::MetadataExt as _,
     path::{Path, PathBuf},
     sync::Arc,
     time::SystemTime,
@@ -112,6 +113,10 @@ impl Blobs {
         crate::fail_point::pass("blob.synced");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         fs::rename(from, &place).map_err(fault("renaming to", &place))?;
+        // Where both were names of one file already, as after a crash, the move was none. Never the last name.
+        if from != place && fs::metadata(from).is_ok_and(|left| left.nlink() > 1) {
+            fs::remove_file(from).map_err(fault("removing", from))?;
+        }
         crate::fail_point::pass("blob.renamed");
         sync_folder(folder)?;
         crate::fail_point::pass("blob.folder_synced");

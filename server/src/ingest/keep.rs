@@ -129,6 +129,22 @@ mod tests {
     }
 
     #[tokio::test]
+    async fn a_crash_between_the_move_and_its_row_leaves_no_part() {
+        let mut f = playing(USABLE).await;
+        let (new, recording) = recorded(&f);
+        let upload = f.start(b"recording").await;
+        let part = f.ingest.part_path(&upload.id);
+        link(&recording, &part).unwrap();
+        f.store.commit_upload(&upload.id, upload.size_bytes).await.unwrap();
+        f.ingest.blobs().place(&upload.blake3, &part).unwrap();
+        f.reopen().await;
+        // Recording, part and blob are now names of one file.
+        assert_eq!(f.ingest.keep(new, &recording).await.unwrap().steps, 20);
+        assert!(f.files(&["uploads", "tmp"]).is_empty(), "{:?}", f.files(&["uploads", "tmp"]));
+        assert_eq!(fs::read(f.ingest.blobs().path(&upload.blake3)).unwrap(), b"recording");
+    }
+
+    #[tokio::test]
     async fn a_client_that_goes_on_with_the_upload_does_not_write_into_the_recording() {
         let f = playing(USABLE).await;
         let (_, recording) = recorded(&f);

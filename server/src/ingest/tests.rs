@@ -220,6 +220,7 @@ async fn a_start_puts_right_what_a_crash_left() {
     assert_eq!(f.files(&["uploads", "tmp", "cache"]), [dir.join("cache/abc-0123.frames"), part_path(&dir, &longer.id)]);
     assert_eq!(f.write(&longer.id, 4, b"er").await.unwrap(), 6);
     assert!(f.ingest.finish(&placed.id).await.is_ok());
+    assert_eq!(f.ingest.blobs.get(&placed.blake3).unwrap(), b"placed");
 }
 
 #[tokio::test]
