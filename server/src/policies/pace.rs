@@ -64,7 +64,7 @@ impl Pace {
         };
         let count = present().count();
         let fastest = present().map(|seat| seat.period).min()?;
-        (count > 1 && self.share > 0.0).then(|| (count, fastest.mul_f64(self.share)))
+        (count > 1).then(|| (count, fastest.mul_f64(self.share)))
     }
 }
 
@@ -122,6 +122,6 @@ mod tests {
     fn no_share_is_no_wait() {
         let pace = Pace::new(0.0);
         let _both = (present(&pace, LONG), present(&pace, LONG));
-        assert!(pace.patience().is_none());
+        assert_eq!(pace.patience().unwrap(), (2, Duration::ZERO));
     }
 }

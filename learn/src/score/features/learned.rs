@@ -8,14 +8,13 @@ use crate::batch::{Batch, Segment, Segments, Windows, int};
 use crate::model::{Modality, Network};
 use crate::trajectory::Trajectory;
 
-/// Per segment and modality d values, or, of the `whole` segment, (l + 1) d, where places before the episode are zero.
-pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, whole: bool) -> Features {
+/// Of each segment's last `keep` steps, per modality `keep` d values, where places before the episode are zero.
+pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usize) -> Features {
     let network = encoder.network;
     let every = Segments::every(&network.shape, &[trajectory]);
     let steps: Vec<Tensor> = every.all().chunks(CHUNK).map(|chunk| encode(network, trajectory, chunk)).collect();
     let steps = Tensor::cat(&steps, 0);
     let window = network.spec.window();
-    let keep = if whole { window } else { 1 };
     let mut features = Features::empty([keep * network.width(); 3]);
     for chunk in every.all().chunks(CHUNK) {
         let (windows, needed) = Windows::lay_out(chunk, window, network.device());

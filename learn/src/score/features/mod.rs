@@ -132,16 +132,15 @@ pub(super) fn widths(network: &Network, spec: &ScoreSpec) -> [usize; 3] {
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the transformer gives them, each `[T, d]`.
 pub(crate) fn last_steps(network: &Network, view: View<'static>, trajectory: &Trajectory) -> [Tensor; 3] {
-    let features = learned::features(Encoder { network, scale: None, view }, trajectory, false);
+    let features = learned::features(Encoder { network, scale: None, view }, trajectory, 1);
     [0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device()))
 }
 
 /// The features of every segment of `trajectory` that `spec` compares.
 pub(super) fn episode_features(encoder: Encoder<'_>, trajectory: &Trajectory, spec: &ScoreSpec) -> Features {
-    let whole = spec.similarity.whole_segment();
     match spec.scorer {
-        Scorer::Ssdf => learned::features(encoder, trajectory, whole),
-        Scorer::Raw | Scorer::Classifier => raw::features(encoder.network, trajectory, whole),
+        Scorer::Ssdf => learned::features(encoder, trajectory, keep(encoder.network, spec)),
+        Scorer::Raw | Scorer::Classifier => raw::features(encoder.network, trajectory, spec.similarity.whole_segment()),
     }
 }
 

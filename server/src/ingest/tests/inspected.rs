@@ -1,0 +1,80 @@
+//! Uploads that a real inspection reads: what it takes, what it refuses, and the limits it stops at.
+
+use super::*;
+
+#[tokio::test]
+async fn a_real_recording_is_read_and_its_frames_are_rebuilt_when_torn() {
+    let f = real("none", &[]).await;
+    let content = recording(&f.task, 20);
+    let inspected = f.push(&content).await.unwrap();
+    assert_eq!((inspected.episode.steps, inspected.episode.warnings), (20, 0), "{:?}", inspected.report);
+    let blob = &inspected.episode.recording;
+    let actions = f.ingest.frames(&f.task.spec, blob).await.unwrap().action();
+    assert_eq!((actions.len(), actions[19]), (20, -19.0));
+    let cache = frames_path(f.dir.path(), blob, &f.task.spec);
+    let whole = fs::read(&cache).unwrap();
+    for torn in [Some(whole.len() / 2), None] {
+        match torn {
+            Some(size) => fs::write(&cache, &whole[..size]).unwrap(),
+            None => fs::remove_file(&cache).unwrap(),
+        }
+        assert_eq!(f.ingest.frames(&f.task.spec, blob).await.unwrap().action(), actions);
+        assert!(fs::read(&cache).unwrap() == whole);
+    }
+}
+
+#[tokio::test]
+async fn what_is_not_a_recording_is_refused_with_its_mend() {
+    let f = real("none", &[]).await;
+    for content in [&b"recording"[..], &recording(&f.task, 20)[..200]] {
+        let error = f.push(content).await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{error}");
+        assert!(error.message().starts_with("recording: "), "{error}");
+        assert!(!error.message().contains(f.dir.path().to_str().unwrap()), "{error}");
+    }
+    assert!(f.files(&["uploads", "blobs", "cache", "tmp"]).is_empty());
+}
+
+#[tokio::test]
+async fn a_recording_that_breaks_a_limit_is_refused_and_nothing_is_kept() {
+    for (misbehaviour, said) in [
+        ("memory", "more than 64 MiB of memory"),
+        ("reserve", "more than 64 MiB of memory"),
+        ("disk", "decoded images take more than 64 MiB"),
+        ("panic", "breaks the reader"),
+    ] {
+        let f = real(misbehaviour, &["--inspect-memory-bytes", "67108864", "--inspect-seconds", "60"]).await;
+        let error = f.push(b"recording").await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{misbehaviour}: {error}");
+        assert!(error.message().contains(said), "{misbehaviour}: {error}");
+        assert!(f.store.uploads().await.unwrap().is_empty());
+        assert!(f.files(&["uploads", "blobs", "cache", "tmp"]).is_empty(), "{misbehaviour}");
+    }
+}
+
+#[tokio::test]
+async fn a_recording_that_never_ends_is_refused_in_time() {
+    for misbehaviour in ["spin", "wait"] {
+        let f = real(misbehaviour, &["--inspect-seconds", "1"]).await;
+        let error = f.push(b"recording").await.unwrap_err();
+        assert_eq!(error.kind(), Kind::Invalid, "{misbehaviour}: {error}");
+        assert!(error.message().contains("more than 1 s"), "{misbehaviour}: {error}");
+    }
+}
+
+#[test]
+fn processor_time_is_limited_without_a_parent_that_watches() {
+    use std::{os::unix::process::ExitStatusExt as _, process::Command};
+
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
+    let command = child("spin");
+    let status = Command::new(&command[0])
+        .args(&command[1..])
+        .args(["--recording", &file("r"), "--spec", &file("s"), "--report", &file("p"), "--frames", &file("f")])
+        .args(["--memory-bytes", "67108864", "--seconds", "1"])
+        .stdout(std::process::Stdio::null())
+        .status()
+        .unwrap();
+    assert_eq!(status.signal(), Some(rustix::process::Signal::XCPU.as_raw()), "{status}");
+}
