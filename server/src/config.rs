@@ -17,7 +17,7 @@ pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
     children::{WorkerConfig, worker_environment},
     connections::ConnectionsConfig,
-    keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RestoreConfig},
+    keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RebuildConfig, RestoreConfig},
     policies::PoliciesConfig,
     telemetry::TelemetryConfig,
     uploads::UploadsConfig,
@@ -199,6 +199,7 @@ impl ServeConfig {
         self.connections.validate()?;
         self.telemetry.validate(self.access.tls_cert.is_some())?;
         self.limits.recordings.validate()?;
+        self.keeping.validate()?;
         self.policies.validate()
     }
 }

@@ -5,7 +5,7 @@
 use crate::config::Cli;
 
 /// Every fail point. Each is passed at one place of the sources.
-pub const NAMES: [&str; 54] = [
+pub const NAMES: [&str; 60] = [
     "attempt.committed",
     "attempt.row_written",
     "blob.folder_synced",
@@ -44,10 +44,16 @@ pub const NAMES: [&str; 54] = [
     "rollout.slip_drafted",
     "rollout.slip_renamed",
     "rollout.synced",
+    "sidecar.removed",
+    "sidecar.renamed",
     "snapshot.committed",
     "snapshot.rows_written",
+    "stamp.raised",
     "sweep.committed",
     "sweep.rows_removed",
+    "trash.blob_deleted",
+    "trash.blob_moved",
+    "trash.moved",
     "upload.blob_placed",
     "upload.bytes_synced",
     "upload.bytes_written",

@@ -8,6 +8,7 @@ pub mod blobs;
 pub mod config;
 mod connections;
 mod curation;
+pub mod data_folder;
 pub mod domain;
 pub mod error;
 pub mod fail_point;

@@ -3,13 +3,14 @@
 //! The lock is the system's, on an open file, so that nothing is left to clear away however a server ends.
 
 use std::{
-    fs::{self, File, OpenOptions, TryLockError},
+    fs::{File, OpenOptions, TryLockError},
     path::Path,
 };
 
-use crate::error::{Error, Result};
-
-const FILE: &str = "lock";
+use crate::{
+    data_folder::{LOCK, access::make_private_folder},
+    error::{Error, Result},
+};
 
 /// A data folder that is ours until this is dropped.
 #[derive(Debug)]
@@ -29,7 +30,7 @@ impl DataLock {
         if !data_dir.is_dir() {
             make(data_dir).map_err(unusable)?;
         }
-        let path = data_dir.join(FILE);
+        let path = data_dir.join(LOCK);
         let file = OpenOptions::new().create(true).write(true).truncate(false).open(&path).map_err(unusable)?;
         match file.try_lock() {
             Ok(()) => Ok(Self { _held: file }),
@@ -47,7 +48,7 @@ fn make(folder: &Path) -> std::io::Result<()> {
     if !parent.is_dir() {
         make(parent)?;
     }
-    match fs::create_dir(folder) {
+    match make_private_folder(folder) {
         Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => return Err(error),
         Ok(()) | Err(_) => {}
     }

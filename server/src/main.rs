@@ -6,6 +6,7 @@ use clap::Parser as _;
 use gleaner_server::{
     Listeners,
     config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TokenConfig},
+    data_folder,
     error::{Error, Result},
     ingest,
     lock::DataLock,
@@ -23,6 +24,7 @@ const LEFT_OVER: Duration = Duration::from_secs(1);
 
 #[expect(clippy::print_stderr, reason = "logging may not be up when these are told")]
 fn main() -> ExitCode {
+    data_folder::access::keep_private();
     let cli = Cli::parse();
     let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
         Ok(stage) => stage,

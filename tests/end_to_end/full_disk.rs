@@ -20,11 +20,11 @@ use crate::{
 };
 
 /// A small file system in memory; gone when it is dropped.
-struct SmallDisk(TempDir);
+pub struct SmallDisk(TempDir);
 
 impl SmallDisk {
     /// `None`, loudly, where nothing may be mounted.
-    fn mount(mebibytes: u32) -> Option<Self> {
+    pub fn mount(mebibytes: u32) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let size = format!("size={mebibytes}m");
         let mount = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(folder.path()).output();
@@ -37,8 +37,15 @@ impl SmallDisk {
         }
     }
 
-    fn data(&self) -> PathBuf {
+    /// A data folder on it.
+    pub fn data(&self) -> PathBuf {
         self.0.path().join("data")
+    }
+
+    /// Has nothing be written on it any more, or again; false where that is not allowed.
+    pub fn set_read_only(&self, read_only: bool) -> bool {
+        let way = if read_only { "remount,ro" } else { "remount,rw" };
+        Command::new("mount").args(["-o", way]).arg(self.0.path()).status().is_ok_and(|status| status.success())
     }
 
     /// Takes what is left; what is taken is given back by removing the file.

@@ -32,6 +32,7 @@ mod lab;
 mod live;
 mod load;
 mod method;
+mod operator;
 mod pages;
 mod real_recordings;
 mod refusals;

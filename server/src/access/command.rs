@@ -6,7 +6,9 @@ use jiff::{SpanRelativeTo, Timestamp, civil, tz::TimeZone};
 
 use super::mint::{Minted, mint};
 use crate::{
+    blobs::Blobs,
     config::{AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
+    data_folder,
     domain::{
         access::{AuditEntry, Token},
         time::Millis,
@@ -106,7 +108,7 @@ async fn note(store: &Store, command: &str, token: &Token) -> Result<()> {
 /// The database of a data folder. Beside a running server it is taken as it is; without one it is brought up to date,
 /// and made if it may be.
 async fn open(data_dir: &Path, make: bool) -> Result<Store> {
-    let path = data_dir.join("gleaner.db");
+    let path = data_folder::database(data_dir);
     if !make && !path.is_file() {
         let folder = data_dir.display();
         return Err(Error::precondition(format!(
@@ -114,7 +116,7 @@ async fn open(data_dir: &Path, make: bool) -> Result<Store> {
         )));
     }
     match DataLock::take(data_dir) {
-        Ok(_alone) => Store::open(&path).await,
+        Ok(_alone) => Store::open_with_blobs(data_dir, &Blobs::open(data_dir)?, false).await,
         Err(_) => Store::open_beside(&path).await,
     }
 }

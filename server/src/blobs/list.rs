@@ -1,4 +1,4 @@
-//! What lies in the blobs' folders, whether or not a row names it.
+//! What lies in the blobs' folders, whether or not a row names it. Sidecars, the stamp and the trash are not blobs.
 
 use std::{
     fs,
@@ -6,8 +6,8 @@ use std::{
     time::SystemTime,
 };
 
-use super::{Blobs, fault};
-use crate::{domain::id::BlobId, error::Result};
+use super::{Blobs, across, fault};
+use crate::{data_folder::stamp, domain::id::BlobId, error::Result};
 
 /// A file among the blobs.
 #[derive(Debug)]
@@ -27,17 +27,54 @@ impl Blobs {
     /// When the folders cannot be read.
     pub(crate) fn list(&self) -> Result<Vec<Found>> {
         let mut found = Vec::new();
-        for folder in names(&self.root)? {
-            if !folder.is_dir() {
-                found.extend(look(folder, None)?);
-                continue;
+        for path in names(&self.root)? {
+            match path.file_name().and_then(|name| name.to_str()) {
+                Some(stamp::FILE | super::trash::FOLDER | super::sidecar::TASKS) => {}
+                Some(name) if path.is_dir() && is_hex(name) => self.list_folder(&path, &mut found)?,
+                Some(_) | None => found.extend(look(path, None)?),
             }
-            for path in names(&folder)? {
+        }
+        Ok(found)
+    }
+
+    /// Whether there is no file among the blobs, neither blob nor sidecar nor trash.
+    ///
+    /// # Errors
+    /// When the folders cannot be read.
+    pub(crate) fn is_empty(&self) -> Result<bool> {
+        for path in names(&self.root)? {
+            if !path.is_dir() || !names(&path)?.is_empty() {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Removes what processes that were killed before `time` have left half written, and gives how many files that was.
+    ///
+    /// # Errors
+    /// When the folders cannot be read.
+    pub(crate) fn remove_drafts(&self, time: SystemTime) -> Result<u64> {
+        let mut removed = 0;
+        for folder in names(&self.root)?.into_iter().filter(|path| path.is_dir()) {
+            for draft in names(&folder)?.into_iter().filter(|path| across::is_draft(path)) {
+                if look(draft.clone(), None)?.is_some_and(|found| found.placed < time) {
+                    fs::remove_file(&draft).map_err(fault("removing", &draft))?;
+                    removed += 1;
+                }
+            }
+        }
+        Ok(removed)
+    }
+
+    fn list_folder(&self, folder: &Path, found: &mut Vec<Found>) -> Result<()> {
+        for path in names(folder)? {
+            if !super::sidecar::is_one(&path) {
                 let id = self.named(&path);
                 found.extend(look(path, id)?);
             }
         }
-        Ok(found)
+        Ok(())
     }
 
     /// The blob whose place this is.
@@ -47,7 +84,11 @@ impl Blobs {
     }
 }
 
-fn names(folder: &Path) -> Result<Vec<PathBuf>> {
+fn is_hex(name: &str) -> bool {
+    name.len() == 2 && name.bytes().all(|digit| digit.is_ascii_hexdigit())
+}
+
+pub(super) fn names(folder: &Path) -> Result<Vec<PathBuf>> {
     match fs::read_dir(folder) {
         Ok(entries) => {
             let paths = entries.map(|entry| entry.map(|entry| entry.path()));

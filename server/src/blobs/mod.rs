@@ -3,11 +3,14 @@
 //! Plain blocking code, so that workers use it too; the server calls it off its runtime. Knows no row.
 //! A blob is there whole or not at all: it is written beside its place, synced, renamed, and its folder synced.
 
+mod across;
 mod copy;
 mod hold;
 mod list;
+mod sidecar;
 mod space;
 mod stream;
+mod trash;
 
 use std::{
     fs::{self, File},
@@ -21,8 +24,10 @@ use std::{
 pub(crate) use self::{
     copy::Copied,
     hold::{Copying, Removing},
+    list::Found,
 };
 use crate::{
+    data_folder::BLOBS,
     domain::id::BlobId,
     error::{Error, Result},
 };
@@ -54,7 +59,7 @@ impl Blobs {
 
     /// The blobs of a data directory that is only looked at: nothing is made.
     pub(crate) fn at(data_dir: &Path) -> Self {
-        let (root, unfinished) = (data_dir.join("blobs"), data_dir.join("tmp"));
+        let (root, unfinished) = (data_dir.join(BLOBS), data_dir.join("tmp"));
         Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space: space::Space::default() }
     }
 
@@ -112,7 +117,7 @@ impl Blobs {
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
-        fs::rename(from, &place).map_err(fault("renaming to", &place))?;
+        across::rename(from, &place).map_err(fault("renaming to", &place))?;
         // Where both were names of one file already, as after a crash, the move was none. Never the last name.
         if from != place && fs::metadata(from).is_ok_and(|left| left.nlink() > 1) {
             fs::remove_file(from).map_err(fault("removing", from))?;

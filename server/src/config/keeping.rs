@@ -24,6 +24,14 @@ pub struct KeepingConfig {
     /// them. Unless given, any number.
     #[arg(long, env = "GLEANER_MAX_CACHE_BYTES", value_name = "BYTES")]
     pub max_cache_bytes: Option<u64>,
+    /// Largest share of the blobs that one sweep may move to the trash because no row names them (0 to 1). A sweep that
+    /// finds more, and more than 8, stops and logs an error: the database is probably not the blobs' own. 1: no limit.
+    #[arg(long, env = "GLEANER_MAX_SWEEP_SHARE", default_value_t = 0.05, value_name = "SHARE")]
+    pub max_sweep_share: f64,
+    /// Start with a database that is missing, older than the blobs or of another folder, once. Blobs that it does not name
+    /// move to the trash; recordings stay there until `gleaner-server rebuild` takes them back or a person deletes them.
+    #[arg(long)]
+    pub accept_database: bool,
     /// Bytes of the disk that stay free: below, nothing new is taken in, until there is room again.
     #[arg(long, env = "GLEANER_MIN_FREE_BYTES", default_value_t = 512 << 20, value_name = "BYTES")]
     pub min_free_bytes: u64,
@@ -38,6 +46,19 @@ pub enum KeepingCommand {
     Backup(BackupConfig),
     /// Make a new data folder from a backup.
     Restore(RestoreConfig),
+    /// Make a lost database again from the blobs, or add to an older one what the blobs know.
+    Rebuild(RebuildConfig),
+}
+
+/// Settings of `rebuild`.
+#[derive(Debug, Clone, Args)]
+pub struct RebuildConfig {
+    /// The data folder. No server may be running on it.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
+    pub data_dir: PathBuf,
+    /// Compare sizes only, without reading each recording to check its digest.
+    #[arg(long)]
+    pub fast: bool,
 }
 
 /// What `backup` needs.
@@ -81,4 +102,17 @@ pub struct CheckConfig {
     /// Tell what was found as JSON.
     #[arg(long)]
     pub json: bool,
+}
+
+impl KeepingConfig {
+    /// Checks what the types cannot.
+    ///
+    /// # Errors
+    /// A sentence that names the flag and the remedy.
+    pub(super) fn validate(&self) -> Result<(), String> {
+        match self.max_sweep_share {
+            share if (0.0..=1.0).contains(&share) => Ok(()),
+            share => Err(format!("--max-sweep-share {share}: must be between 0 and 1")),
+        }
+    }
 }

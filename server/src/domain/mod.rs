@@ -6,6 +6,7 @@ pub mod access;
 pub mod attempt;
 pub mod curation;
 pub mod dataset;
+pub(crate) mod description;
 pub mod episode;
 pub mod evaluation;
 pub mod id;

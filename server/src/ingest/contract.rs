@@ -71,7 +71,7 @@ async fn one_content_pushed_by_many_at_once_is_one_episode_and_one_blob() {
     .await;
     let ids: Vec<EpisodeId> = finished.into_iter().map(Result::unwrap).collect();
     assert!(ids.iter().all(|id| *id == ids[0]), "{ids:?}");
-    assert_eq!(f.files(&["blobs"]).len(), 1);
+    assert_eq!(f.ingest.blobs().list().unwrap().len(), 1);
     assert!(f.files(&["uploads", "tmp"]).is_empty());
 }
 

@@ -1,6 +1,12 @@
 //! What a crash left is put right at start, before anything new comes in; and now and then what clients gave up goes.
 
-use std::{collections::HashMap, fs, path::Path, sync::Arc, time::SystemTime};
+use std::{
+    collections::HashMap,
+    fs,
+    path::Path,
+    sync::Arc,
+    time::{Duration, SystemTime},
+};
 
 use super::{Ingest, off_runtime, part, part_path};
 use crate::{
@@ -42,6 +48,11 @@ pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Re
 }
 
 impl Ingest {
+    /// For how long an upload is kept after its last byte.
+    pub(crate) fn keep_for(&self) -> Duration {
+        self.keep_for
+    }
+
     /// Forgets the uploads whose last byte came so long before `now` that nobody will go on with them, and says how many.
     ///
     /// # Errors

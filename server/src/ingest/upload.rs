@@ -6,8 +6,10 @@ use super::{Ingest, off_runtime, part};
 use crate::{
     blobs,
     domain::{
+        description::Description,
         episode::{Episode, InspectedEpisode, Outcome, Upload},
         id::{BlobId, EpisodeId, TaskId, UploadId},
+        task::Task,
         time::{Millis, seconds},
     },
     error::{Error, Kind, Result},
@@ -46,6 +48,7 @@ impl Ingest {
                 new.size_bytes, self.max_upload_bytes
             )));
         }
+        self.store.verify()?;
         let upload = new.open();
         if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
             let existing = same_label(existing, upload.outcome, &upload.cohort)?;
@@ -151,14 +154,31 @@ impl Ingest {
 
         let episode = upload.become_episode(&inspected.report);
         let inspected = InspectedEpisode { episode, report: inspected.report };
+        self.describe(&task, &inspected, &upload.author).await?;
         let kept = self.store.finish_upload(upload, &inspected).await?;
         drop(naming);
         self.claims.forget(&upload.id);
         tracing::info!(episode.id = %kept.id, episode.steps = kept.steps, episode.bytes = kept.size_bytes, "episode stored");
-        match kept.id == inspected.episode.id {
-            true => Ok(inspected),
-            false => self.settle_on(kept, upload).await,
+        if kept.id == inspected.episode.id {
+            return Ok(inspected);
         }
+        let (blobs, id) = (self.blobs.clone(), inspected.episode.id);
+        let recording = kept.recording.clone();
+        off_runtime("removing a sidecar", move || blobs.forget_description(&recording, id.as_str())).await?;
+        self.settle_on(kept, upload).await
+    }
+
+    /// Describes an episode and its task beside the blobs, before the row is there: from this they are made again should
+    /// the database be lost.
+    async fn describe(&self, task: &Task, inspected: &InspectedEpisode, author: &str) -> Result<()> {
+        let (id, recording) = (inspected.episode.id.clone(), inspected.episode.recording.clone());
+        let (task_id, task) = (task.id.clone(), Description::task(task).to_json()?);
+        let (blobs, json) = (self.blobs.clone(), Description::recording(inspected, author).to_json()?);
+        off_runtime("writing a sidecar", move || {
+            blobs.describe_task(task_id.as_str(), &task)?;
+            blobs.describe(&recording, id.as_str(), &json)
+        })
+        .await
     }
 
     /// The answer when the content is there already.

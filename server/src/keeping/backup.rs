@@ -18,7 +18,6 @@ use std::{
 };
 
 use super::{
-    DATABASE,
     files::{Needed, Pace, grouped},
     manifest::{Lacking, Manifest},
     target,
@@ -26,6 +25,7 @@ use super::{
 use crate::{
     blobs::{self, Blobs, Copied, Copying, sync_folder},
     config::BackupConfig,
+    data_folder::DATABASE,
     domain::id::BlobId,
     error::{Error, Result},
     store::{Look, Store},

@@ -3,10 +3,11 @@
 
 use std::io::Write;
 
-use super::{DATABASE, files::Files, manifest::Manifest, report::Report};
+use super::{files::Files, manifest::Manifest, report::Report};
 use crate::{
-    blobs::{self, Copying},
+    blobs::{self, Blobs, Copying},
     config::CheckConfig,
+    data_folder::{DATABASE, stamp::Stamp},
     error::{Error, Result},
     store::Look,
 };
@@ -40,6 +41,10 @@ pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
     files.blobs(!config.fast).await?;
     files.uploads().await?;
     files.recordings()?;
+    files.trash()?;
+    if let Some(misfit) = misfit(config, &look).await? {
+        report.problem(DATABASE, misfit);
+    }
     if let Some(manifest) = Manifest::read(&config.data_dir)?
         && !config.fast
         && blobs::digest(&config.data_dir.join(DATABASE))? != manifest.database
@@ -48,4 +53,13 @@ pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
     }
     look.store.close().await;
     Ok(report)
+}
+
+/// Why the database does not belong to the blobs beside it. A backup's belongs to no folder yet.
+async fn misfit(config: &CheckConfig, look: &Look) -> Result<Option<String>> {
+    match Stamp::read(&config.data_dir) {
+        Ok(None) if super::target::is_backup(&config.data_dir) => Ok(None),
+        Ok(stamp) => look.store.misfit(stamp.as_ref(), &Blobs::at(&config.data_dir)).await,
+        Err(error) => Ok(Some(error.message().to_owned())),
+    }
 }

@@ -10,7 +10,7 @@ use std::{
 use super::report::Report;
 use crate::{
     blobs::{self, Blobs},
-    domain::{episode::Upload, id::BlobId},
+    domain::{description::Description, episode::Upload, id::BlobId},
     error::{Error, Kind, Result},
     ingest::part_path,
     store::{NamedBlob, Store},
@@ -83,7 +83,7 @@ impl Files<'_> {
                 Some(id) if named.contains(&id) => {}
                 Some(id) => self.report.note(
                     format!("blob {id}"),
-                    format!("no row needs its {} bytes; the server's sweep removes it", found.size_bytes),
+                    format!("no row needs its {} bytes; the server's sweep moves it to the trash", found.size_bytes),
                 ),
                 None => self.report.note(found.path.display().to_string(), "is no blob; nothing reads it"),
             }
@@ -102,6 +102,21 @@ impl Files<'_> {
                 Err(error) => return Err(error),
                 Ok(_) => self.report.problem(upload.id.to_string(), lost),
             }
+        }
+        Ok(())
+    }
+
+    /// What lies in the trash of the blobs; a recording that no person has deleted stays there.
+    pub(super) fn trash(&mut self) -> Result<()> {
+        let blobs = Blobs::at(self.data_dir);
+        for found in blobs.list_trash()? {
+            let described = blobs.descriptions(&found.path)?;
+            let stays = described.iter().filter_map(|json| Description::read(json)).any(|found| found.must_stay());
+            let until = match stays {
+                true => "stays in the trash: no person has deleted it. `gleaner-server rebuild` takes it back",
+                false => "is in the trash; the server's sweep deletes it after --trash-days",
+            };
+            self.report.note(found.path.display().to_string(), until);
         }
         Ok(())
     }

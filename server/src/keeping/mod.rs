@@ -7,8 +7,10 @@
 mod backup;
 mod caches;
 mod check;
+mod describe;
 mod files;
 mod manifest;
+mod rebuild;
 mod report;
 mod restore;
 mod sweep;
@@ -21,7 +23,7 @@ use std::{
     io::Write,
     path::PathBuf,
     sync::Arc,
-    time::{Duration, SystemTime},
+    time::{Duration, Instant, SystemTime},
 };
 
 use tokio_util::{sync::CancellationToken, task::TaskTracker};
@@ -30,6 +32,7 @@ pub(crate) use self::sweep::forget;
 use crate::{
     blobs::Blobs,
     config::{KeepingCommand, KeepingConfig, ServeConfig},
+    domain::time::Millis,
     error::Result,
     ingest::Ingest,
     store::Store,
@@ -37,9 +40,6 @@ use crate::{
 
 /// How often a server sweeps. The first time is when it starts.
 const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
-
-/// The database within a data folder, and within a backup.
-const DATABASE: &str = "gleaner.db";
 
 /// Runs one of the commands and tells `out` what came of it; true when nothing is wrong.
 ///
@@ -50,6 +50,7 @@ pub async fn run(command: &KeepingCommand, out: &mut impl Write) -> Result<bool>
         KeepingCommand::Check(config) => check::check(config, out).await,
         KeepingCommand::Backup(config) => backup::backup(config, out).await,
         KeepingCommand::Restore(config) => restore::restore(config, out).await,
+        KeepingCommand::Rebuild(config) => rebuild::rebuild(config, out).await,
     }
 }
 
@@ -74,23 +75,29 @@ impl Keeping {
     pub(crate) fn start(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, ingest: Ingest) -> Self {
         let (tasks, stopping) = (TaskTracker::new(), CancellationToken::new());
         let (data_dir, keeping) = (config.data_dir.clone(), config.keeping.clone());
-        let (watched, stopped) = (blobs.clone(), stopping.clone());
-        tasks.spawn(async move {
-            let _: Option<()> = stopped.run_until_cancelled(watch::watch(watched)).await;
-        });
+        let kept = Self { tasks, stopping };
+        kept.spawn(watch::watch_disk(blobs.clone()));
+        kept.spawn(watch::watch_files(store.clone(), data_dir.clone()));
+        kept.spawn(describe::keep_described(store.clone(), blobs.clone()));
         let room = Room { store, blobs, ingest, data_dir, keeping };
-        let stopped = stopping.clone();
-        tasks.spawn(async move {
-            let sweeping = async {
-                loop {
-                    room.sweep_and_tell().await;
-                    tokio::time::sleep(SWEEP_EVERY).await;
-                }
-            };
-            // A sweep can be cut anywhere: the next one goes on.
-            let _: Option<()> = stopped.run_until_cancelled(sweeping).await;
+        kept.spawn(async move {
+            let mut noted: Option<Instant> = None;
+            loop {
+                room.note_time(noted.map(|noted| noted.elapsed())).await;
+                noted = Some(Instant::now());
+                room.sweep_and_tell().await;
+                tokio::time::sleep(SWEEP_EVERY).await;
+            }
         });
-        Self { tasks, stopping }
+        kept
+    }
+
+    /// Has something go on until the server stops. Each can be cut anywhere: the next start goes on with it.
+    fn spawn(&self, forever: impl Future<Output = ()> + Send + 'static) {
+        let stopped = self.stopping.clone();
+        self.tasks.spawn(async move {
+            let _: Option<()> = stopped.run_until_cancelled(forever).await;
+        });
     }
 
     /// Ends the sweep and waits until it has.
@@ -102,6 +109,19 @@ impl Keeping {
 }
 
 impl Room {
+    /// Notes the clock. `ran` is how long the server has run since it was noted before.
+    async fn note_time(&self, ran: Option<Duration>) {
+        match self.store.note_time(Millis::now(), ran).await {
+            Ok(None) => {}
+            Ok(Some(jump)) => tracing::warn!(
+                clock.jump_days = jump.as_secs() / (24 * 60 * 60),
+                "the clock is this far ahead of the time that the database has seen pass: it jumped, or the server was \
+                 off. Nothing is removed for its age until that age has passed by the server's own count"
+            ),
+            Err(error) => tracing::error!(%error, "the clock was not noted"),
+        }
+    }
+
     async fn sweep_and_tell(&self) {
         match self.sweep(SystemTime::now()).await {
             Ok(tally) if tally == sweep::Tally::default() => {}
@@ -110,6 +130,7 @@ impl Room {
                 episodes.purged = tally.purged,
                 blobs.removed = tally.blobs,
                 blobs.bytes = tally.bytes,
+                blobs.moved_to_trash = tally.trashed,
                 caches.removed = tally.caches,
                 uploads.forgotten = tally.uploads,
                 leavings.removed = tally.leavings,

@@ -3,7 +3,6 @@
 use std::{fs, io, path::Path};
 
 use super::{
-    DATABASE,
     check::look_through,
     files::{Needed, Pace, grouped},
     manifest::Manifest,
@@ -12,6 +11,7 @@ use super::{
 use crate::{
     blobs::{self, Blobs, Copied, sync_folder},
     config::{CheckConfig, RestoreConfig},
+    data_folder::DATABASE,
     error::{Error, Result},
     store::Look,
 };

@@ -1,9 +1,14 @@
-//! The sweep: takes out of the trash what has been there long enough, and removes files and uploads that nobody needs.
+//! The sweep: deletes what has been in the trash for its days, moves blobs that no row names to the trash, and removes
+//! files and uploads that are not needed any more.
 //!
 //! It never races an upload or a job. A blob is removed under a lock that excludes whoever puts one in its place and
-//! commits its row (`blobs::hold`), and only after the rows were asked under that lock. What no row names at all may
+//! commits its row (`blobs::hold`), and only after the rows were asked under that lock. A blob that no row names may
 //! still be on its way from a worker, which is another process: so it must also be older than a day and than every
-//! attempt that is running. What comes late is at worst put again, never named and gone.
+//! attempt that is running.
+//!
+//! Ages are those that the database has seen pass (`store::clock`), so a clock that jumps removes nothing. A sweep that
+//! finds more than a small share of the blobs without a row stops before it removes anything: then the database is
+//! probably not the blobs' own.
 
 use std::{
     collections::HashSet,
@@ -13,8 +18,8 @@ use std::{
 
 use super::{Room, caches::Rules, files};
 use crate::{
-    blobs::Blobs,
-    domain::{id::BlobId, time::Millis},
+    blobs::{Blobs, Found},
+    domain::{description::Description, id::BlobId, time::Millis},
     error::{Error, Result},
     jobs,
     store::Store,
@@ -22,6 +27,8 @@ use crate::{
 
 /// Days for which files that no row names are left alone.
 const SAFE_DAYS: u32 = 1;
+/// So many blobs may move to the trash in one sweep, whatever share they are.
+const FEW: usize = 8;
 /// More than files' times, which follow a coarser clock, lag behind.
 const FILES_LAG: Duration = Duration::from_secs(1);
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
@@ -31,8 +38,11 @@ const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 pub(super) struct Tally {
     pub(super) episodes: u64,
     pub(super) purged: u64,
+    /// Blobs that were deleted, and their bytes.
     pub(super) blobs: u64,
     pub(super) bytes: u64,
+    /// Blobs that no row names, moved to the trash.
+    pub(super) trashed: u64,
     pub(super) caches: u64,
     pub(super) uploads: u64,
     /// What processes that were killed have left in `tmp`.
@@ -45,65 +55,127 @@ pub(super) struct Tally {
 
 impl Room {
     /// Sweeps once, as if it were `now`.
+    ///
+    /// # Errors
+    /// Precondition when too large a share of the blobs has no row; when the database or the disk refuses.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<Tally> {
         let mut tally = Tally::default();
-        let swept = self.store.sweep_trash(Millis::of(days_before(now, self.keeping.trash_days))).await?;
+        let old = self.old_enough(now).await?;
+        let orphans = self.orphans(old).await?;
+        let trash_end = self.days_before(now, self.keeping.trash_days).await?;
+        let swept = self.store.sweep_trash(Millis::of(trash_end)).await?;
         (tally.episodes, tally.purged) = (swept.removed, swept.purged);
-        for recording in &swept.recordings {
-            // No worker makes recordings: what the trash gave up can go at once.
+        for (episode, recording) in &swept.episodes {
+            let (blobs, blob, id) = (self.blobs.clone(), recording.clone(), episode.clone());
+            off_runtime(move || blobs.forget_description(&blob, id.as_str())).await?;
+            // No worker makes recordings: the recording of a deleted episode can go at once.
             tally.removed(forget(&self.store, &self.blobs, recording).await?);
         }
+        let blobs = self.blobs.clone();
+        let stays = |json: &[u8]| Description::read(json).is_none_or(|description| description.must_stay());
+        let (deleted, bytes) = off_runtime(move || blobs.empty_trash(trash_end, stays)).await?;
+        (tally.blobs, tally.bytes) = (tally.blobs + deleted, tally.bytes + bytes);
+        self.discard(&orphans, old, &mut tally).await?;
+        let blobs = self.blobs.clone();
+        tally.leavings = off_runtime(move || blobs.remove_drafts(old)).await?;
         let named = self.store.named_blobs().await?;
-        let named: HashSet<BlobId> = named.into_iter().map(|named| named.blob).collect();
-        let old = self.old_enough(now).await?;
-        self.orphans(&named, old, &mut tally).await?;
         let rules = Rules {
             folder: self.data_dir.join("cache"),
-            named,
+            named: named.into_iter().map(|named| named.blob).collect(),
             old,
-            features_used: days_before(now, self.keeping.features_days),
+            features_used: self.days_before(now, self.keeping.features_days).await?,
             most_bytes: self.keeping.max_cache_bytes,
         };
         tally.caches = off_runtime(move || rules.sweep()).await?;
         let tmp = self.data_dir.join("tmp");
-        tally.leavings = off_runtime(move || remove_unwritten(&tmp, old)).await?;
+        tally.leavings += off_runtime(move || remove_unwritten(&tmp, old)).await?;
         let logs = jobs::logs_folder(&self.data_dir);
         // Those of jobs that run are being written, however seldom.
-        let quiet = days_before(now, self.keeping.log_days).min(old);
+        let quiet = self.days_before(now, self.keeping.log_days).await?.min(old);
         tally.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
-        tally.uploads = self.ingest.forget_abandoned(now).await?;
+        let jumped = self.store.jumped_within(self.ingest.keep_for()).await?;
+        tally.uploads = self.ingest.forget_abandoned(earlier(now, jumped)).await?;
         if let Some(days) = self.keeping.audit_days {
-            tally.audited = self.store.forget_audit(Millis::of(days_before(now, days))).await?;
+            tally.audited = self.store.forget_audit(Millis::of(self.days_before(now, days).await?)).await?;
         }
         Ok(tally)
     }
 
-    /// Before when a file must have been put to be sure that nobody is about to name it.
+    /// The time so many days before `now`, of days that the database has seen pass.
+    async fn days_before(&self, now: SystemTime, days: u32) -> Result<SystemTime> {
+        let age = DAY.saturating_mul(days);
+        let jumped = self.store.jumped_within(age).await?;
+        Ok(earlier(now, age.saturating_add(jumped)))
+    }
+
+    /// Files put before this time have been named, if they ever will be.
     async fn old_enough(&self, now: SystemTime) -> Result<SystemTime> {
-        let day = days_before(now, SAFE_DAYS);
+        let day = self.days_before(now, SAFE_DAYS).await?;
         let running = self.store.oldest_running().await?.map(|begun| begun.time() - FILES_LAG);
         Ok(running.map_or(day, |running| running.min(day)))
     }
 
-    /// Removes the blobs that no row names.
-    async fn orphans(&self, named: &HashSet<BlobId>, old: SystemTime, tally: &mut Tally) -> Result<()> {
+    /// The blobs older than `old` that no row names.
+    ///
+    /// # Errors
+    /// Precondition when they are too large a share of all blobs.
+    async fn orphans(&self, old: SystemTime) -> Result<Vec<BlobId>> {
+        let named = self.store.named_blobs().await?;
+        let named: HashSet<BlobId> = named.into_iter().map(|named| named.blob).collect();
         let blobs = self.blobs.clone();
         let found = off_runtime(move || blobs.list()).await?;
-        for found in found.into_iter().filter(|found| found.placed < old) {
-            let Some(id) = found.id.filter(|id| !named.contains(id)) else { continue };
+        let all = found.iter().filter(|found| found.id.is_some()).count();
+        let orphan = |found: Found| found.id.filter(|id| found.placed < old && !named.contains(id));
+        let orphans: Vec<BlobId> = found.into_iter().filter_map(orphan).collect();
+        let (blobs, asked) = (self.blobs.clone(), orphans.clone());
+        // A recording whose deletion a crash cut was deleted by a person: it tells nothing of the database.
+        let unexplained = move || {
+            let deleted = |id: &BlobId| {
+                let described = blobs.descriptions(&blobs.path(id))?;
+                let described: Vec<_> = described.iter().filter_map(|json| Description::read(json)).collect();
+                Ok(!described.is_empty() && described.iter().all(Description::is_deleted_recording))
+            };
+            asked.iter().map(deleted).filter(|deleted| !matches!(deleted, Ok(true))).collect::<Result<Vec<_>>>()
+        };
+        let unexplained = off_runtime(unexplained).await?.len();
+        #[expect(clippy::cast_precision_loss, reason = "a share")]
+        let share = unexplained as f64 / all.max(1) as f64;
+        if unexplained > FEW && share > self.keeping.max_sweep_share {
+            return Err(Error::precondition(format!(
+                "the database names {} of {all} blobs only, and the sweep would move {unexplained} to the trash: above \
+                 --max-sweep-share {}. Nothing was removed. `gleaner-server check` lists them; `gleaner-server rebuild` \
+                 adds recordings that the database lacks; a larger --max-sweep-share lets the sweep go on",
+                all - unexplained,
+                self.keeping.max_sweep_share
+            )));
+        }
+        Ok(orphans)
+    }
+
+    /// Moves blobs that no row names to the trash.
+    async fn discard(&self, orphans: &[BlobId], old: SystemTime, tally: &mut Tally) -> Result<()> {
+        for id in orphans {
             // It may have been put again since it was listed: the rows do not know that yet.
             let (blobs, again) = (self.blobs.clone(), id.clone());
             let placed = off_runtime(move || Ok(blobs.placed(&again))).await?;
-            if placed.is_some_and(|placed| placed < old) {
-                tally.removed(forget(&self.store, &self.blobs, &id).await?);
+            if placed.is_none_or(|placed| placed >= old) {
+                continue;
             }
+            let Some(removing) = self.blobs.removing().await? else { continue };
+            if self.store.names_blob(id).await? {
+                continue;
+            }
+            let (blobs, moved) = (self.blobs.clone(), id.clone());
+            let size = off_runtime(move || blobs.discard(&moved, &removing)).await?;
+            tracing::info!(blob.id = %id, blob.bytes = size, "no row names a blob: it moves to the trash");
+            tally.trashed += u64::from(size.is_some());
         }
         Ok(())
     }
 }
 
-fn days_before(now: SystemTime, days: u32) -> SystemTime {
-    now.checked_sub(DAY.saturating_mul(days)).unwrap_or(SystemTime::UNIX_EPOCH)
+fn earlier(now: SystemTime, by: Duration) -> SystemTime {
+    now.checked_sub(by).unwrap_or(SystemTime::UNIX_EPOCH)
 }
 
 /// Removes what nobody has written to for long, and says how much there was.
@@ -140,8 +212,9 @@ impl Tally {
     }
 }
 
-/// Removes a blob unless a row names it, and says how large it was. One that cannot go now, because somebody copies the
-/// data folder, a later sweep finds.
+/// Removes a blob unless a row names it, and gives its size. One with a description left moves to the trash instead: a
+/// recording is only ever deleted for an episode that a person has deleted. One that cannot go now, because the data folder
+/// is being copied, a later sweep finds.
 ///
 /// # Errors
 /// When the database or the disk refuses.
@@ -154,7 +227,11 @@ pub(crate) async fn forget(store: &Store, blobs: &Blobs, blob: &BlobId) -> Resul
         return Ok(None);
     }
     let (blobs, id) = (blobs.clone(), blob.clone());
-    off_runtime(move || blobs.remove(&id, &removing)).await
+    off_runtime(move || match blobs.descriptions(&blobs.path(&id))?.is_empty() {
+        true => blobs.remove(&id, &removing),
+        false => blobs.discard(&id, &removing),
+    })
+    .await
 }
 
 /// Runs what blocks away from the runtime's threads.

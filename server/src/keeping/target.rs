@@ -5,8 +5,8 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::DATABASE;
 use crate::{
+    data_folder::DATABASE,
     error::{Error, Result},
     lock::DataLock,
 };

@@ -4,6 +4,8 @@
 
 mod backing_up;
 mod checking;
+mod losing;
+mod rebuilding;
 mod sweeping;
 
 use std::path::Path;

@@ -1,22 +1,46 @@
-//! Looks now and then how full the disk is, and tells the log when that begins or ceases to matter. Whoever takes
-//! something in asks for itself.
+//! Looks now and then at the disk and at the files of the data folder, and logs when it fills up and when the database
+//! was deleted or replaced under the server. Every write asks for itself, too.
 
-use std::time::Duration;
+use std::{path::PathBuf, time::Duration};
 
-use crate::blobs::Blobs;
+use crate::{blobs::Blobs, domain::time::Millis, store::Store};
 
-const LOOK_EVERY: Duration = Duration::from_secs(5);
+const LOOK_AT_DISK_EVERY: Duration = Duration::from_secs(5);
+const LOOK_AT_FILES_EVERY: Duration = Duration::from_secs(1);
 
-/// Looks until it is dropped.
-pub(super) async fn watch(blobs: Blobs) {
+/// Looks at the disk until it is dropped.
+pub(super) async fn watch_disk(blobs: Blobs) {
     let mut refusing = false;
     loop {
         refusing = look(&blobs, refusing);
-        tokio::time::sleep(LOOK_EVERY).await;
+        tokio::time::sleep(LOOK_AT_DISK_EVERY).await;
     }
 }
 
-/// Tells of a change, and says whether new things are refused now.
+/// Looks at the files of the data folder until one is lost; then logs that, and saves what the open database holds.
+pub(super) async fn watch_files(store: Store, data_dir: PathBuf) {
+    let lost = store.lost();
+    loop {
+        if let Err(error) = store.verify() {
+            tracing::error!(%error, "the data folder was changed under the server");
+            break;
+        }
+        tokio::select! {
+            () = lost.cancelled() => {}
+            () = tokio::time::sleep(LOOK_AT_FILES_EVERY) => {}
+        }
+    }
+    let saved = data_dir.join(format!("gleaner-saved-{}.db", Millis::now().0));
+    match store.copy_to(&saved).await {
+        Ok(()) => tracing::error!(
+            file.path = %saved.display(),
+            "what the open database holds was saved: once the server is stopped, this file can take the database's place"
+        ),
+        Err(error) => tracing::error!(%error, "what the open database holds could not be saved"),
+    }
+}
+
+/// Logs a change, and gives whether new things are refused now.
 fn look(blobs: &Blobs, refusing: bool) -> bool {
     match (blobs.expect_room(0), refusing) {
         (Ok(()), true) => {

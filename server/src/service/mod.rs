@@ -22,8 +22,8 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs, config::ServeConfig, curation::Curation, error::Result, ingest::Ingest, jobs::Jobs, keeping::Keeping,
-    policies::Policies, rollouts::Rollouts, scorers::Scorers, store::Store,
+    blobs::Blobs, config::ServeConfig, curation::Curation, data_folder, error::Result, ingest::Ingest, jobs::Jobs,
+    keeping::Keeping, policies::Policies, rollouts::Rollouts, scorers::Scorers, store::Store,
 };
 
 /// Every room a service may call, built once.
@@ -51,7 +51,9 @@ impl Rooms {
     pub async fn open(config: ServeConfig, address: SocketAddr) -> Result<Self> {
         let config = Arc::new(config);
         let blobs = Blobs::open(&config.data_dir)?.sparing(config.keeping.min_free_bytes);
-        let store = Store::open(&config.data_dir.join("gleaner.db")).await?;
+        let accept = config.keeping.accept_database;
+        let store = Store::open_with_blobs(&config.data_dir, &blobs, accept).await?;
+        data_folder::access::warn_if_open(&config.data_dir);
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
         let curation = Curation::new(store.clone(), ingest.clone());
         let jobs = Jobs::start(&config, store.clone(), blobs.clone(), address).await?;

@@ -1,6 +1,6 @@
 //! The listener: every service on one port, with limits, health and reflection, until told to stop.
 
-use std::time::Duration;
+use std::{sync::Arc, time::Duration};
 
 use gleaner_proto::{
     inference::grpc_inference_service_server::GrpcInferenceServiceServer,
@@ -65,6 +65,12 @@ pub(crate) async fn serve(
     let _workers = for_workers(rooms, workers);
     let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
     let (routes, health) = routes(rooms).await?;
+    let health = Arc::new(health);
+    let (lost, told) = (rooms.store.lost(), Arc::clone(&health));
+    let _lost = AbortOnDropHandle::new(tokio::spawn(async move {
+        lost.cancelled().await;
+        told.stop().await;
+    }));
     let config = connections.config();
     let server = Server::builder()
         .http2_keepalive_interval(Some(config.ping_every()))

@@ -1,6 +1,6 @@
 //! Rows of the audit log: added, and forgotten when they are old.
 
-use super::{Store, commit, fault, row};
+use super::{Store, fault, row};
 use crate::{
     domain::{access::AuditEntry, time::Millis},
     error::Result,
@@ -49,7 +49,7 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("writing the audit log"))?;
-        commit(tx).await
+        self.commit(tx).await
     }
 
     /// The entries since a time, oldest first: the newest `most` of them.
@@ -79,7 +79,7 @@ impl Store {
                 .await
                 .map_err(fault("forgetting the audit log"))?
                 .rows_affected();
-            commit(tx).await?;
+            self.commit(tx).await?;
             forgotten += some;
             if some < u64::from(FORGOTTEN_AT_ONCE) {
                 return Ok(forgotten);

@@ -41,7 +41,7 @@ impl Store {
         });
         let older = |_| unusable("the server that runs on it is of an older version; use its own program".to_owned());
         migrated.await.map_err(older)??;
-        Ok(Self { writer: pool.clone(), readers: pool })
+        Ok(Self { writer: pool.clone(), readers: pool, tie: std::sync::Arc::default() })
     }
 }
 

@@ -3,7 +3,7 @@
 use futures::TryStreamExt as _;
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, commit, fault, packed::unpack, row};
+use super::{Store, fault, packed::unpack, row};
 use crate::{
     domain::{
         dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest},
@@ -133,7 +133,7 @@ impl Store {
         }
         insert(&mut tx, &dataset).await?;
         crate::fail_point::pass("dataset.row_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("dataset.committed");
         Ok(dataset)
     }

@@ -2,7 +2,7 @@
 
 use sqlx::SqliteExecutor;
 
-use super::{Store, commit, fault, row};
+use super::{Store, fault, row};
 use crate::{
     domain::{
         id::{PolicyId, ScoreRunId, TaskId},
@@ -67,7 +67,7 @@ impl Store {
         // Read before it is final: who is told of an error may take it that nothing has moved.
         let deployment = deployment(&mut *tx, name).await?;
         crate::fail_point::pass("deployment.row_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("deployment.committed");
         Ok(deployment)
     }
@@ -112,7 +112,7 @@ impl Store {
         if changed.rows_affected() == 0 {
             return Err(nothing_before(name));
         }
-        commit(tx).await?;
+        self.commit(tx).await?;
         Ok(deployment)
     }
 

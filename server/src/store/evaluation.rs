@@ -2,7 +2,7 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, commit, fault, row};
+use super::{Store, fault, row};
 use crate::{
     domain::{
         evaluation::Evaluation,
@@ -61,7 +61,7 @@ impl Store {
     pub(crate) async fn insert_evaluation(&self, evaluation: &Evaluation) -> Result<()> {
         let mut tx = self.write().await?;
         insert(&mut tx, evaluation).await?;
-        commit(tx).await
+        self.commit(tx).await
     }
 
     /// A finished evaluation.

@@ -101,10 +101,7 @@ mod tests {
     use crate::{
         domain::{episode::Outcome, job::JobSpec, selection::Selection},
         error::Kind,
-        store::{
-            commit,
-            testing::{self, results},
-        },
+        store::testing::{self, results},
     };
 
     #[tokio::test]
@@ -126,7 +123,7 @@ mod tests {
         let files = [file("z.mcap"), file("manifest.jsonl")];
         let mut tx = store.write().await.unwrap();
         insert(&mut tx, &export, &dataset.id, &job, &files).await.unwrap();
-        commit(tx).await.unwrap();
+        store.commit(tx).await.unwrap();
         assert_eq!(store.export_files(&export).await.unwrap(), files);
         assert_eq!(store.export_file(&export, "manifest.jsonl").await.unwrap(), files[1]);
         assert_eq!(store.export_file(&export, "../x").await.unwrap_err().kind(), Kind::NotFound);

@@ -1,6 +1,6 @@
 //! How a job succeeds: its result's rows and its move, in one transaction.
 
-use super::{Store, commit, encoder, evaluation, export, policy, queue, score};
+use super::{Store, encoder, evaluation, export, policy, queue, score};
 use crate::{
     domain::{
         attempt::Attempt,
@@ -51,7 +51,7 @@ impl Store {
         }
         let moved = queue::advance(&mut tx, &job, JobState::Succeeded, "done", "").await?;
         crate::fail_point::pass("result.rows_written");
-        commit(tx).await?;
+        self.commit_generation(tx).await?;
         crate::fail_point::pass("result.committed");
         Ok(moved)
     }

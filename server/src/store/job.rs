@@ -2,7 +2,7 @@
 
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 
-use super::{Store, commit, curation, dataset, fault, is_duplicate, row, schedule};
+use super::{Store, curation, dataset, fault, is_duplicate, row, schedule};
 use crate::{
     domain::{
         id::{BlobId, JobId, TaskId},
@@ -200,7 +200,7 @@ impl Store {
             queued.extend(by_id(&mut tx, &job.id).await?);
         }
         crate::fail_point::pass("jobs.rows_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("jobs.committed");
         Ok(queued)
     }

@@ -9,7 +9,7 @@ use sqlx::{
 use tempfile::TempDir;
 
 use super::{MIGRATIONS, Store, check_version, fault};
-use crate::error::{Error, Result};
+use crate::error::{Error, Kind, Result};
 
 /// A database that is not written.
 #[derive(Debug)]
@@ -64,8 +64,21 @@ impl Look {
                 path.display()
             )));
         }
-        let store = read_only(path).await?;
-        let schema = known_schema(&store.readers, path).await?;
+        let opened = async {
+            let store = read_only(path).await?;
+            let schema = known_schema(&store.readers, path).await?;
+            Ok((store, schema))
+        };
+        let (store, schema) = opened.await.map_err(|error: Error| {
+            if error.kind() != Kind::Internal {
+                return error;
+            }
+            Error::precondition(format!(
+                "the database {} is damaged: {error}. Restore a backup, or make the database again with `gleaner-server \
+                 rebuild`",
+                path.display()
+            ))
+        })?;
         if schema == 0 {
             return Err(Error::precondition(format!("{} is no database of gleaner", path.display())));
         }
@@ -97,6 +110,7 @@ impl Store {
         let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await;
         let pool = pool.map_err(fault("opening the copy"))?;
         sqlx::query("delete from uploads").execute(&pool).await.map_err(fault("leaving uploads out"))?;
+        super::lab::detach(&pool).await?;
         pool.close().await;
         Ok(())
     }
@@ -142,5 +156,5 @@ async fn read_only(path: &Path) -> Result<Store> {
         Error::precondition(format!("cannot open the database {} to read: {error}", path.display()))
     })?;
     check_version(&pool).await?;
-    Ok(Store { writer: pool.clone(), readers: pool })
+    Ok(Store { writer: pool.clone(), readers: pool, tie: std::sync::Arc::default() })
 }

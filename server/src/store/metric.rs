@@ -2,7 +2,7 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, commit, fault, queue, row};
+use super::{Store, fault, queue, row};
 use crate::{
     domain::{attempt::Attempt, id::JobId, job::Metric, work::Progress},
     error::Result,
@@ -39,7 +39,7 @@ impl Store {
                 .map_err(fault("keeping a metric"))?;
         }
         crate::fail_point::pass("progress.rows_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("progress.committed");
         Ok(job.cancel_requested)
     }

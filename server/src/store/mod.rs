@@ -8,6 +8,7 @@ pub(crate) mod backlog;
 mod beside;
 mod blob;
 mod check;
+mod clock;
 mod curation;
 mod dataset;
 mod deployment;
@@ -19,6 +20,7 @@ mod fault;
 pub(crate) mod finish;
 mod job;
 mod kept;
+mod lab;
 mod look;
 mod made;
 mod metric;
@@ -28,6 +30,7 @@ pub(crate) mod queue;
 mod row;
 mod schedule;
 mod score;
+mod sidecar;
 mod snapshot;
 mod task;
 #[cfg(test)]
@@ -36,7 +39,11 @@ mod token;
 mod trash;
 mod upload;
 
-use std::{path::Path, time::Duration};
+use std::{
+    path::Path,
+    sync::{Arc, OnceLock},
+    time::Duration,
+};
 
 use sqlx::{
     Connection as _, Sqlite, SqlitePool, Transaction,
@@ -44,7 +51,7 @@ use sqlx::{
 };
 
 use self::fault::fault;
-pub(crate) use self::{blob::NamedBlob, look::Look};
+pub(crate) use self::{blob::NamedBlob, look::Look, sidecar::Described};
 use crate::error::{Error, Result};
 
 static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("../migrations");
@@ -60,6 +67,8 @@ const READERS: u32 = 4;
 pub struct Store {
     writer: SqlitePool,
     readers: SqlitePool,
+    /// What ties a server's database to its folder; empty for who only looks at one.
+    tie: Arc<OnceLock<lab::Tie>>,
 }
 
 impl Store {
@@ -76,7 +85,7 @@ impl Store {
             .synchronous(SqliteSynchronous::Full)
             .busy_timeout(Duration::from_secs(10));
         let doing = |error: sqlx::Error| Error::internal(format!("opening the database {}", path.display()), error);
-        let writer = SqlitePoolOptions::new().max_connections(1).after_release(|connection, _| {
+        let writer = lasting(1).after_release(|connection, _| {
             Box::pin(async move {
                 // What was dropped is rolled back by then. A disk that is full makes SQLite roll back by itself, which the
                 // connection does not see: it would refuse every transaction from then on. A new one takes its place.
@@ -85,6 +94,9 @@ impl Store {
             })
         });
         let writer = writer.connect_with(options.clone()).await.map_err(doing)?;
+        // A later connection never makes a database in the place of one that was deleted.
+        let options = options.create_if_missing(false);
+        writer.set_connect_options(options.clone());
         check_version(&writer).await?;
         look::known_schema(&writer, path).await?;
         MIGRATIONS.run(&writer).await.map_err(|error| {
@@ -98,9 +110,8 @@ impl Store {
             Error::internal("migrating the database", error)
         })?;
         // All from the beginning: one that is opened under load comes late, and its memory when there is least.
-        let readers = SqlitePoolOptions::new().min_connections(READERS).max_connections(READERS);
-        let readers = readers.connect_with(options).await.map_err(doing)?;
-        Ok(Self { writer, readers })
+        let readers = lasting(READERS).min_connections(READERS).connect_with(options).await.map_err(doing)?;
+        Ok(Self { writer, readers, tie: Arc::default() })
     }
 
     /// Closes every connection; the last one checkpoints the log.
@@ -114,15 +125,30 @@ impl Store {
         self.writer.begin_with("begin immediate").await.map_err(fault("beginning a write"))
     }
 
+    /// Ends a write; when this returns, it is on disk, in the database that the path names.
+    ///
+    /// # Errors
+    /// Precondition when the database was deleted or replaced; as the disk refuses.
+    async fn commit(&self, transaction: Transaction<'static, Sqlite>) -> Result<()> {
+        transaction.commit().await.map_err(fault("committing a write"))?;
+        self.verify()
+    }
+
     /// The pool to read from.
     fn read(&self) -> &SqlitePool {
         &self.readers
     }
 }
 
-/// Ends a write; when this returns, it is on disk.
-async fn commit(transaction: Transaction<'static, Sqlite>) -> Result<()> {
-    transaction.commit().await.map_err(fault("committing a write"))
+/// A pool whose connections stay: a new one would open the file that the path names by then.
+fn lasting(connections: u32) -> SqlitePoolOptions {
+    SqlitePoolOptions::new().max_connections(connections).idle_timeout(None).max_lifetime(None)
+}
+
+/// Opens a database that is there, to look at it before it is used.
+async fn connect_to_existing(path: &Path) -> std::result::Result<SqlitePool, sqlx::Error> {
+    let options = SqliteConnectOptions::new().filename(path).busy_timeout(Duration::from_secs(10));
+    SqlitePoolOptions::new().max_connections(1).connect_with(options).await
 }
 
 /// Whether the error is a violated `unique` or primary key.

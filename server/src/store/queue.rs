@@ -2,7 +2,7 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, commit, fault, job::by_id, metric, row};
+use super::{Store, fault, job::by_id, metric, row};
 use crate::{
     domain::{
         attempt::{Attempt, AttemptEnd, Standing},
@@ -42,7 +42,7 @@ impl Store {
         let Some(id) = claimed else { return Ok(None) };
         let job = by_id(&mut tx, &row::id("jobs.id", id)?).await?;
         crate::fail_point::pass("claim.row_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("claim.committed");
         Ok(job)
     }
@@ -81,7 +81,7 @@ impl Store {
             metric::cut_back(&mut tx, &job.id, job.checkpoint_step).await?;
         }
         crate::fail_point::pass("attempt.row_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("attempt.committed");
         Ok(Some(moved))
     }
@@ -115,7 +115,7 @@ impl Store {
             advance(&mut tx, &job, JobState::Cancelled, "cancelled", "").await?
         };
         crate::fail_point::pass("cancel.row_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("cancel.committed");
         Ok(moved)
     }
@@ -135,7 +135,7 @@ impl Store {
             .await
             .map_err(fault("saving a checkpoint"))?;
         crate::fail_point::pass("checkpoint.row_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("checkpoint.committed");
         Ok(job.checkpoint.filter(|old| old != blob))
     }
@@ -151,7 +151,7 @@ impl Store {
             .await
             .map_err(fault("dropping a checkpoint"))?;
         metric::cut_back(&mut tx, id, None).await?;
-        commit(tx).await
+        self.commit(tx).await
     }
 }
 

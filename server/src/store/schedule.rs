@@ -2,7 +2,7 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, commit, fault, is_duplicate, row};
+use super::{Store, fault, is_duplicate, row};
 use crate::{
     domain::{
         id::{ScheduleId, TaskId},
@@ -100,7 +100,7 @@ impl Store {
                 fault("adding a schedule")(error)
             }
         })?;
-        commit(tx).await?;
+        self.commit(tx).await?;
         self.schedule(&schedule.id).await
     }
 
@@ -156,7 +156,7 @@ impl Store {
         .execute(&mut *tx)
         .await
         .map_err(fault("pausing a schedule"))?;
-        commit(tx).await?;
+        self.commit(tx).await?;
         self.schedule(id).await
     }
 
@@ -175,7 +175,7 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("noting a failed start"))?;
-        commit(tx).await
+        self.commit(tx).await
     }
 
     /// Deletes a schedule; its past jobs stay.
@@ -189,7 +189,7 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("deleting a schedule"))?;
-        commit(tx).await?;
+        self.commit(tx).await?;
         if done.rows_affected() == 0 { Err(Error::not_found("schedule", id)) } else { Ok(()) }
     }
 }

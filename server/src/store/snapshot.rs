@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 
 use super::{
-    Store, commit,
+    Store,
     episode::{self, EpisodeRow},
     fault, row,
 };
@@ -97,7 +97,7 @@ impl Store {
         check_both_sides(&snapshot)?;
         insert(&mut tx, &snapshot, &members).await?;
         crate::fail_point::pass("snapshot.rows_written");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("snapshot.committed");
         Ok(snapshot)
     }

@@ -2,7 +2,7 @@
 
 use gleaner_recording::TaskSpec;
 
-use super::{Store, commit, fault, is_duplicate, row};
+use super::{Store, fault, is_duplicate, row};
 use crate::{
     domain::{
         id::TaskId,
@@ -71,7 +71,7 @@ impl Store {
                 )),
                 false => fault("inserting a task")(error),
             })?;
-        commit(tx).await?;
+        self.commit(tx).await?;
         Ok(task)
     }
 

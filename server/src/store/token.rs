@@ -1,6 +1,6 @@
 //! Rows of tokens. The token itself is never here, only its hash.
 
-use super::{Store, commit, fault, is_duplicate, row};
+use super::{Store, fault, is_duplicate, row};
 use crate::{
     domain::{
         access::{Role, Token},
@@ -67,7 +67,7 @@ impl Store {
             }
             false => fault("keeping a token")(error),
         })?;
-        commit(tx).await
+        self.commit(tx).await
     }
 
     /// Every token there ever was with its hash, oldest first.
@@ -102,7 +102,7 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("revoking a token"))?;
-        commit(tx).await?;
+        self.commit(tx).await?;
         token.revoked_at = Some(now);
         Ok(token)
     }
@@ -116,7 +116,7 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("noting a token's use"))?;
-        commit(tx).await
+        self.commit(tx).await
     }
 }
 

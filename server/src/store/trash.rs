@@ -2,7 +2,7 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, commit, episode, fault, row};
+use super::{Store, episode, fault, row};
 use crate::{
     domain::{
         episode::Episode,
@@ -19,8 +19,8 @@ pub(crate) struct Swept {
     pub(crate) removed: u64,
     /// Episodes whose recordings are gone; snapshots hold their rows.
     pub(crate) purged: u64,
-    /// Their recordings, which nothing may need any more.
-    pub(crate) recordings: Vec<BlobId>,
+    /// Their ids and recordings, which no other row may need any more.
+    pub(crate) episodes: Vec<(EpisodeId, BlobId)>,
 }
 
 impl Store {
@@ -50,7 +50,7 @@ impl Store {
             .map_err(fault("deleting an episode"))?;
             deleted.push(episode::by_id(&mut tx, id).await?.unwrap_or(before));
         }
-        commit(tx).await?;
+        self.commit(tx).await?;
         Ok(deleted)
     }
 
@@ -72,7 +72,7 @@ impl Store {
                 Error::not_found("episode", format!("{id}: unknown, or removed for good; nothing was taken back"))
             })?);
         }
-        commit(tx).await?;
+        self.commit(tx).await?;
         Ok(back)
     }
 
@@ -99,10 +99,10 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("emptying the trash"))?;
-        let purged: Vec<String> = sqlx::query_scalar(
+        let purged: Vec<(String, String)> = sqlx::query_as(
             "update episodes set purged_at = ?1 where deleted_at < ?2 and delete_forced and purged_at is null \
              and not exists (select 1 from jobs where jobs.task_id = episodes.task_id and state in ('queued', 'running')) \
-             returning recording",
+             returning id, recording",
         )
         .bind(Millis::now().0)
         .bind(time.0)
@@ -110,12 +110,12 @@ impl Store {
         .await
         .map_err(fault("emptying the trash"))?;
         crate::fail_point::pass("sweep.rows_removed");
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("sweep.committed");
         let (removed, counted) = (gone.len() as u64, purged.len() as u64);
-        let recordings = gone.into_iter().map(|(_, recording)| recording).chain(purged);
-        let recordings = recordings.map(|blob| row::id("episodes.recording", blob)).collect::<Result<_>>()?;
-        Ok(Swept { removed, purged: counted, recordings })
+        let read = |(id, blob)| Ok((row::id("episodes.id", id)?, row::id("episodes.recording", blob)?));
+        let episodes = gone.into_iter().chain(purged).map(read).collect::<Result<_>>()?;
+        Ok(Swept { removed, purged: counted, episodes })
     }
 
     /// Refuses a snapshot of which a recording is gone: nothing can be learned from it any more.

@@ -1,6 +1,6 @@
 //! Rows of open uploads. A row's `committed` counts bytes that are synced to disk.
 
-use super::{Store, commit, episode, fault, row};
+use super::{Store, episode, fault, row};
 use crate::{
     domain::{
         episode::{Episode, InspectedEpisode, Outcome, Upload},
@@ -63,7 +63,7 @@ impl Store {
         .execute(&mut *tx)
         .await
         .map_err(fault("opening an upload"))?;
-        commit(tx).await
+        self.commit(tx).await
     }
 
     /// An open upload.
@@ -112,7 +112,7 @@ impl Store {
         if result.rows_affected() == 0 {
             return Err(Error::not_found("open upload", format!("{id}; start again")));
         }
-        commit(tx).await?;
+        self.commit(tx).await?;
         crate::fail_point::pass("upload.size_committed");
         Ok(())
     }
@@ -121,7 +121,7 @@ impl Store {
     pub(crate) async fn delete_upload(&self, id: &UploadId) -> Result<()> {
         let mut tx = self.write().await?;
         delete(&mut tx, id).await?;
-        commit(tx).await
+        self.commit(tx).await
     }
 
     /// The uploads that were opened before `time`.
@@ -144,7 +144,7 @@ impl Store {
             None => episode::insert(&mut tx, inspected, &upload.author).await?,
         };
         crate::fail_point::pass("episode.row_written");
-        commit(tx).await?;
+        self.commit_generation(tx).await?;
         crate::fail_point::pass("episode.committed");
         Ok(episode)
     }

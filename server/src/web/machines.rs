@@ -15,6 +15,8 @@ pub(super) async fn metrics(visit: Visit) -> Answer {
 pub(super) async fn health(visit: Visit) -> Response {
     if visit.rooms().stopping.is_cancelled() {
         (StatusCode::SERVICE_UNAVAILABLE, "stopping\n").into_response()
+    } else if let Err(error) = visit.rooms().store.verify() {
+        (StatusCode::SERVICE_UNAVAILABLE, format!("{}\n", error.message())).into_response()
     } else {
         (StatusCode::OK, "serving\n").into_response()
     }

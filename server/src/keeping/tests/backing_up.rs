@@ -136,7 +136,12 @@ async fn a_backup_that_rots_is_found() {
     fs::write(target.join("gleaner.db"), database).unwrap();
     let error = put_back(&target, &place.path("newer")).await.unwrap_err();
     assert!(error.message().contains("manifest"), "{error}");
-    assert!(!checked(&target, false).await.sound);
+    let check = CheckConfig { data_dir: target.clone(), fast: false, json: false };
+    // The last page may hold rows, or the schema, without which there is no report.
+    match look_through(&check).await {
+        Ok(report) => assert!(!report.sound),
+        Err(error) => assert!(error.kind() == Kind::Precondition && error.message().contains("is damaged"), "{error}"),
+    }
 }
 
 #[tokio::test]

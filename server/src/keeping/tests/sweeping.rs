@@ -14,9 +14,9 @@ use crate::{
     keeping::{Room, forget},
 };
 
-const DAY: Duration = Duration::from_secs(24 * 60 * 60);
+pub(super) const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
-fn room(lab: &Lab, trash_days: u32) -> Room {
+pub(super) fn room(lab: &Lab, trash_days: u32) -> Room {
     let data_dir = lab.dir.path().to_owned();
     fs::create_dir_all(data_dir.join("cache")).unwrap();
     Room {
@@ -30,16 +30,18 @@ fn room(lab: &Lab, trash_days: u32) -> Room {
             features_days: 7,
             audit_days: None,
             max_cache_bytes: None,
+            max_sweep_share: 0.05,
+            accept_database: false,
             min_free_bytes: 0,
         },
     }
 }
 
-fn in_days(days: u32) -> SystemTime {
+pub(super) fn in_days(days: u32) -> SystemTime {
     SystemTime::now() + DAY * days + Duration::from_secs(60)
 }
 
-async fn stored(lab: &Lab, content: &[u8]) -> crate::domain::episode::Episode {
+pub(super) async fn stored(lab: &Lab, content: &[u8]) -> crate::domain::episode::Episode {
     let upload = Upload { outcome: Outcome::Unknown, ..testing::upload(&lab.task, content) };
     lab.blobs.put(content).unwrap();
     lab.store.finish_upload(&upload, &testing::inspected(&lab.task, &upload)).await.unwrap()
@@ -76,7 +78,7 @@ async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
     let lab = lab().await;
     let mut room = room(&lab, 30);
     let orphan = lab.blobs.put(b"of a job that died").unwrap();
-    assert_eq!(room.sweep(SystemTime::now()).await.unwrap().blobs, 0, "too young");
+    assert_eq!(room.sweep(SystemTime::now()).await.unwrap().trashed, 0, "too young");
     let long_ago = SystemTime::now() - Duration::from_secs(60);
     fs::File::open(lab.blobs.path(&orphan)).unwrap().set_modified(long_ago).unwrap();
     // What was put since an attempt began may be the attempt's.
@@ -91,10 +93,10 @@ async fn what_no_row_names_goes_when_nobody_can_be_about_to_name_it() {
     fs::create_dir_all(log.parent().unwrap()).unwrap();
     fs::write(&log, b"begins").unwrap();
     room.keeping.log_days = 0;
-    assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1, "the attempt is younger than that one");
+    assert_eq!(room.sweep(in_days(5)).await.unwrap().trashed, 1, "the attempt is younger than that one");
     assert!(!lab.blobs.contains(&orphan) && lab.blobs.contains(&its_own) && log.exists());
     results::set_state(&lab.store, &job, crate::domain::job::JobState::Failed, "").await;
-    assert_eq!(room.sweep(in_days(5)).await.unwrap().blobs, 1);
+    assert_eq!(room.sweep(in_days(5)).await.unwrap().trashed, 1);
     assert!(!lab.blobs.contains(&its_own) && lab.blobs.contains(&lab.recording) && !log.exists());
 }
 
@@ -120,7 +122,7 @@ async fn nothing_goes_while_the_folder_is_copied() {
     assert_eq!(room.sweep(in_days(2)).await.unwrap().blobs, 0);
     assert!(lab.blobs.contains(&orphan));
     drop(copying);
-    assert_eq!(room.sweep(in_days(2)).await.unwrap().blobs, 1);
+    assert_eq!(room.sweep(in_days(2)).await.unwrap().trashed, 1);
 }
 
 /// The same content is pushed and deleted again and again, while another task tries to remove it all the time. What is

@@ -13,7 +13,7 @@ use crate::{
         time::Millis,
     },
     error::{Error, Result},
-    store::{Store, commit},
+    store::Store,
 };
 
 #[derive(sqlx::FromRow)]
@@ -47,7 +47,7 @@ impl Store {
     pub(crate) async fn label_episodes(&self, ids: &[EpisodeId], label: &NewLabel) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let labelled = label_all(&mut tx, ids.iter(), label).await?;
-        commit_labels(tx).await?;
+        self.commit_labels(tx).await?;
         Ok(labelled.into_iter().map(|(episode, _)| episode).collect())
     }
 
@@ -71,8 +71,15 @@ impl Store {
             return Ok(Labelled::Changed(changed));
         }
         let labelled = label_all(&mut tx, seen.iter().map(|(id, _)| id), label).await?;
-        commit_labels(tx).await?;
+        self.commit_labels(tx).await?;
         Ok(Labelled::Done(labelled))
+    }
+
+    async fn commit_labels(&self, tx: Transaction<'static, Sqlite>) -> Result<()> {
+        crate::fail_point::pass("label.rows_written");
+        self.commit(tx).await?;
+        crate::fail_point::pass("label.committed");
+        Ok(())
     }
 
     /// Every label an episode ever had, oldest first.
@@ -124,13 +131,6 @@ async fn label_all(
         labelled.push((episode, version));
     }
     Ok(labelled)
-}
-
-async fn commit_labels(tx: Transaction<'static, Sqlite>) -> Result<()> {
-    crate::fail_point::pass("label.rows_written");
-    commit(tx).await?;
-    crate::fail_point::pass("label.committed");
-    Ok(())
 }
 
 async fn newest(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<LabelRow>> {

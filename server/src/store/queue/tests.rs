@@ -44,7 +44,7 @@ async fn succeed(store: &Store, attempt: &Attempt) {
     let mut tx = store.write().await.unwrap();
     let job = running(&mut tx, attempt).await.unwrap().unwrap();
     advance(&mut tx, &job, JobState::Succeeded, "done", "").await.unwrap();
-    commit(tx).await.unwrap();
+    store.commit(tx).await.unwrap();
 }
 
 #[tokio::test]

@@ -2,7 +2,7 @@
 
 use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 
-use super::super::{Store, commit, encoder as encoders, policy as policies, score};
+use super::super::{Store, encoder as encoders, policy as policies, score};
 use crate::domain::{
     id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId},
     job::{JobSpec, JobState},
@@ -41,7 +41,7 @@ pub(crate) async fn set_state(store: &Store, job: &JobId, state: JobState, error
         .execute(&mut *tx)
         .await
         .unwrap();
-    commit(tx).await.unwrap();
+    store.commit(tx).await.unwrap();
 }
 
 /// An encoder of a snapshot of the task's present episodes, which must hold both roles.
@@ -59,7 +59,7 @@ pub(crate) async fn encoder(store: &Store, task: &Task) -> Encoder {
     };
     let mut tx = store.write().await.unwrap();
     encoders::insert(&mut tx, &encoder).await.unwrap();
-    commit(tx).await.unwrap();
+    store.commit(tx).await.unwrap();
     encoder
 }
 
@@ -116,7 +116,7 @@ pub(crate) async fn run_of(
     };
     let mut tx = store.write().await.unwrap();
     score::insert_run(&mut tx, &run, scores).await.unwrap();
-    commit(tx).await.unwrap();
+    store.commit(tx).await.unwrap();
     run
 }
 
@@ -154,6 +154,6 @@ pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkp
     };
     let mut tx = store.write().await.unwrap();
     policies::insert(&mut tx, &policy).await.unwrap();
-    commit(tx).await.unwrap();
+    store.commit(tx).await.unwrap();
     policy
 }

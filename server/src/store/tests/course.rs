@@ -14,7 +14,7 @@ use crate::{
         task::Task,
     },
     error::Kind,
-    store::{Store, commit, queue, testing},
+    store::{Store, queue, testing},
 };
 
 /// What may happen to the queue. The numbers choose a job or a running attempt, wherever they point.
@@ -143,7 +143,7 @@ impl Course {
         let mut tx = self.store.write().await.unwrap();
         let job = queue::running(&mut tx, attempt).await.unwrap().unwrap();
         queue::advance(&mut tx, &job, JobState::Succeeded, "done", "").await.unwrap();
-        commit(tx).await.unwrap();
+        self.store.commit(tx).await.unwrap();
     }
 
     /// Holds every job against what it was before.

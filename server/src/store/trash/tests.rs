@@ -91,7 +91,10 @@ async fn what_a_snapshot_holds_goes_by_force_only_and_leaves_its_row() {
     assert_eq!(store.sweep_trash(Millis(0)).await.unwrap().purged, 0, "not yet");
     store.expect_recordings(&encoder.snapshot_id).await.unwrap();
     let swept = store.sweep_trash(LATER).await.unwrap();
-    assert_eq!((swept.removed, swept.purged, swept.recordings), (0, 1, vec![expert.recording.clone()]));
+    assert_eq!(
+        (swept.removed, swept.purged, swept.episodes),
+        (0, 1, vec![(expert.id.clone(), expert.recording.clone())])
+    );
     assert!(!store.names_blob(&expert.recording).await.unwrap());
     let (_, members) = store.snapshot(&encoder.snapshot_id).await.unwrap();
     assert_eq!(members.len(), 2);
@@ -124,7 +127,7 @@ async fn a_sweep_removes_what_nobody_needs_whole() {
     store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
     assert!(store.names_blob(&gone.recording).await.unwrap());
     let swept = store.sweep_trash(LATER).await.unwrap();
-    assert_eq!((swept.removed, swept.purged, swept.recordings), (1, 0, vec![gone.recording.clone()]));
+    assert_eq!((swept.removed, swept.purged, swept.episodes), (1, 0, vec![(gone.id.clone(), gone.recording.clone())]));
     assert_eq!(store.labels(&gone.id).await.unwrap_err().kind(), Kind::NotFound);
     assert!(!store.names_blob(&gone.recording).await.unwrap());
     assert!(store.episode_of(&task.id, &gone.recording).await.unwrap().is_none());

@@ -1,0 +1,65 @@
+//! Moving a file to its place, also from another disk: an operator may have moved the blobs to a larger one.
+
+use std::{
+    fs::{self, File},
+    io,
+    path::Path,
+};
+
+use tempfile::NamedTempFile;
+
+/// How the names of drafts begin.
+const DRAFT: &str = ".draft-";
+
+/// Renames `from` to `to`. Between two disks the content is copied beside `to`, synced and renamed, and `from` removed:
+/// `to` is whole or not there.
+///
+/// # Errors
+/// As the disks'; then `from` is still there.
+pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
+    match fs::rename(from, to) {
+        Err(error) if error.kind() == io::ErrorKind::CrossesDevices => {
+            let mut draft = draft(to.parent().unwrap_or(Path::new(".")))?;
+            io::copy(&mut File::open(from)?, draft.as_file_mut())?;
+            draft.as_file().set_modified(fs::metadata(from)?.modified()?)?;
+            draft.as_file().sync_all()?;
+            draft.persist(to).map_err(|error| error.error)?;
+            fs::remove_file(from)
+        }
+        renamed => renamed,
+    }
+}
+
+/// A file to be written and then renamed in its folder.
+///
+/// # Errors
+/// As the disk's.
+pub(super) fn draft(folder: &Path) -> io::Result<NamedTempFile> {
+    tempfile::Builder::new().prefix(DRAFT).tempfile_in(folder)
+}
+
+/// Whether a file is a draft, perhaps of a process that was killed.
+pub(super) fn is_draft(path: &Path) -> bool {
+    path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(DRAFT.as_bytes()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    /// Memory and disk are two file systems on most machines; where they are one, this is a plain rename.
+    #[test]
+    fn a_file_of_another_disk_arrives_whole() {
+        let here = tempfile::tempdir().unwrap();
+        let there = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
+        let (from, to) = (there.path().join("part"), here.path().join("blob"));
+        fs::write(&from, b"steps").unwrap();
+        rename(&from, &to).unwrap();
+        assert_eq!(fs::read(&to).unwrap(), b"steps");
+        assert!(!from.exists());
+        assert_eq!(fs::read_dir(here.path()).unwrap().count(), 1);
+        assert!(rename(&from, &to).is_err(), "there is nothing to move");
+        assert_eq!(fs::read(&to).unwrap(), b"steps");
+    }
+}

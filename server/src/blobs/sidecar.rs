@@ -1,0 +1,144 @@
+//! Sidecars: small descriptions beside the blobs, one for each row that a blob stands for, and one for each task. From
+//! them a lost database is rebuilt. Their content is the caller's; here they are named, written durably, and read.
+
+use std::{
+    fs,
+    io::{self, Write as _},
+    path::{Path, PathBuf},
+};
+
+use super::{Blobs, across, fault, list::names, sync_folder};
+use crate::{domain::id::BlobId, error::Result};
+
+/// Folder of the tasks' descriptions, among the blobs.
+pub(super) const TASKS: &str = "tasks";
+const EXTENSION: &str = "json";
+
+/// Whether a file beside the blobs is a sidecar, or the draft of one or of a blob.
+pub(super) fn is_one(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension == EXTENSION) || across::is_draft(path)
+}
+
+impl Blobs {
+    /// Describes the row `id` that stands on `blob`; when this returns, the description is on disk.
+    ///
+    /// # Errors
+    /// Exhausted or Internal when the disk refuses.
+    pub(crate) fn describe(&self, blob: &BlobId, id: &str, json: &[u8]) -> Result<()> {
+        write(&beside(&self.path(blob), id), json)
+    }
+
+    /// Describes a task.
+    ///
+    /// # Errors
+    /// Exhausted or Internal when the disk refuses.
+    pub(crate) fn describe_task(&self, id: &str, json: &[u8]) -> Result<()> {
+        let folder = self.root.join(TASKS);
+        if !folder.is_dir() {
+            fs::create_dir_all(&folder).map_err(fault("making the folder", &folder))?;
+            sync_folder(&self.root)?;
+        }
+        write(&folder.join(format!("{id}.{EXTENSION}")), json)
+    }
+
+    /// Removes the description of a row that is gone; one that is not there is no error.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses.
+    pub(crate) fn forget_description(&self, blob: &BlobId, id: &str) -> Result<()> {
+        let path = beside(&self.path(blob), id);
+        match fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => Err(fault("removing", &path)(error)),
+            Ok(()) => {
+                crate::fail_point::pass("sidecar.removed");
+                path.parent().map_or(Ok(()), sync_folder)
+            }
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// The descriptions of tasks.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses.
+    pub(crate) fn task_descriptions(&self) -> Result<Vec<Vec<u8>>> {
+        read_all(names(&self.root.join(TASKS))?.into_iter().filter(|path| is_one(path)))
+    }
+
+    /// The descriptions beside a blob, or beside its copy in the trash.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses.
+    pub(crate) fn descriptions(&self, place: &Path) -> Result<Vec<Vec<u8>>> {
+        read_all(sidecars(place)?.into_iter())
+    }
+
+    /// Whether the blob is described as the row `id`.
+    pub(crate) fn is_described(&self, blob: &BlobId, id: &str) -> bool {
+        beside(&self.path(blob), id).is_file()
+    }
+}
+
+/// The sidecars of the blob at `place`.
+pub(super) fn sidecars(place: &Path) -> Result<Vec<PathBuf>> {
+    let (Some(folder), Some(name)) = (place.parent(), place.file_name().and_then(|name| name.to_str())) else {
+        return Ok(Vec::new());
+    };
+    let begins = format!("{name}.");
+    let mine = |path: &PathBuf| {
+        let named = path.file_name().and_then(|name| name.to_str());
+        is_one(path) && named.is_some_and(|named| named.starts_with(&begins))
+    };
+    Ok(names(folder)?.into_iter().filter(mine).collect())
+}
+
+fn beside(place: &Path, id: &str) -> PathBuf {
+    let name = place.file_name().unwrap_or_default().to_string_lossy();
+    place.with_file_name(format!("{name}.{id}.{EXTENSION}"))
+}
+
+fn read_all(paths: impl Iterator<Item = PathBuf>) -> Result<Vec<Vec<u8>>> {
+    let whole = paths.filter(|path| !across::is_draft(path));
+    whole.map(|path| fs::read(&path).map_err(fault("reading", &path))).collect()
+}
+
+fn write(path: &Path, json: &[u8]) -> Result<()> {
+    if fs::read(path).is_ok_and(|found| found == json) {
+        return Ok(());
+    }
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let written = across::draft(folder).and_then(|mut draft| {
+        draft.write_all(json)?;
+        draft.as_file().sync_all()?;
+        draft.persist(path).map_err(|error| error.error)
+    });
+    written.map_err(fault("writing", path))?;
+    crate::fail_point::pass("sidecar.renamed");
+    sync_folder(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    #[test]
+    fn each_row_of_a_blob_has_a_description_and_the_blob_stays_one() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        let (one, other) = (blobs.put(b"steps").unwrap(), blobs.put(b"others").unwrap());
+        blobs.describe(&one, "ep_a", b"{}").unwrap();
+        blobs.describe(&one, "ep_b", b"{\"b\":1}").unwrap();
+        blobs.describe(&other, "ep_c", b"{}").unwrap();
+        blobs.describe_task("task_a", b"{\"t\":1}").unwrap();
+        assert!(blobs.is_described(&one, "ep_a") && !blobs.is_described(&one, "ep_c"));
+        let mut found = blobs.descriptions(&blobs.path(&one)).unwrap();
+        found.sort();
+        assert_eq!(found, [b"{\"b\":1}".to_vec(), b"{}".to_vec()]);
+        assert_eq!(blobs.task_descriptions().unwrap(), [b"{\"t\":1}".to_vec()]);
+        assert_eq!(blobs.list().unwrap().len(), 2, "descriptions are not blobs");
+        blobs.forget_description(&one, "ep_a").unwrap();
+        blobs.forget_description(&one, "ep_a").unwrap();
+        assert_eq!(blobs.descriptions(&blobs.path(&one)).unwrap().len(), 1);
+    }
+}

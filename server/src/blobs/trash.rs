@@ -1,0 +1,150 @@
+//! The trash of blobs: what no row names goes there with its sidecars, and stays for the trash's days. It lies among the
+//! blobs, so that a move is a rename on their disk.
+
+use std::{
+    fs::{self, File},
+    io,
+    path::Path,
+    time::SystemTime,
+};
+
+use super::{Blobs, Found, Removing, across, fault, sidecar, sync_folder};
+use crate::{domain::id::BlobId, error::Result};
+
+/// Name of the folder among the blobs.
+pub(super) const FOLDER: &str = "trash";
+
+impl Blobs {
+    /// The blobs in the trash, laid out like the blobs themselves.
+    fn trash(&self) -> Self {
+        Self { root: self.root.join(FOLDER), ..self.clone() }
+    }
+
+    /// Moves a blob that no row names to the trash, with its sidecars, and gives its size; one that is not there is no
+    /// error. The holder of `_removing` has asked the rows since.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses.
+    pub(crate) fn discard(&self, id: &BlobId, _removing: &Removing) -> Result<Option<u64>> {
+        self.move_blob(id, &self.trash())
+    }
+
+    /// Takes a blob back out of the trash, with its sidecars; true when it was there.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses.
+    pub(crate) fn take_back(&self, id: &BlobId) -> Result<bool> {
+        self.trash().move_blob(id, self).map(|size| size.is_some())
+    }
+
+    /// Moves a blob that has no row to a path outside the blobs, on whatever disk, and removes its sidecars.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses; then the blob is in one of the two places.
+    pub(crate) fn move_out(&self, id: &BlobId, to: &Path) -> Result<()> {
+        let from = self.path(id);
+        across::rename(&from, to).map_err(fault("renaming to", to))?;
+        sidecar::sidecars(&from)?.iter().try_for_each(|sidecar| remove(sidecar))
+    }
+
+    /// Every blob in the trash.
+    ///
+    /// # Errors
+    /// When the folders cannot be read.
+    pub(crate) fn list_trash(&self) -> Result<Vec<Found>> {
+        self.trash().list()
+    }
+
+    /// Deletes what was moved to the trash before `time`, but for blobs with a description that `stays`, and gives how
+    /// many blobs and bytes that was.
+    ///
+    /// # Errors
+    /// Internal when the disk refuses.
+    pub(crate) fn empty_trash(&self, time: SystemTime, stays: impl Fn(&[u8]) -> bool) -> Result<(u64, u64)> {
+        let (mut blobs, mut bytes) = (0, 0);
+        for found in self.list_trash()?.into_iter().filter(|found| found.placed < time) {
+            if self.descriptions(&found.path)?.iter().any(|json| stays(json)) {
+                continue;
+            }
+            for sidecar in sidecar::sidecars(&found.path)? {
+                remove(&sidecar)?;
+            }
+            remove(&found.path)?;
+            crate::fail_point::pass("trash.blob_deleted");
+            (blobs, bytes) = (blobs + 1, bytes + found.size_bytes);
+        }
+        Ok((blobs, bytes))
+    }
+
+    /// The blob goes first: what a crash leaves is a blob without its description in one place and the description in
+    /// the other, and the next move of either brings them together again.
+    fn move_blob(&self, id: &BlobId, to: &Self) -> Result<Option<u64>> {
+        let (from, place) = (self.path(id), to.path(id));
+        let folder = place.parent().unwrap_or(&to.root);
+        let size = match fs::metadata(&from) {
+            Ok(file) => Some(file.len()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Err(error) => return Err(fault("reading", &from)(error)),
+        };
+        let sidecars = sidecar::sidecars(&from)?;
+        if size.is_none() && sidecars.is_empty() {
+            return Ok(None);
+        }
+        fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
+        if size.is_some() {
+            // Its days in the trash count from now.
+            let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
+            dated.map_err(fault("dating", &from))?;
+            fs::rename(&from, &place).map_err(fault("renaming to", &place))?;
+        }
+        crate::fail_point::pass("trash.blob_moved");
+        for sidecar in sidecars {
+            let there = folder.join(sidecar.file_name().unwrap_or_default());
+            fs::rename(&sidecar, &there).map_err(fault("renaming to", &there))?;
+        }
+        crate::fail_point::pass("trash.moved");
+        for folder in [Some(folder), from.parent(), folder.parent(), Some(self.root.as_path())].into_iter().flatten() {
+            if folder.is_dir() {
+                sync_folder(folder)?;
+            }
+        }
+        Ok(size)
+    }
+}
+
+fn remove(path: &Path) -> Result<()> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(fault("removing", path)(error)),
+        Ok(()) | Err(_) => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use std::time::Duration;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn a_discarded_blob_comes_back_with_its_description_until_its_days_are_over() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        let id = blobs.put(b"steps").unwrap();
+        blobs.describe(&id, "ep_a", b"{}").unwrap();
+        let removing = blobs.removing().await.unwrap().unwrap();
+        assert_eq!(blobs.discard(&id, &removing).unwrap(), Some(5));
+        assert_eq!(blobs.discard(&id, &removing).unwrap(), None);
+        assert!(!blobs.contains(&id) && blobs.list().unwrap().is_empty());
+        assert_eq!(blobs.list_trash().unwrap().len(), 1);
+        assert!(blobs.take_back(&id).unwrap() && !blobs.take_back(&id).unwrap());
+        assert!(blobs.get(&id).is_ok() && blobs.is_described(&id, "ep_a"));
+        blobs.discard(&id, &removing).unwrap();
+        let hour = Duration::from_secs(3600);
+        let (before, after) = (SystemTime::now() - hour, SystemTime::now() + hour);
+        assert_eq!(blobs.empty_trash(before, |_| false).unwrap(), (0, 0));
+        assert_eq!(blobs.empty_trash(after, |json| json == b"{}").unwrap(), (0, 0));
+        assert_eq!(blobs.empty_trash(after, |_| false).unwrap(), (1, 5));
+        assert!(blobs.list_trash().unwrap().is_empty() && !blobs.take_back(&id).unwrap());
+    }
+}

@@ -1,0 +1,97 @@
+//! Keeps the sidecars beside the blobs as the rows are: what was queued because a row changed is written again.
+
+use std::time::Duration;
+
+use crate::{
+    blobs::Blobs,
+    domain::description::Description,
+    error::{Error, Result},
+    store::{Described, Store},
+};
+
+/// How often the queue is looked at.
+const LOOK_EVERY: Duration = Duration::from_secs(1);
+/// Rows that are described before the queue is told.
+const AT_ONCE: u32 = 256;
+
+/// Describes what is queued until it is dropped. Cut anywhere, it goes on at the next start.
+pub(super) async fn keep_described(store: Store, blobs: Blobs) {
+    if let Err(error) = queue_missing(&store, &blobs).await {
+        tracing::error!(%error, "missing sidecars were not looked for");
+    }
+    let mut failing = false;
+    loop {
+        match describe_queued(&store, &blobs).await {
+            Ok(_) => failing = false,
+            Err(error) if failing => tracing::debug!(%error, "sidecars are still not written"),
+            Err(error) => {
+                tracing::error!(%error, "sidecars are not written; the server tries again each second");
+                failing = true;
+            }
+        }
+        tokio::time::sleep(LOOK_EVERY).await;
+    }
+}
+
+/// Writes the sidecars of all queued rows, and gives how many rows that were.
+///
+/// # Errors
+/// When the database or the disk refuses.
+pub(super) async fn describe_queued(store: &Store, blobs: &Blobs) -> Result<usize> {
+    let mut all = 0;
+    loop {
+        let rows = store.undescribed(AT_ONCE).await?;
+        if rows.is_empty() {
+            return Ok(all);
+        }
+        for row in &rows {
+            let described = store.description(&row.id).await?;
+            let (blobs, id) = (blobs.clone(), row.id.clone());
+            let writing = tokio::task::spawn_blocking(move || write(&blobs, &id, &described));
+            writing.await.map_err(|error| Error::internal("writing a sidecar", error))??;
+        }
+        store.note_described(&rows).await?;
+        all += rows.len();
+    }
+}
+
+/// Queues the episodes whose sidecars somebody has removed.
+///
+/// # Errors
+/// When the database or the disk refuses.
+pub(super) async fn queue_missing(store: &Store, blobs: &Blobs) -> Result<()> {
+    let (all, blobs) = (store.kept_recordings().await?, blobs.clone());
+    let missing = tokio::task::spawn_blocking(move || {
+        let missing = all.into_iter().filter(|(id, blob)| !blobs.is_described(blob, id.as_str()));
+        missing.map(|(id, _)| id).collect::<Vec<_>>()
+    });
+    let missing = missing.await.map_err(|error| Error::internal("looking for sidecars", error))?;
+    if missing.is_empty() { Ok(()) } else { store.queue_sidecars(&missing).await }
+}
+
+fn write(blobs: &Blobs, id: &str, described: &Described) -> Result<()> {
+    match described {
+        Described::Task(description) => blobs.describe_task(id, &description.to_json()?),
+        // A blob that is gone is `check`'s to report.
+        Described::Beside(blob, description) if blobs.contains(blob) => {
+            blobs.describe(blob, id, &description.to_json()?)?;
+            forget_superseded(blobs, description)
+        }
+        Described::Beside(..) | Described::Gone => Ok(()),
+    }
+}
+
+/// Removes descriptions of the same recording as another episode of the same task: of finishes that a crash cut before
+/// their row.
+fn forget_superseded(blobs: &Blobs, description: &Description) -> Result<()> {
+    let Description::Recording(row) = description else { return Ok(()) };
+    for json in blobs.descriptions(&blobs.path(&row.recording))? {
+        if let Some(Description::Recording(other)) = Description::read(&json)
+            && other.task_id == row.task_id
+            && other.id != row.id
+        {
+            blobs.forget_description(&row.recording, other.id.as_str())?;
+        }
+    }
+    Ok(())
+}

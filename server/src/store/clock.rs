@@ -1,0 +1,102 @@
+//! The time that the database has seen pass. A clock that jumps, or a machine that was off for long, has something look
+//! older than it is to this lab: what is removed by age is removed only after the jumps within that age are taken off.
+
+use std::time::Duration;
+
+use super::{Store, fault, row};
+use crate::{domain::time::Millis, error::Result};
+
+/// Without the server, so much time passes unquestioned: a night, not a clock that was set wrong.
+const OFF: Duration = Duration::from_secs(24 * 60 * 60);
+/// A clock that is corrected by less does not jump.
+const CORRECTION: Duration = Duration::from_secs(60);
+
+impl Store {
+    /// Notes what the clock says now. `ran` is how long this process has run since it was noted before, by a clock that
+    /// does not jump; `None` when the process has just started. Gives the jump, if there was one.
+    pub(crate) async fn note_time(&self, now: Millis, ran: Option<Duration>) -> Result<Option<Duration>> {
+        let mut tx = self.write().await?;
+        let seen: Option<i64> = sqlx::query_scalar("select seen_at from lab")
+            .fetch_one(&mut *tx)
+            .await
+            .map_err(fault("reading when the clock was noted"))?;
+        let passed = seen.and_then(|seen| u64::try_from(now.0.saturating_sub(seen)).ok());
+        let passed = Duration::from_millis(passed.unwrap_or_default());
+        let (elapsed, jump) = match ran {
+            Some(ran) if passed > ran + CORRECTION => (ran, Some(passed - ran)),
+            None if passed > OFF => (Duration::ZERO, Some(passed)),
+            Some(_) | None => (passed, None),
+        };
+        if let Some(jump) = jump {
+            sqlx::query("insert into clock_jumps (elapsed_ms, jump_ms) select elapsed_ms + ?, ? from lab")
+                .bind(millis(elapsed))
+                .bind(millis(jump))
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("noting a jump of the clock"))?;
+        }
+        sqlx::query("update lab set elapsed_ms = elapsed_ms + ?, seen_at = ?")
+            .bind(millis(elapsed))
+            .bind(now.0)
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("noting the clock"))?;
+        self.commit(tx).await?;
+        Ok(jump)
+    }
+
+    /// How far the clock has jumped within the newest `age` of the time that the database has seen pass.
+    pub(crate) async fn jumped_within(&self, age: Duration) -> Result<Duration> {
+        let jumped: i64 = sqlx::query_scalar(
+            "select coalesce(sum(jump_ms), 0) from clock_jumps, lab where clock_jumps.elapsed_ms > lab.elapsed_ms - ?",
+        )
+        .bind(millis(age))
+        .fetch_one(self.read())
+        .await
+        .map_err(fault("asking for jumps of the clock"))?;
+        Ok(Duration::from_millis(row::count("clock_jumps.jump_ms", jumped)?))
+    }
+}
+
+fn millis(time: Duration) -> i64 {
+    i64::try_from(time.as_millis()).unwrap_or(i64::MAX)
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::{super::testing, *};
+
+    const DAY: Duration = Duration::from_secs(24 * 60 * 60);
+
+    #[tokio::test]
+    async fn a_jump_counts_until_its_age_has_really_passed() {
+        let (_dir, store) = testing::store().await;
+        let start = Millis(1_800_000_000_000);
+        assert_eq!(store.note_time(start, None).await.unwrap(), None, "a new database has seen nothing");
+        let night = start.after(DAY / 2);
+        assert_eq!(store.note_time(night, None).await.unwrap(), None);
+        let wrong = night.after(DAY * 40);
+        assert_eq!(store.note_time(wrong, None).await.unwrap(), Some(DAY * 40));
+        assert_eq!(store.jumped_within(DAY * 30).await.unwrap(), DAY * 40);
+        // A month of days, each seen by a running server.
+        for day in 1..=29 {
+            assert_eq!(store.note_time(wrong.after(DAY * day), Some(DAY)).await.unwrap(), None);
+        }
+        assert_eq!(store.jumped_within(DAY * 30).await.unwrap(), DAY * 40);
+        store.note_time(wrong.after(DAY * 30), Some(DAY)).await.unwrap();
+        assert_eq!(store.jumped_within(DAY * 30).await.unwrap(), Duration::ZERO);
+    }
+
+    #[tokio::test]
+    async fn a_clock_set_under_a_running_server_jumps_by_what_it_did_not_run() {
+        let (_dir, store) = testing::store().await;
+        let start = Millis(1_800_000_000_000);
+        store.note_time(start, None).await.unwrap();
+        let hour = DAY / 24;
+        assert_eq!(store.note_time(start.after(DAY + hour), Some(hour)).await.unwrap(), Some(DAY));
+        // Back again: nothing looks older than it is.
+        assert_eq!(store.note_time(start.after(hour * 2), Some(hour)).await.unwrap(), None);
+        assert_eq!(store.jumped_within(hour * 3).await.unwrap(), DAY);
+    }
+}

@@ -1,0 +1,228 @@
+//! Rows whose sidecars are missing or out of date, and the rows that are made again from sidecars.
+
+use super::{Store, episode, fault, is_duplicate, row};
+use crate::{
+    domain::{
+        description::{Description, Recording},
+        episode::InspectedEpisode,
+        id::{BlobId, EpisodeId, TaskId},
+        time::Millis,
+    },
+    error::{Kind, Result},
+};
+
+/// A row to be described.
+#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+pub(crate) struct Undescribed {
+    seq: i64,
+    /// Of a task, an episode, an encoder or a policy.
+    pub(crate) id: String,
+}
+
+/// What stands beside a blob, or among the tasks, for one row.
+#[derive(Debug)]
+pub(crate) enum Described {
+    /// Beside the blob.
+    Beside(BlobId, Description),
+    /// Among the tasks.
+    Task(Description),
+    /// The row is gone, or its recording.
+    Gone,
+}
+
+impl Store {
+    /// At most so many rows whose sidecars are to be written, oldest changes first.
+    pub(crate) async fn undescribed(&self, most: u32) -> Result<Vec<Undescribed>> {
+        sqlx::query_as("select seq, id from sidecar_queue order by seq limit ?")
+            .bind(most)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing rows without a sidecar"))
+    }
+
+    /// The episodes whose recordings are there, each with its recording.
+    pub(crate) async fn kept_recordings(&self) -> Result<Vec<(EpisodeId, BlobId)>> {
+        let rows: Vec<(String, String)> = sqlx::query_as("select id, recording from episodes where purged_at is null")
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing recordings"))?;
+        let read = |(id, blob)| Ok((row::id("episodes.id", id)?, row::id("episodes.recording", blob)?));
+        rows.into_iter().map(read).collect()
+    }
+
+    /// Has the sidecars of these episodes written again.
+    pub(crate) async fn queue_sidecars(&self, ids: &[EpisodeId]) -> Result<()> {
+        let mut tx = self.write().await?;
+        for id in ids {
+            sqlx::query("insert or replace into sidecar_queue (id) values (?)")
+                .bind(id.as_str())
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("queueing a sidecar"))?;
+        }
+        self.commit(tx).await
+    }
+
+    /// These rows' sidecars are on disk as the rows were when they were listed.
+    pub(crate) async fn note_described(&self, rows: &[Undescribed]) -> Result<()> {
+        let mut tx = self.write().await?;
+        for row in rows {
+            sqlx::query("delete from sidecar_queue where seq = ?")
+                .bind(row.seq)
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("noting a sidecar"))?;
+        }
+        self.commit(tx).await
+    }
+
+    /// The description of a row.
+    pub(crate) async fn description(&self, id: &str) -> Result<Described> {
+        let described = if let Ok(id) = EpisodeId::try_from(id.to_owned()) {
+            self.episode_description(&id).await
+        } else if let Ok(id) = TaskId::try_from(id.to_owned()) {
+            self.task_by_id(&id).await.map(|task| Described::Task(Description::task(&task)))
+        } else if let Ok(id) = id.to_owned().try_into() {
+            self.encoder(&id).await.map(|encoder| {
+                let (task_id, job_id) = (encoder.task_id, encoder.job_id);
+                let created_at = encoder.created_at;
+                Described::Beside(encoder.checkpoint, Description::Encoder { id, task_id, job_id, created_at })
+            })
+        } else {
+            let id = row::id("sidecar_queue.id", id.to_owned())?;
+            self.policy(&id).await.map(|policy| {
+                let (task_id, job_id, created_at) = (policy.task_id, policy.job_id, policy.created_at);
+                let description = Description::Policy { id, task_id, job_id, policy: policy.kind, created_at };
+                Described::Beside(policy.checkpoint, description)
+            })
+        };
+        match described {
+            Err(error) if error.kind() == Kind::NotFound => Ok(Described::Gone),
+            described => described,
+        }
+    }
+
+    async fn episode_description(&self, id: &EpisodeId) -> Result<Described> {
+        let inspected = self.episode(id).await?;
+        let labels = self.labels(id).await?;
+        let author = labels.last().map(|label| label.author.clone()).unwrap_or_default();
+        let recording = inspected.episode.recording.clone();
+        Ok(Described::Beside(recording, Description::recording(&inspected, &author)))
+    }
+
+    /// Makes the row of a task again; false when there is one of its id or its name.
+    pub(crate) async fn restore_task(
+        &self,
+        id: &TaskId,
+        spec: &gleaner_recording::TaskSpec,
+        created_at: Millis,
+    ) -> Result<bool> {
+        let mut tx = self.write().await?;
+        let inserted = sqlx::query("insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)")
+            .bind(id.as_str())
+            .bind(&spec.name)
+            .bind(row::to_json(spec)?)
+            .bind(created_at.0)
+            .execute(&mut *tx)
+            .await;
+        match inserted {
+            Err(error) if is_duplicate(&error) => return Ok(false),
+            inserted => inserted.map_err(fault("making a task again"))?,
+        };
+        self.commit(tx).await?;
+        Ok(true)
+    }
+
+    /// Makes the row of an episode again, with its present label as its first one; false when the database has it, or
+    /// its task has the recording as another episode.
+    ///
+    /// # Errors
+    /// NotFound when its task is not there.
+    pub(crate) async fn restore_episode(&self, described: Recording) -> Result<bool> {
+        self.task_by_id(&described.task_id).await?;
+        let mut tx = self.write().await?;
+        let known: bool = sqlx::query_scalar(
+            "select exists (select 1 from episodes where id = ?1 or (task_id = ?2 and recording = ?3))",
+        )
+        .bind(described.id.as_str())
+        .bind(described.task_id.as_str())
+        .bind(described.recording.as_str())
+        .fetch_one(&mut *tx)
+        .await
+        .map_err(fault("looking for an episode"))?;
+        if known {
+            return Ok(false);
+        }
+        let (author, deleted_at) = (described.author.clone(), described.deleted_at);
+        let inspected = InspectedEpisode::from(described);
+        episode::insert(&mut tx, &inspected, &author).await?;
+        if let Some(deleted_at) = deleted_at {
+            // Its days in the trash begin anew: how long it was there is not known.
+            sqlx::query("update episodes set deleted_at = ? where id = ?")
+                .bind(deleted_at.0.max(Millis::now().0))
+                .bind(inspected.episode.id.as_str())
+                .execute(&mut *tx)
+                .await
+                .map_err(fault("making an episode again"))?;
+        }
+        self.commit(tx).await?;
+        Ok(true)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::{super::testing, *};
+    use crate::domain::episode::{NewLabel, Outcome};
+
+    #[tokio::test]
+    async fn every_change_that_a_sidecar_repeats_is_queued_and_a_later_one_stays_queued() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let episode = testing::episode(&store, &task, Outcome::Unknown, "").await;
+        let first = store.undescribed(9).await.unwrap();
+        assert_eq!(
+            first.iter().map(|row| row.id.as_str()).collect::<Vec<_>>(),
+            [task.id.as_str(), episode.id.as_str()]
+        );
+        let label = NewLabel { outcome: Outcome::Success, cohort: None, author: "ada".into(), reason: String::new() };
+        store.label_episodes(std::slice::from_ref(&episode.id), &label).await.unwrap();
+        store.note_described(&first).await.unwrap();
+        let left = store.undescribed(9).await.unwrap();
+        assert_eq!((left.len(), left[0].id.as_str()), (1, episode.id.as_str()), "labelled after it was listed");
+        store.note_described(&left).await.unwrap();
+        store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
+        assert_eq!(store.undescribed(9).await.unwrap().len(), 1);
+        let Described::Beside(blob, Description::Recording(described)) =
+            store.description(episode.id.as_str()).await.unwrap()
+        else {
+            unreachable!("it is an episode")
+        };
+        assert_eq!(
+            (&blob, described.outcome, described.author.as_str()),
+            (&episode.recording, Outcome::Success, "ada")
+        );
+        assert!(described.deleted_at.is_some());
+    }
+
+    #[tokio::test]
+    async fn an_episode_made_again_is_the_same_episode() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let episode = testing::episode(&store, &task, Outcome::Failure, "night").await;
+        let Described::Beside(_, Description::Recording(described)) =
+            store.description(episode.id.as_str()).await.unwrap()
+        else {
+            unreachable!("it is an episode")
+        };
+        let (_other, empty) = testing::store().await;
+        assert_eq!(empty.restore_episode((*described).clone()).await.unwrap_err().kind(), Kind::NotFound);
+        assert!(empty.restore_task(&task.id, &task.spec, task.created_at).await.unwrap());
+        assert!(!empty.restore_task(&task.id, &task.spec, task.created_at).await.unwrap());
+        assert!(empty.restore_episode((*described).clone()).await.unwrap());
+        assert!(!empty.restore_episode((*described).clone()).await.unwrap());
+        let again = empty.episode(&episode.id).await.unwrap();
+        assert_eq!(Description::recording(&again, &described.author), Description::Recording(described));
+    }
+}

@@ -1,0 +1,143 @@
+//! Slips beside a server that does not run: each stops the start, and each has a way out that loses nothing.
+
+use std::{fs, path::Path};
+
+use super::{
+    folder::{Folder, refused, start, swept},
+    ids,
+};
+use crate::{api::Api, keeping::command};
+
+/// Deletes the files that belong to a database.
+fn without_companions(data: &Path) {
+    for suffix in ["-wal", "-shm"] {
+        let _ = fs::remove_file(data.join(format!("gleaner.db{suffix}")));
+    }
+}
+
+/// What an operator does by mistake, and whether a rebuild leaves an older database's rows.
+type Slip = (&'static str, fn(&Folder));
+
+const SLIPS: [Slip; 8] = [
+    ("the database is deleted with its companions", |lab| {
+        fs::remove_file(lab.path().join("gleaner.db")).unwrap();
+        without_companions(&lab.path());
+    }),
+    ("the database is deleted and its log is left", |lab| fs::remove_file(lab.path().join("gleaner.db")).unwrap()),
+    ("the database is emptied", |lab| {
+        fs::write(lab.path().join("gleaner.db"), "").unwrap();
+        without_companions(&lab.path());
+    }),
+    ("the database is cut in half", |lab| {
+        let path = lab.path().join("gleaner.db");
+        let bytes = fs::read(&path).unwrap();
+        fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
+        without_companions(&lab.path());
+    }),
+    ("the database is overwritten", |lab| {
+        fs::write(lab.path().join("gleaner.db"), vec![7; 100_000]).unwrap();
+        without_companions(&lab.path());
+    }),
+    ("the database was copied without its log", |lab| without_companions(&lab.path())),
+    ("an older database is put back", |lab| {
+        without_companions(&lab.path());
+        fs::copy(lab.older(), lab.path().join("gleaner.db")).unwrap();
+    }),
+    ("the stamp is deleted", |lab| fs::remove_file(lab.path().join("blobs/stamp.json")).unwrap()),
+];
+
+#[tokio::test]
+async fn each_slip_stops_the_start_and_a_rebuild_brings_every_recording_back() {
+    for (what, slip) in SLIPS {
+        let lab = Folder::used().await;
+        lab.backdate();
+        slip(&lab);
+        refused(&lab.path()).await;
+        refused(&lab.path()).await;
+        lab.nothing_is_lost();
+        let (_, text) = command(&["rebuild"], &lab.path()).await;
+        assert!(text.contains("rebuilt"), "{what}: {text}");
+        for _ in 0..2 {
+            let server = swept(&lab.path(), &["--workers", "0"]).await;
+            assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids(), "{what}: {text}");
+            lab.nothing_is_lost();
+        }
+        let (sound, text) = command(&["check"], &lab.path()).await;
+        assert!(sound, "{what}: {text}");
+    }
+}
+
+/// The third way out is a person's act, and costs no recording either.
+#[tokio::test]
+async fn an_accepted_database_moves_recordings_to_the_trash_and_no_sweep_deletes_them() {
+    for (what, slip) in [SLIPS[0], SLIPS[6]] {
+        let lab = Folder::used().await;
+        lab.backdate();
+        slip(&lab);
+        let (started, text) = start(&lab.path(), &["--accept-database"]).await;
+        assert!(started && text.contains("accepted by --accept-database"), "{what}: {text}");
+        // More recordings than any share allows, over again, with a trash that keeps nothing.
+        for _ in 0..3 {
+            let flags = ["--workers", "0", "--max-sweep-share", "1", "--trash-days", "0"];
+            drop(swept(&lab.path(), &flags).await);
+            lab.nothing_is_lost();
+        }
+        let (_, text) = command(&["rebuild"], &lab.path()).await;
+        assert!(text.contains("taken back from the trash"), "{what}: {text}");
+        let server = swept(&lab.path(), &["--workers", "0"]).await;
+        assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids(), "{what}: {text}");
+        lab.nothing_is_lost();
+    }
+}
+
+#[tokio::test]
+async fn the_database_of_another_lab_is_refused_and_set_aside() {
+    let (lab, other) = (Folder::used().await, tempfile::tempdir().unwrap());
+    drop(swept(other.path(), &["--workers", "0"]).await);
+    without_companions(&lab.path());
+    fs::copy(other.path().join("gleaner.db"), lab.path().join("gleaner.db")).unwrap();
+    lab.backdate();
+    refused(&lab.path()).await;
+    let (_, text) = command(&["rebuild"], &lab.path()).await;
+    assert!(text.contains("the database that was there is now"), "{text}");
+    let server = swept(&lab.path(), &["--workers", "0"]).await;
+    assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids());
+    lab.nothing_is_lost();
+}
+
+/// Folders beside the database: what is derived is made again, and nothing acknowledged was in it.
+#[tokio::test]
+async fn folders_of_derived_files_may_go_and_their_return_out_of_order_harms_nothing() {
+    let lab = Folder::used().await;
+    for folder in ["cache", "tmp", "uploads", "logs", "rollouts", "blobs/tasks"] {
+        let _ = fs::remove_dir_all(lab.path().join(folder));
+    }
+    lab.backdate();
+    let server = swept(&lab.path(), &["--workers", "0"]).await;
+    let mut api = Api::connect(&server).await;
+    assert_eq!(ids(&mut api).await, lab.ids());
+    crate::lab::push(&mut api, crate::lab::TASK, &crate::lab::RECORDINGS[9]).await.unwrap();
+    lab.nothing_is_lost();
+}
+
+#[tokio::test]
+async fn removed_sidecars_are_written_again() {
+    let lab = Folder::used().await;
+    let sidecars = || -> Vec<_> {
+        let folders = fs::read_dir(lab.path().join("blobs")).unwrap().map(|entry| entry.unwrap().path());
+        let hex = folders.filter(|path| path.is_dir() && path.file_name().is_some_and(|name| name.len() == 2));
+        let files = hex.flat_map(|folder| fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()));
+        files.filter(|path| path.extension().is_some_and(|extension| extension == "json")).collect()
+    };
+    assert_eq!(sidecars().len(), lab.ids().len());
+    for sidecar in sidecars() {
+        fs::remove_file(sidecar).unwrap();
+    }
+    let _server = swept(&lab.path(), &["--workers", "0"]).await;
+    let written = async {
+        while sidecars().len() < lab.ids().len() {
+            tokio::task::yield_now().await;
+        }
+    };
+    tokio::time::timeout(std::time::Duration::from_secs(60), written).await.expect("sidecars are not written");
+}
