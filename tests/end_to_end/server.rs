@@ -30,7 +30,8 @@ impl TestServer {
 
     /// Starts one with further flags of `serve`.
     pub async fn start_with(flags: &[&str]) -> Self {
-        let own = tempfile::tempdir().unwrap();
+        let owner_only = std::os::unix::fs::PermissionsExt::from_mode(0o700);
+        let own = tempfile::Builder::new().permissions(owner_only).tempdir().unwrap();
         let server = Self::start_over(own.path(), flags).await;
         Self { _own: Some(own), ..server }
     }

@@ -11,7 +11,7 @@ async fn a_sweep_that_is_cut_anywhere_is_gone_on_with() {
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
     for (point, recording) in
-        ["sweep.rows_removed", "sweep.committed", "blob.removed"].into_iter().zip(&*lab::RECORDINGS)
+        ["sweep.rows_removed", "sweep.committed", "sidecar.removed", "blob.removed"].into_iter().zip(&*lab::RECORDINGS)
     {
         let id = lab::push(&mut api, lab::TASK, recording).await.unwrap().id;
         let delete = DeleteEpisodesRequest { episode_ids: vec![id.clone()], force: false };
@@ -38,4 +38,40 @@ async fn a_sweep_that_is_cut_anywhere_is_gone_on_with() {
     }
     let (sound, said) = command(&["check"], server.data_dir()).await;
     assert!(sound, "{said}");
+}
+
+/// A blob that no row names is moved to the trash, and deleted from there by a later sweep; each step may be the last.
+#[tokio::test]
+async fn a_move_to_the_trash_that_is_cut_anywhere_is_gone_on_with() {
+    let flags = ["--workers", "0", "--trash-days", "0"];
+    let mut server = TestServer::start_with(&flags).await;
+    let mut api = Api::connect(&server).await;
+    lab::create_task(&mut api).await;
+    let episode = lab::push(&mut api, lab::TASK, &lab::RECORDINGS[0]).await.unwrap();
+    let blobs = server.data_dir().join("blobs");
+    for (number, point) in ["trash.blob_moved", "trash.moved", "trash.blob_deleted"].into_iter().enumerate() {
+        server.kill().await;
+        let content = format!("of a worker that died {number}");
+        let digest = blake3::hash(content.as_bytes()).to_hex().to_string();
+        let (folder, name) = digest.split_at(2);
+        let (place, trash) = (blobs.join(folder).join(name), blobs.join("trash").join(folder).join(name));
+        std::fs::create_dir_all(place.parent().unwrap()).unwrap();
+        std::fs::write(&place, &content).unwrap();
+        let long_ago = std::time::SystemTime::now() - std::time::Duration::from_secs(4 * 24 * 60 * 60);
+        std::fs::File::open(&place).unwrap().set_modified(long_ago).unwrap();
+        if point == "trash.blob_deleted" {
+            drop(crate::operator::folder::swept(server.data_dir(), &flags).await);
+        }
+        assert!(server.start_where_it_was(Some(point)).await);
+        server.died().await;
+        let (sound, text) = command(&["check"], server.data_dir()).await;
+        assert!(sound, "{point}: {text}");
+        for _ in 0..2 {
+            drop(crate::operator::folder::swept(server.data_dir(), &flags).await);
+        }
+        assert!(!place.exists() && !trash.exists(), "{point}");
+        assert!(server.start_where_it_was(None).await);
+    }
+    let request = GetEpisodeRequest { episode_id: episode.id };
+    Api::connect(&server).await.episodes.get_episode(request).await.unwrap();
 }

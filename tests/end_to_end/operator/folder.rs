@@ -31,7 +31,9 @@ struct Used {
 
 /// A copy of a used data folder.
 pub struct Folder {
-    dir: TempDir,
+    path: PathBuf,
+    /// Removed with the copy.
+    _dir: TempDir,
     acknowledged: Vec<(String, String)>,
 }
 
@@ -41,12 +43,13 @@ impl Folder {
     pub async fn used() -> Self {
         let used = USED.get_or_init(use_folder).await;
         let dir = tempfile::tempdir().unwrap();
-        copy(used.dir.path(), &dir.path().join("lab"));
-        Self { dir, acknowledged: used.acknowledged.clone() }
+        let path = dir.path().join("lab");
+        copy(used.dir.path(), &path);
+        Self { path, _dir: dir, acknowledged: used.acknowledged.clone() }
     }
 
-    pub fn path(&self) -> PathBuf {
-        self.dir.path().join("lab")
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// A copy of the database from before the last two recordings.
@@ -68,7 +71,7 @@ impl Folder {
 
     /// Every acknowledged recording is in the folder with its content.
     pub fn nothing_is_lost(&self) {
-        self.nothing_is_lost_in(&self.path());
+        self.nothing_is_lost_in(&self.path);
     }
 
     pub fn nothing_is_lost_in(&self, folder: &Path) {
@@ -78,7 +81,7 @@ impl Folder {
     }
 
     pub fn is_there(&self, digest: &str) {
-        assert!(find(&self.path(), digest), "a recording is gone");
+        assert!(find(&self.path, digest), "a recording is gone");
     }
 }
 
@@ -159,7 +162,10 @@ pub async fn start(data: &Path, flags: &[&str]) -> (bool, String) {
         started = answers => started,
         _ = child.wait() => false,
     };
-    child.start_kill().ok();
+    if started {
+        child.start_kill().unwrap();
+    }
+    // One that refuses ends by itself, once it has given the reason.
     child.wait().await.unwrap();
     let mut text = String::new();
     errors.read_to_string(&mut text).await.unwrap();

@@ -29,10 +29,10 @@ const SLIPS: [(&str, fn(&Path)); 6] = [
 async fn nothing_is_acknowledged_once_the_folder_was_changed_under_the_server() {
     for (message, slip) in SLIPS {
         let lab = Folder::used().await;
-        let server = TestServer::start_over(&lab.path(), &["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
+        let server = TestServer::start_over(lab.path(), &["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
         let mut api = Api::connect(&server).await;
         let before = ids(&mut api).await;
-        slip(&lab.path());
+        slip(lab.path());
         let label = LabelEpisodesRequest {
             episode_ids: vec![before[0].clone()],
             outcome: Outcome::Unknown.into(),
@@ -71,7 +71,7 @@ async fn not_serving(server: &TestServer, message: &str) {
 #[tokio::test]
 async fn what_a_deleted_database_held_is_saved_and_taken_up_again() {
     let lab = Folder::used().await;
-    let mut server = TestServer::start_over(&lab.path(), &["--workers", "0"]).await;
+    let mut server = TestServer::start_over(lab.path(), &["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     let newest = lab::push(&mut api, lab::TASK, &RECORDINGS[9]).await.unwrap();
     for suffix in ["", "-wal", "-shm"] {
@@ -91,7 +91,7 @@ async fn what_a_deleted_database_held_is_saved_and_taken_up_again() {
     tokio::time::timeout(Duration::from_secs(30), there).await.expect("nothing is saved");
     server.stop().await;
     fs::rename(saved().unwrap(), lab.path().join("gleaner.db")).unwrap();
-    let server = super::swept(&lab.path(), &["--workers", "0"]).await;
+    let server = super::swept(lab.path(), &["--workers", "0"]).await;
     let found = ids(&mut Api::connect(&server).await).await;
     assert!(found.contains(&newest.id) && found.len() == lab.ids().len() + 1, "{found:?}");
     lab.nothing_is_lost();

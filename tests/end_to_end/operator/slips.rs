@@ -21,26 +21,26 @@ type Slip = (&'static str, fn(&Folder));
 const SLIPS: [Slip; 8] = [
     ("the database is deleted with its companions", |lab| {
         fs::remove_file(lab.path().join("gleaner.db")).unwrap();
-        without_companions(&lab.path());
+        without_companions(lab.path());
     }),
     ("the database is deleted and its log is left", |lab| fs::remove_file(lab.path().join("gleaner.db")).unwrap()),
     ("the database is emptied", |lab| {
         fs::write(lab.path().join("gleaner.db"), "").unwrap();
-        without_companions(&lab.path());
+        without_companions(lab.path());
     }),
     ("the database is cut in half", |lab| {
         let path = lab.path().join("gleaner.db");
         let bytes = fs::read(&path).unwrap();
         fs::write(&path, &bytes[..bytes.len() / 2]).unwrap();
-        without_companions(&lab.path());
+        without_companions(lab.path());
     }),
     ("the database is overwritten", |lab| {
         fs::write(lab.path().join("gleaner.db"), vec![7; 100_000]).unwrap();
-        without_companions(&lab.path());
+        without_companions(lab.path());
     }),
-    ("the database was copied without its log", |lab| without_companions(&lab.path())),
+    ("the database was copied without its log", |lab| without_companions(lab.path())),
     ("an older database is put back", |lab| {
-        without_companions(&lab.path());
+        without_companions(lab.path());
         fs::copy(lab.older(), lab.path().join("gleaner.db")).unwrap();
     }),
     ("the stamp is deleted", |lab| fs::remove_file(lab.path().join("blobs/stamp.json")).unwrap()),
@@ -52,17 +52,17 @@ async fn each_slip_stops_the_start_and_a_rebuild_brings_every_recording_back() {
         let lab = Folder::used().await;
         lab.backdate();
         slip(&lab);
-        refused(&lab.path()).await;
-        refused(&lab.path()).await;
+        refused(lab.path()).await;
+        refused(lab.path()).await;
         lab.nothing_is_lost();
-        let (_, text) = command(&["rebuild"], &lab.path()).await;
+        let (_, text) = command(&["rebuild"], lab.path()).await;
         assert!(text.contains("rebuilt"), "{what}: {text}");
         for _ in 0..2 {
-            let server = swept(&lab.path(), &["--workers", "0"]).await;
+            let server = swept(lab.path(), &["--workers", "0"]).await;
             assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids(), "{what}: {text}");
             lab.nothing_is_lost();
         }
-        let (sound, text) = command(&["check"], &lab.path()).await;
+        let (sound, text) = command(&["check"], lab.path()).await;
         assert!(sound, "{what}: {text}");
     }
 }
@@ -74,17 +74,17 @@ async fn an_accepted_database_moves_recordings_to_the_trash_and_no_sweep_deletes
         let lab = Folder::used().await;
         lab.backdate();
         slip(&lab);
-        let (started, text) = start(&lab.path(), &["--accept-database"]).await;
+        let (started, text) = start(lab.path(), &["--accept-database"]).await;
         assert!(started && text.contains("accepted by --accept-database"), "{what}: {text}");
         // More recordings than any share allows, over again, with a trash that keeps nothing.
         for _ in 0..3 {
             let flags = ["--workers", "0", "--max-sweep-share", "1", "--trash-days", "0"];
-            drop(swept(&lab.path(), &flags).await);
+            drop(swept(lab.path(), &flags).await);
             lab.nothing_is_lost();
         }
-        let (_, text) = command(&["rebuild"], &lab.path()).await;
+        let (_, text) = command(&["rebuild"], lab.path()).await;
         assert!(text.contains("taken back from the trash"), "{what}: {text}");
-        let server = swept(&lab.path(), &["--workers", "0"]).await;
+        let server = swept(lab.path(), &["--workers", "0"]).await;
         assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids(), "{what}: {text}");
         lab.nothing_is_lost();
     }
@@ -94,13 +94,13 @@ async fn an_accepted_database_moves_recordings_to_the_trash_and_no_sweep_deletes
 async fn the_database_of_another_lab_is_refused_and_set_aside() {
     let (lab, other) = (Folder::used().await, tempfile::tempdir().unwrap());
     drop(swept(other.path(), &["--workers", "0"]).await);
-    without_companions(&lab.path());
+    without_companions(lab.path());
     fs::copy(other.path().join("gleaner.db"), lab.path().join("gleaner.db")).unwrap();
     lab.backdate();
-    refused(&lab.path()).await;
-    let (_, text) = command(&["rebuild"], &lab.path()).await;
+    refused(lab.path()).await;
+    let (_, text) = command(&["rebuild"], lab.path()).await;
     assert!(text.contains("the database that was there is now"), "{text}");
-    let server = swept(&lab.path(), &["--workers", "0"]).await;
+    let server = swept(lab.path(), &["--workers", "0"]).await;
     assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids());
     lab.nothing_is_lost();
 }
@@ -113,7 +113,7 @@ async fn folders_of_derived_files_may_go_and_their_return_out_of_order_harms_not
         let _ = fs::remove_dir_all(lab.path().join(folder));
     }
     lab.backdate();
-    let server = swept(&lab.path(), &["--workers", "0"]).await;
+    let server = swept(lab.path(), &["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     assert_eq!(ids(&mut api).await, lab.ids());
     crate::lab::push(&mut api, crate::lab::TASK, &crate::lab::RECORDINGS[9]).await.unwrap();
@@ -133,7 +133,7 @@ async fn removed_sidecars_are_written_again() {
     for sidecar in sidecars() {
         fs::remove_file(sidecar).unwrap();
     }
-    let _server = swept(&lab.path(), &["--workers", "0"]).await;
+    let _server = swept(lab.path(), &["--workers", "0"]).await;
     let written = async {
         while sidecars().len() < lab.ids().len() {
             tokio::task::yield_now().await;
