@@ -11,6 +11,7 @@ mod curation;
 pub mod domain;
 pub mod error;
 pub mod fail_point;
+pub mod file_limit;
 pub mod ingest;
 pub mod jobs;
 pub mod keeping;
