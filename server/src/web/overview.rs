@@ -193,3 +193,6 @@ fn sheet(tasks: Vec<TaskOverview>) -> Sheet {
     };
     Sheet { name: "tasks".to_owned(), columns, rows: tasks.into_iter().map(row).collect() }
 }
+
+#[cfg(test)]
+mod tests;
