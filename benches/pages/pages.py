@@ -11,6 +11,7 @@ import json
 import os
 import pathlib
 import random
+import shutil
 import sqlite3
 import statistics
 import subprocess
@@ -95,6 +96,30 @@ def fill(database: pathlib.Path, episodes: int, steps: int) -> None:
     rows.close()
 
 
+def add_tasks(database: pathlib.Path, tasks: int, each: int) -> None:
+    """Adds tasks like the one there is, with a few episodes each."""
+    chance = random.Random(8)
+    rows = sqlite3.connect(database)
+    spec, report = rows.execute("select spec, report from tasks join episodes on task_id = tasks.id limit 1").fetchone()
+    begin = int(time.time() * 1000) - 40 * 86_400_000
+    with rows:
+        for number in range(tasks):
+            at = begin + number * 60_000
+            task, name = f"task_{ulid(at, chance)}", f"{chance.choice(['pick', 'push', 'fold', 'pour'])}_{number:04}"
+            rows.execute(
+                "insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)",
+                [task, name, json.dumps({**json.loads(spec), "name": name}), at],
+            )
+            for episode in range(each):
+                rows.execute(
+                    "insert into episodes (id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping,"
+                    " warnings, report, outcome, cohort, created_at) values (?, ?, ?, ?, ?, 200, 20, 'gleaner', 0, ?, ?, ?, ?)",
+                    [f"ep_{ulid(at, chance)}", task, f"{episode:06}.mcap", f"{chance.getrandbits(256):064x}", 3_000_000,
+                     report, chance.choice(OUTCOMES), f"cohort_{chance.randrange(12)}", at],
+                )
+    rows.close()
+
+
 def scored(rows, run, position, episode, steps, chance):
     base = chance.random()
     q = array.array("f", (min(1.0, max(0.0, base + chance.gauss(0, 0.2))) for _ in range(steps)))
@@ -118,14 +143,17 @@ def ask(url: str) -> tuple[float, int]:
 
 def addresses(database: pathlib.Path) -> list[tuple[str, str]]:
     rows = sqlite3.connect(database)
-    (task,) = rows.execute("select name from tasks").fetchone()
     run, snapshot, encoder = rows.execute("select id, snapshot_id, encoder_id from score_runs").fetchone()
+    (task,) = rows.execute("select name from tasks join score_runs on task_id = tasks.id").fetchone()
     real = rows.execute("select id from episodes where file_name not like '0%.mcap'").fetchone()[0]
-    (camera,) = rows.execute("select json_extract(spec, '$.cameras[0].name') from tasks").fetchone()
+    (camera,) = rows.execute("select json_extract(spec, '$.cameras[0].name') from tasks where name = ?", [task]).fetchone()
     job = rows.execute("select id from jobs where kind = 'pretrain'").fetchone()[0]
     episodes = f"/tasks/{task}/episodes"
     return [
         ("overview", "/"),
+        ("overview, page 10", "/?page=10"),
+        ("overview, searched", "/?text=fold"),
+        ("overview as JSON", "/?format=json"),
         ("episodes", episodes),
         ("episodes by mean q", f"{episodes}?sort=mean_q"),
         ("episodes, filtered", f"{episodes}?outcome=failure&cohort=cohort_3&q_from=0.2&q_to=0.8"),
@@ -150,6 +178,8 @@ def main() -> None:
     arguments.add_argument("--bin", type=pathlib.Path, required=True, help="where the programs are")
     arguments.add_argument("--episodes", type=int, default=10_000)
     arguments.add_argument("--steps", type=int, default=200)
+    arguments.add_argument("--tasks", type=int, default=0, help="further tasks, with 10 episodes each")
+    arguments.add_argument("--keep", type=pathlib.Path, help="leave the data folder here")
     arguments.add_argument("--times", type=int, default=30)
     arguments.add_argument("--json", type=pathlib.Path, help="write the numbers here too")
     given = arguments.parse_args()
@@ -160,6 +190,7 @@ def main() -> None:
         database = folder / "data" / "gleaner.db"
         print(f"adding {given.episodes} episodes of {given.steps} segments …", flush=True)
         fill(database, given.episodes, given.steps)
+        add_tasks(database, given.tasks, 10)
         server = Server(given.bin.resolve(), folder / "data", workers=0)
         table = {}
         for name, path in addresses(database):
@@ -167,6 +198,8 @@ def main() -> None:
             rest = sorted(each for each, _ in took[1:])
             table[name] = {"first": took[0][0], "p50": statistics.median(rest), "worst": rest[-1], "bytes": took[0][1]}
         server.stop()
+        if given.keep:
+            shutil.copytree(folder / "data", given.keep)
     print(f"\n| page | first, ms | p50, ms | worst of {given.times}, ms | KiB |\n|---|---:|---:|---:|---:|")
     for name, row in table.items():
         print(f"| {name} | {row['first']:.0f} | {row['p50']:.1f} | {row['worst']:.0f} | {row['bytes'] / 1024:.0f} |")

@@ -2,7 +2,7 @@
 
 use rustix::{
     io::Errno,
-    process::{Resource, Rlimit, Signal, set_parent_process_death_signal, setrlimit},
+    process::{Resource, Rlimit, Signal, getrlimit, set_parent_process_death_signal, setrlimit},
 };
 
 use crate::{InspectError, Order};
@@ -37,8 +37,15 @@ pub fn take(order: &Order) -> Result<(), InspectError> {
     limit_to(Resource::Cpu, order.seconds, order.seconds.saturating_add(1)).map_err(fault)
 }
 
+/// Limits a resource. A lower limit that the process has already stays: to raise it is refused to most users.
 fn limit_to(resource: Resource, soft: u64, hard: u64) -> std::result::Result<(), Errno> {
-    setrlimit(resource, Rlimit { current: Some(soft), maximum: Some(hard) })
+    setrlimit(resource, lowered(soft, hard, getrlimit(resource)))
+}
+
+fn lowered(soft: u64, hard: u64, present: Rlimit) -> Rlimit {
+    let maximum = present.maximum.map_or(hard, |maximum| maximum.min(hard));
+    let current = present.current.map_or(soft, |current| current.min(soft)).min(maximum);
+    Rlimit { current: Some(current), maximum: Some(maximum) }
 }
 
 /// Bytes of address space that this process has taken.
@@ -55,4 +62,21 @@ fn taken() -> std::io::Result<Taken> {
     };
     let bytes = |name| kib(name).map(|kib| kib << 10).ok_or_else(|| std::io::Error::other(format!("no {name}")));
     Ok(Taken { size: bytes("VmSize")?, data: bytes("VmData")? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lower_limit_that_is_there_stays() {
+        let limits = |present: (Option<u64>, Option<u64>)| {
+            let Rlimit { current, maximum } = lowered(120, 121, Rlimit { current: present.0, maximum: present.1 });
+            (current, maximum)
+        };
+        assert_eq!(limits((None, None)), (Some(120), Some(121)));
+        assert_eq!(limits((Some(200), Some(300))), (Some(120), Some(121)));
+        assert_eq!(limits((Some(64), None)), (Some(64), Some(121)));
+        assert_eq!(limits((Some(64), Some(64))), (Some(64), Some(64)));
+    }
 }

@@ -90,7 +90,7 @@ pub struct ServeConfig {
     /// Where the server tells of itself.
     #[command(flatten)]
     pub telemetry: TelemetryConfig,
-    /// How long unfinished uploads are kept.
+    /// How many unfinished uploads a caller may have, and how long they are kept.
     #[command(flatten)]
     pub uploads: UploadsConfig,
     /// How long what nobody wants is kept, and what the disk is spared.
@@ -119,8 +119,9 @@ pub struct LimitConfig {
     /// Time of the process that inspects a recording, in seconds (processor and wall clock each).
     #[arg(long, env = "GLEANER_INSPECT_SECONDS", default_value_t = 120)]
     pub inspect_seconds: u64,
-    /// Recordings inspected at once.
-    #[arg(long, env = "GLEANER_INSPECT_PARALLEL", default_value_t = 2)]
+    /// Limit on recordings inspected at once, shared fairly between callers: above 1, one caller gets at most all but one.
+    /// More inspections at once take more processors and memory.
+    #[arg(long, env = "GLEANER_INSPECT_PARALLEL", default_value_t = 3)]
     pub inspect_parallel: usize,
     /// Concurrent streams of one connection.
     #[arg(long, env = "GLEANER_MAX_STREAMS", default_value_t = 256)]

@@ -164,12 +164,18 @@ pub(crate) const DISK_FULL: &str =
 pub(crate) const DISK_READ_ONLY: &str =
     "the server's disk cannot be written: nothing was kept of this request. Once that is mended, try again";
 
+/// The message for a write beyond the largest file that the process or the file system allows.
+pub(crate) const FILE_TOO_LARGE: &str = "a file of the server has reached the largest size that its process or its file \
+     system allows: nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or use \
+     another file system, then try again";
+
 /// Whether the disk refused, somewhere down the causes of an error.
 fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static str> {
     let mut cause: Option<&(dyn StdError + 'static)> = Some(error);
     while let Some(error) = cause {
         match error.downcast_ref::<std::io::Error>().map(std::io::Error::kind) {
             Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded) => return Some(DISK_FULL),
+            Some(ErrorKind::FileTooLarge) => return Some(FILE_TOO_LARGE),
             Some(ErrorKind::ReadOnlyFilesystem) => return Some(DISK_READ_ONLY),
             // One that carries another says its own cause.
             Some(_) | None => cause = error.source(),
@@ -207,7 +213,7 @@ mod tests {
 
     #[test]
     fn a_disk_that_takes_nothing_is_a_limit_whoever_says_so() {
-        for (number, told) in [(28, DISK_FULL), (122, DISK_FULL), (30, DISK_READ_ONLY)] {
+        for (number, told) in [(28, DISK_FULL), (122, DISK_FULL), (27, FILE_TOO_LARGE), (30, DISK_READ_ONLY)] {
             let refused = || io::Error::from_raw_os_error(number);
             let wrapped = io::Error::other(Outer(refused()));
             for error in [

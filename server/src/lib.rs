@@ -12,6 +12,7 @@ pub mod data_folder;
 pub mod domain;
 pub mod error;
 pub mod fail_point;
+pub mod file_limit;
 pub mod ingest;
 pub mod jobs;
 pub mod keeping;

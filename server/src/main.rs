@@ -8,7 +8,7 @@ use gleaner_server::{
     config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TokenConfig},
     data_folder,
     error::{Error, Result},
-    ingest,
+    file_limit, ingest,
     lock::DataLock,
     shutdown,
     telemetry::{self, Telling, Traces},
@@ -62,17 +62,26 @@ fn main() -> ExitCode {
 
 #[tokio::main(flavor = "current_thread")]
 async fn keep(command: KeepingCommand) -> Result<bool> {
+    survive_file_limit();
     gleaner_server::keeping::run(&command, &mut std::io::stdout().lock()).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn token(config: TokenConfig) -> Result<()> {
+    survive_file_limit();
     gleaner_server::access::command::token(config, &mut std::io::stdout().lock()).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn audit(config: AuditConfig) -> Result<()> {
+    survive_file_limit();
     gleaner_server::access::command::audit(config, &mut std::io::stdout().lock()).await
+}
+
+fn survive_file_limit() {
+    if let Err(error) = file_limit::survive_limit() {
+        tracing::warn!(%error, "a write beyond the file size limit would end the process");
+    }
 }
 
 /// What must be there before anything is said.
@@ -115,6 +124,7 @@ async fn serve(config: ServeConfig) -> Result<()> {
     if let Err(error) = shutdown::outlive_hangups() {
         tracing::warn!(%error, "SIGHUP would end the server");
     }
+    survive_file_limit();
     // Before anything is said: who starts a server must not wait for one that will not serve, and may stop it at once.
     let asked = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
     ingest::can_inspect()?;

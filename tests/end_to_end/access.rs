@@ -100,11 +100,19 @@ async fn nothing_but_its_health_is_told_to_who_has_no_token() {
     let health = "/grpc.health.v1.Health/Check";
     // The message that asks reflection for the list of services.
     const LIST_SERVICES: [u8; 2] = [0x3a, 0];
-    let reflection = "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo";
     assert_eq!(raw::call(&channel, health, None, Vec::new()).await, Code::Ok);
-    assert_eq!(raw::call(&channel, reflection, None, Vec::new()).await, Code::Unauthenticated);
     let viewer = server.token("viewer", &[]).await;
-    assert_eq!(raw::call(&channel, reflection, Some(&viewer), LIST_SERVICES.to_vec()).await, Code::Ok);
+    for reflection in [
+        "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
+        "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
+    ] {
+        assert_eq!(raw::call(&channel, reflection, None, Vec::new()).await, Code::Unauthenticated, "{reflection}");
+        assert_eq!(
+            raw::call(&channel, reflection, Some(&viewer), LIST_SERVICES.to_vec()).await,
+            Code::Ok,
+            "{reflection}"
+        );
+    }
     assert_eq!(
         raw::call(&channel, "/gleaner.v1.TaskService/Nothing", Some(&viewer), Vec::new()).await,
         Code::Unimplemented

@@ -7,7 +7,10 @@ use gleaner_proto::v1::*;
 use tokio::{io::AsyncWriteExt as _, net::TcpStream, sync::oneshot, time::timeout};
 use tonic::{Code, transport::Channel};
 use tonic_health::pb::{HealthCheckRequest, health_check_response::ServingStatus, health_client::HealthClient};
-use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
+use tonic_reflection::pb::{
+    v1::server_reflection_client::ServerReflectionClient,
+    v1alpha::server_reflection_client::ServerReflectionClient as ServerReflectionAlphaClient,
+};
 
 use crate::{
     api::Api,
@@ -36,12 +39,15 @@ async fn each_service_says_that_it_stops() {
     // Reflection is asked and stays open too.
     let mut reflected = ServerReflectionClient::new(channel.clone());
     let mut reflected = reflected.server_reflection_info(stream::pending()).await.unwrap().into_inner();
+    let mut reflected_alpha = ServerReflectionAlphaClient::new(channel.clone());
+    let mut reflected_alpha = reflected_alpha.server_reflection_info(stream::pending()).await.unwrap().into_inner();
     let told = async {
         for (service, watch) in &mut watches {
             assert_eq!(watch.next().await.unwrap().unwrap().status(), ServingStatus::NotServing, "{service}");
             assert_eq!(watch.next().await.unwrap().unwrap_err().code(), Code::Unavailable, "{service}");
         }
         assert!(!matches!(reflected.message().await, Ok(Some(_))));
+        assert!(!matches!(reflected_alpha.message().await, Ok(Some(_))));
     };
     // Nobody has gone, and it waits for nobody.
     let (stopped, ()) = timeout(PATIENCE, async { tokio::join!(server.stop(), told) }).await.unwrap();

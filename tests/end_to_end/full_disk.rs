@@ -66,7 +66,7 @@ impl Drop for SmallDisk {
     }
 }
 
-async fn label(api: &mut Api, id: &str) -> Result<(), tonic::Status> {
+pub async fn label(api: &mut Api, id: &str) -> Result<(), tonic::Status> {
     let request = LabelEpisodesRequest {
         episode_ids: vec![id.to_owned()],
         outcome: Outcome::Unknown.into(),
@@ -77,7 +77,7 @@ async fn label(api: &mut Api, id: &str) -> Result<(), tonic::Status> {
 }
 
 /// Until it is refused, as what is on hand of the database's log may be used up first.
-async fn refused(api: &mut Api, id: &str) -> tonic::Status {
+pub async fn refused(api: &mut Api, id: &str) -> tonic::Status {
     for _ in 0..5000 {
         if let Err(status) = label(api, id).await {
             return status;
@@ -86,7 +86,7 @@ async fn refused(api: &mut Api, id: &str) -> tonic::Status {
     panic!("a full disk took 5000 labels");
 }
 
-async fn sound(data_dir: &Path) {
+pub async fn sound(data_dir: &Path) {
     let (sound, said) = command(&["check"], data_dir).await;
     assert!(sound, "{said}");
 }

@@ -23,6 +23,7 @@ mod drain;
 mod evaluations;
 mod experiment;
 mod face;
+mod file_limit;
 mod full_disk;
 mod happy;
 mod in_time;

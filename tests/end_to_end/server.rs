@@ -102,6 +102,26 @@ impl TestServer {
         listening(&mut self.child).await.is_some()
     }
 
+    /// Starts one that may write files of at most so many bytes (`ulimit -f`).
+    pub async fn start_with_file_limit(bytes: u64, flags: &[&str]) -> Self {
+        let own = tempfile::tempdir().unwrap();
+        let flags: Vec<String> = flags.iter().map(|&flag| flag.to_owned()).collect();
+        let plain = serve(own.path(), &flags, "127.0.0.1:0");
+        let mut command = Command::new("prlimit");
+        command.arg(format!("--fsize={bytes}")).arg(plain.as_std().get_program()).args(plain.as_std().get_args());
+        command.env("GLEANER_LOG", QUIET).stdout(Stdio::piped()).kill_on_drop(true);
+        let mut child = command.spawn().unwrap();
+        let (url, pages) = listening(&mut child).await.expect("the server ended before it listened");
+        Self { data: own.path().to_owned(), _own: Some(own), flags, child, url, pages }
+    }
+
+    /// Changes the limit on files of the running server; `None` lifts it.
+    pub fn limit_files(&self, bytes: Option<u64>) {
+        let pid = rustix::process::Pid::from_raw(i32::try_from(self.pid()).unwrap());
+        let limit = rustix::process::Rlimit { current: bytes, maximum: None };
+        rustix::process::prlimit(pid, rustix::process::Resource::Fsize, limit).unwrap();
+    }
+
     /// Starts one as the first process of a namespace of its own, as in a container; `None` where that may not be.
     pub async fn start_as_init(data: &Path, flags: &[&str]) -> Option<Self> {
         let unshare = ["--user", "--map-root-user", "--pid", "--fork", "--kill-child"];

@@ -7,7 +7,8 @@ use super::{
     table::Need,
 };
 use crate::{
-    domain::{access::Role, id::TokenId},
+    connections::Link,
+    domain::{access::Role, client::Client, id::TokenId},
     error::{Error, Result},
 };
 
@@ -28,6 +29,18 @@ impl Caller {
     pub(crate) fn of<T>(request: &tonic::Request<T>) -> Result<Self> {
         let caller = request.extensions().get::<Self>().cloned();
         caller.ok_or_else(|| Error::internal("asking who calls", "no guard stands before this service"))
+    }
+
+    /// The client that a request's work is counted for: its token, or its address where it has none.
+    ///
+    /// # Errors
+    /// Internal when no guard stands before the service, or the connection is not one of this server's.
+    pub(crate) fn client_of<T>(request: &tonic::Request<T>) -> Result<Client> {
+        if let Self::Known(held) = Self::of(request)? {
+            return Ok(Client::token(&held.token.id));
+        }
+        let client = request.extensions().get::<Link>().map(Link::client);
+        client.ok_or_else(|| Error::internal("finding a request's client", "its connection has no address"))
     }
 
     /// Lets it do what needs this.

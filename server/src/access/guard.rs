@@ -28,7 +28,8 @@ use super::{
     worker::Worker,
 };
 use crate::{
-    connections::{self, Call, Client, Connections, Link},
+    connections::{self, Call, Connections, Link},
+    domain::client::Client,
     error::Result,
     jobs::Jobs,
     store::Store,
@@ -197,9 +198,9 @@ impl Callers {
     /// Exhausted, saying when to try again.
     fn count(&self, request: &Request<Body>, known: Option<&Held>) -> Result<Option<Call>> {
         let client = match known {
-            Some(held) => Some(Client::Token(held.token.id.as_str().into())),
+            Some(held) => Some(Client::token(&held.token.id)),
             // None over a connection that is not ours.
-            None => request.extensions().get::<Link>().map(Client::at),
+            None => request.extensions().get::<Link>().map(Link::client),
         };
         client.map(|client| self.connections.count(client)).transpose()
     }

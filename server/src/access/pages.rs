@@ -15,8 +15,8 @@ use super::{
     table::{Need, page_rule},
 };
 use crate::{
-    connections::{Call, Client, Connections, Link},
-    domain::{access::AuditEntry, time::Millis},
+    connections::{Call, Connections, Link},
+    domain::{access::AuditEntry, client::Client, time::Millis},
     error::Result,
     store::Store,
     web::Page,
@@ -45,8 +45,8 @@ impl PageGuard {
     pub(crate) async fn admit(&self, shown: Option<&str>, link: &Link) -> Result<(Call, Result<Caller>)> {
         let known: Option<Arc<Held>> = shown.and_then(|hash| self.reception.known(hash));
         let client = match &known {
-            Some(held) => Client::Token(held.token.id.as_str().into()),
-            None => Client::at(link),
+            Some(held) => Client::token(&held.token.id),
+            None => link.client(),
         };
         let call = self.connections.count(client)?;
         Ok((call, self.reception.authenticate(shown, known).await))

@@ -30,10 +30,11 @@ pub(super) struct Rule {
 }
 
 /// What every gRPC server has, beside our own services.
-pub(super) const STANDARD: [(&str, Need); 3] = [
+pub(super) const STANDARD: [(&str, Need); 4] = [
     ("/grpc.health.v1.Health/Check", Need::Nothing),
     ("/grpc.health.v1.Health/Watch", Need::Nothing),
     ("/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", Need::Least(Role::Viewer)),
+    ("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", Need::Least(Role::Viewer)),
 ];
 
 static RULES: LazyLock<HashMap<&str, Rule>> = LazyLock::new(|| {
@@ -182,6 +183,7 @@ mod tests {
             gleaner_proto::DESCRIPTORS,
             tonic_health::pb::FILE_DESCRIPTOR_SET,
             tonic_reflection::pb::v1::FILE_DESCRIPTOR_SET,
+            tonic_reflection::pb::v1alpha::FILE_DESCRIPTOR_SET,
         ];
         let pools = sets.map(|set| DescriptorPool::decode(set).unwrap());
         let services = pools.iter().flat_map(DescriptorPool::services);

@@ -2,7 +2,6 @@
 
 use std::{
     collections::HashMap,
-    net::IpAddr,
     num::NonZeroU32,
     sync::{
         Arc, Mutex, MutexGuard, PoisonError,
@@ -13,9 +12,9 @@ use std::{
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter, clock::Clock as _};
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 
-use super::{link::Link, places::household};
 use crate::{
     config::ConnectionsConfig,
+    domain::client::Client,
     error::{Error, Result},
 };
 
@@ -33,22 +32,6 @@ const NO_QUESTIONS: [&str; 9] = [
 ];
 /// Calls between two times at which clients that have not called for a while are forgotten.
 const TIDY_EVERY: u32 = 4096;
-
-/// Who a call is counted for.
-#[derive(Debug, Clone, PartialEq, Eq, Hash)]
-pub(crate) enum Client {
-    /// Whoever has this token, by its id.
-    Token(Arc<str>),
-    /// Whoever is at this address and has no token.
-    Address(IpAddr),
-}
-
-impl Client {
-    /// Whoever is at the other end of a connection.
-    pub(crate) fn at(link: &Link) -> Self {
-        Self::Address(household(link.peer().ip()))
-    }
-}
 
 /// The clients' calls.
 pub(super) struct Calls {

@@ -8,7 +8,8 @@ use std::{
     },
 };
 
-use super::offer::Offers;
+use super::{offer::Offers, places::household};
+use crate::domain::client::Client;
 
 /// One connection; clones are the same one.
 #[derive(Debug, Clone)]
@@ -33,6 +34,11 @@ impl Link {
     /// Who is at the other end.
     pub(crate) fn peer(&self) -> SocketAddr {
         self.0.peer
+    }
+
+    /// The client at the other end, as far as its address tells.
+    pub(crate) fn client(&self) -> Client {
+        Client::Address(household(self.peer().ip()))
     }
 
     /// A call has come on it.

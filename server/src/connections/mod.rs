@@ -23,13 +23,13 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::{
     accept::{Incoming, incoming},
-    calls::{Call, Client},
+    calls::Call,
     guarded::Guarded,
     layer::{CallsLayer, refused},
     link::Link,
 };
 use self::{calls::Calls, places::Places};
-use crate::{config::ConnectionsConfig, error::Result};
+use crate::{config::ConnectionsConfig, domain::client::Client, error::Result};
 
 /// Descriptors that are not for connections: the database, blobs, pipes to children.
 const SPARED: u64 = 256;

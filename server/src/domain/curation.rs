@@ -29,6 +29,19 @@ pub struct TaskOverview {
     pub cohorts: u64,
 }
 
+/// All tasks in sum; the trash is left out.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Totals {
+    /// The tasks there are.
+    pub tasks: u64,
+    /// Their episodes.
+    pub episodes: u64,
+    /// The recorded time, in hours.
+    pub hours: f64,
+    /// What the recordings take on disk, in bytes.
+    pub bytes: u64,
+}
+
 /// Which of a task's episodes a table shows; the trash never.
 #[derive(Debug, Clone, Default)]
 pub struct TableFilter {

@@ -3,6 +3,7 @@
 use gleaner_recording::Report;
 
 use super::{
+    client::Client,
     id::{BlobId, EpisodeId, TaskId, UploadId},
     time::Millis,
 };
@@ -137,4 +138,6 @@ pub struct Upload {
     pub cohort: String,
     /// Who labels.
     pub author: String,
+    /// The client that opened it, which its inspection is counted for too.
+    pub client: Client,
 }

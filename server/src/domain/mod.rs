@@ -4,6 +4,7 @@
 
 pub mod access;
 pub mod attempt;
+pub mod client;
 pub mod curation;
 pub mod dataset;
 pub(crate) mod description;

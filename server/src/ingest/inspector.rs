@@ -1,4 +1,4 @@
-//! Starts inspections: child processes, so many at once, each with limits and a deadline.
+//! Starts inspections: child processes, a limited number at once, each with limits and a deadline.
 
 use std::{
     ffi::OsString,
@@ -12,16 +12,14 @@ use gleaner_inspector::{Order, RecordingsConfig, Verdict};
 use gleaner_recording::{Limits, Report, TaskSpec};
 use rustix::process::Signal;
 use tempfile::TempDir;
-use tokio::{
-    io::AsyncReadExt as _,
-    process::Command,
-    sync::{Semaphore, SemaphorePermit},
-};
+use tokio::{io::AsyncReadExt as _, process::Command};
 
-use super::{off_runtime, program::program, sync_folder};
+use super::{off_runtime, program::program, slots::Slots, sync_folder};
 use crate::{
     config::{LimitConfig, worker_environment},
+    domain::client::Client,
     error::{Error, Result},
+    file_limit::largest_file,
 };
 
 /// Most bytes of a child's standard error that are kept for the log.
@@ -40,7 +38,7 @@ pub(super) struct Inspector {
     seconds: u64,
     /// What a recording may hold.
     limits: RecordingsConfig,
-    permits: Semaphore,
+    pub(super) slots: Slots,
 }
 
 /// A recording that passed.
@@ -58,7 +56,7 @@ impl Inspector {
             memory_bytes: limits.inspect_memory_bytes,
             seconds: limits.inspect_seconds,
             limits: limits.recordings.clone(),
-            permits: Semaphore::new(limits.inspect_parallel.max(1)),
+            slots: Slots::new(limits.inspect_parallel),
         })
     }
 
@@ -68,13 +66,19 @@ impl Inspector {
         Self { command, ..self }
     }
 
-    /// Reads a recording under limits. `shown` is what the caller knows the file as.
+    /// Reads a recording under limits, in a slot of the client's. `shown` is what the client knows the file as.
     ///
     /// # Errors
     /// Invalid when the task cannot use the recording, or reading it broke a limit; Unavailable when the inspection
     /// was stopped; Internal when it failed by itself.
-    pub(super) async fn inspect(&self, recording: &Path, spec: &TaskSpec, shown: &str) -> Result<Inspected> {
-        self.inspect_within(&self.limits, recording, spec, shown).await
+    pub(super) async fn inspect(
+        &self,
+        client: &Client,
+        recording: &Path,
+        spec: &TaskSpec,
+        shown: &str,
+    ) -> Result<Inspected> {
+        self.inspect_within(&self.limits, client, recording, spec, shown).await
     }
 
     /// Reads a recording that was let in before, maybe under wider limits on what it may hold than today's.
@@ -83,17 +87,18 @@ impl Inspector {
     /// As [`Inspector::inspect`].
     pub(super) async fn inspect_admitted(&self, recording: &Path, spec: &TaskSpec) -> Result<Inspected> {
         let admitted = RecordingsConfig::from(Limits::ADMITTED);
-        self.inspect_within(&admitted, recording, spec, "the stored recording").await
+        self.inspect_within(&admitted, &Client::Server, recording, spec, "the stored recording").await
     }
 
     async fn inspect_within(
         &self,
         limits: &RecordingsConfig,
+        client: &Client,
         recording: &Path,
         spec: &TaskSpec,
         shown: &str,
     ) -> Result<Inspected> {
-        let _permit = self.permit().await?;
+        let _slot = self.slots.take(client).await?;
         let folder = self.prepare(Some(spec)).await?;
         let order = Order { limits: limits.clone(), ..self.order(recording, folder.path()) };
         let Verdict::Usable(report) = self.verdict(&order, shown).await? else {
@@ -107,17 +112,13 @@ impl Inspector {
     /// # Errors
     /// Invalid when it has not even a beginning, or reading it broke a limit; Unavailable; Internal.
     pub(super) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
-        let _permit = self.permit().await?;
+        let _slot = self.slots.take(&Client::Server).await?;
         let folder = self.prepare(None).await?;
         let order = Order { salvage: Some(out.to_owned()), ..self.order(torn, folder.path()) };
         let Verdict::Salvaged(actions) = self.verdict(&order, "the recording").await? else {
             return Err(Error::internal("mending a recording", "the verdict is of another kind"));
         };
         Ok(actions)
-    }
-
-    async fn permit(&self) -> Result<SemaphorePermit<'_>> {
-        self.permits.acquire().await.map_err(|error| Error::internal("waiting for an inspection", error))
     }
 
     async fn prepare(&self, spec: Option<&TaskSpec>) -> Result<TempDir> {
@@ -211,6 +212,10 @@ impl Inspector {
         let mib = self.memory_bytes >> 20;
         match status.signal().and_then(Signal::from_named_raw) {
             Some(Signal::XCPU) => self.took_too_long(),
+            Some(Signal::XFSZ) if largest_file().is_some_and(|most| most < self.memory_bytes) => Error::exhausted(
+                "the recording's decoded images take more than the file size limit of the server's process: raise it \
+                 there (`ulimit -f`, LimitFSIZE= of its service), then push the file again",
+            ),
             Some(Signal::XFSZ) => Error::invalid(
                 "recording",
                 format!(

@@ -6,6 +6,7 @@ use super::{Ingest, NewUpload, Started, off_runtime};
 use crate::{
     blobs::{self, sync_folder},
     domain::{
+        client::Client,
         episode::{Episode, Outcome},
         id::{TaskId, UploadId},
     },
@@ -46,7 +47,8 @@ impl Ingest {
         let NewRecording { task_id, file_name, outcome, cohort, author } = new;
         let existing = || async { self.store.episode_of(&task_id, &blake3).await };
         let (task, digest) = (task_id.clone(), blake3.clone());
-        let new = NewUpload { task_id: task, file_name, size_bytes, blake3: digest, outcome, cohort, author };
+        let client = Client::Server;
+        let new = NewUpload { task_id: task, file_name, size_bytes, blake3: digest, outcome, cohort, author, client };
         let stored = match self.start(new).await {
             Ok(Started::Existing(episode)) => Ok(episode),
             Ok(Started::Open(upload)) => self.finish_file(&upload.id, recording, size_bytes).await,

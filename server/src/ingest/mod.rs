@@ -6,12 +6,14 @@
 mod claim;
 #[cfg(test)]
 mod contract;
+mod fair_queue;
 mod inspector;
 mod keep;
 mod part;
 mod passing;
 mod program;
 mod recover;
+mod slots;
 #[cfg(test)]
 pub(crate) mod testing;
 #[cfg(test)]
@@ -55,6 +57,8 @@ pub struct Ingest {
     passing: Arc<Semaphore>,
     data_dir: Arc<Path>,
     max_upload_bytes: u64,
+    /// `None`: any number.
+    max_open_uploads: Option<u64>,
     /// How long an upload that nobody goes on with is kept.
     keep_for: Duration,
 }
@@ -75,6 +79,7 @@ impl Ingest {
             passing: Arc::new(Semaphore::new(passing::AT_ONCE)),
             data_dir,
             max_upload_bytes: config.limits.max_upload_bytes,
+            max_open_uploads: config.uploads.max_open_per_client(),
             keep_for: config.uploads.keep_for(),
         })
     }

@@ -106,5 +106,11 @@ pub(super) fn refused(doing: &str, path: &Path, error: io::Error) -> Error {
     if matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) {
         return Error::exhausted("the server's disk is full; free some space there and go on with the upload");
     }
+    if error.kind() == io::ErrorKind::FileTooLarge {
+        return Error::exhausted(
+            "the recording has reached the largest file that the server's process or file system allows: raise the \
+             limit there (`ulimit -f`, LimitFSIZE= of its service), then push the file again; the upload resumes",
+        );
+    }
     Error::internal(format!("{doing} {}", path.display()), error)
 }

@@ -9,7 +9,10 @@ use gleaner_recording::{Episode as Frames, Report, TaskSpec};
 use tokio::{fs::File, io::AsyncWriteExt as _, sync::OwnedSemaphorePermit};
 
 use super::{Ingest, off_runtime, open_frames, part::refused};
-use crate::error::{Error, Result};
+use crate::{
+    domain::client::Client,
+    error::{Error, Result},
+};
 
 /// Most such recordings at once: each may take as much disk as the largest upload, and then as much for its steps.
 pub(super) const AT_ONCE: usize = 4;
@@ -44,13 +47,14 @@ pub(crate) struct Passing {
 }
 
 impl Ingest {
-    /// Inspects a recording as an upload would be, and forgets it.
+    /// Inspects a recording of the client's as an upload would be, and forgets it.
     ///
     /// # Errors
     /// Invalid when the task cannot use it, or it has another size than was declared; Exhausted when it is too large
     /// or too many are looked at; what broke the stream.
     pub(crate) async fn pass(
         &self,
+        client: &Client,
         task: &TaskSpec,
         declared: Declared,
         chunks: impl Stream<Item = Result<Bytes>> + Unpin,
@@ -70,7 +74,7 @@ impl Ingest {
         let recording = folder.path().join("recording.mcap");
         self.receive(&recording, &declared, chunks).await?;
         let shown = if declared.file_name.is_empty() { "the recording" } else { &declared.file_name };
-        let inspected = self.inspector.inspect(&recording, task, shown).await;
+        let inspected = self.inspector.inspect(client, &recording, task, shown).await;
         let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
         let frames = open_frames(inspected.frames_path()).await?;
         let report = inspected.report.clone();

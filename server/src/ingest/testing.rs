@@ -21,6 +21,7 @@ use crate::{
     blobs::Blobs,
     config::{Cli, Command, ServeConfig},
     domain::{
+        client::Client,
         episode::{InspectedEpisode, Outcome, Upload},
         id::UploadId,
         task::Task,
@@ -55,11 +56,16 @@ pub(crate) fn room(rooms: &Arc<Semaphore>) -> Room {
 
 /// An ingest whose inspector is this shell script. It finds `$recording`, `$report` and `$frames`.
 pub(crate) async fn playing(script: &str) -> Fixture {
+    playing_with(script, &[]).await
+}
+
+/// As [`playing`], with further flags of `serve`.
+pub(super) async fn playing_with(script: &str, flags: &[&str]) -> Fixture {
     let script = format!(
         r#"while [ $# -gt 1 ]; do case $1 in --recording) recording=$2;; --report) report=$2;; --frames) frames=$2;; esac
         shift 2; done; {script}"#
     );
-    fixture(vec!["sh".into(), "-c".into(), script.into(), "sh".into()], &[]).await
+    fixture(vec!["sh".into(), "-c".into(), script.into(), "sh".into()], flags).await
 }
 
 /// An ingest over a folder and a database that there are.
@@ -129,6 +135,7 @@ impl Fixture {
             outcome: Outcome::Success,
             cohort: "ada".into(),
             author: "tests".into(),
+            client: Client::Token("tests".into()),
         }
     }
 
@@ -144,7 +151,7 @@ impl Fixture {
     pub(super) async fn beside(&self, upload: &Upload) -> Upload {
         let other = Upload { id: UploadId::new(), ..upload.clone() };
         super::part::create(&self.ingest.part_path(&other.id)).unwrap();
-        self.store.insert_upload(&other).await.unwrap();
+        self.store.insert_upload(&other, None).await.unwrap();
         other
     }
 

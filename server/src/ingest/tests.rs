@@ -223,5 +223,7 @@ async fn a_start_puts_right_what_a_crash_left() {
     assert_eq!(f.ingest.blobs.get(&placed.blake3).unwrap(), b"placed");
 }
 
+/// How clients share inspections, and how many uploads one may have open.
+mod callers;
 /// What a real inspection reads, refuses and stops.
 mod inspected;

@@ -6,6 +6,7 @@ use super::{Ingest, off_runtime, part};
 use crate::{
     blobs,
     domain::{
+        client::Client,
         description::Description,
         episode::{Episode, InspectedEpisode, Outcome, Upload},
         id::{BlobId, EpisodeId, TaskId, UploadId},
@@ -13,6 +14,7 @@ use crate::{
         time::{Millis, seconds},
     },
     error::{Error, Kind, Result},
+    file_limit::largest_file,
 };
 
 /// What a client declares of a recording it is going to send.
@@ -25,6 +27,8 @@ pub(crate) struct NewUpload {
     pub(crate) outcome: Outcome,
     pub(crate) cohort: String,
     pub(crate) author: String,
+    /// The client that the upload and its inspection are counted for.
+    pub(crate) client: Client,
 }
 
 /// How an upload starts.
@@ -40,7 +44,8 @@ impl Ingest {
     /// Opens an upload, or goes on with one of the same content that nobody is at.
     ///
     /// # Errors
-    /// Exists when the task holds the content under another label; Exhausted above the size limit.
+    /// Exists when the task holds the content under another label; Exhausted above the size limit, or when the client
+    /// has as many uploads open as one may.
     pub(crate) async fn start(&self, new: NewUpload) -> Result<Started> {
         if new.size_bytes > self.max_upload_bytes {
             return Err(Error::exhausted(format!(
@@ -49,6 +54,13 @@ impl Ingest {
             )));
         }
         self.store.verify()?;
+        if let Some(most) = largest_file().filter(|most| new.size_bytes > *most) {
+            return Err(Error::exhausted(format!(
+                "size_bytes: {} is above the file size limit of the server's process, {most} bytes: raise it there \
+                 (`ulimit -f`, LimitFSIZE= of its service), then push the file again",
+                new.size_bytes
+            )));
+        }
         let upload = new.open();
         if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
             let existing = same_label(existing, upload.outcome, &upload.cohort)?;
@@ -74,9 +86,29 @@ impl Ingest {
         off_runtime("making a part file", move || part::create(&path)).await?;
         crate::fail_point::pass("upload.part_made");
         self.claims.promise(&upload.id);
-        self.store.insert_upload(&upload).await?;
+        if !self.store.insert_upload(&upload, self.most_open(&upload.client)).await? {
+            self.discard(&upload.id).await?;
+            return Err(self.too_many_open());
+        }
         crate::fail_point::pass("upload.row_made");
         Ok(Started::Open(upload))
+    }
+
+    /// The most uploads that the client may have open. Recordings of sessions were accepted from robots before.
+    fn most_open(&self, client: &Client) -> Option<u64> {
+        match client {
+            Client::Token(_) | Client::Address(_) => self.max_open_uploads,
+            Client::Server => None,
+        }
+    }
+
+    fn too_many_open(&self) -> Error {
+        let (most, days) = (self.max_open_uploads.unwrap_or_default(), self.keep_for.as_secs() / (24 * 60 * 60));
+        Error::exhausted(format!(
+            "{most} uploads of this caller are open, the most that the server allows (--max-open-uploads-per-caller): \
+             finish them by pushing the same files again, or wait until the server removes them {days} days after \
+             their last byte (--keep-uploads-days)"
+        ))
     }
 
     /// An open upload, with how much of it is on disk.
@@ -141,7 +173,7 @@ impl Ingest {
         .await?;
         crate::fail_point::pass("upload.digest_checked");
         let task = self.store.task_by_id(&upload.task_id).await?;
-        let inspected = self.inspector.inspect(&recording, &task.spec, &upload.file_name).await;
+        let inspected = self.inspector.inspect(&upload.client, &recording, &task.spec, &upload.file_name).await;
         let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
         crate::fail_point::pass("upload.inspected");
         inspected.keep_frames(&super::frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
@@ -218,8 +250,9 @@ impl Ingest {
 
 impl NewUpload {
     fn open(self) -> Upload {
-        let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author } = self;
-        Upload { id: UploadId::new(), task_id, file_name, size_bytes, blake3, committed: 0, outcome, cohort, author }
+        let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author, client } = self;
+        let id = UploadId::new();
+        Upload { id, task_id, file_name, size_bytes, blake3, committed: 0, outcome, cohort, author, client }
     }
 }
 

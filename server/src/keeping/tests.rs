@@ -45,7 +45,7 @@ pub(super) async fn lab() -> Lab {
     for (content, outcome) in [(b"success", Outcome::Success), (b"failure", Outcome::Failure)] {
         let upload = crate::domain::episode::Upload { outcome, ..testing::upload(&task, content) };
         recording = Some(blobs.put(content).unwrap());
-        store.insert_upload(&upload).await.unwrap();
+        store.insert_upload(&upload, None).await.unwrap();
         store.finish_upload(&upload, &testing::inspected(&task, &upload)).await.unwrap();
     }
     let encoder = results::encoder(&store, &task).await;

@@ -20,9 +20,10 @@ use crate::{
 pub(crate) struct Episodes(pub(crate) Rooms);
 
 impl Episodes {
-    async fn start(&self, request: v1::StartUploadRequest) -> Result<v1::StartUploadResponse> {
+    async fn start(&self, request: Request<v1::StartUploadRequest>) -> Result<v1::StartUploadResponse> {
+        let (client, request) = (Caller::client_of(&request)?, request.into_inner());
         let task = self.0.store.task(&request.task).await?;
-        let started = self.0.ingest.start(wire::episode::start_request(request, task.id)?).await?;
+        let started = self.0.ingest.start(wire::episode::start_request(request, task.id, client)?).await?;
         Ok(wire::episode::start_response(started))
     }
 
@@ -108,7 +109,7 @@ impl EpisodeService for Episodes {
         &self,
         request: Request<v1::StartUploadRequest>,
     ) -> tonic::Result<Response<v1::StartUploadResponse>> {
-        self.start(request.into_inner()).await.map(Response::new).map_err(from_error)
+        self.start(request).await.map(Response::new).map_err(from_error)
     }
 
     async fn write_upload(

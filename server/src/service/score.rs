@@ -6,6 +6,7 @@ use tonic::{Request, Response, Streaming};
 
 use super::Rooms;
 use crate::{
+    access::Caller,
     error::Result,
     wire::{self, status::from_error},
 };
@@ -89,7 +90,8 @@ impl ScoreService for Scores {
         &self,
         request: Request<Streaming<v1::ScoreRecordingRequest>>,
     ) -> tonic::Result<Response<v1::ScoreRecordingResponse>> {
-        self.0.score_recording(request.into_inner()).await.map(Response::new).map_err(from_error)
+        let client = Caller::client_of(&request).map_err(from_error)?;
+        self.0.score_recording(&client, request.into_inner()).await.map(Response::new).map_err(from_error)
     }
 
     async fn score_steps(

@@ -9,6 +9,7 @@ use tonic::Streaming;
 
 use super::Rooms;
 use crate::{
+    domain::client::Client,
     error::Result,
     ingest::Passing,
     policies::observation,
@@ -20,16 +21,17 @@ use crate::{
 };
 
 impl Rooms {
-    /// Scores a recording while nothing of it is stored.
+    /// Scores a recording of the client's while nothing of it is stored.
     pub(super) async fn score_recording(
         &self,
+        client: &Client,
         requests: Streaming<v1::ScoreRecordingRequest>,
     ) -> Result<v1::ScoreRecordingResponse> {
         let mut requests = patient(requests, self.scoring_terms());
         let (run, declared) = scoring::recording_open(requests.next().await.transpose()?)?;
         let ready = self.scorers.load(&run).await?;
         let chunks = requests.map(|request| request.and_then(scoring::recording_data));
-        let Passing { frames, report, room } = self.ingest.pass(&ready.task().spec, declared, chunks).await?;
+        let Passing { frames, report, room } = self.ingest.pass(client, &ready.task().spec, declared, chunks).await?;
         let scores = ready.score_recording(&frames, room).await?;
         Ok(scoring::recording_response(scores, ready.experts(), report))
     }

@@ -20,10 +20,7 @@ use tokio::{
 use tokio_util::task::AbortOnDropHandle;
 use tonic::{service::Routes, transport::Server};
 use tonic_health::pb::health_server;
-use tonic_reflection::{
-    pb::v1::server_reflection_server::{self, ServerReflection, ServerReflectionServer},
-    server::Builder,
-};
+use tonic_reflection::{pb, server::Builder};
 
 use super::{
     Rooms, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace,
@@ -175,16 +172,25 @@ async fn routes(rooms: &Rooms) -> Result<(Routes, Health)> {
         PolicyServiceServer(PoliciesFace): limit,
         GrpcInferenceServiceServer(InferenceFace): limit,
     );
-    let reflection = reflection(&health)?;
-    Ok((routes.add_service(Until::new(reflection, rooms.stopping.clone())), health))
+    let fault = |error| Error::internal("building server reflection", error);
+    let (v1, v1alpha) = (reflection(&health).build_v1(), reflection(&health).build_v1alpha());
+    let routes = routes
+        .add_service(Until::new(v1.map_err(fault)?, rooms.stopping.clone()))
+        .add_service(Until::new(v1alpha.map_err(fault)?, rooms.stopping.clone()));
+    Ok((routes, health))
 }
 
-/// Tells of every service here; not of the workers', which is elsewhere.
-fn reflection(health: &Health) -> Result<ServerReflectionServer<impl ServerReflection>> {
-    let told = health.services().chain([health_server::SERVICE_NAME, server_reflection_server::SERVICE_NAME]);
-    told.fold(tonic_reflection::server::Builder::configure(), Builder::with_service_name)
+/// Reflection of every service here, but not of the workers' service, which has a listener of its own. Older clients ask
+/// by v1alpha, which gives the same answers as v1.
+fn reflection(health: &Health) -> Builder<'static> {
+    const V1: &str = pb::v1::server_reflection_server::SERVICE_NAME;
+    const V1_ALPHA: &str = pb::v1alpha::server_reflection_server::SERVICE_NAME;
+    let names = health.services().chain([health_server::SERVICE_NAME, V1, V1_ALPHA]);
+    names
+        .fold(Builder::configure(), Builder::with_service_name)
         .register_encoded_file_descriptor_set(gleaner_proto::DESCRIPTORS)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
-        .build_v1()
-        .map_err(|error| Error::internal("building server reflection", error))
+        // The builder adds the descriptors of one version by itself.
+        .register_encoded_file_descriptor_set(pb::v1::FILE_DESCRIPTOR_SET)
+        .register_encoded_file_descriptor_set(pb::v1alpha::FILE_DESCRIPTOR_SET)
 }

@@ -1,6 +1,14 @@
 //! What a database error means: our fault, or a disk that takes nothing more, or one that is too slow.
 
-use crate::error::{DISK_FULL, DISK_READ_ONLY, Error};
+use crate::{
+    error::{DISK_FULL, DISK_READ_ONLY, Error},
+    file_limit::largest_file,
+};
+
+/// SQLite reports a write beyond the process's file size limit as any other write that failed.
+const FILE_LIMIT_REACHED: &str = "the server's database cannot be written: its files have reached the file size limit of \
+     the server's process, or the disk fails. Nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= \
+     of its service), then try again";
 
 /// SQLite's codes, with the extended part where only that tells.
 const BUSY: i32 = 5;
@@ -17,13 +25,23 @@ pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
         }
         let code = error.as_database_error().and_then(|error| error.code()?.parse::<i32>().ok());
         match code {
-            Some(code) if code == FULL => Error::refused_by_disk(DISK_FULL, doing, error),
-            Some(code) if code & 0xff == READ_ONLY || WRITE_FAILED.contains(&code) => {
-                Error::refused_by_disk(DISK_READ_ONLY, doing, error)
-            }
             Some(code) if code & 0xff == BUSY => too_slow(),
-            Some(_) | None => Error::internal(doing, error),
+            Some(code) => match refusal(code, largest_file().is_some()) {
+                Some(why) => Error::refused_by_disk(why, doing, error),
+                None => Error::internal(doing, error),
+            },
+            None => Error::internal(doing, error),
         }
+    }
+}
+
+/// The reason why the disk refused, if it did. `limited`: this process has a file size limit.
+fn refusal(code: i32, limited: bool) -> Option<&'static str> {
+    match code {
+        FULL => Some(DISK_FULL),
+        code if WRITE_FAILED.contains(&code) && limited => Some(FILE_LIMIT_REACHED),
+        code if code & 0xff == READ_ONLY || WRITE_FAILED.contains(&code) => Some(DISK_READ_ONLY),
+        _ => None,
     }
 }
 
@@ -49,7 +67,7 @@ mod tests {
         let mut refused = None;
         for _ in 0..1000 {
             let upload = testing::upload(&task, &[7; 100]);
-            if let Err(error) = store.insert_upload(&upload).await {
+            if let Err(error) = store.insert_upload(&upload, None).await {
                 refused = Some(error);
                 break;
             }
@@ -59,7 +77,7 @@ mod tests {
         assert!(error.message().contains("disk is full") && error.to_string().contains("opening an upload"), "{error}");
         assert_eq!(store.tasks().await.unwrap().len(), 1, "reading goes on");
         // SQLite has rolled back by itself: the connection is not left in a transaction that is none.
-        let again = store.insert_upload(&testing::upload(&task, &[7; 100])).await.err().map(|error| error.kind());
+        let again = store.insert_upload(&testing::upload(&task, &[7; 100]), None).await.err().map(|error| error.kind());
         assert!(matches!(again, None | Some(Kind::Exhausted)), "{again:?}");
         testing::run(&store, &format!("{pages}1000000")).await;
         testing::episode(&store, &task, Outcome::Success, "").await;
@@ -71,9 +89,20 @@ mod tests {
         let task = testing::task(&store).await;
         store.close().await;
         let look = Look::open(&dir.path().join("gleaner.db")).await.unwrap();
-        let error = look.store.insert_upload(&testing::upload(&task, b"x")).await.unwrap_err();
+        let error = look.store.insert_upload(&testing::upload(&task, b"x"), None).await.unwrap_err();
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
         assert!(error.message().contains("cannot be written"), "{error}");
+    }
+
+    /// The end-to-end tests have a real limit; here is every code.
+    #[test]
+    fn a_failed_write_of_a_process_with_a_file_size_limit_names_the_limit() {
+        use super::{DISK_FULL, DISK_READ_ONLY, FILE_LIMIT_REACHED, FULL, READ_ONLY, WRITE_FAILED, refusal};
+        for code in WRITE_FAILED {
+            assert_eq!((refusal(code, true), refusal(code, false)), (Some(FILE_LIMIT_REACHED), Some(DISK_READ_ONLY)));
+        }
+        assert_eq!((refusal(FULL, true), refusal(READ_ONLY, true)), (Some(DISK_FULL), Some(DISK_READ_ONLY)));
+        assert_eq!(refusal(1, true), None);
     }
 
     /// A disk that takes its time holds up who writes, and nobody who reads.
@@ -83,7 +112,7 @@ mod tests {
         let task = testing::task(&store).await;
         let slow = store.write().await.unwrap();
         let upload = testing::upload(&task, b"waits");
-        let waiting = store.insert_upload(&upload);
+        let waiting = store.insert_upload(&upload, None);
         tokio::pin!(waiting);
         assert!(futures::poll!(&mut waiting).is_pending());
         assert_eq!(store.tasks().await.unwrap().len(), 1);

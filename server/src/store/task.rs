@@ -123,6 +123,15 @@ impl Store {
         .collect()
     }
 
+    /// The id and the name of every task, by name.
+    pub(crate) async fn task_names(&self) -> Result<Vec<(TaskId, String)>> {
+        let rows: Vec<(String, String)> = sqlx::query_as("select id, name from tasks order by name")
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing the names of tasks"))?;
+        rows.into_iter().map(|(id, name)| Ok((row::id("tasks.id", id)?, name))).collect()
+    }
+
     /// How many episodes a task has, by outcome.
     pub(crate) async fn outcome_counts(&self, task: &TaskId) -> Result<OutcomeCounts> {
         let (success, failure, unknown) = sqlx::query_as::<_, (i64, i64, i64)>(

@@ -11,6 +11,7 @@ use tempfile::TempDir;
 
 use super::Store;
 use crate::domain::{
+    client::Client,
     episode::{Episode, InspectedEpisode, Outcome, Upload},
     id::{EpisodeId, UploadId},
     task::Task,
@@ -59,6 +60,7 @@ pub(crate) fn upload(task: &Task, content: &[u8]) -> Upload {
         outcome: Outcome::Success,
         cohort: String::new(),
         author: "tests".into(),
+        client: Client::Token("tests".into()),
     }
 }
 
@@ -86,7 +88,7 @@ pub(crate) fn inspected(task: &Task, upload: &Upload) -> InspectedEpisode {
 pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort: &str) -> Episode {
     let content = format!("recording {}", CONTENT.fetch_add(1, Ordering::Relaxed));
     let upload = Upload { outcome, cohort: cohort.to_owned(), ..upload(task, content.as_bytes()) };
-    store.insert_upload(&upload).await.unwrap();
+    store.insert_upload(&upload, None).await.unwrap();
     store.finish_upload(&upload, &inspected(task, &upload)).await.unwrap()
 }
 

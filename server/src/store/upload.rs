@@ -3,6 +3,7 @@
 use super::{Store, episode, fault, row};
 use crate::{
     domain::{
+        client::Client,
         episode::{Episode, InspectedEpisode, Outcome, Upload},
         id::{BlobId, TaskId, UploadId},
         time::Millis,
@@ -11,7 +12,7 @@ use crate::{
 };
 
 const COLUMNS: &str =
-    "select id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author from uploads ";
+    "select id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author, client from uploads ";
 
 #[derive(sqlx::FromRow)]
 struct UploadRow {
@@ -24,6 +25,7 @@ struct UploadRow {
     outcome: String,
     cohort: String,
     author: String,
+    client: String,
 }
 
 impl UploadRow {
@@ -38,17 +40,20 @@ impl UploadRow {
             outcome: row::parsed("uploads.outcome", Outcome::from_word(&self.outcome))?,
             cohort: self.cohort,
             author: self.author,
+            client: row::parsed("uploads.client", Client::parse(&self.client))?,
         })
     }
 }
 
 impl Store {
-    /// Opens an upload.
-    pub(crate) async fn insert_upload(&self, upload: &Upload) -> Result<()> {
+    /// Opens an upload, unless its client has `most` open already; says whether it is open. `None`: any number.
+    pub(crate) async fn insert_upload(&self, upload: &Upload, most: Option<u64>) -> Result<bool> {
         let mut tx = self.write().await?;
-        sqlx::query(
+        // Counted and inserted in one statement: concurrent starts cannot pass the limit together.
+        let inserted = sqlx::query(
             "insert into uploads (id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author, \
-                 created_at) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+                 client, created_at) select ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11 \
+                 where ?12 is null or (select count(*) from uploads where client = ?10) < ?12",
         )
         .bind(upload.id.as_str())
         .bind(upload.task_id.as_str())
@@ -59,11 +64,14 @@ impl Store {
         .bind(upload.outcome.as_str())
         .bind(&upload.cohort)
         .bind(&upload.author)
+        .bind(upload.client.to_string())
         .bind(Millis::now().0)
+        .bind(most.map(row::stored))
         .execute(&mut *tx)
         .await
         .map_err(fault("opening an upload"))?;
-        self.commit(tx).await
+        self.commit(tx).await?;
+        Ok(inserted.rows_affected() == 1)
     }
 
     /// An open upload.
@@ -171,7 +179,7 @@ mod tests {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let upload = testing::upload(&task, b"recording");
-        store.insert_upload(&upload).await.unwrap();
+        store.insert_upload(&upload, None).await.unwrap();
         store.commit_upload(&upload.id, 7).await.unwrap();
         store.commit_upload(&upload.id, 4).await.unwrap();
         assert_eq!(store.upload(&upload.id).await.unwrap().committed, 7);
@@ -185,7 +193,7 @@ mod tests {
         let (one, two) = (testing::upload(&task, b"recording"), testing::upload(&task, b"recording"));
         let mut finished = Vec::new();
         for upload in [&one, &two] {
-            store.insert_upload(upload).await.unwrap();
+            store.insert_upload(upload, None).await.unwrap();
             let episode = testing::inspected(&task, upload);
             finished.push(store.finish_upload(upload, &episode).await.unwrap().id);
         }
@@ -200,7 +208,7 @@ mod tests {
     async fn old_uploads_are_found() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
-        store.insert_upload(&testing::upload(&task, b"recording")).await.unwrap();
+        store.insert_upload(&testing::upload(&task, b"recording"), None).await.unwrap();
         assert!(store.uploads_before(Millis(0)).await.unwrap().is_empty());
         assert_eq!(store.uploads_before(Millis(i64::MAX)).await.unwrap().len(), 1);
     }

@@ -17,6 +17,7 @@ mod machines;
 mod made;
 mod overview;
 mod page;
+mod paging;
 mod plot;
 mod refusal;
 mod routes;

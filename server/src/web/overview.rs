@@ -1,10 +1,12 @@
-//! The first page: every task with its episodes, the latest jobs, live sessions, what is left of the disk.
+//! The first page: tasks with their episodes, a page of them at a time, the latest jobs, live sessions, what is left of the disk.
 
 use axum::response::IntoResponse as _;
 use maud::{Markup, html};
+use serde::Deserialize;
 use serde_json::json;
 
 use super::{
+    paging,
     refusal::Answer,
     say,
     sheet::{self, Format, Sheet},
@@ -13,31 +15,59 @@ use super::{
     vitals::{self, Disk},
 };
 use crate::{
-    domain::{curation::TaskOverview, job::Job, order::JobFilter, task::OutcomeCounts},
+    domain::{
+        curation::{TaskOverview, Totals},
+        job::Job,
+        order::JobFilter,
+        task::OutcomeCounts,
+    },
     service::Rooms,
 };
 
 /// Jobs that are shown.
 const JOBS: u32 = 8;
 
+/// Tasks on one page.
+const PER_PAGE: usize = 48;
+
+/// After the `?`; a form that leaves a field alone sends it empty.
+#[derive(Default, Deserialize)]
+#[serde(default)]
+struct Asked {
+    text: String,
+    page: String,
+    format: Format,
+}
+
 pub(super) async fn show(visit: Visit) -> Answer {
-    let format = sheet::asked(&visit)?;
+    let asked: Asked = visit.asked()?;
+    let (text, page) = (asked.text.trim(), paging::asked(&asked.page)?);
     let rooms = visit.rooms();
-    let tasks = rooms.store.overview().await?;
-    if format != Format::Html {
-        return Ok(sheet(tasks).answer(format)?);
+    if asked.format != Format::Html {
+        return Ok(sheet(rooms.store.overview(text, 0, usize::MAX).await?).answer(asked.format)?);
     }
+    let totals = rooms.store.totals().await?;
+    let found = if text.is_empty() { totals.tasks } else { rooms.store.count_tasks(text).await? };
+    let pages = paging::within(page, usize::try_from(found).unwrap_or(usize::MAX), PER_PAGE);
+    let tasks = rooms.store.overview(text, (pages.0 - 1) * PER_PAGE, PER_PAGE).await?;
     let (jobs, _) = rooms.store.jobs(&JobFilter::default(), None, JOBS).await?;
     let disk = vitals::disk(rooms).await?;
     let body = html! {
         h1 { "Overview" }
-        (figures(rooms, &tasks, &disk))
+        (figures(rooms, &totals, &disk))
         h2 { "Tasks" }
-        @if tasks.is_empty() {
-            p.panel.empty { "There is no task yet. " code { "gleaner push" } " makes one and brings its episodes." }
+        @if totals.tasks == 0 {
+            p.panel.empty { "No tasks yet. Create one with " code { "gleaner task create task.toml" } ", then "
+                code { "gleaner push" } "." }
         } @else {
-            div.cards { @for task in &tasks { (card(task)) } }
-            (sheet::links(&visit))
+            @if pages.1 > 1 || !text.is_empty() { (search(text, found)) }
+            @if tasks.is_empty() {
+                p.panel.empty { "No task has this in its name. " a href="/" { "Show all" } }
+            } @else {
+                div.cards { @for task in &tasks { (card(task)) } }
+                (sheet::links(&visit))
+                (paging::links(&visit, "Pages of tasks", pages))
+            }
         }
         h2 { "Latest jobs" }
         @if jobs.is_empty() {
@@ -55,18 +85,29 @@ pub(super) async fn show(visit: Visit) -> Answer {
     Ok(shell::page(&visit, &head, &body).into_response())
 }
 
-fn figures(rooms: &Rooms, tasks: &[TaskOverview], disk: &Disk) -> Markup {
-    let sum = |of: fn(&TaskOverview) -> u64| tasks.iter().map(of).sum::<u64>();
-    let hours: f64 = tasks.iter().map(|task| task.hours).sum();
+fn figures(rooms: &Rooms, totals: &Totals, disk: &Disk) -> Markup {
     let sessions = u64::try_from(rooms.policies.live().len()).unwrap_or(u64::MAX);
     html! {
         dl.figures {
-            div { dt { "Episodes" } dd { (say::count(sum(|task| all(&task.outcomes)))) } }
-            div { dt { "Recorded" } dd { (say::seconds(hours * 3600.0)) } }
-            div { dt { "Recordings take" } dd { (say::bytes(sum(|task| task.bytes))) } }
+            div { dt { "Tasks" } dd { (say::count(totals.tasks)) } }
+            div { dt { "Episodes" } dd { (say::count(totals.episodes)) } }
+            div { dt { "Recorded" } dd { (say::seconds(totals.hours * 3600.0)) } }
+            div { dt { "Recordings take" } dd { (say::bytes(totals.bytes)) } }
             div { dt { "Live sessions" } dd { a href="/deployments" { (say::count(sessions)) } } }
             div { dt { "Disk left" } dd { (say::bytes(disk.free)) " " small { "of " (say::bytes(disk.size)) } } }
         }
+    }
+}
+
+/// The form over tasks that fill several pages.
+fn search(text: &str, found: u64) -> Markup {
+    html! {
+        form.filters method="get" action="/" role="search" aria-label="Which tasks" {
+            label { "Name" input type="search" name="text" value=(text) maxlength="128"; }
+            button.primary type="submit" { "Find" }
+            @if !text.is_empty() { a.button href="/" { "Clear" } }
+        }
+        p.lead { (say::counted(found, "task")) @if !text.is_empty() { " with this in the name" } ", newest first." }
     }
 }
 
@@ -152,3 +193,6 @@ fn sheet(tasks: Vec<TaskOverview>) -> Sheet {
     };
     Sheet { name: "tasks".to_owned(), columns, rows: tasks.into_iter().map(row).collect() }
 }
+
+#[cfg(test)]
+mod tests;

@@ -6,6 +6,7 @@ use gleaner_recording::{Finding, Report, Severity};
 use super::field;
 use crate::{
     domain::{
+        client::Client,
         episode::{Episode, EpisodeFilter, InspectedEpisode, Label, NewLabel, Outcome, Upload},
         id::{BlobId, EpisodeId, TaskId, UploadId},
     },
@@ -56,7 +57,7 @@ pub(crate) fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
 }
 
 /// What is to be uploaded to the task. Nobody may forget the outcome: who does not know it says unknown.
-pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId) -> Result<NewUpload> {
+pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId, client: Client) -> Result<NewUpload> {
     let v1::StartUploadRequest { task: _, file_name, size_bytes, blake3, outcome, cohort, author } = request;
     if size_bytes == 0 {
         return Err(Error::invalid("size_bytes", "the file is empty; record the episode again or push the right file"));
@@ -69,6 +70,7 @@ pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId) ->
         outcome: said_outcome(outcome)?,
         cohort: field::tag("cohort", cohort)?,
         author: field::tag("author", author)?,
+        client,
     })
 }
 
@@ -279,7 +281,9 @@ mod tests {
     #[test]
     fn an_empty_file_is_refused_before_it_is_sent() {
         let request = v1::StartUploadRequest { file_name: "a.mcap".into(), ..Default::default() };
-        assert!(start_request(request, TaskId::new()).unwrap_err().message().starts_with("size_bytes: "));
+        assert!(
+            start_request(request, TaskId::new(), Client::Server).unwrap_err().message().starts_with("size_bytes: ")
+        );
     }
 
     #[test]

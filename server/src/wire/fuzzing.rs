@@ -12,7 +12,7 @@ use super::{
     dataset, episode, evaluation, inference, job, policy, schedule, score, scoring, session, snapshot, task, worker,
 };
 use crate::{
-    domain::{id::TaskId, time::Millis},
+    domain::{client::Client, id::TaskId, time::Millis},
     error::{Kind, Result},
 };
 
@@ -24,7 +24,7 @@ pub const KINDS: u8 = 31;
 pub fn message(kind: u8, bytes: &[u8]) {
     match kind % KINDS {
         0 => convert(bytes, |request| task::create_request(request, &Limits::default())),
-        1 => convert(bytes, |request| episode::start_request(request, TaskId::new())),
+        1 => convert(bytes, |request| episode::start_request(request, TaskId::new(), Client::Server)),
         2 => convert(bytes, episode::chunk),
         3 => convert(bytes, |request| episode::list_request(request, TaskId::new()).map(|_| ())),
         4 => convert(bytes, episode::label_request),

@@ -24,6 +24,7 @@ use crate::{
     blobs::Blobs,
     config::WorkerConfig,
     error::{Error, Result},
+    file_limit,
 };
 
 /// Runs one job to its end.
@@ -43,6 +44,9 @@ pub fn run(config: WorkerConfig) -> Result<()> {
 }
 
 async fn serve(config: WorkerConfig) -> Result<()> {
+    if let Err(error) = file_limit::survive_limit() {
+        tracing::warn!(%error, "a write beyond the file size limit would end the worker");
+    }
     let blobs = Blobs::open(&config.data_dir)?.sparing(config.min_free_bytes);
     let mut client = Client::connect(&config).await?;
     let (job_id, order, inputs) = client.assignment().await?;

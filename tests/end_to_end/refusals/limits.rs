@@ -30,6 +30,24 @@ async fn each_limit_on_recordings_is_a_flag() {
 }
 
 #[tokio::test]
+async fn uploads_beyond_the_callers_limit_are_refused() {
+    let server = TestServer::start_with(&["--workers", "0", "--max-open-uploads-per-caller", "2"]).await;
+    let mut api = Api::connect(&server).await;
+    lab::create_task(&mut api).await;
+    let first = lab::start(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap().upload_id;
+    lab::start(&mut api, lab::TASK, &RECORDINGS[1]).await.unwrap();
+    let words = ["2 uploads", "--max-open-uploads-per-caller", "--keep-uploads-days"];
+    refused(&lab::start(&mut api, lab::TASK, &RECORDINGS[2]).await.unwrap_err(), Code::ResourceExhausted, &words);
+    let anew = StartUploadRequest { author: "another name".into(), ..lab::upload(lab::TASK, &RECORDINGS[2]) };
+    refused(&api.episodes.start_upload(anew).await.unwrap_err(), Code::ResourceExhausted, &words);
+
+    lab::write(&mut api, &first, 0, RECORDINGS[0].bytes.clone()).await.unwrap();
+    lab::finish(&mut api, &first).await.unwrap();
+    lab::push(&mut api, lab::TASK, &RECORDINGS[2]).await.unwrap();
+    alive(&mut api).await;
+}
+
+#[tokio::test]
 async fn images_over_the_limit_make_no_task() {
     let server = TestServer::start_with(&["--workers", "0", "--max-image-pixels", "255"]).await;
     let mut api = Api::connect(&server).await;

@@ -14,7 +14,7 @@ const FOLDERS: [&str; 4] = ["blobs", "uploads", "cache", "tmp"];
 
 async fn pass(f: &Fixture, size: Option<u64>, chunks: Vec<Result<Bytes>>) -> Result<Passing> {
     let declared = Declared { file_name: "reach.mcap".into(), size_bytes: size };
-    f.ingest.pass(&f.task.spec, declared, stream::iter(chunks)).await
+    f.ingest.pass(&Client::Server, &f.task.spec, declared, stream::iter(chunks)).await
 }
 
 fn chunks(bytes: &[u8]) -> Vec<Result<Bytes>> {
@@ -57,7 +57,7 @@ async fn more_than_the_limit_is_refused_as_soon_as_it_shows() {
         assert!(refused.kind() == Kind::Exhausted && refused.message().contains("--max-upload-bytes"), "{refused}");
     }
     let endless = stream::repeat_with(|| Ok(Bytes::from_static(b"123456")));
-    let refused = f.ingest.pass(&f.task.spec, Declared::default(), endless).await.unwrap_err();
+    let refused = f.ingest.pass(&Client::Server, &f.task.spec, Declared::default(), endless).await.unwrap_err();
     assert_eq!(refused.kind(), Kind::Exhausted);
     assert!(f.files(&FOLDERS).is_empty());
 }
@@ -65,7 +65,7 @@ async fn more_than_the_limit_is_refused_as_soon_as_it_shows() {
 #[tokio::test]
 async fn only_so_many_pass_at_once() {
     let f = playing(REFUSING).await;
-    let waits = || f.ingest.pass(&f.task.spec, Declared::default(), stream::pending().boxed());
+    let waits = || f.ingest.pass(&Client::Server, &f.task.spec, Declared::default(), stream::pending().boxed());
     let mut waiting = Vec::new();
     for _ in 0..AT_ONCE {
         let mut one = Box::pin(waits());

@@ -78,7 +78,7 @@ async fn a_recording_that_is_only_looked_at_needs_room_too() {
     for n in [1, 9] {
         free.store(if n == 1 { 99 } else { u64::MAX }, Ordering::Relaxed);
         let chunks = filling(&free, n).map(Ok);
-        let error = f.ingest.pass(&f.task.spec, Declared::default(), chunks).await.unwrap_err();
+        let error = f.ingest.pass(&Client::Server, &f.task.spec, Declared::default(), chunks).await.unwrap_err();
         assert!(error.message().contains("--min-free-bytes"), "{error}");
         assert!(f.files(&["tmp"]).is_empty());
     }

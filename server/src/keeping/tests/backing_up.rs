@@ -41,7 +41,7 @@ async fn what_is_restored_is_what_was_backed_up() {
     let (lab, place) = (lab().await, Place::new());
     let (target, new) = (place.path("backup"), place.path("lab/new"));
     let upload = testing::upload(&lab.task, b"open");
-    lab.store.insert_upload(&upload).await.unwrap();
+    lab.store.insert_upload(&upload, None).await.unwrap();
     let (sound, said) = back_up(&lab, &target, false).await.unwrap();
     assert!(sound && said.contains("3 blobs of 21 bytes, 3 of them new"), "{said}");
     let report = checked(&target, false).await;

@@ -62,7 +62,7 @@ async fn what_nobody_needs_is_noted_and_no_problem() {
 async fn lost_bytes_of_an_upload_are_found() {
     let lab = lab().await;
     let upload = testing::upload(&lab.task, b"half of it");
-    lab.store.insert_upload(&upload).await.unwrap();
+    lab.store.insert_upload(&upload, None).await.unwrap();
     fs::create_dir_all(lab.dir.path().join("uploads")).unwrap();
     let part = part_path(lab.dir.path(), &upload.id);
     fs::write(&part, b"half").unwrap();

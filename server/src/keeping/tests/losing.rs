@@ -81,7 +81,7 @@ async fn a_clock_that_jumps_forty_days_at_boot_empties_no_trash() {
     let lab = lab().await;
     let (room, gone) = (room(&lab, 30), stored(&lab, b"deleted yesterday").await);
     let upload = testing::upload(&lab.task, b"open");
-    lab.store.insert_upload(&upload).await.unwrap();
+    lab.store.insert_upload(&upload, None).await.unwrap();
     lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
     room.note_time_as_of(in_days(0), None).await;
     // The machine boots with a clock of forty days later.

@@ -105,7 +105,7 @@ async fn an_upload_that_a_crash_cut_before_its_row_keeps_its_blob() {
     let lab = lab().await;
     let room = room(&lab, 30);
     let upload = Upload { committed: 4, ..testing::upload(&lab.task, b"late") };
-    lab.store.insert_upload(&upload).await.unwrap();
+    lab.store.insert_upload(&upload, None).await.unwrap();
     lab.blobs.put(b"late").unwrap();
     room.sweep(in_days(9)).await.unwrap();
     assert!(lab.blobs.contains(&upload.blake3));

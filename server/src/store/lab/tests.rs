@@ -29,7 +29,7 @@ async fn record(store: &Store, dir: &Path, content: &[u8]) {
         Err(_) => testing::task(store).await,
     };
     let upload = testing::upload(&task, content);
-    store.insert_upload(&upload).await.unwrap();
+    store.insert_upload(&upload, None).await.unwrap();
     store.finish_upload(&upload, &testing::inspected(&task, &upload)).await.unwrap();
 }
 
@@ -154,7 +154,7 @@ async fn nothing_is_acknowledged_once_the_database_is_deleted() {
     let store = open(dir.path(), false).await.unwrap();
     let task = testing::task(&store).await;
     fs::remove_file(data_folder::database(dir.path())).unwrap();
-    let error = store.insert_upload(&testing::upload(&task, b"late")).await.unwrap_err();
+    let error = store.insert_upload(&testing::upload(&task, b"late"), None).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);
     assert!(error.message().contains("was deleted"), "{error}");
     assert!(store.lost().is_cancelled());

@@ -11,7 +11,7 @@ use crate::{
         time::Millis,
     },
     error::{Error, Result},
-    web::sheet::Format,
+    web::{paging, sheet::Format},
 };
 
 /// How the address says that episodes of no cohort are meant.
@@ -107,14 +107,7 @@ impl Asked {
             run: given(&self.run).map(|id| ScoreRunId::parse("run", id)).transpose()?,
             mean_q: self.mean_q()?,
             order: Order::read(sort)?,
-            page: match self.page.as_str() {
-                "" => 1,
-                page => page
-                    .parse()
-                    .ok()
-                    .filter(|&page| page > 0)
-                    .ok_or_else(|| Error::invalid("page", "must be a whole number, counted from 1"))?,
-            },
+            page: paging::asked(&self.page)?,
         })
     }
 

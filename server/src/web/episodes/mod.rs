@@ -18,6 +18,7 @@ pub(in crate::web) use self::{
 };
 use super::{
     page::Page,
+    paging,
     refusal::Answer,
     say,
     sheet::{self, Format, Sheet},
@@ -62,8 +63,7 @@ impl View<'_> {
 
     /// The page that is shown, from 1, and how many there are. One beyond the end is the last.
     fn page(&self) -> (usize, usize) {
-        let pages = self.rows.len().div_ceil(PER_PAGE).max(1);
-        (self.wanted.page.min(pages), pages)
+        paging::within(self.wanted.page, self.rows.len(), PER_PAGE)
     }
 
     /// The rows of that page.
@@ -142,21 +142,7 @@ fn body(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
             @if view.labels() { (label::bar(cohorts)) }
             (table::table(view))
             (sheet::links(view.visit))
-            (turning(view.visit, page, pages))
-        }
-    }
-}
-
-/// The way to the other pages.
-fn turning(visit: &Visit, page: usize, pages: usize) -> Markup {
-    let to = |page: usize| visit.with("page", Some(&page.to_string()));
-    html! {
-        @if pages > 1 {
-            nav.pages aria-label="Pages of the table" {
-                @if page > 1 { a rel="prev" href=(to(page - 1)) { "Previous" } }
-                span { "Page " (page) " of " (pages) }
-                @if page < pages { a rel="next" href=(to(page + 1)) { "Next" } }
-            }
+            (paging::links(view.visit, "Pages of the table", (page, pages)))
         }
     }
 }

@@ -13,7 +13,6 @@ use crate::{
         id::{JobId, TaskId},
         job::{Job, JobKind, JobState},
         order::JobFilter,
-        task::Task,
         time::Millis,
     },
     error::{Error, Result},
@@ -49,10 +48,10 @@ struct Asked {
 pub(in crate::web) async fn show(visit: Visit) -> Answer {
     let asked: Asked = visit.asked()?;
     let store = &visit.rooms().store;
-    let tasks: Vec<Task> = store.tasks().await?.into_iter().map(|(task, _)| task).collect();
+    let tasks = store.task_names().await?;
     let before = if asked.before.is_empty() { None } else { Some(JobId::parse("before", &asked.before)?) };
     let (jobs, next) = store.jobs(&asked.filter(store).await?, before.as_ref(), SIZE).await?;
-    let names: HashMap<&TaskId, &str> = tasks.iter().map(|task| (&task.id, task.spec.name.as_str())).collect();
+    let names: HashMap<&TaskId, &str> = tasks.iter().map(|(id, name)| (id, name.as_str())).collect();
     if asked.format != Format::Html {
         return Ok(sheet_of(&jobs, &names).answer(asked.format)?);
     }
@@ -90,7 +89,7 @@ impl Asked {
         Ok(JobFilter { task_id, state, kind })
     }
 
-    fn form(&self, tasks: &[Task]) -> Markup {
+    fn form(&self, tasks: &[(TaskId, String)]) -> Markup {
         let choice = |name: &str, label: &str, chosen: &str, words: Vec<&str>| {
             html! { label { (label)
                 select name=(name) {
@@ -101,7 +100,9 @@ impl Asked {
         };
         html! {
             form.filters method="get" action="/jobs" {
-                (choice("task", "Task", &self.task, tasks.iter().map(|task| task.spec.name.as_str()).collect()))
+                // Typed with suggestions: a list to choose from is of no use with a thousand tasks.
+                label { "Task" input type="search" name="task" value=(self.task) list="tasks" placeholder="all" maxlength="128"; }
+                datalist id="tasks" { @for (_, name) in tasks { option value=(name) {} } }
                 (choice("state", "State", &self.state, JobState::ALL.map(JobState::as_str).to_vec()))
                 (choice("kind", "Kind", &self.kind, JobKind::ALL.map(JobKind::as_str).to_vec()))
                 button type="submit" { "Show" }

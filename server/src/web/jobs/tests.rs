@@ -53,6 +53,7 @@ async fn the_list_filters_and_goes_on_where_it_ended() {
     assert!(first.contains(made[0].as_str()) && !first.contains(made[100].as_str()));
     let older = format!("/jobs?before={}", made[99]);
     assert!(first.contains(&older) && first.contains("data-live"), "{first}");
+    assert!(first.contains(&format!("<option value=\"{}\">", task.spec.name)), "names of tasks are suggested");
     let last = pages.get(&Client::default(), &older).await.text();
     assert!(last.contains(made[100].as_str()) && !last.contains("Older"));
 

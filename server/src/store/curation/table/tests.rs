@@ -17,7 +17,7 @@ async fn episode(store: &Store, task: &Task, name: &str, (warnings, at): (u64, i
     let mut inspected = testing::inspected(task, &upload);
     inspected.episode.warnings = warnings;
     inspected.episode.created_at = Millis(at);
-    store.insert_upload(&upload).await.unwrap();
+    store.insert_upload(&upload, None).await.unwrap();
     store.finish_upload(&upload, &inspected).await.unwrap()
 }
 
