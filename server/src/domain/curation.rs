@@ -1,5 +1,4 @@
-//! What people look at to decide: tasks at a glance, the table of episodes, labels given under one another's eyes, single
-//! segments, and where a result comes from.
+//! Values of the pages: task totals, the table of episodes, labels with versions, segments, and lineage.
 
 use std::cmp::Ordering;
 

@@ -6,6 +6,7 @@
 mod claim;
 #[cfg(test)]
 mod contract;
+mod describe;
 mod fair_queue;
 mod inspector;
 mod keep;

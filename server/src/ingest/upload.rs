@@ -7,10 +7,8 @@ use crate::{
     blobs,
     domain::{
         client::Client,
-        description::Description,
         episode::{Episode, InspectedEpisode, Outcome, Upload},
         id::{BlobId, EpisodeId, TaskId, UploadId},
-        task::Task,
         time::{Millis, seconds},
     },
     error::{Error, Kind, Result},
@@ -198,19 +196,6 @@ impl Ingest {
         let recording = kept.recording.clone();
         off_runtime("removing a sidecar", move || blobs.forget_description(&recording, id.as_str())).await?;
         self.settle_on(kept, upload).await
-    }
-
-    /// Describes an episode and its task beside the blobs, before the row is there: from this they are made again should
-    /// the database be lost.
-    async fn describe(&self, task: &Task, inspected: &InspectedEpisode, author: &str) -> Result<()> {
-        let (id, recording) = (inspected.episode.id.clone(), inspected.episode.recording.clone());
-        let (task_id, task) = (task.id.clone(), Description::task(task).to_json()?);
-        let (blobs, json) = (self.blobs.clone(), Description::recording(inspected, author).to_json()?);
-        off_runtime("writing a sidecar", move || {
-            blobs.describe_task(task_id.as_str(), &task)?;
-            blobs.describe(&recording, id.as_str(), &json)
-        })
-        .await
     }
 
     /// The answer when the content is there already.

@@ -23,15 +23,15 @@ impl Episodes {
     async fn start(&self, request: Request<v1::StartUploadRequest>) -> Result<v1::StartUploadResponse> {
         let (client, request) = (Caller::client_of(&request)?, request.into_inner());
         let task = self.0.store.task(&request.task).await?;
-        let started = self.0.ingest.start(wire::episode::start_request(request, task.id, client)?).await?;
-        Ok(wire::episode::start_response(started))
+        let started = self.0.ingest.start(wire::upload::start_request(request, task.id, client)?).await?;
+        Ok(wire::upload::start_response(started))
     }
 
     async fn write(&self, requests: Streaming<v1::WriteUploadRequest>) -> Result<v1::WriteUploadResponse> {
         let chunks = requests.map(|request| match request {
             Ok(request) => {
                 metrics::uploaded(request.data.len());
-                wire::episode::chunk(request)
+                wire::upload::chunk(request)
             }
             // Nobody may be left to read this; what came is kept.
             Err(status) => Err(from_peer(status)),
@@ -40,12 +40,12 @@ impl Episodes {
     }
 
     async fn status(&self, id: &str) -> Result<v1::GetUploadResponse> {
-        let upload = self.0.ingest.status(&wire::episode::upload_id(id)?).await?;
-        Ok(wire::episode::upload_status(&upload))
+        let upload = self.0.ingest.status(&wire::upload::upload_id(id)?).await?;
+        Ok(wire::upload::upload_status(&upload))
     }
 
     async fn finish(&self, id: &str) -> Result<v1::FinishUploadResponse> {
-        let inspected = self.0.ingest.finish(&wire::episode::upload_id(id)?).await?;
+        let inspected = self.0.ingest.finish(&wire::upload::upload_id(id)?).await?;
         self.0.jobs.labelled();
         let (episode, report) = wire::episode::inspected(inspected);
         Ok(v1::FinishUploadResponse { episode: Some(episode), report: Some(report) })

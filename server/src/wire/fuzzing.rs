@@ -9,7 +9,8 @@ use gleaner_recording::Limits;
 use prost::Message;
 
 use super::{
-    dataset, episode, evaluation, inference, job, policy, schedule, score, scoring, session, snapshot, task, worker,
+    dataset, episode, evaluation, inference, job, policy, schedule, score, scoring, session, snapshot, task, upload,
+    worker,
 };
 use crate::{
     domain::{client::Client, id::TaskId, time::Millis},
@@ -24,8 +25,8 @@ pub const KINDS: u8 = 31;
 pub fn message(kind: u8, bytes: &[u8]) {
     match kind % KINDS {
         0 => convert(bytes, |request| task::create_request(request, &Limits::default())),
-        1 => convert(bytes, |request| episode::start_request(request, TaskId::new(), Client::Server)),
-        2 => convert(bytes, episode::chunk),
+        1 => convert(bytes, |request| upload::start_request(request, TaskId::new(), Client::Server)),
+        2 => convert(bytes, upload::chunk),
         3 => convert(bytes, |request| episode::list_request(request, TaskId::new()).map(|_| ())),
         4 => convert(bytes, episode::label_request),
         5 => convert(bytes, job::submit_request),

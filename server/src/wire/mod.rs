@@ -19,4 +19,5 @@ pub(crate) mod session;
 pub(crate) mod snapshot;
 pub(crate) mod status;
 pub(crate) mod task;
+pub(crate) mod upload;
 pub(crate) mod worker;

@@ -1,0 +1,22 @@
+//! The sidecar of a new recording, on disk before its row.
+
+use super::{Ingest, off_runtime};
+use crate::{
+    domain::{description::Description, episode::InspectedEpisode, task::Task},
+    error::Result,
+};
+
+impl Ingest {
+    /// Describes an episode and its task beside the blobs, before the row is there: from this they are made again should
+    /// the database be lost.
+    pub(super) async fn describe(&self, task: &Task, inspected: &InspectedEpisode, author: &str) -> Result<()> {
+        let (id, recording) = (inspected.episode.id.clone(), inspected.episode.recording.clone());
+        let (task_id, task) = (task.id.clone(), Description::task(task).to_json()?);
+        let (blobs, json) = (self.blobs.clone(), Description::recording(inspected, author).to_json()?);
+        off_runtime("writing a sidecar", move || {
+            blobs.describe_task(task_id.as_str(), &task)?;
+            blobs.describe(&recording, id.as_str(), &json)
+        })
+        .await
+    }
+}
