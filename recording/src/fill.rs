@@ -21,6 +21,7 @@ use crate::spec::TaskSpec;
 /// # Errors
 /// Those of the container, and [`RecordingError::TooLarge`] when the frames do not fit into memory.
 pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Plan) -> Result<Vec<u8>, RecordingError> {
+    let mut channels = std::mem::replace(&mut plan.channels, Channels::new(limits));
     let step_bytes = frame_bytes_per_step(spec);
     let mut filler = Filler {
         spec,
@@ -32,12 +33,9 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
         problems: plan.images.iter().map(|_| None).collect(),
     };
     if step_bytes > 0 {
-        let mut channels = Channels::new(limits);
         scan(path, limits, &mut |record| {
             if let Record::Message { header, data } = record {
                 filler.message(channels.next(header.channel_id), data);
-            } else {
-                channels.learn(&record, &|topic| filler.places.contains_key(topic))?;
             }
             Ok(())
         })?;

@@ -25,6 +25,8 @@ pub mod fuzzing;
 mod image;
 mod inspect;
 mod limits;
+#[cfg(any(test, feature = "fuzzing"))]
+mod mutants;
 mod path;
 mod picture;
 mod plan;

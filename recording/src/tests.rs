@@ -6,6 +6,7 @@ mod corpus;
 mod damage;
 mod findings;
 mod golden;
+mod integrity;
 mod rollouts;
 mod scene;
 mod steps;
