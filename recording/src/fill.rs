@@ -10,9 +10,10 @@ use crate::container::{Record, scan};
 use crate::dialect::Value;
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
+use crate::inspect;
 use crate::limits::Limits;
 use crate::picture::{self, Channel};
-use crate::plan::Plan;
+use crate::plan::{ImageStream, Plan};
 use crate::report::{FindingCode, Severity};
 use crate::spec::TaskSpec;
 
@@ -40,7 +41,7 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
             Ok(())
         })?;
     }
-    let Filler { frames, problems, .. } = filler;
+    let Filler { frames, problems, offsets, .. } = filler;
     for (at, problem) in problems.into_iter().enumerate() {
         let Some(Problem { step, error, count }) = problem else {
             continue;
@@ -50,6 +51,14 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
         let detail = format!("{error} ({count} images alike)");
         plan.report.add(Severity::Error, code, &plan.images[at].topic, Some(step), detail);
     }
+    let image = |stream: usize, step: usize| {
+        let ImageStream { camera, channel, .. } = plan.images[stream];
+        let begin = step * step_bytes + offsets[stream];
+        &frames[begin..begin + channel.bytes(&spec.cameras[camera])]
+    };
+    let mut report = std::mem::take(&mut plan.report);
+    inspect::frozen_cameras(plan, image, &mut report);
+    plan.report = report;
     Ok(frames)
 }
 

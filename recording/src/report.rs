@@ -113,6 +113,8 @@ pub enum FindingCode {
     ConflictingDeclaration,
     /// Bytes follow the end of the recording.
     TrailingBytes,
+    /// A camera's images stay the same while the robot moves.
+    FrozenCamera,
 }
 
 impl Report {

@@ -6,6 +6,7 @@ mod corpus;
 mod damage;
 mod findings;
 mod golden;
+mod images;
 mod integrity;
 mod rollouts;
 mod scene;
