@@ -17,8 +17,8 @@ use mcap::records::op;
 use crate::error::RecordingError;
 use crate::limits::Limits;
 use frames::{Frame, Frames};
-use index::{ChunkIndex, Footer, Statistics};
-use integrity::{Integrity, Messages, Place};
+use index::{ChunkIndex, Footer, Messages, Statistics};
+use integrity::{Integrity, Place};
 
 pub(crate) use integrity::Problem;
 pub(crate) use record::Record;
@@ -202,9 +202,9 @@ impl<'a> Scan<'a> {
             op::MESSAGE_INDEX => self.integrity.message_index(frame, index::message_index(&self.body)),
             op::CHUNK_INDEX => self.integrity.chunk_index(ChunkIndex::parse(&self.body)),
             op::STATISTICS => self.integrity.statistics(Statistics::parse(&self.body)),
-            op::ATTACHMENT => self.integrity.attachment(),
-            op::SUMMARY_OFFSET => {
-                self.summary_offsets.get_or_insert(frame.offset);
+            op::ATTACHMENT => self.integrity.attachment(index::attachment(&self.body)),
+            op::ATTACHMENT_INDEX | op::METADATA_INDEX | op::SUMMARY_OFFSET => {
+                self.integrity.places(index::fits(frame.opcode, &self.body));
             }
             opcode if is_read(opcode) => {
                 if let Some(record) = record::parse(opcode, &self.body)? {
@@ -214,6 +214,9 @@ impl<'a> Scan<'a> {
                 }
             }
             _ => {}
+        }
+        if frame.opcode == op::SUMMARY_OFFSET {
+            self.summary_offsets.get_or_insert(frame.offset);
         }
         Ok(Next::More)
     }
@@ -234,10 +237,9 @@ impl<'a> Scan<'a> {
     }
 }
 
-/// Whether anything is read of the body of such a record.
+/// Whether the format says what is in such a record. Readers pass over others.
 fn is_read(opcode: u8) -> bool {
-    let of_data = matches!(opcode, op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::METADATA);
-    of_data || matches!(opcode, op::MESSAGE_INDEX | op::CHUNK_INDEX | op::STATISTICS)
+    (op::HEADER..=op::DATA_END).contains(&opcode)
 }
 
 /// Holds a record's number and length against the limits.

@@ -4,6 +4,8 @@
 use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
+use mcap::records::op;
+
 use super::record::Fields;
 
 /// The header of a chunk.
@@ -63,6 +65,22 @@ impl Entries {
     pub(super) fn add(&mut self, time: u64, offset: u64) {
         self.count += 1;
         self.sum = self.sum.wrapping_add(hash((time, offset)));
+    }
+}
+
+/// The messages of one chunk.
+#[derive(Debug, Default)]
+pub(super) struct Messages {
+    pub(super) of_channels: BTreeMap<u16, Entries>,
+    /// Earliest and latest log time.
+    pub(super) times: Option<(u64, u64)>,
+}
+
+impl Messages {
+    pub(super) fn add(&mut self, channel: u16, log_time: u64, offset: u64) {
+        self.of_channels.entry(channel).or_default().add(log_time, offset);
+        let (first, last) = self.times.unwrap_or((log_time, log_time));
+        self.times = Some((first.min(log_time), last.max(log_time)));
     }
 }
 
@@ -136,6 +154,31 @@ pub(super) fn message_index(body: &[u8]) -> Option<(u16, Entries)> {
         entries.add(list.u64()?, list.u64()?);
     }
     Some((channel, entries))
+}
+
+/// Whether an attachment is what its checksum says; `None` when its fields do not fit its length.
+pub(super) fn attachment(body: &[u8]) -> Option<bool> {
+    let mut fields = Fields { rest: body };
+    let (_log_time, _creation_time) = (fields.u64()?, fields.u64()?);
+    let (_name, _media_type, _contents) = (fields.text()?, fields.text()?, fields.long_bytes()?);
+    let (content, stored) = body.split_last_chunk()?;
+    let stored = u32::from_le_bytes(*stored);
+    (fields.rest.len() == size_of::<u32>()).then(|| stored == 0 || stored == crc32fast::hash(content))
+}
+
+/// Whether the fields of a record that names places in the file fit its length.
+pub(super) fn fits(opcode: u8, body: &[u8]) -> bool {
+    let mut fields = Fields { rest: body };
+    let mut numbers = |count: usize| (0..count).try_for_each(|_| fields.u64().map(|_| ()));
+    match opcode {
+        // Offset, length, log time, creation time, size; then name and media type.
+        op::ATTACHMENT_INDEX => numbers(5).and_then(|()| fields.text()).and_then(|_| fields.text()).is_some(),
+        // Offset and length; then the name.
+        op::METADATA_INDEX => numbers(2).and_then(|()| fields.text()).is_some(),
+        // The kind of the records; then where they begin and their length.
+        op::SUMMARY_OFFSET => body.len() > 2 * size_of::<u64>(),
+        _ => true,
+    }
 }
 
 /// The checksum that ends the data section; 0 when the writer calculated none.

@@ -8,7 +8,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 
 use super::Record;
 use super::frames::Frame;
-use super::index::{ChunkHead, ChunkIndex, Entries, Footer, Statistics, chunk_key};
+use super::index::{ChunkHead, ChunkIndex, Entries, Footer, Messages, Statistics, chunk_key};
 use super::statistics::Counts;
 use crate::report::FindingCode;
 
@@ -94,8 +94,24 @@ impl Integrity {
         }
     }
 
-    pub(super) fn attachment(&mut self) {
+    /// Takes in an attachment: whether its checksum is right; `None` when its fields do not fit its length.
+    pub(super) fn attachment(&mut self, right: Option<bool>) {
         self.counts.attachments += 1;
+        match right {
+            Some(true) => {}
+            Some(false) => {
+                let detail = "the checksum of one differs from its bytes; no step uses attachments".to_owned();
+                self.add(FindingCode::ChecksumMismatch, "attachments", detail);
+            }
+            None => self.unfit("attachments"),
+        }
+    }
+
+    /// Takes in a record that names places in the file: whether its fields fit its length.
+    pub(super) fn places(&mut self, fits: bool) {
+        if !fits {
+            self.unfit("summary section");
+        }
     }
 
     /// Takes in a chunk and its messages.
@@ -235,6 +251,10 @@ impl Integrity {
             );
             self.add(FindingCode::SummaryMismatch, "chunk index", detail);
         }
+        if whole && self.counts.are_repeated_in_part() {
+            let detail = "it lacks schemas or channels of the data section; readers that begin with it fail".to_owned();
+            self.add(FindingCode::SummaryMismatch, "summary section", detail);
+        }
         if let Some(difference) = self.statistics.take().and_then(|statistics| self.counts.difference(&statistics)) {
             let detail =
                 format!("{difference}. Messages may be lost, doubled or on the wrong channel; copy the file again");
@@ -253,22 +273,6 @@ impl Integrity {
         if !self.problems.iter().any(|known| (known.code, known.subject) == (code, subject)) {
             self.problems.push(Problem { code, subject, detail });
         }
-    }
-}
-
-/// The messages of one chunk.
-#[derive(Debug, Default)]
-pub(super) struct Messages {
-    of_channels: BTreeMap<u16, Entries>,
-    /// Earliest and latest log time.
-    times: Option<(u64, u64)>,
-}
-
-impl Messages {
-    pub(super) fn add(&mut self, channel: u16, log_time: u64, offset: u64) {
-        self.of_channels.entry(channel).or_default().add(log_time, offset);
-        let (first, last) = self.times.unwrap_or((log_time, log_time));
-        self.times = Some((first.min(log_time), last.max(log_time)));
     }
 }
 

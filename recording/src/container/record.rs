@@ -21,7 +21,8 @@ pub(crate) enum Record<'a> {
 pub(super) fn parse(opcode: u8, body: &[u8]) -> Result<Option<Record<'_>>, RecordingError> {
     let mut fields = Fields { rest: body };
     let record = match opcode {
-        op::HEADER => fields.text().map(|profile| Record::Header { profile }),
+        // The writer's library follows.
+        op::HEADER => fields.text().zip(fields.text()).map(|(profile, _)| Record::Header { profile }),
         op::SCHEMA => fields.schema(),
         op::CHANNEL => fields.channel(),
         op::MESSAGE => fields.message(),
@@ -63,6 +64,14 @@ impl<'a> Fields<'a> {
 
     pub(super) fn bytes(&mut self) -> Option<&'a [u8]> {
         let length = usize::try_from(self.u32()?).ok()?;
+        let (head, rest) = self.rest.split_at_checked(length)?;
+        self.rest = rest;
+        Some(head)
+    }
+
+    /// Bytes whose length is a number of 64 bits.
+    pub(super) fn long_bytes(&mut self) -> Option<&'a [u8]> {
+        let length = usize::try_from(self.u64()?).ok()?;
         let (head, rest) = self.rest.split_at_checked(length)?;
         self.rest = rest;
         Some(head)

@@ -11,28 +11,51 @@ pub(super) struct Counts {
     messages: BTreeMap<u16, u64>,
     /// Log times of the first and the last message.
     times: Option<(u64, u64)>,
-    /// Of the data section, and of the whole file.
-    schemas: (BTreeSet<u16>, BTreeSet<u16>),
-    channels: (BTreeSet<u16>, BTreeSet<u16>),
+    schemas: Declared,
+    channels: Declared,
     pub(super) attachments: u64,
     pub(super) metadata: u64,
     pub(super) chunks: u64,
 }
 
+/// The identifiers of schemas or channels.
+#[derive(Debug, Default)]
+struct Declared {
+    data: BTreeSet<u16>,
+    /// Those in the summary section, which repeats all or none of the others.
+    summary: BTreeSet<u16>,
+}
+
+impl Declared {
+    fn add(&mut self, id: u16, place: Place) {
+        let section = if place == Place::Summary { &mut self.summary } else { &mut self.data };
+        section.insert(id);
+    }
+
+    /// How many there are in the data section, and in the whole file. A declaration without messages may be in the
+    /// summary section only.
+    fn counts(&self) -> [u64; 2] {
+        [self.data.len() as u64, self.data.union(&self.summary).count() as u64]
+    }
+
+    fn is_repeated_in_part(&self) -> bool {
+        !self.summary.is_empty() && !self.data.is_subset(&self.summary)
+    }
+}
+
 impl Counts {
     pub(super) fn schema(&mut self, id: u16, place: Place) {
-        Self::declare(&mut self.schemas, id, place);
+        self.schemas.add(id, place);
     }
 
     pub(super) fn channel(&mut self, id: u16, place: Place) {
-        Self::declare(&mut self.channels, id, place);
+        self.channels.add(id, place);
     }
 
-    fn declare((data, all): &mut (BTreeSet<u16>, BTreeSet<u16>), id: u16, place: Place) {
-        all.insert(id);
-        if place != Place::Summary {
-            data.insert(id);
-        }
+    /// Whether the summary section lacks some schemas or channels although it has others: readers that begin with it
+    /// fail on the messages of those.
+    pub(super) fn are_repeated_in_part(&self) -> bool {
+        self.schemas.is_repeated_in_part() || self.channels.is_repeated_in_part()
     }
 
     pub(super) fn message(&mut self, channel: u16, log_time: u64) {
@@ -46,9 +69,8 @@ impl Counts {
         let messages = self.messages.values().sum::<u64>();
         let counts = [
             ("messages", statistics.messages, [messages; 2]),
-            // A declaration without messages may be in the summary section only.
-            ("schemas", statistics.schemas, [self.schemas.0.len() as u64, self.schemas.1.len() as u64]),
-            ("channels", statistics.channels, [self.channels.0.len() as u64, self.channels.1.len() as u64]),
+            ("schemas", statistics.schemas, self.schemas.counts()),
+            ("channels", statistics.channels, self.channels.counts()),
             ("attachments", statistics.attachments, [self.attachments; 2]),
             ("metadata records", statistics.metadata, [self.metadata; 2]),
             ("chunks", statistics.chunks, [self.chunks; 2]),

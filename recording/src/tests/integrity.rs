@@ -168,6 +168,66 @@ fn a_message_index_that_names_other_messages_is_a_finding() {
     assert!(subjects(&found).contains(&(FindingCode::SummaryMismatch, "message index")), "{found:?}");
 }
 
+/// Found by the differential suite: an indexed reader failed on such a recording, and this one reported nothing.
+#[test]
+fn a_summary_that_repeats_some_of_the_channels_is_a_finding() {
+    let mut parts = split(&chunked(20));
+    let end = parts.iter().position(|part| part.opcode == op::DATA_END).unwrap();
+    let channel = end + parts[end..].iter().position(|part| part.opcode == op::CHANNEL).unwrap();
+    parts[channel].opcode = 0x80;
+    let footer = parts.len() - 1;
+    parts[footer].body[16..].fill(0);
+    let found = read(&join(&parts)).report.findings;
+    assert_eq!(subjects(&found), [(FindingCode::SummaryMismatch, "summary section")]);
+}
+
+/// Found by the differential suite: another reader refused these records, and this one passed over them.
+#[test]
+fn a_record_that_no_step_needs_and_that_does_not_fit_its_length_is_a_finding() {
+    let garbage = |opcode| Part { opcode, body: vec![0xff; 40] };
+    for (opcode, subject) in [
+        (op::ATTACHMENT, "attachments"),
+        (op::ATTACHMENT_INDEX, "summary section"),
+        (op::METADATA_INDEX, "summary section"),
+    ] {
+        let mut parts = split(&chunked(20));
+        parts.insert(1, garbage(opcode));
+        let found = read(&join(&parts)).report.findings;
+        assert!(subjects(&found).contains(&(FindingCode::SummaryMismatch, subject)), "{opcode}: {found:?}");
+    }
+    let mut parts = split(&chunked(20));
+    let library = parts[0].body.len() - 1;
+    parts[0].body[library] = 0xff;
+    assert!(matches!(read_bytes(&join(&parts), &numbers_only()), Err(RecordingError::Damaged { .. })));
+}
+
+#[test]
+fn an_attachment_that_differs_from_its_checksum_is_a_finding() {
+    let mut writer = mcap::WriteOptions::new().use_chunks(false).create(Cursor::new(Vec::new())).unwrap();
+    let attachment = mcap::Attachment {
+        log_time: 1,
+        create_time: 1,
+        name: "note".to_owned(),
+        media_type: "text/plain".to_owned(),
+        data: b"attached".to_vec().into(),
+    };
+    writer.attach(&attachment).unwrap();
+    writer.finish().unwrap();
+    let parts = split(&writer.into_inner().into_inner());
+    let attached = parts.iter().position(|part| part.opcode == op::ATTACHMENT).unwrap();
+    let mut whole = split(&chunked(20));
+    for (flip, expected) in [(0, false), (1, true)] {
+        let mut part = parts[attached].clone();
+        let last = part.body.len() - 5;
+        part.body[last] ^= flip;
+        whole.insert(1, part);
+        let found = read(&join(&whole)).report.findings;
+        let told = subjects(&found).contains(&(FindingCode::ChecksumMismatch, "attachments"));
+        assert_eq!(told, expected, "{found:?}");
+        whole.remove(1);
+    }
+}
+
 #[test]
 fn a_second_declaration_with_other_contents_is_a_finding() {
     let mut parts = split(&chunked(20));
