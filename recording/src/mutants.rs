@@ -6,6 +6,7 @@ mod kinds;
 mod parts;
 
 pub use kinds::KINDS;
+#[cfg(test)]
 pub(crate) use parts::{Part, inner, join, rebuilt, split};
 
 /// Repeatable pseudo-random numbers (SplitMix64).

@@ -72,7 +72,7 @@ const BASE64: GeneralPurpose = GeneralPurpose::new(
 );
 
 /// The bytes of the image, which JSON holds as base64 text.
-fn data<'a>(message: &'a Value<'_>) -> Result<Cow<'a, [u8]>, RecordingError> {
+pub(crate) fn data<'a>(message: &'a Value<'_>) -> Result<Cow<'a, [u8]>, RecordingError> {
     if let Some(bytes) = message.bytes("data") {
         return Ok(Cow::Borrowed(bytes));
     }

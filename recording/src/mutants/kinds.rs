@@ -1,4 +1,5 @@
 //! The kinds of damage: each takes a recording and gives a mutant of it.
+#![expect(clippy::ptr_arg, reason = "every change has one type, and some of them insert or remove")]
 
 use mcap::records::op;
 

@@ -34,7 +34,7 @@ fn records(mut rest: &[u8]) -> Vec<Part> {
 
 /// A whole file of these records.
 pub(crate) fn join(parts: &[Part]) -> Vec<u8> {
-    [&mcap::MAGIC[..], &concat(parts), mcap::MAGIC].concat()
+    [mcap::MAGIC, &concat(parts), mcap::MAGIC].concat()
 }
 
 fn concat(parts: &[Part]) -> Vec<u8> {

@@ -1,13 +1,15 @@
 //! Images in JSON messages, and cameras that stand still.
 
+use std::path::Path;
+
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use serde_json::{Value, json};
 
+use super::fixture;
 use super::scene::{Scene, check, read_bytes};
-use crate::encode_jpeg;
 use crate::spec::tests::arm;
-use crate::{FindingCode, Severity, TaskSpec};
+use crate::{FindingCode, Severity, TaskSpec, encode_jpeg, read_episode};
 
 /// The pixels of a step: red follows the step.
 fn color(step: usize) -> Vec<u8> {
@@ -60,6 +62,17 @@ fn compressed_images_in_json_are_base64_text() {
     assert_eq!(reading.report.findings, []);
     let red = f32::from(reading.episode.frames().as_ref()[3 * (8 * 16 * 5)]);
     assert!((red - 15.0).abs() <= 3.0, "{red}");
+}
+
+/// Written by the `mcap` library for Python, with images as PNG and as rows.
+#[test]
+fn json_images_of_another_writer_are_read() {
+    let task = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("differential/task.json")).unwrap();
+    let reading = read_episode(&fixture("json_images.mcap"), &serde_json::from_slice(&task).unwrap()).unwrap();
+    assert_eq!((reading.report.steps, reading.report.findings.as_slice()), (3, &[][..]));
+    let color = |step: u8| (0..8).flat_map(move |row: u8| [step * 7, row * 20, 90].repeat(16));
+    let expected: Vec<u8> = (0..3).flat_map(|step| color(step).chain(depth(step.into()))).collect();
+    assert!(reading.episode.frames().as_ref() == expected);
 }
 
 #[test]
