@@ -5,6 +5,7 @@ mod bombs;
 mod corpus;
 mod damage;
 mod findings;
+mod fuzz_corpus;
 mod golden;
 mod images;
 mod integrity;
