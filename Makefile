@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test crash-test test-python lint-python metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz
+.PHONY: demo build test crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -41,7 +41,20 @@ test-python: .libtorch $(PYTHON_ENV)
 lint-python: $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test,lint]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../recording/differential
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
+
+# Damaged recordings read by gleaner and by the `mcap` library for Python: refused, equal, or different with a finding.
+# The short form takes seconds; `differential-test` has 50,000 mutants. MUTANTS=, SEED= set their number and seed;
+# CORPUS=fuzz/corpus/container adds new kinds of outcomes to the fuzzer's corpus.
+DIFFERENTIAL_ENV = target/differential-python
+differential: MUTANTS ?= 1500
+differential-test: MUTANTS ?= 50000
+differential differential-test: $(DIFFERENTIAL_ENV)
+	$(CARGO) build --locked -p gleaner-recording --example mutants --features fuzzing
+	$(DIFFERENTIAL_ENV)/bin/pip install -q -r recording/differential/requirements.txt
+	$(DIFFERENTIAL_ENV)/bin/python recording/differential/compare.py --program target/debug/examples/mutants \
+		--mutants $(MUTANTS) --seed $(SEED) $(if $(CORPUS),--corpus $(CORPUS))
 
 # Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in metaworld-runs/$(TASK).
 # Fetches MuJoCo and Meta-World (about 110 MB) the first time; draws by OSMesa or EGL, whichever there is.
@@ -53,7 +66,7 @@ metaworld: .libtorch $(METAWORLD_ENV)
 	$(METAWORLD_ENV)/bin/python client/python/examples/metaworld.py all --task $(TASK) \
 		--server-bin target/debug/gleaner-server $(METAWORLD_ARGS)
 
-$(PYTHON_ENV) $(METAWORLD_ENV):
+$(PYTHON_ENV) $(METAWORLD_ENV) $(DIFFERENTIAL_ENV):
 	$(PYTHON) -m venv $@
 
 fmt:

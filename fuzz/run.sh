@@ -3,6 +3,11 @@
 #   fuzz/run.sh SECONDS [TARGET...]
 # Without targets: all of them. Those that link the server need libtorch (scripts/libtorch.sh). A find is left in
 # fuzz/artifacts/TARGET and ends the run. Needs the nightly toolchain and cargo-fuzz.
+#
+# Each target begins with fuzz/corpus/TARGET, which is in the repository, and with what earlier runs left in
+# fuzz/growth/TARGET, which is not. KEEP=1 adds to fuzz/corpus/TARGET the inputs of up to KEEP_BYTES (2048) that reach
+# code no kept one reaches; commit them. The differential suite (`make differential-test CORPUS=…`) adds damaged
+# recordings to fuzz/corpus/container.
 set -eu
 cd "$(dirname "$0")"
 seconds=${1:?seconds for each target}
@@ -22,8 +27,13 @@ features() { case " $linked " in *" $1 "*) echo "--features server" ;; esac; }
 for target; do
     # Safe Rust: panics, time and memory are what is looked for, and the sanitizers would only slow that down.
     # The target counts an input's processor time and memory itself; these limits stop what never comes back.
+    mkdir -p "growth/$target" "corpus/$target"
     # shellcheck disable=SC2046
-    cargo +nightly fuzz run --sanitizer none $(features "$target") "$target" -- \
+    cargo +nightly fuzz run --sanitizer none $(features "$target") "$target" "growth/$target" "corpus/$target" -- \
         -max_total_time="$seconds" -runs="${RUNS:-1000000}" -max_len="${MAX_LEN:-16384}" -timeout=60 \
         -rss_limit_mb=1500 -print_final_stats=1
+    [ -n "${KEEP:-}" ] || continue
+    # shellcheck disable=SC2046
+    cargo +nightly fuzz run --sanitizer none $(features "$target") "$target" "corpus/$target" "growth/$target" -- \
+        -merge=1 -max_len="${KEEP_BYTES:-2048}" -rss_limit_mb=1500
 done

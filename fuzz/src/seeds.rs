@@ -1,4 +1,5 @@
-//! The inputs that fuzzing begins with: what the writers here write, and small real recordings.
+//! The inputs that fuzzing begins with: what the writers here write, and small real recordings. They are written into
+//! the growing corpus; the kept one (`corpus/`) is in the repository.
 
 use std::fs;
 use std::path::Path;
@@ -37,7 +38,7 @@ pub fn write(target: &str) {
 }
 
 fn seed(target: &str, name: &str, bytes: &[u8]) -> Result<(), Fault> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("corpus").join(target);
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("growth").join(target);
     fs::create_dir_all(&folder)?;
     Ok(fs::write(folder.join(name), bytes)?)
 }
@@ -140,8 +141,9 @@ fn ros2() -> Vec<u8> {
     input(&messages)
 }
 
-/// JSON carries no images: their messages are there, and refused.
+/// Images are base64 text: depth raw, color once whole and else broken.
 fn json() -> Vec<u8> {
+    let depth = format!(r#""encoding":"16UC1","data":"{}","height":8,"width":8,"step":16"#, "AQI".repeat(57));
     let mut messages = Vec::new();
     for step in 0..4 {
         let stamp = format!(r#""timestamp":{{"sec":1,"nsec":{}}}"#, step * 100_000_000);
@@ -150,7 +152,7 @@ fn json() -> Vec<u8> {
             (1, r#""parts":[{"x":1},{"x":-2e3}]"#),
             (2, r#""values":[true,0.25]"#),
             (3, r#""format":"jpeg","data":"/9j/","on":null"#),
-            (4, r#""encoding":"16UC1","data":[1,2],"height":8,"width":8,"step":16"#),
+            (4, depth.as_str()),
         ] {
             messages.push((channel, 20, format!("{{{stamp},{rest}}}").into_bytes()));
         }

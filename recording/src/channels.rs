@@ -1,9 +1,10 @@
 //! The channels of a file as they are declared on the way through it: each message's topic, its place
 //! among the topic's messages, and how to decode it.
 //!
-//! Every pass over a file uses this, so all count the messages of a topic alike.
+//! Every pass over a file uses this, so all count the messages of a topic alike. Messages may come before their
+//! channel's declaration in a damaged file; after [`Channels::rewind`] another pass finds it.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
 
 use crate::container::Record;
@@ -13,15 +14,18 @@ use crate::limits::Limits;
 use crate::report::TopicReport;
 
 /// What is known of a file's channels so far.
+#[derive(Debug)]
 pub(crate) struct Channels {
     limits: Limits,
     schemas: HashMap<u16, Schema>,
     channels: HashMap<u16, Channel>,
-    /// Each topic and how many of its messages have passed.
-    topics: Vec<(String, usize)>,
+    /// Each topic; its messages are those that have passed.
+    topics: Vec<TopicReport>,
+    /// Messages of channels that were not declared before them.
+    undeclared: BTreeMap<u16, u64>,
 }
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Schema {
     name: String,
     encoding: String,
@@ -33,6 +37,7 @@ struct Schema {
 /// A decoder, or why there is none.
 type Readable = Result<Decoder, String>;
 
+#[derive(Debug)]
 struct Channel {
     /// Index into the topics; several channels may share one.
     topic: usize,
@@ -41,28 +46,52 @@ struct Channel {
 
 impl Channels {
     pub(crate) fn new(limits: &Limits) -> Self {
-        Self { limits: *limits, schemas: HashMap::new(), channels: HashMap::new(), topics: Vec::new() }
+        Self {
+            limits: *limits,
+            schemas: HashMap::new(),
+            channels: HashMap::new(),
+            topics: Vec::new(),
+            undeclared: BTreeMap::new(),
+        }
     }
 
     /// For the next message of a channel: its topic, its index in the topic, and the decoder. `None` for a
-    /// channel that was never declared.
+    /// channel that is not declared so far; its messages are counted.
     pub(crate) fn next(&mut self, channel: u16) -> Option<(&str, usize, &Readable)> {
-        let channel = self.channels.get(&channel)?;
-        let (topic, count) = self.topics.get_mut(channel.topic)?;
-        let index = *count;
-        *count += 1;
-        Some((topic, index, &channel.decoder))
+        let Some(declared) = self.channels.get(&channel) else {
+            *self.undeclared.entry(channel).or_default() += 1;
+            return None;
+        };
+        let topic = self.topics.get_mut(declared.topic)?;
+        let index = usize::try_from(topic.messages).ok()?;
+        topic.messages += 1;
+        Some((&topic.topic, index, &declared.decoder))
     }
 
-    /// Takes in a schema or channel; only wanted topics get a decoder. A channel that is new is described.
+    /// Keeps what is declared and forgets the messages, for another pass over the same file.
+    pub(crate) fn rewind(&mut self) {
+        self.undeclared.clear();
+        for topic in &mut self.topics {
+            topic.messages = 0;
+        }
+    }
+
+    /// The channels of messages that came before their declaration: how many, and the topic if it came after all.
+    pub(crate) fn undeclared(&self) -> Vec<(u16, u64, Option<String>)> {
+        let topic = |channel: &u16| self.topics.get(self.channels.get(channel)?.topic).map(|topic| topic.topic.clone());
+        self.undeclared.iter().map(|(channel, count)| (*channel, *count, topic(channel))).collect()
+    }
+
+    /// Every topic so far, with its number of messages.
+    pub(crate) fn topics(&self) -> &[TopicReport] {
+        &self.topics
+    }
+
+    /// Takes in a schema or channel; only wanted topics get a decoder.
     ///
     /// # Errors
     /// [`RecordingError::TooLarge`] when there are too many.
-    pub(crate) fn learn(
-        &mut self,
-        record: &Record<'_>,
-        wanted: &dyn Fn(&str) -> bool,
-    ) -> Result<Option<TopicReport>, RecordingError> {
+    pub(crate) fn learn(&mut self, record: &Record<'_>, wanted: &dyn Fn(&str) -> bool) -> Result<(), RecordingError> {
         match record {
             Record::Schema { id, name, encoding, data } => {
                 let schema = Schema {
@@ -72,8 +101,7 @@ impl Channels {
                     ..Schema::default()
                 };
                 self.schemas.insert(*id, schema);
-                self.check("schemas", self.schemas.len())?;
-                Ok(None)
+                self.check("schemas", self.schemas.len())
             }
             Record::Channel { id, schema_id, topic, encoding, .. } if !self.channels.contains_key(id) => {
                 let mut unnamed = Schema::default();
@@ -84,18 +112,15 @@ impl Channels {
                     Rc::new(Err("not read".to_owned()))
                 };
                 let schema = schema.name.clone();
-                let topic_at = self.topics.iter().position(|(known, _)| known == topic).unwrap_or(self.topics.len());
-                if topic_at == self.topics.len() {
-                    self.topics.push(((*topic).to_owned(), 0));
+                let at = self.topics.iter().position(|known| known.topic == *topic).unwrap_or(self.topics.len());
+                if at == self.topics.len() {
+                    let (topic, encoding) = ((*topic).to_owned(), (*encoding).to_owned());
+                    self.topics.push(TopicReport { topic, schema, encoding, messages: 0, used: false });
                 }
-                self.channels.insert(*id, Channel { topic: topic_at, decoder });
-                self.check("channels", self.channels.len())?;
-                let (topic, encoding) = ((*topic).to_owned(), (*encoding).to_owned());
-                Ok(Some(TopicReport { topic, schema, encoding, messages: 0, used: false }))
+                self.channels.insert(*id, Channel { topic: at, decoder });
+                self.check("channels", self.channels.len())
             }
-            Record::Channel { .. } | Record::Header { .. } | Record::Message { .. } | Record::Metadata { .. } => {
-                Ok(None)
-            }
+            Record::Channel { .. } | Record::Header { .. } | Record::Message { .. } | Record::Metadata { .. } => Ok(()),
         }
     }
 

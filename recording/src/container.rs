@@ -1,26 +1,27 @@
 //! The MCAP container: a file's records in order, with every length checked.
 //!
-//! Records are read one at a time, so memory follows the largest record, not the file. Knows nothing of
-//! dialects or tasks.
+//! Records are read one at a time, so memory follows the largest record, not the file. What the file says of itself
+//! (checksums, statistics, indexes) is compared with what is read on the way. Knows nothing of dialects or tasks.
 
 mod chunks;
+mod frames;
+mod index;
+mod integrity;
 mod record;
+mod statistics;
 
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
-use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 
-use mcap::McapError;
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::records::op;
 
 use crate::error::RecordingError;
 use crate::limits::Limits;
+use frames::{Frame, Frames};
+use index::{ChunkIndex, Footer, Messages, Statistics};
+use integrity::{Integrity, Place};
 
+pub(crate) use integrity::Problem;
 pub(crate) use record::Record;
-
-/// Bytes asked of the file at once.
-const READ_BYTES: usize = 256 << 10;
 
 /// How a file ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,6 +32,14 @@ pub(crate) enum Ending {
     Cut,
 }
 
+/// A file whose records were all visited.
+#[derive(Debug)]
+pub(crate) struct Scanned {
+    pub(crate) ending: Ending,
+    /// Where the file contradicts itself.
+    pub(crate) problems: Vec<Problem>,
+}
+
 /// Takes a record.
 type Visit<'a> = &'a mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>;
 
@@ -38,8 +47,8 @@ type Visit<'a> = &'a mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>;
 ///
 /// # Errors
 /// Those of `visit`; [`RecordingError::Io`], `Empty`, `NotMcap`, `TooLarge` and `Damaged`.
-pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Ending, RecordingError> {
-    scan_with(LinearReaderOptions::default().with_validate_chunk_crcs(true), path, limits, visit)
+pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Scanned, RecordingError> {
+    Scan::open(path, limits, false)?.run(visit)
 }
 
 /// As [`scan`], but nothing of a chunk is visited unless all of it is there and is what its checksum says: for what is
@@ -47,51 +56,190 @@ pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<End
 ///
 /// # Errors
 /// As [`scan`].
-pub(crate) fn scan_whole_chunks(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Ending, RecordingError> {
-    scan_with(LinearReaderOptions::default().with_prevalidate_chunk_crcs(true), path, limits, visit)
+pub(crate) fn scan_whole_chunks(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Scanned, RecordingError> {
+    Scan::open(path, limits, true)?.run(visit)
 }
 
-fn scan_with(
-    options: LinearReaderOptions,
-    path: &Path,
-    limits: &Limits,
-    visit: Visit<'_>,
-) -> Result<Ending, RecordingError> {
-    let io = |source| RecordingError::Io { path: path.to_path_buf(), source };
-    let mut file = File::open(path).map_err(io)?;
-    if file.metadata().map_err(io)?.len() == 0 {
-        return Err(RecordingError::Empty { path: path.to_path_buf() });
+/// One pass over a file.
+struct Scan<'a> {
+    frames: Frames,
+    integrity: Integrity,
+    limits: &'a Limits,
+    whole_chunks: bool,
+    /// Records so far, those in chunks among them.
+    records: u64,
+    /// Where the summary offsets begin.
+    summary_offsets: Option<u64>,
+    section: Place,
+    body: Vec<u8>,
+}
+
+/// Whether the pass goes on.
+enum Next {
+    More,
+    End(Ending),
+}
+
+impl<'a> Scan<'a> {
+    fn open(path: &Path, limits: &'a Limits, whole_chunks: bool) -> Result<Self, RecordingError> {
+        Ok(Self {
+            frames: Frames::open(path)?,
+            integrity: Integrity::default(),
+            limits,
+            whole_chunks,
+            records: 0,
+            summary_offsets: None,
+            section: Place::Data,
+            body: Vec::new(),
+        })
     }
-    let mut magic = [0; mcap::MAGIC.len()];
-    if file.read_exact(&mut magic).is_err() || magic != mcap::MAGIC {
-        return Err(RecordingError::NotMcap { path: path.to_path_buf() });
-    }
-    chunks::check(&file, limits)?;
-    file.seek(SeekFrom::Start(mcap::MAGIC.len() as u64)).map_err(io)?;
-    let options = options.with_skip_start_magic(true).with_record_length_limit(limits.chunk_bytes);
-    let mut reader = LinearReader::new_with_options(options);
-    let mut records = 0;
-    loop {
-        match next_event(&mut reader) {
-            None => return Ok(Ending::Whole),
-            Some(Ok(LinearReadEvent::ReadRequest(_))) => {
-                // How much is asked for may come from a false length, so the buffer grows with what is there.
-                let read = file.read(reader.insert(READ_BYTES)).map_err(io)?;
-                reader.notify_read(read);
+
+    fn run(mut self, visit: Visit<'_>) -> Result<Scanned, RecordingError> {
+        loop {
+            let next = match self.frames.next()? {
+                Some(frame) => self.frame(&frame, visit)?,
+                None => Next::End(Ending::Cut),
+            };
+            if let Next::End(ending) = next {
+                let problems = self.integrity.finish(ending == Ending::Whole);
+                return Ok(Scanned { ending, problems });
             }
-            Some(Ok(LinearReadEvent::Record { data, opcode })) => {
-                records += 1;
-                check(records, data.len(), limits)?;
+        }
+    }
+
+    fn frame(&mut self, frame: &Frame, visit: Visit<'_>) -> Result<Next, RecordingError> {
+        if frame.length > self.limits.chunk_bytes as u64 {
+            let problem = format!(
+                "a record of kind {:#04x} claims {} bytes; a chunk may have {} bytes, packed and unpacked, so the file is \
+                 damaged or of another kind",
+                frame.opcode, frame.length, self.limits.chunk_bytes
+            );
+            return Err(RecordingError::TooLarge { problem });
+        }
+        if frame.opcode != op::MESSAGE_INDEX {
+            self.integrity.close_chunk();
+        }
+        match frame.opcode {
+            op::CHUNK => self.chunk(frame, visit),
+            op::DATA_END => self.data_end(frame),
+            op::FOOTER => self.footer(frame),
+            _ => self.other(frame, visit),
+        }
+    }
+
+    fn chunk(&mut self, frame: &Frame, visit: Visit<'_>) -> Result<Next, RecordingError> {
+        self.frames.include(frame);
+        let (mut messages, limits) = (Messages::default(), self.limits);
+        let (records, integrity) = (&mut self.records, &mut self.integrity);
+        let head =
+            chunks::read(&mut self.frames, frame, limits, self.whole_chunks, &mut |checked, opcode, data, at| {
+                *records += 1;
+                check(*records, data.len(), limits)?;
                 if let Some(record) = record::parse(opcode, data)? {
                     check_names(&record, limits)?;
+                    integrity.record(&record, Place::Chunk { checked });
+                    if let Record::Message { header, .. } = &record {
+                        messages.add(header.channel_id, header.log_time, at);
+                    }
+                    visit(record)?;
+                }
+                Ok(())
+            })?;
+        let Some(head) = head else { return Ok(Next::End(Ending::Cut)) };
+        self.integrity.chunk(frame, &head, messages);
+        Ok(Next::More)
+    }
+
+    fn data_end(&mut self, frame: &Frame) -> Result<Next, RecordingError> {
+        let calculated = self.frames.checksum();
+        let Some(body) = self.body(frame)? else { return Ok(Next::End(Ending::Cut)) };
+        let stored = index::data_end(body).ok_or_else(|| record::unfit(frame.opcode))?;
+        // The summary's checksum begins after this record.
+        self.frames.checksum();
+        self.section = Place::Summary;
+        if self.integrity.data_end((stored, calculated), self.frames.offset) {
+            return Ok(Next::More);
+        }
+        let problem = format!(
+            "the checksum of the data section is {stored:#010x} and its bytes give {calculated:#010x}, so some of its values \
+             are changed or lost; record or copy the file again"
+        );
+        Err(RecordingError::Damaged { problem })
+    }
+
+    fn footer(&mut self, frame: &Frame) -> Result<Next, RecordingError> {
+        self.frames.include(frame);
+        let mut body = Vec::new();
+        let checked = Footer::CHECKED_BYTES.min(frame.length);
+        if !self.frames.body(checked, &mut body)? {
+            return Ok(Next::End(Ending::Cut));
+        }
+        let calculated = self.frames.checksum();
+        if !self.frames.body(frame.length - checked, &mut self.body)? {
+            return Ok(Next::End(Ending::Cut));
+        }
+        body.append(&mut self.body);
+        let footer = Footer::parse(&body).ok_or_else(|| record::unfit(frame.opcode))?;
+        self.integrity.footer(&footer, frame.offset, calculated, self.summary_offsets);
+        // Other closing bytes than the magic are a cut too: all records have been read by then.
+        if !self.frames.magic()? {
+            return Ok(Next::End(Ending::Cut));
+        }
+        let rest = self.frames.size.saturating_sub(self.frames.offset);
+        if rest > 0 {
+            self.integrity.trailing(rest);
+        }
+        Ok(Next::End(Ending::Whole))
+    }
+
+    fn other(&mut self, frame: &Frame, visit: Visit<'_>) -> Result<Next, RecordingError> {
+        self.frames.include(frame);
+        let whole = if is_read(frame.opcode) { self.body(frame)?.is_some() } else { self.skip(frame)? };
+        if !whole {
+            return Ok(Next::End(Ending::Cut));
+        }
+        match frame.opcode {
+            op::MESSAGE_INDEX => self.integrity.message_index(frame, index::message_index(&self.body)),
+            op::CHUNK_INDEX => self.integrity.chunk_index(ChunkIndex::parse(&self.body)),
+            op::STATISTICS => self.integrity.statistics(Statistics::parse(&self.body)),
+            op::ATTACHMENT => self.integrity.attachment(index::attachment(&self.body)),
+            op::ATTACHMENT_INDEX | op::METADATA_INDEX | op::SUMMARY_OFFSET => {
+                self.integrity.places(index::fits(frame.opcode, &self.body));
+            }
+            opcode if is_read(opcode) => {
+                if let Some(record) = record::parse(opcode, &self.body)? {
+                    check_names(&record, self.limits)?;
+                    self.integrity.record(&record, self.section);
                     visit(record)?;
                 }
             }
-            // Other closing bytes than the magic are a cut too: all records have been read by then.
-            Some(Err(McapError::UnexpectedEof | McapError::BadMagic)) => return Ok(Ending::Cut),
-            Some(Err(error)) => return Err(damaged(&error, limits)),
+            _ => {}
         }
+        if frame.opcode == op::SUMMARY_OFFSET {
+            self.summary_offsets.get_or_insert(frame.offset);
+        }
+        Ok(Next::More)
     }
+
+    /// Passes over a record's body; false when the file ends in it.
+    fn skip(&mut self, frame: &Frame) -> Result<bool, RecordingError> {
+        self.records += 1;
+        check(self.records, usize::try_from(frame.length).unwrap_or(usize::MAX), self.limits)?;
+        self.frames.skip(frame.length)
+    }
+
+    /// The record's body; `None` when the file ends in it.
+    fn body(&mut self, frame: &Frame) -> Result<Option<&[u8]>, RecordingError> {
+        let whole = self.frames.body(frame.length, &mut self.body)?;
+        self.records += 1;
+        check(self.records, self.body.len(), self.limits)?;
+        Ok(whole.then_some(self.body.as_slice()))
+    }
+}
+
+/// Whether the format says what is in such a record. Readers pass over others.
+fn is_read(opcode: u8) -> bool {
+    (op::HEADER..=op::DATA_END).contains(&opcode)
 }
 
 /// Holds a record's number and length against the limits.
@@ -135,107 +283,5 @@ fn check_names(record: &Record<'_>, limits: &Limits) -> Result<(), RecordingErro
     Ok(())
 }
 
-/// The container crate still panics on some hostile bytes; those are damage like any other.
-fn next_event(reader: &mut LinearReader) -> Option<Result<LinearReadEvent<'_>, McapError>> {
-    let next = move || {
-        let reader = reader;
-        reader.next_event()
-    };
-    match catch_unwind(AssertUnwindSafe(next)) {
-        Ok(event) => event,
-        Err(_) => Some(Err(McapError::UnexpectedEoc)),
-    }
-}
-
-fn damaged(error: &McapError, limits: &Limits) -> RecordingError {
-    if matches!(error, McapError::RecordTooLarge { .. } | McapError::ChunkTooLarge(_)) {
-        let problem = format!(
-            "{error}; a chunk may have {} bytes, packed and unpacked, so the file is damaged or of another kind",
-            limits.chunk_bytes
-        );
-        return RecordingError::TooLarge { problem };
-    }
-    RecordingError::Damaged { problem: format!("{error}; record or copy the file again") }
-}
-
 #[cfg(test)]
-mod tests {
-    #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
-    use std::collections::BTreeMap;
-
-    use mcap::records::{MessageHeader, op};
-
-    use super::*;
-
-    fn scan_bytes(bytes: &[u8]) -> (Result<Ending, RecordingError>, usize) {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.mcap");
-        std::fs::write(&path, bytes).unwrap();
-        let mut messages = 0;
-        let ending = scan(&path, &Limits::default(), &mut |record| {
-            messages += usize::from(matches!(record, Record::Message { .. }));
-            Ok(())
-        });
-        (ending, messages)
-    }
-
-    fn ten_messages(options: mcap::WriteOptions) -> Vec<u8> {
-        let mut writer = options.create(std::io::Cursor::new(Vec::new())).unwrap();
-        let channel = writer.add_channel(0, "/x", "json", &BTreeMap::new()).unwrap();
-        for i in 0..10u32 {
-            let time = u64::from(i);
-            let header = MessageHeader { channel_id: channel, sequence: i, log_time: time, publish_time: time };
-            writer.write_to_known_channel(&header, b"{\"a\":1}").unwrap();
-        }
-        writer.finish().unwrap();
-        writer.into_inner().into_inner()
-    }
-
-    #[test]
-    fn reads_whole_files() {
-        for options in [
-            mcap::WriteOptions::new(),
-            mcap::WriteOptions::new().compression(Some(mcap::Compression::Lz4)),
-            mcap::WriteOptions::new().compression(None),
-            mcap::WriteOptions::new().use_chunks(false),
-        ] {
-            let (ending, messages) = scan_bytes(&ten_messages(options));
-            assert_eq!((ending.unwrap(), messages), (Ending::Whole, 10));
-        }
-    }
-
-    #[test]
-    fn a_cut_at_any_byte_keeps_the_whole_messages_before_it() {
-        let bytes = ten_messages(mcap::WriteOptions::new().use_chunks(false));
-        let mut last = 0;
-        for cut in 8..bytes.len() {
-            let (ending, messages) = scan_bytes(&bytes[..cut]);
-            assert_eq!(ending.unwrap(), Ending::Cut, "cut at {cut}");
-            assert!(messages >= last, "cut at {cut}");
-            last = messages;
-        }
-        assert_eq!(last, 10);
-    }
-
-    #[test]
-    fn says_what_is_no_mcap_file() {
-        assert!(matches!(scan_bytes(b"").0, Err(RecordingError::Empty { .. })));
-        assert!(matches!(scan_bytes(b"PK\x03\x04 a zip file, say").0, Err(RecordingError::NotMcap { .. })));
-    }
-
-    #[test]
-    fn a_changed_byte_in_a_chunk_is_damage() {
-        let mut bytes = ten_messages(mcap::WriteOptions::new().compression(None));
-        let at = bytes.windows(7).position(|window| window == b"{\"a\":1}").unwrap();
-        bytes[at + 5] = b'2';
-        assert!(matches!(scan_bytes(&bytes).0, Err(RecordingError::Damaged { .. })));
-    }
-
-    #[test]
-    fn a_string_longer_than_its_record_is_damage() {
-        let mut bytes = mcap::MAGIC.to_vec();
-        bytes.extend([op::SCHEMA, 8, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0xff, 0xff, 0xff, 0xff, b'a', b'b']);
-        assert!(matches!(scan_bytes(&bytes).0, Err(RecordingError::Damaged { .. })));
-    }
-}
+mod tests;

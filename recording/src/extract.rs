@@ -69,7 +69,7 @@ pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<
             quality,
             copier: Copier::new(writer),
         };
-        copy.run(path, origin)
+        copy.run(path, plan.channels, plan.declared_late, origin)
     })
 }
 
@@ -127,15 +127,25 @@ struct Copy<'a> {
 }
 
 impl Copy<'_> {
-    fn run(mut self, path: &Path, origin: BTreeMap<String, String>) -> Result<BufWriter<File>, RecordingError> {
-        let mut channels = Channels::new(&Limits::ADMITTED);
+    fn run(
+        mut self,
+        path: &Path,
+        mut channels: Channels,
+        declared_late: bool,
+        origin: BTreeMap<String, String>,
+    ) -> Result<BufWriter<File>, RecordingError> {
+        if declared_late {
+            scan(path, &Limits::ADMITTED, &mut |record| match record {
+                Record::Schema { .. } | Record::Channel { .. } => self.copier.declare(&record),
+                Record::Header { .. } | Record::Message { .. } | Record::Metadata { .. } => Ok(()),
+            })?;
+        }
         scan(path, &Limits::ADMITTED, &mut |record| {
             if let Record::Message { header, data } = record {
                 let Some((topic, at, _)) = channels.next(header.channel_id) else { return Ok(()) };
                 self.message(topic, at, header, data)?;
                 return self.quality(topic, at, header);
             }
-            channels.learn(&record, &|_| false)?;
             self.copier.declare(&record)
         })?;
         let origin = Metadata { name: "gleaner".to_owned(), metadata: origin };

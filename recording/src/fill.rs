@@ -10,9 +10,10 @@ use crate::container::{Record, scan};
 use crate::dialect::Value;
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
+use crate::inspect;
 use crate::limits::Limits;
 use crate::picture::{self, Channel};
-use crate::plan::Plan;
+use crate::plan::{ImageStream, Plan};
 use crate::report::{FindingCode, Severity};
 use crate::spec::TaskSpec;
 
@@ -21,6 +22,7 @@ use crate::spec::TaskSpec;
 /// # Errors
 /// Those of the container, and [`RecordingError::TooLarge`] when the frames do not fit into memory.
 pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Plan) -> Result<Vec<u8>, RecordingError> {
+    let mut channels = std::mem::replace(&mut plan.channels, Channels::new(limits));
     let step_bytes = frame_bytes_per_step(spec);
     let mut filler = Filler {
         spec,
@@ -32,17 +34,14 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
         problems: plan.images.iter().map(|_| None).collect(),
     };
     if step_bytes > 0 {
-        let mut channels = Channels::new(limits);
         scan(path, limits, &mut |record| {
             if let Record::Message { header, data } = record {
                 filler.message(channels.next(header.channel_id), data);
-            } else {
-                channels.learn(&record, &|topic| filler.places.contains_key(topic))?;
             }
             Ok(())
         })?;
     }
-    let Filler { frames, problems, .. } = filler;
+    let Filler { frames, problems, offsets, .. } = filler;
     for (at, problem) in problems.into_iter().enumerate() {
         let Some(Problem { step, error, count }) = problem else {
             continue;
@@ -52,6 +51,14 @@ pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Pla
         let detail = format!("{error} ({count} images alike)");
         plan.report.add(Severity::Error, code, &plan.images[at].topic, Some(step), detail);
     }
+    let image = |stream: usize, step: usize| {
+        let ImageStream { camera, channel, .. } = plan.images[stream];
+        let begin = step * step_bytes + offsets[stream];
+        &frames[begin..begin + channel.bytes(&spec.cameras[camera])]
+    };
+    let mut report = std::mem::take(&mut plan.report);
+    inspect::frozen_cameras(plan, image, &mut report);
+    plan.report = report;
     Ok(frames)
 }
 

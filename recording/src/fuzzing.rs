@@ -1,12 +1,19 @@
 //! Doors for the fuzzer to what is private here. Built with the feature `fuzzing` only, which nothing that ships
 //! turns on.
 
+use std::collections::BTreeMap;
+
+use crate::container::{Record, scan};
 use crate::dialect::{ChannelSchema, Decoder, Value};
+use crate::error::RecordingError;
 use crate::image::RawImage;
 use crate::limits::Limits;
 use crate::path::Path;
 use crate::picture::{self, Channel};
-use crate::spec::CameraSpec;
+use crate::spec::{CameraSpec, TaskSpec};
+use crate::tracks::collect;
+
+pub use crate::mutants::{KINDS, Random, mutant};
 
 /// Reads a message of any dialect the way a recording's are read, and asks for everything that is asked of one:
 /// its stamp, the numbers at `path`, by name too, and its image.
@@ -45,4 +52,76 @@ fn look(message: &Value<'_>, path: &str) {
             assert_eq!(pixels.len(), channel.bytes(&camera));
         }
     }
+}
+
+/// What was read of one topic. The sums are CRC-32, so that any other language can compute them too.
+#[derive(Debug, Default)]
+pub struct TopicSums {
+    /// Number of messages.
+    pub messages: u64,
+    /// Over each message's log time and bytes, in the order in which they were read.
+    pub ordered: u32,
+    /// The sum of one CRC-32 for each message: the same in any order.
+    pub unordered: u64,
+    /// Over each message's header stamp (0 without one); of the topics that the mapping reads.
+    pub stamps: u32,
+    /// Over the bytes of each message's image, decoded from base64 where it is text; of the cameras' topics.
+    pub images: u32,
+}
+
+/// What was read of a recording, by topic, and by field with the number of its messages and the CRC-32 of its values as
+/// 32-bit floats.
+#[derive(Debug, Default)]
+pub struct Sums {
+    /// By topic.
+    pub topics: BTreeMap<String, TopicSums>,
+    /// By field of the task.
+    pub fields: BTreeMap<String, (u64, u32)>,
+}
+
+/// Sums up what reading a recording with this mapping of the task sees, for a comparison with another reader.
+///
+/// # Errors
+/// As [`crate::read_episode`], when the file cannot be read at all.
+pub fn sums(path: &std::path::Path, spec: &TaskSpec, mapping: &str) -> Result<Sums, RecordingError> {
+    let mut spec = spec.clone();
+    spec.mappings.retain(|known| known.name == mapping);
+    let mut tracks = collect(path, &spec, &Limits::default())?;
+    let mut sums = Sums::default();
+    scan(path, &Limits::default(), &mut |record| {
+        let Record::Message { header, data } = record else { return Ok(()) };
+        let Some((topic, _, decoder)) = tracks.channels.next(header.channel_id) else { return Ok(()) };
+        let entry = sums.topics.entry(topic.to_owned()).or_default();
+        let time = header.log_time.to_le_bytes();
+        let length = (data.len() as u64).to_le_bytes();
+        entry.messages += 1;
+        entry.ordered = crc(entry.ordered, &[&time, &length, data]);
+        entry.unordered = entry.unordered.wrapping_add(crc(0, &[&time, data]).into());
+        let camera = spec.mappings.iter().flat_map(|mapping| &mapping.cameras);
+        if camera.flat_map(|source| [Some(&source.color), source.depth.as_ref()]).flatten().any(|known| known == topic)
+            && let Ok(Ok(message)) = decoder.as_ref().map(|decoder| decoder.decode(data))
+            && let Ok(image) = picture::data(&message)
+        {
+            entry.images = crc(entry.images, &[&image]);
+        }
+        Ok(())
+    })?;
+    for (topic, track) in &tracks.tracks {
+        let stamps = track.stamps.iter().map(|stamp| stamp.header.unwrap_or_default());
+        let entry = sums.topics.entry(topic.clone()).or_default();
+        entry.stamps = stamps.fold(0, |sum, stamp| crc(sum, &[&stamp.to_le_bytes()]));
+        for field in &track.fields {
+            let values = field.values.iter().map(|value| if value.is_nan() { f32::NAN } else { *value });
+            let sum = values.fold(0, |sum, value| crc(sum, &[&value.to_le_bytes()]));
+            let name = &spec.mappings[field.mapping].fields[field.source].field;
+            sums.fields.insert(name.clone(), (field.messages.len() as u64, sum));
+        }
+    }
+    Ok(sums)
+}
+
+fn crc(so_far: u32, parts: &[&[u8]]) -> u32 {
+    let mut hasher = crc32fast::Hasher::new_with_initial(so_far);
+    parts.iter().for_each(|part| hasher.update(part));
+    hasher.finalize()
 }

@@ -2,14 +2,18 @@
 //!
 //! Looks at tracks, steps and values; changes nothing but the report.
 
+mod cameras;
+
 use crate::plan::Steps;
 use crate::report::{FindingCode, Report, Severity};
 use crate::spec::{FieldSpec, TaskSpec};
 use crate::tracks::{Failure, Tracks};
 
+pub(crate) use cameras::frozen_cameras;
+
 /// Periods without a message that make a gap.
 const GAP_PERIODS: f64 = 2.5;
-/// Fewest steps from which a joint can be called frozen.
+/// Fewest steps from which a joint or a camera can be called frozen.
 const FROZEN_STEPS: usize = 20;
 /// A value has moved when it spans more than this (radians or metres).
 const MOVED: f32 = 1e-3;

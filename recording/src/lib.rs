@@ -25,6 +25,9 @@ pub mod fuzzing;
 mod image;
 mod inspect;
 mod limits;
+#[cfg(any(test, feature = "fuzzing"))]
+#[cfg_attr(not(feature = "fuzzing"), expect(unreachable_pub, reason = "the door to it is built with the feature only"))]
+mod mutants;
 mod path;
 mod picture;
 mod plan;

@@ -1,6 +1,13 @@
 //! Images inside messages: foxglove.CompressedImage and RawImage, sensor_msgs CompressedImage and Image.
 //!
-//! They are told by their fields, so a lab's own message with the same fields works too.
+//! An image is recognised by its fields, so a lab's own message with the same fields works too. JSON has no bytes:
+//! there `data` is base64 text, as in Foxglove's JSON schemas.
+
+use std::borrow::Cow;
+
+use base64::Engine as _;
+use base64::alphabet::STANDARD;
+use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 
 use crate::dialect::Value;
 use crate::error::RecordingError;
@@ -28,7 +35,7 @@ impl Channel {
 /// Decodes the image that a message holds, at the size of the camera.
 pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec) -> Result<Vec<u8>, RecordingError> {
     let (height, width) = (camera.height, camera.width);
-    let data = message.bytes("data").ok_or_else(|| not_an_image(message))?;
+    let data = &*data(message)?;
     if let Some(encoding) = message.text("encoding") {
         let size = |name| message.number(name).and_then(whole).ok_or_else(|| not_an_image(message));
         let image = RawImage {
@@ -58,6 +65,23 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
     })
 }
 
+/// Base64 with or without padding: writers differ.
+const BASE64: GeneralPurpose = GeneralPurpose::new(
+    &STANDARD,
+    GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent),
+);
+
+/// The bytes of the image, which JSON holds as base64 text.
+pub(crate) fn data<'a>(message: &'a Value<'_>) -> Result<Cow<'a, [u8]>, RecordingError> {
+    if let Some(bytes) = message.bytes("data") {
+        return Ok(Cow::Borrowed(bytes));
+    }
+    let text = message.text("data").ok_or_else(|| not_an_image(message))?;
+    BASE64.decode(text).map(Cow::Owned).map_err(|error| RecordingError::BrokenImage {
+        problem: format!("`data` is text but not base64 ({error}); JSON messages hold an image's bytes as base64"),
+    })
+}
+
 fn whole(number: f64) -> Option<u32> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the range is checked first")]
     (number >= 0.0 && number <= f64::from(u32::MAX) && number.fract() == 0.0).then_some(number as u32)
@@ -67,7 +91,7 @@ fn not_an_image(message: &Value<'_>) -> RecordingError {
     RecordingError::BrokenImage {
         problem: format!(
             "the message has {}, which is no image; use foxglove.CompressedImage, foxglove.RawImage, \
-             sensor_msgs/CompressedImage or sensor_msgs/Image",
+             sensor_msgs/CompressedImage or sensor_msgs/Image; in JSON, `data` is base64 text",
             message.field_names()
         ),
     }
@@ -98,6 +122,25 @@ mod tests {
     fn reads_raw_images_by_their_fields() {
         assert_eq!(decode(&raw("bgr8", &[3, 2, 1, 6, 5, 4]), Channel::Color, &camera()).unwrap(), [1, 2, 3, 4, 5, 6]);
         assert_eq!(decode(&raw("16UC1", &[1, 2, 3, 4]), Channel::Depth, &camera()).unwrap(), [2, 1, 4, 3]);
+    }
+
+    #[test]
+    fn base64_text_is_bytes_with_or_without_padding() {
+        for data in ["AwIBBgUE", "AwIBBgUEAA==", "AwIBBgUEAA"] {
+            let Value::Message(mut fields) = raw("bgr8", &[]) else { unreachable!() };
+            fields.pop();
+            fields.push(("data".into(), Value::Text(data.into())));
+            assert_eq!(
+                decode(&Value::Message(fields), Channel::Color, &camera()).unwrap(),
+                [1, 2, 3, 4, 5, 6],
+                "{data}"
+            );
+        }
+        let text = Value::Message(vec![
+            ("format".into(), Value::Text("jpeg".into())),
+            ("data".into(), Value::Text("not base64!".into())),
+        ]);
+        assert!(decode(&text, Channel::Color, &camera()).unwrap_err().to_string().contains("not base64"));
     }
 
     #[test]

@@ -10,6 +10,7 @@ mod streams;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use crate::channels::Channels;
 use crate::container::Ending;
 use crate::error::RecordingError;
 use crate::inspect;
@@ -27,6 +28,10 @@ pub(crate) use steps::Steps;
 #[derive(Debug)]
 pub(crate) struct Plan {
     pub(crate) profile: String,
+    /// Every channel of the file, for another pass over it.
+    pub(crate) channels: Channels,
+    /// Whether some messages come before the declaration of their channel.
+    pub(crate) declared_late: bool,
     pub(crate) clock_topic: String,
     /// The clock's message of each step, by its index in the topic.
     pub(crate) clock: Vec<usize>,
@@ -76,54 +81,78 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
     };
     let clock_topic = mapping.clock_topic(spec).unwrap_or_default();
     let steps = Steps::new(spec, clocks.timeline(&tracks, clock_topic), streams);
-    let mut plan = assemble(&tracks, clock_topic, &steps);
-    plan.proprioception = steps.gather(&spec.proprioception);
-    plan.action = steps.gather(&spec.action);
+    let uses = Uses::new(&tracks, clock_topic, &steps);
+    let (proprioception, action) = (steps.gather(&spec.proprioception), steps.gather(&spec.action));
     inspect::steps(&steps, spec, &mut report);
-    inspect::values(&plan.proprioception, &spec.proprioception, &mut report);
-    inspect::values(&plan.action, &spec.action, &mut report);
-    inspect::frozen_joints(&plan.proprioception, &spec.proprioception, &mut report);
-    plan.report = report;
-    Ok(plan)
-}
-
-/// The plan's bookkeeping: which messages the steps use. Numbers and report are put in after.
-fn assemble(tracks: &Tracks, clock_topic: &str, steps: &Steps<'_>) -> Plan {
-    let clock: Vec<usize> = steps.ticks.iter().map(|&at| steps.clock.order[at]).collect();
-    let clock_stamps = tracks.tracks.get(clock_topic).map(|track| track.stamps.as_slice()).unwrap_or_default();
-    let mut used = BTreeMap::from([(clock_topic.to_owned(), vec![clock.clone()])]);
-    let mut images = Vec::new();
-    for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
-        let picks: Vec<usize> = picks.iter().map(|&at| stream.message(at)).collect();
-        used.entry(stream.topic.clone()).or_default().push(picks.clone());
-        if let Source::Images { camera, channel } = stream.source {
-            images.push(ImageStream { topic: stream.topic.clone(), camera, channel, picks });
-        }
-    }
-    Plan {
-        profile: tracks.profile.clone(),
+    inspect::values(&proprioception, &spec.proprioception, &mut report);
+    inspect::values(&action, &spec.action, &mut report);
+    inspect::frozen_joints(&proprioception, &spec.proprioception, &mut report);
+    Ok(Plan {
         clock_topic: clock_topic.to_owned(),
-        log_times: clock.iter().map(|&message| clock_stamps[message].log).collect(),
-        clock,
         stamps: steps.stamps.clone(),
-        images,
-        used,
-        proprioception: Vec::new(),
-        action: Vec::new(),
-        report: Report::default(),
+        declared_late: tracks.undeclared.iter().any(|(_, _, topic)| topic.is_some()),
+        clock: uses.clock,
+        log_times: uses.log_times,
+        images: uses.images,
+        used: uses.used,
+        profile: tracks.profile,
+        channels: tracks.channels,
+        proprioception,
+        action,
+        report,
+    })
+}
+
+/// Which messages the steps use: the parts of a [`Plan`] of the same names.
+struct Uses {
+    clock: Vec<usize>,
+    log_times: Vec<i64>,
+    images: Vec<ImageStream>,
+    used: BTreeMap<String, Vec<Vec<usize>>>,
+}
+
+impl Uses {
+    fn new(tracks: &Tracks, clock_topic: &str, steps: &Steps<'_>) -> Self {
+        let clock: Vec<usize> = steps.ticks.iter().map(|&at| steps.clock.order[at]).collect();
+        let clock_stamps = tracks.tracks.get(clock_topic).map(|track| track.stamps.as_slice()).unwrap_or_default();
+        let mut used = BTreeMap::from([(clock_topic.to_owned(), vec![clock.clone()])]);
+        let mut images = Vec::new();
+        for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
+            let picks: Vec<usize> = picks.iter().map(|&at| stream.message(at)).collect();
+            used.entry(stream.topic.clone()).or_default().push(picks.clone());
+            if let Source::Images { camera, channel } = stream.source {
+                images.push(ImageStream { topic: stream.topic.clone(), camera, channel, picks });
+            }
+        }
+        let log_times = clock.iter().map(|&message| clock_stamps[message].log).collect();
+        Self { clock, log_times, images, used }
     }
 }
 
+/// A report on the file itself: its topics, and whether it is whole and sound.
 fn begin_report(tracks: &Tracks) -> Report {
-    let mut report =
-        Report { messages: tracks.messages, topics: tracks.topics.values().cloned().collect(), ..Report::default() };
-    if tracks.ending == Some(Ending::Cut) {
+    let messages = tracks.topics.iter().map(|topic| topic.messages).sum();
+    let mut report = Report { messages, topics: tracks.topics.clone(), ..Report::default() };
+    if tracks.scanned.ending == Ending::Cut {
         let detail = format!(
-            "the file ends in the middle; the {} whole messages before the cut were read. Let the recorder close its \
-             files to get all of them",
-            tracks.messages
+            "the file ends in the middle; the {messages} whole messages before the cut were read. Let the recorder close \
+             its files to get all of them"
         );
         report.add(Severity::Warning, FindingCode::Truncated, "file", None, detail);
+    }
+    for problem in &tracks.scanned.problems {
+        report.add(Severity::Warning, problem.code, problem.subject, None, problem.detail.clone());
+    }
+    for (channel, count, topic) in &tracks.undeclared {
+        let detail = match topic {
+            Some(topic) => format!(
+                "{count} messages of topic {topic} come before the record that declares their channel; they were read. \
+                 Copy the file again if its parts are in the wrong order"
+            ),
+            None => format!("{count} messages were left out: no record declares their channel; copy the file again"),
+        };
+        let subject = format!("channel {channel}");
+        report.add(Severity::Warning, FindingCode::UndeclaredChannel, &subject, None, detail);
     }
     report
 }

@@ -103,6 +103,18 @@ pub enum FindingCode {
     TooShort,
     /// Header stamps and log times are of different clocks.
     MixedClocks,
+    /// A checksum of the file differs from its bytes.
+    ChecksumMismatch,
+    /// The statistics, an index or the footer contradict what was read.
+    SummaryMismatch,
+    /// Messages come before the channel record that declares them, or no channel record does.
+    UndeclaredChannel,
+    /// A schema or a channel is declared twice with different contents.
+    ConflictingDeclaration,
+    /// Bytes follow the end of the recording.
+    TrailingBytes,
+    /// A camera's images stay the same while the robot moves.
+    FrozenCamera,
 }
 
 impl Report {

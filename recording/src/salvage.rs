@@ -64,7 +64,7 @@ mod tests {
                 let torn = [&bytes[..cut], tail].concat();
                 let (folder, actions) = salvaged(&torn);
                 let (actions, path) = (actions.unwrap(), folder.path().join("whole"));
-                let ending = scan(&path, &Limits::default(), &mut |_| Ok(())).unwrap();
+                let ending = scan(&path, &Limits::default(), &mut |_| Ok(())).unwrap().ending;
                 assert_eq!(ending, Ending::Whole, "cut at {cut}");
                 if actions >= 2 {
                     let reading = read_episode(&path, &written_arm()).unwrap();
@@ -80,13 +80,13 @@ mod tests {
     /// Every message with its time, in the file's order.
     fn messages(path: &Path) -> Vec<(u64, Vec<u8>)> {
         let mut messages = Vec::new();
-        let ending = scan(path, &Limits::default(), &mut |record| {
+        let scanned = scan(path, &Limits::default(), &mut |record| {
             if let Record::Message { header, data } = record {
                 messages.push((header.log_time, data.to_vec()));
             }
             Ok(())
         });
-        assert_eq!(ending.unwrap(), Ending::Whole);
+        assert_eq!(scanned.unwrap().ending, Ending::Whole);
         messages
     }
 

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use std::path::Path as FilePath;
 
 use crate::channels::Channels;
-use crate::container::{Ending, Record, scan};
+use crate::container::{Record, Scanned, scan};
 use crate::dialect::{Decoder, Value};
 use crate::error::RecordingError;
 use crate::limits::Limits;
@@ -21,13 +21,17 @@ const MAX_MESSAGES: usize = 10_000_000;
 const MAX_NUMBERS: usize = 500_000_000;
 
 /// What the first pass found.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Tracks {
-    pub(crate) ending: Option<Ending>,
+    /// How the file ended, and where it contradicts itself.
+    pub(crate) scanned: Scanned,
     pub(crate) profile: String,
-    pub(crate) messages: u64,
-    /// Every topic of the file.
-    pub(crate) topics: BTreeMap<String, TopicReport>,
+    /// Every channel of the file, rewound for another pass.
+    pub(crate) channels: Channels,
+    /// Every topic of the file, by name.
+    pub(crate) topics: Vec<TopicReport>,
+    /// Channels that were declared after their messages or not at all: number of such messages, topic.
+    pub(crate) undeclared: Vec<(u16, u64, Option<String>)>,
     /// The topics that some mapping names and the file has.
     pub(crate) tracks: BTreeMap<String, Track>,
 }
@@ -75,40 +79,57 @@ pub(crate) struct Failure {
     pub(crate) count: u64,
 }
 
-/// Reads the stamps and numbers of a recording.
+/// Reads the stamps and numbers of a recording. Messages that come before their channel's declaration are read too,
+/// as a reader that begins with the summary section does: the file is then passed over twice.
 pub(crate) fn collect(path: &FilePath, spec: &TaskSpec, limits: &Limits) -> Result<Tracks, RecordingError> {
-    let mut wanted = wanted_tracks(spec)?;
-    let mut tracks = Tracks::default();
     let mut channels = Channels::new(limits);
-    let ending = scan(path, limits, &mut |record| match record {
-        Record::Message { header, data } => {
-            let Some((topic, _, decoder)) = channels.next(header.channel_id) else {
-                return Ok(());
-            };
-            tracks.messages += 1;
-            if let Some(report) = tracks.topics.get_mut(topic) {
-                report.messages += 1;
+    let mut pass = Pass::run(path, wanted_tracks(spec)?, limits, &mut channels)?;
+    let undeclared = channels.undeclared();
+    if undeclared.iter().any(|(_, _, topic)| topic.is_some()) {
+        channels.rewind();
+        pass = Pass::run(path, wanted_tracks(spec)?, limits, &mut channels)?;
+    }
+    let mut topics = channels.topics().to_vec();
+    topics.sort_by(|a, b| a.topic.cmp(&b.topic));
+    channels.rewind();
+    let Pass { scanned, profile, mut wanted } = pass;
+    wanted.retain(|_, track| !track.stamps.is_empty() || track.failure.is_some());
+    Ok(Tracks { scanned, profile, channels, topics, undeclared, tracks: wanted })
+}
+
+/// One pass over the file.
+struct Pass {
+    scanned: Scanned,
+    profile: String,
+    wanted: BTreeMap<String, Track>,
+}
+
+impl Pass {
+    fn run(
+        path: &FilePath,
+        mut wanted: BTreeMap<String, Track>,
+        limits: &Limits,
+        channels: &mut Channels,
+    ) -> Result<Self, RecordingError> {
+        let mut profile = String::new();
+        let scanned = scan(path, limits, &mut |record| match record {
+            Record::Message { header, data } => {
+                let Some((topic, _, decoder)) = channels.next(header.channel_id) else { return Ok(()) };
+                match wanted.get_mut(topic) {
+                    Some(track) => track.push(decoder, header.log_time, data, topic),
+                    None => Ok(()),
+                }
             }
-            match wanted.get_mut(topic) {
-                Some(track) => track.push(decoder, header.log_time, data, topic),
-                None => Ok(()),
+            Record::Header { profile: found } => {
+                found.clone_into(&mut profile);
+                Ok(())
             }
-        }
-        Record::Header { profile } => {
-            profile.clone_into(&mut tracks.profile);
-            Ok(())
-        }
-        Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
-            if let Some(report) = channels.learn(&record, &|topic| wanted.contains_key(topic))? {
-                tracks.topics.entry(report.topic.clone()).or_insert(report);
+            Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
+                channels.learn(&record, &|topic| wanted.contains_key(topic))
             }
-            Ok(())
-        }
-    })?;
-    tracks.ending = Some(ending);
-    tracks.tracks =
-        wanted.into_iter().filter(|(_, track)| !track.stamps.is_empty() || track.failure.is_some()).collect();
-    Ok(tracks)
+        })?;
+        Ok(Self { scanned, profile, wanted })
+    }
 }
 
 /// An empty track for each topic that a mapping names.

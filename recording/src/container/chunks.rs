@@ -1,55 +1,116 @@
-//! What the chunks of a file say they unpack to, looked at before any of them is unpacked.
+//! One chunk: its header, and the records that it unpacks to.
 //!
-//! The container crate unpacks no more of a chunk than the chunk says, and believes what it says.
+//! The container crate unpacks no more of a chunk than its header claims, so the claim is held against the limits
+//! first. The crate still panics on some hostile bytes; such a panic is contained here and counts as damage.
 
-use std::fs::File;
-use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use mcap::records::op;
+use mcap::McapError;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::frames::{Frame, Frames, HEAD_BYTES, READ_BYTES};
+use super::index::ChunkHead;
 use crate::error::RecordingError;
 use crate::limits::Limits;
 
-/// A record's kind and length.
-const HEAD_BYTES: usize = 9;
-/// Begin and end of a chunk's messages, before the length that it unpacks to.
-const TIMES_BYTES: usize = 16;
+/// Takes a record of a chunk: whether the chunk has a checksum, kind, body, and where it begins in the unpacked chunk.
+type Visit<'a> = &'a mut dyn FnMut(bool, u8, &[u8], u64) -> Result<(), RecordingError>;
 
-/// Goes from record to record, chunks unopened. Where the lengths lead nowhere it stops: the reader will say so.
-pub(super) fn check(file: &File, limits: &Limits) -> Result<(), RecordingError> {
-    let mut file = BufReader::new(file);
-    if file.seek(SeekFrom::Start(mcap::MAGIC.len() as u64)).is_err() {
-        return Ok(());
+/// Visits the records of a chunk and gives its header; `None` when the file ends within the chunk. With `whole`, no
+/// record is visited before the chunk's checksum has been compared.
+pub(super) fn read(
+    frames: &mut Frames,
+    frame: &Frame,
+    limits: &Limits,
+    whole: bool,
+    visit: Visit<'_>,
+) -> Result<Option<ChunkHead>, RecordingError> {
+    let Some((head, bytes)) = header(frames, frame)? else { return Ok(None) };
+    let most = limits.chunk_bytes as u64;
+    if head.uncompressed_size > most {
+        let problem = format!(
+            "a chunk of {} bytes unpacks to {} bytes and may unpack to {most}; the file is damaged, or was recorded in \
+             too large chunks",
+            frame.length, head.uncompressed_size
+        );
+        return Err(RecordingError::TooLarge { problem });
     }
-    while let Some((opcode, length)) = head(&mut file) {
-        let mut rest = length;
-        if opcode == op::CHUNK && length >= (TIMES_BYTES + 8) as u64 {
-            let mut begin = [0; TIMES_BYTES + 8];
-            if file.read_exact(&mut begin).is_err() {
-                return Ok(());
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_validate_chunk_crcs(true)
+        .with_prevalidate_chunk_crcs(whole)
+        .with_record_length_limit(limits.chunk_bytes);
+    let mut reader = LinearReader::new_with_options(options);
+    for part in [&frame.head[..], &bytes] {
+        reader.insert(part.len()).copy_from_slice(part);
+        reader.notify_read(part.len());
+    }
+    let (mut rest, mut unpacked) = (frame.length.saturating_sub(bytes.len() as u64), 0);
+    loop {
+        match next_event(&mut reader) {
+            None => return Ok(Some(head)),
+            Some(Ok(LinearReadEvent::ReadRequest(_))) => {
+                let most = usize::try_from(rest).unwrap_or(usize::MAX).min(READ_BYTES);
+                let count = frames.read(reader.insert(most))?;
+                if count == 0 && rest > 0 {
+                    return Ok(None);
+                }
+                rest = rest.saturating_sub(count as u64);
+                reader.notify_read(count);
             }
-            rest -= begin.len() as u64;
-            let unpacked = begin.last_chunk().copied().map(u64::from_le_bytes).unwrap_or_default();
-            let most = limits.chunk_bytes as u64;
-            if unpacked > most {
+            Some(Ok(LinearReadEvent::Record { data, opcode })) => {
+                visit(head.checksum != 0, opcode, data, unpacked)?;
+                unpacked += (HEAD_BYTES + data.len()) as u64;
+            }
+            Some(Err(McapError::UnexpectedEof)) => {
+                return Err(damaged("the records of a chunk do not fit its length"));
+            }
+            Some(Err(error @ (McapError::RecordTooLarge { .. } | McapError::ChunkTooLarge(_)))) => {
                 let problem = format!(
-                    "a chunk of {length} bytes unpacks to {unpacked} bytes and may unpack to {most}; the file is damaged, \
-                     or was recorded in too large chunks"
+                    "{error}; a chunk may have {most} bytes, packed and unpacked, so the file is damaged or of another \
+                     kind"
                 );
                 return Err(RecordingError::TooLarge { problem });
             }
-        }
-        match i64::try_from(rest) {
-            Ok(rest) if file.seek_relative(rest).is_ok() => {}
-            _ => return Ok(()),
+            Some(Err(error)) => return Err(damaged(&error.to_string())),
         }
     }
-    Ok(())
 }
 
-fn head(file: &mut impl Read) -> Option<(u8, u64)> {
-    let mut head = [0; HEAD_BYTES];
-    file.read_exact(&mut head).ok()?;
-    let [opcode, length @ ..] = head;
-    Some((opcode, u64::from_le_bytes(length)))
+/// The chunk's header, parsed and as it is in the file.
+fn header(frames: &mut Frames, frame: &Frame) -> Result<Option<(ChunkHead, Vec<u8>)>, RecordingError> {
+    let short = || damaged("the header of a chunk does not fit the chunk's length");
+    let (mut bytes, mut name) = (Vec::new(), Vec::new());
+    if frame.length < ChunkHead::FIXED_BYTES + 8 {
+        return Err(short());
+    }
+    if !frames.body(ChunkHead::FIXED_BYTES, &mut bytes)? {
+        return Ok(None);
+    }
+    let rest = ChunkHead::name_bytes(&bytes).saturating_add(8);
+    if rest > frame.length - ChunkHead::FIXED_BYTES {
+        return Err(short());
+    }
+    if !frames.body(rest, &mut name)? {
+        return Ok(None);
+    }
+    bytes.append(&mut name);
+    let head = ChunkHead::parse(&bytes).ok_or_else(|| damaged("the compression of a chunk has no name in UTF-8"))?;
+    Ok(Some((head, bytes)))
+}
+
+fn next_event(reader: &mut LinearReader) -> Option<Result<LinearReadEvent<'_>, McapError>> {
+    let next = move || {
+        let reader = reader;
+        reader.next_event()
+    };
+    match catch_unwind(AssertUnwindSafe(next)) {
+        Ok(event) => event,
+        Err(_) => Some(Err(McapError::UnexpectedEoc)),
+    }
+}
+
+fn damaged(problem: &str) -> RecordingError {
+    RecordingError::Damaged { problem: format!("{problem}; record or copy the file again") }
 }

@@ -21,21 +21,26 @@ pub(crate) enum Record<'a> {
 pub(super) fn parse(opcode: u8, body: &[u8]) -> Result<Option<Record<'_>>, RecordingError> {
     let mut fields = Fields { rest: body };
     let record = match opcode {
-        op::HEADER => fields.text().map(|profile| Record::Header { profile }),
+        // The writer's library follows.
+        op::HEADER => fields.text().zip(fields.text()).map(|(profile, _)| Record::Header { profile }),
         op::SCHEMA => fields.schema(),
         op::CHANNEL => fields.channel(),
         op::MESSAGE => fields.message(),
         op::METADATA => fields.metadata(),
         _ => return Ok(None),
     };
-    record.map(Some).ok_or_else(|| RecordingError::Damaged {
-        problem: format!("a record of kind {opcode:#04x} does not fit its length; record or copy the file again"),
-    })
+    record.map(Some).ok_or_else(|| unfit(opcode))
+}
+
+/// For a record whose fields do not fit its length.
+pub(super) fn unfit(opcode: u8) -> RecordingError {
+    let problem = format!("a record of kind {opcode:#04x} does not fit its length; record or copy the file again");
+    RecordingError::Damaged { problem }
 }
 
 /// The fields of a record's body, read from the front; `None` once they do not fit.
-struct Fields<'a> {
-    rest: &'a [u8],
+pub(super) struct Fields<'a> {
+    pub(super) rest: &'a [u8],
 }
 
 impl<'a> Fields<'a> {
@@ -45,22 +50,34 @@ impl<'a> Fields<'a> {
         Some(*head)
     }
 
-    fn u16(&mut self) -> Option<u16> {
+    pub(super) fn u16(&mut self) -> Option<u16> {
         self.array().map(u16::from_le_bytes)
     }
 
-    fn u64(&mut self) -> Option<u64> {
+    pub(super) fn u32(&mut self) -> Option<u32> {
+        self.array().map(u32::from_le_bytes)
+    }
+
+    pub(super) fn u64(&mut self) -> Option<u64> {
         self.array().map(u64::from_le_bytes)
     }
 
-    fn bytes(&mut self) -> Option<&'a [u8]> {
-        let length = usize::try_from(u32::from_le_bytes(self.array()?)).ok()?;
+    pub(super) fn bytes(&mut self) -> Option<&'a [u8]> {
+        let length = usize::try_from(self.u32()?).ok()?;
         let (head, rest) = self.rest.split_at_checked(length)?;
         self.rest = rest;
         Some(head)
     }
 
-    fn text(&mut self) -> Option<&'a str> {
+    /// Bytes whose length is a number of 64 bits.
+    pub(super) fn long_bytes(&mut self) -> Option<&'a [u8]> {
+        let length = usize::try_from(self.u64()?).ok()?;
+        let (head, rest) = self.rest.split_at_checked(length)?;
+        self.rest = rest;
+        Some(head)
+    }
+
+    pub(super) fn text(&mut self) -> Option<&'a str> {
         std::str::from_utf8(self.bytes()?).ok()
     }
 
@@ -71,6 +88,16 @@ impl<'a> Fields<'a> {
             map.insert(inner.text()?.to_owned(), inner.text()?.to_owned());
         }
         Some(map)
+    }
+
+    /// A number for each of some identifiers.
+    pub(super) fn counts(&mut self) -> Option<BTreeMap<u16, u64>> {
+        let mut inner = Fields { rest: self.bytes()? };
+        let mut counts = BTreeMap::new();
+        while !inner.rest.is_empty() {
+            counts.insert(inner.u16()?, inner.u64()?);
+        }
+        Some(counts)
     }
 
     fn schema(&mut self) -> Option<Record<'a>> {
@@ -90,7 +117,7 @@ impl<'a> Fields<'a> {
     fn message(&mut self) -> Option<Record<'a>> {
         let header = MessageHeader {
             channel_id: self.u16()?,
-            sequence: u32::from_le_bytes(self.array()?),
+            sequence: self.u32()?,
             log_time: self.u64()?,
             publish_time: self.u64()?,
         };

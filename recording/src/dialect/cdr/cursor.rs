@@ -64,12 +64,16 @@ impl<'a> Cursor<'a> {
         })
     }
 
-    /// Length with the final zero, then the bytes. Text that is not UTF-8 is kept readable.
+    /// Length with the final zero, then the bytes. Text that is not UTF-8 is kept readable. Text without its final zero
+    /// is damage: a name with another byte there would be taken for another name.
     pub(super) fn text(&mut self) -> Result<Value<'a>, String> {
         let length = self.length()?;
         let bytes = self.take(length)?;
-        let bytes = bytes.strip_suffix(&[0]).unwrap_or(bytes);
-        Ok(Value::Text(String::from_utf8_lossy(bytes)))
+        match bytes {
+            [] | [0] => Ok(Value::Text("".into())),
+            [text @ .., 0] => Ok(Value::Text(String::from_utf8_lossy(text))),
+            _ => Err(format!("a text of {length} bytes does not end with a zero")),
+        }
     }
 
     /// Number of UTF-16 units, then each in four bytes: what ROS's default middleware writes.

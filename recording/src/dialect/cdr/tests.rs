@@ -78,3 +78,12 @@ fn a_type_that_holds_itself_ends() {
     let schema = format!("Loop a\n{}\nMSG: lab_msgs/Loop\nLoop again", "=".repeat(80));
     assert!(decode(&schema, &[0, 1, 0, 0, 1, 2, 3]).unwrap_err().contains("nested"));
 }
+
+/// Found by the differential suite: a changed final byte made another joint name, and its values were left out.
+#[test]
+fn a_text_without_its_final_zero_is_refused() {
+    let text = |last: u8| decode("string a", &[0, 1, 0, 0, 2, 0, 0, 0, b'b', last]);
+    assert!(text(0).unwrap().contains("\"b\""));
+    assert!(text(4).unwrap_err().contains("does not end with a zero"));
+    assert!(decode("string a", &[0, 1, 0, 0, 0, 0, 0, 0]).unwrap().contains("\"\""));
+}

@@ -1,0 +1,120 @@
+//! Images in JSON messages, and cameras that stand still.
+
+use std::path::Path;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+
+use super::fixture;
+use super::scene::{Scene, check, read_bytes};
+use crate::spec::tests::arm;
+use crate::{FindingCode, Severity, TaskSpec, encode_jpeg, read_episode};
+
+/// The pixels of a step: red follows the step.
+fn color(step: usize) -> Vec<u8> {
+    [u8::try_from(step * 5 % 256).unwrap(), 40, 90].repeat(8 * 16)
+}
+
+fn depth(step: usize) -> Vec<u8> {
+    u16::try_from(500 + step).unwrap().to_le_bytes().repeat(8 * 16)
+}
+
+/// A foxglove.RawImage as JSON.
+fn raw(encoding: &str, pixel_bytes: usize, data: &[u8]) -> Value {
+    json!({
+        "frame_id": "front", "width": 16, "height": 8, "encoding": encoding, "step": 16 * pixel_bytes,
+        "data": STANDARD.encode(data),
+    })
+}
+
+/// A recording of JSON messages whose images are those that `image` gives for color and depth.
+fn scene(steps: usize, mut image: impl FnMut(usize) -> (Value, Value)) -> Scene {
+    let mut scene = Scene::steps(i64::try_from(steps).unwrap());
+    for step in 0..steps {
+        let (color, depth) = image(step);
+        let ms = 1000 + i64::try_from(step).unwrap() * 100;
+        scene.add("/front/color", ms, color);
+        scene.add("/front/depth", ms, depth);
+    }
+    scene
+}
+
+fn task() -> TaskSpec {
+    arm()
+}
+
+#[test]
+fn raw_images_in_json_are_base64_text() {
+    let reading = scene(6, |step| (raw("rgb8", 3, &color(step)), raw("16UC1", 2, &depth(step)))).read(&task()).unwrap();
+    assert_eq!((reading.report.steps, reading.report.findings.as_slice()), (6, &[][..]));
+    let expected: Vec<u8> = (0..6).flat_map(|step| [color(step), depth(step)].concat()).collect();
+    assert!(reading.episode.frames().as_ref() == expected);
+}
+
+#[test]
+fn compressed_images_in_json_are_base64_text() {
+    let image = |step: usize| {
+        let jpeg = encode_jpeg(&color(step), 8, 16, 92).unwrap();
+        (json!({"format": "jpeg", "data": STANDARD.encode(jpeg)}), raw("16UC1", 2, &depth(step)))
+    };
+    let reading = scene(4, image).read(&task()).unwrap();
+    assert_eq!(reading.report.findings, []);
+    let red = f32::from(reading.episode.frames().as_ref()[3 * (8 * 16 * 5)]);
+    assert!((red - 15.0).abs() <= 3.0, "{red}");
+}
+
+/// Written by the `mcap` library for Python, with images as PNG and as rows.
+#[test]
+fn json_images_of_another_writer_are_read() {
+    let task = std::fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("differential/task.json")).unwrap();
+    let reading = read_episode(&fixture("json_images.mcap"), &serde_json::from_slice(&task).unwrap()).unwrap();
+    assert_eq!((reading.report.steps, reading.report.findings.as_slice()), (3, &[][..]));
+    let color = |step: u8| (0..8).flat_map(move |row: u8| [step * 7, row * 20, 90].repeat(16));
+    let expected: Vec<u8> = (0..3).flat_map(|step| color(step).chain(depth(step.into()))).collect();
+    assert!(reading.episode.frames().as_ref() == expected);
+}
+
+#[test]
+fn text_that_is_not_base64_is_named() {
+    let image = |step: usize| (json!({"format": "jpeg", "data": "???"}), raw("16UC1", 2, &depth(step)));
+    let report = scene(4, image).report(&task());
+    let finding = check(&report, Severity::Error, FindingCode::BrokenImage, "/front/color");
+    assert!(finding.detail.contains("not base64"), "{}", finding.detail);
+}
+
+#[test]
+fn a_camera_that_stands_still_while_the_robot_moves_is_a_finding() {
+    let scene = |color_at: fn(usize) -> usize| {
+        scene(45, move |step| (raw("rgb8", 3, &color(color_at(step))), raw("16UC1", 2, &depth(step))))
+    };
+    assert_eq!(scene(|at| at).report(&task()).findings, []);
+    let report = scene(|at| if (10..40).contains(&at) { 10 } else { at }).report(&task());
+    let finding = check(&report, Severity::Warning, FindingCode::FrozenCamera, "/front/color");
+    assert_eq!(finding.first_step, Some(10));
+    assert!(finding.detail.contains("30 steps"), "{}", finding.detail);
+    let short = scene(|at| if (10..25).contains(&at) { 10 } else { at }).report(&task());
+    assert_eq!(short.findings, []);
+}
+
+#[test]
+fn a_still_image_of_a_robot_at_rest_is_sound() {
+    let at_rest = scene(45, |_| (raw("rgb8", 3, &color(3)), raw("16UC1", 2, &depth(3))))
+        .change("/joints", |_, _, content| {
+            *content = json!({"position": [0.5, 0.5]});
+            true
+        })
+        .change("/tool", |_, _, content| {
+            *content = json!({"x": 0.25});
+            true
+        });
+    assert_eq!(at_rest.report(&task()).findings, []);
+}
+
+#[test]
+fn an_image_that_is_held_is_a_gap_and_not_a_frozen_camera() {
+    let mut held = scene(45, |step| (raw("rgb8", 3, &color(step)), raw("16UC1", 2, &depth(step))));
+    held.messages.retain(|(topic, stamp, ..)| *topic != "/front/color" || !(2000..5000).contains(&stamp.unwrap()));
+    let report = read_bytes(&held.mcap(), &task()).unwrap().report;
+    check(&report, Severity::Warning, FindingCode::Gap, "/front/color");
+}
