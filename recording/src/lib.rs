@@ -28,6 +28,7 @@ mod limits;
 mod path;
 mod picture;
 mod plan;
+pub mod printable;
 mod read;
 mod report;
 mod salvage;
