@@ -19,6 +19,7 @@ use tonic::transport::{Channel, Endpoint};
 
 use crate::credentials::Credentials;
 use crate::error::{ClientError, Result};
+use crate::reason::reason;
 use crate::token::Token;
 
 // A segment of large raw frames is the biggest message the server sends.
@@ -81,12 +82,12 @@ impl Client {
         if let Some(tls) = tls {
             endpoint = endpoint
                 .tls_config(tls)
-                .map_err(|error| ClientError::Invalid(format!("certificates: {}", innermost(&error))))?;
+                .map_err(|error| ClientError::Invalid(format!("certificates: {}", reason(&error))))?;
         }
         let channel = endpoint
             .connect()
             .await
-            .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: innermost(&error) })?;
+            .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: reason(&error) })?;
         let Credentials { token, ca: _, identity: _ } = credentials;
         Ok(Self { transport: InterceptedService::new(channel, Authorize { token }) })
     }
@@ -138,20 +139,6 @@ impl Client {
     pub fn policies(&self) -> PolicyServiceClient<Transport> {
         PolicyServiceClient::new(self.transport.clone()).max_encoding_message_size(LARGEST_REPLY)
     }
-}
-
-// The transport's own message is "transport error"; what helps is the cause at the bottom.
-fn innermost(error: &dyn std::error::Error) -> String {
-    let mut cause = error;
-    while let Some(next) = cause.source() {
-        cause = next;
-    }
-    let cause = cause.to_string();
-    // Of the many things that can be wrong with a certificate this one is by far the most common.
-    if cause.contains("UnknownIssuer") {
-        return format!("{cause}: nobody trusted has signed its certificate; name who did with --ca FILE");
-    }
-    cause
 }
 
 #[cfg(test)]

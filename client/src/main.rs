@@ -26,8 +26,19 @@ use crate::context::Context;
 use crate::failure::Failure;
 use crate::output::Output;
 
+/// Exit code for arguments that cannot be used, as the parser has it.
+const USAGE: u8 = 2;
+
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(problem) if problem.use_stderr() => {
+            Output::usage(&problem);
+            return ExitCode::from(USAGE);
+        }
+        // Help or the version, which repeat nothing that was given.
+        Err(asked) => asked.exit(),
+    };
     let output = Output::new(cli.json);
     let done = tokio::runtime::Builder::new_multi_thread()
         .enable_all()
