@@ -1,11 +1,16 @@
 //! The `gleaner-server` binary: parse, start logging, run, exit code. Knows no room's inside.
 
-use std::{process::ExitCode, time::Duration};
+use std::{
+    io::{Stdout, stdout},
+    process::ExitCode,
+    time::Duration,
+};
 
 use clap::Parser as _;
+use gleaner_recording::printable::{self, Escape, EscapingWriter};
 use gleaner_server::{
     Listeners,
-    config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TokenConfig},
+    config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TlsConfig, TokenConfig},
     error::{Error, Result},
     ingest,
     lock::DataLock,
@@ -27,7 +32,7 @@ fn main() -> ExitCode {
     let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
         Ok(stage) => stage,
         Err(problem) => {
-            eprintln!("gleaner-server: {problem}");
+            eprintln!("gleaner-server: {}", printable::field(&problem));
             return ExitCode::from(USAGE);
         }
     };
@@ -35,7 +40,7 @@ fn main() -> ExitCode {
         Command::Serve(config) => match config.validate() {
             Ok(()) => stage.serve(*config),
             Err(problem) => {
-                eprintln!("gleaner-server: {problem}");
+                eprintln!("gleaner-server: {}", printable::field(&problem));
                 return ExitCode::from(USAGE);
             }
         },
@@ -46,6 +51,7 @@ fn main() -> ExitCode {
             Err(error) => Err(error),
         },
         Command::Token(config) => token(config),
+        Command::Tls(config) => tls(&config),
         Command::Audit(config) => audit(config),
         Command::Worker(config) => gleaner_server::worker::run(config),
     };
@@ -60,17 +66,30 @@ fn main() -> ExitCode {
 
 #[tokio::main(flavor = "current_thread")]
 async fn keep(command: KeepingCommand) -> Result<bool> {
-    gleaner_server::keeping::run(&command, &mut std::io::stdout().lock()).await
+    let escape = match &command {
+        KeepingCommand::Check(config) if config.json => Escape::Json,
+        KeepingCommand::Check(_) | KeepingCommand::Backup(_) | KeepingCommand::Restore(_) => Escape::Lines,
+    };
+    gleaner_server::keeping::run(&command, &mut output(escape)).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn token(config: TokenConfig) -> Result<()> {
-    gleaner_server::access::command::token(config, &mut std::io::stdout().lock()).await
+    gleaner_server::access::command::token(config, &mut output(Escape::Lines)).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn audit(config: AuditConfig) -> Result<()> {
-    gleaner_server::access::command::audit(config, &mut std::io::stdout().lock()).await
+    gleaner_server::access::command::audit(config, &mut output(Escape::Lines)).await
+}
+
+fn tls(config: &TlsConfig) -> Result<()> {
+    gleaner_server::access::tls::command::run(config, &mut output(Escape::Lines))
+}
+
+/// Where commands print. What they print repeats names from recordings and callers.
+fn output(escape: Escape) -> EscapingWriter<Stdout> {
+    EscapingWriter::new(stdout(), escape)
 }
 
 /// What must be there before anything is said.
@@ -84,7 +103,7 @@ impl Stage {
     fn set(cli: &Cli) -> std::result::Result<Self, String> {
         let serving = match &cli.command {
             Command::Serve(config) => Some(config),
-            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) => None,
+            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) | Command::Worker(_) => None,
         };
         let runtime =
             serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
