@@ -25,6 +25,7 @@ mod experiment;
 mod face;
 mod full_disk;
 mod happy;
+mod hostile_text;
 mod in_time;
 mod inference;
 mod keeping;
