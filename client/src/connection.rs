@@ -27,6 +27,9 @@ const LARGEST_REPLY: usize = 256 << 20;
 // 64 KiB, the protocol's default, would cap a distant link near 1 MB/s.
 const WINDOW: u32 = 8 << 20;
 
+// How long a look at whether a server encrypts may take.
+const PROBE: Duration = Duration::from_secs(3);
+
 /// What the service clients talk through: the channel plus the token.
 pub type Transport = InterceptedService<Channel, Authorize>;
 
@@ -90,6 +93,21 @@ impl Client {
             .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: reason(&error) })?;
         let Credentials { token, ca: _, identity: _ } = credentials;
         Ok(Self { transport: InterceptedService::new(channel, Authorize { token }) })
+    }
+
+    /// Whether the server at an `http://` address encrypts, so that clients must write `https://`. What a client that
+    /// does not encrypt gets from it depends on chance, so this looks by itself, for a few seconds at most.
+    pub async fn encrypts(url: &str) -> bool {
+        let Some(address) = url.strip_prefix("http://") else { return false };
+        let encrypted = format!("https://{address}");
+        let attempt = Self::connect_with(&encrypted, Credentials::default());
+        match tokio::time::timeout(PROBE, attempt).await {
+            Ok(Ok(_)) => true,
+            Ok(Err(ClientError::Connect { problem, .. })) => {
+                problem.contains("invalid peer certificate") || problem.contains("fatal alert")
+            }
+            Ok(Err(_)) | Err(_) => false,
+        }
     }
 
     /// Tasks.

@@ -29,6 +29,19 @@ impl Context {
         Ok(Client::connect_with(server, self.credentials()?).await?)
     }
 
+    /// The failure, or what causes it: a server that encrypts at an address without encryption.
+    pub(crate) async fn explained(&self, failure: Failure) -> Failure {
+        let server = self.connection.server.as_deref().unwrap_or(DEFAULT_SERVER);
+        if !failure.is_lost_connection() || !Client::encrypts(server).await {
+            return failure;
+        }
+        let address = server.trim_start_matches("http://");
+        Failure::told(format!(
+            "cannot talk to {server}: the server there encrypts; write https://{address} and name its authority with \
+             --ca FILE"
+        ))
+    }
+
     // What the user gave; files are read now, so that a missing one is named.
     fn credentials(&self) -> Result<Credentials> {
         let ConnectionArgs { server: _, token, ca, client_cert, client_key, author: _ } = &self.connection;

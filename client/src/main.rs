@@ -40,11 +40,16 @@ fn main() -> ExitCode {
         Err(asked) => asked.exit(),
     };
     let output = Output::new(cli.json);
-    let done = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()
-        .map_err(Failure::from)
-        .and_then(|runtime| runtime.block_on(cmd::run(cli.command, &Context::new(cli.connection, output))));
+    let done =
+        tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(Failure::from).and_then(|runtime| {
+            runtime.block_on(async {
+                let context = Context::new(cli.connection, output);
+                match cmd::run(cli.command, &context).await {
+                    Ok(()) => Ok(()),
+                    Err(failure) => Err(context.explained(failure).await),
+                }
+            })
+        });
     match done {
         Ok(()) => ExitCode::SUCCESS,
         // Whoever read our output has seen enough (`gleaner episodes | head`).

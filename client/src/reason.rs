@@ -6,7 +6,7 @@
 use std::error::Error;
 
 /// A part of a cause, and what to do about it. The first that matches counts.
-const FIXES: [(&str, &str); 11] = [
+const FIXES: [(&str, &str); 10] = [
     (
         "UnknownIssuer",
         "name the authority that signed the server's certificate with --ca FILE (ca.pem of `gleaner-server tls init`)",
@@ -32,12 +32,11 @@ const FIXES: [(&str, &str); 11] = [
         "NoApplicationProtocol",
         "the server there does not speak gRPC; give the address of --listen, not that of the pages",
     ),
-    // What a client that encrypts gets from a server that does not, and the other way round.
+    // What a client that encrypts gets from a server that does not.
     (
         "InvalidContentType",
         "the server there does not encrypt; write http://, or start it with --tls-cert and --tls-key",
     ),
-    ("frame with invalid size", "the server there encrypts; write https:// and name its authority with --ca FILE"),
 ];
 
 /// The cause of an error and, where it is known, what to do about it.

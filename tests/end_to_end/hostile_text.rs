@@ -161,11 +161,12 @@ async fn names_with_escapes_and_bidirectional_controls_are_shown_escaped_everywh
         &["push", &odd, "--cohort", ESCAPES][..],
         &["episode", ESCAPES],
         &["--json", "episode", ESCAPES],
-        &["push", "--no-such-flag", &odd],
+        &["push", "--jobs", ESCAPES],
         &["push", &at(ESCAPES)],
         &["task", "show", ESCAPES],
     ] {
-        assert!(told(&server, words).await.contains("\\u{1b}[2J"), "{words:?}");
+        let said = told(&server, words).await;
+        assert!(said.contains("\\u{202e}"), "{words:?}: {said}");
     }
     let listed = told(&server, &["episodes"]).await;
     assert!(listed.contains(&format!("weak{BIDI_SHOWN}")) && listed.contains("a\\u{1b}]0;x"), "{listed}");
@@ -173,7 +174,8 @@ async fn names_with_escapes_and_bidirectional_controls_are_shown_escaped_everywh
     assert_eq!(episodes["episodes"][0]["cohort"], cohort, "JSON reads back as it was");
     let id = episodes["episodes"][0]["id"].as_str().unwrap();
     told(&server, &["label", id, "--outcome", "failure", "--reason", BIDI]).await;
-    for words in [&["episode", id][..], &["--json", "episode", id], &["labels", id], &["task", "show", "arm"]] {
+    for words in [&["episode", id][..], &["--json", "episode", id], &["labels", id], &["--json", "task", "show", "arm"]]
+    {
         assert!(told(&server, words).await.contains("202e"), "{words:?}");
     }
 

@@ -16,6 +16,8 @@ from gleaner._endpoint import Endpoint
 _GRACE = 0.5
 # What opens HTTP/2 (RFC 9113, 3.4), with empty settings.
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+# A request of HTTP/1.1, which the pages answer.
+_OLDER = b"OPTIONS * HTTP/1.1\r\nHost: gleaner\r\nConnection: close\r\n\r\n"
 _FRAME = 9
 _SETTINGS = 4
 # An Ed25519 key's identifier (1.3.101.112) as certificates encode it.
@@ -78,10 +80,10 @@ def _context(endpoint: Endpoint) -> ssl.SSLContext | str:
 
 
 def _plain(endpoint: Endpoint, timeout: float) -> str | None:
-    answer = _answer(endpoint, timeout)
+    answer = _answer(endpoint, timeout, _PREFACE)
     if answer[:1] == b"\x15" or (not answer and _encrypts(endpoint, timeout)):
         return f"the server encrypts; write https://{endpoint.target} and name its authority with `ca`"
-    if answer.startswith(b"HTTP/1"):
+    if not answer and _answer(endpoint, timeout, _OLDER).startswith(b"HTTP/1"):
         return "the server there speaks HTTP/1, not gRPC; is this the address of the pages? give that of --listen"
     return None
 
@@ -124,18 +126,18 @@ def _refusal(endpoint: Endpoint, error: ssl.SSLError, timeout: float) -> str:
 
 
 def _unencrypted(endpoint: Endpoint, timeout: float) -> str | None:
-    answer = _answer(endpoint, timeout)
+    answer = _answer(endpoint, timeout, _PREFACE)
     if len(answer) == _FRAME and answer[3] == _SETTINGS:
         return f"the server does not encrypt; write http://{endpoint.target}, or start it with --tls-cert and --tls-key"
     return None
 
 
-def _answer(endpoint: Endpoint, timeout: float) -> bytes:
-    """The first bytes of what is answered to the opening of unencrypted HTTP/2."""
+def _answer(endpoint: Endpoint, timeout: float, opening: bytes) -> bytes:
+    """The first bytes of what is answered to an opening that is not encrypted."""
     answer = b""
     try:
         with _connected(endpoint, timeout) as line:
-            line.sendall(_PREFACE)
+            line.sendall(opening)
             while len(answer) < _FRAME and (more := line.recv(_FRAME - len(answer))):
                 answer += more
     except ConnectionError:
