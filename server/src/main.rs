@@ -19,6 +19,8 @@ use gleaner_server::{
 };
 use tokio::runtime::Runtime;
 
+/// Exit code for arguments that cannot be parsed, as the parser has it.
+const ARGUMENTS: u8 = 2;
 /// Exit code for a wrong configuration, as in sysexits.
 const USAGE: u8 = 64;
 /// What the server may take, above its drain, to end.
@@ -28,7 +30,16 @@ const LEFT_OVER: Duration = Duration::from_secs(1);
 
 #[expect(clippy::print_stderr, reason = "logging may not be up when these are told")]
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(problem) if problem.use_stderr() => {
+            // The parser's words repeat what was given.
+            eprint!("{}", Escape::Lines.apply(&problem.render().to_string()));
+            return ExitCode::from(ARGUMENTS);
+        }
+        // Help or the version.
+        Err(asked) => asked.exit(),
+    };
     let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
         Ok(stage) => stage,
         Err(problem) => {
