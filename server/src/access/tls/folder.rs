@@ -93,9 +93,12 @@ impl Folder {
         draft.as_file().set_permissions(Permissions::from_mode(mode)).map_err(failed)?;
         draft.as_file().sync_all().map_err(failed)?;
         let persisted = if replace { draft.persist(path) } else { draft.persist_noclobber(path) };
-        persisted.map_err(|refused| match refused.error.kind() {
-            std::io::ErrorKind::AlreadyExists => Error::exists(format!("{} exists already", path.display())),
-            _ => failed(refused.error),
+        persisted.map_err(|refused| {
+            if refused.error.kind() == std::io::ErrorKind::AlreadyExists {
+                Error::exists(format!("{} exists already", path.display()))
+            } else {
+                failed(refused.error)
+            }
         })?;
         File::open(&self.0).and_then(|folder| folder.sync_all()).map_err(failed)
     }

@@ -21,7 +21,7 @@ fn at(day: &str) -> Timestamp {
 fn a_good_certificate_is_not_warned_about_and_names_its_hosts() {
     let good = parsed(|_| (), &KeyPair::generate().unwrap());
     assert_eq!(good.names, ["lab", "10.0.0.7"]);
-    assert_eq!(good.warnings(at("2026-06-01")), [String::new(); 0]);
+    assert!(good.warnings(at("2026-06-01")).is_empty());
 }
 
 #[test]
@@ -41,7 +41,7 @@ fn certificates_that_clients_refuse_now_or_soon_are_warned_about_with_the_fix() 
     ] {
         let warnings = certificate.warnings(at(day));
         assert!(
-            warnings.len() == 1 && warnings[0].contains(part) && warnings[0].contains('`') == !part.contains("before"),
+            warnings.len() == 1 && warnings[0].contains(part) && (warnings[0].contains('`') || part.contains("before")),
             "{warnings:?}"
         );
     }
