@@ -19,12 +19,16 @@ use tonic::transport::{Channel, Endpoint};
 
 use crate::credentials::Credentials;
 use crate::error::{ClientError, Result};
+use crate::reason::reason;
 use crate::token::Token;
 
 // A segment of large raw frames is the biggest message the server sends.
 const LARGEST_REPLY: usize = 256 << 20;
 // 64 KiB, the protocol's default, would cap a distant link near 1 MB/s.
 const WINDOW: u32 = 8 << 20;
+
+// How long a look at whether a server encrypts may take.
+const PROBE: Duration = Duration::from_secs(3);
 
 /// What the service clients talk through: the channel plus the token.
 pub type Transport = InterceptedService<Channel, Authorize>;
@@ -81,14 +85,29 @@ impl Client {
         if let Some(tls) = tls {
             endpoint = endpoint
                 .tls_config(tls)
-                .map_err(|error| ClientError::Invalid(format!("certificates: {}", innermost(&error))))?;
+                .map_err(|error| ClientError::Invalid(format!("certificates: {}", reason(&error))))?;
         }
         let channel = endpoint
             .connect()
             .await
-            .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: innermost(&error) })?;
+            .map_err(|error| ClientError::Connect { url: url.to_owned(), problem: reason(&error) })?;
         let Credentials { token, ca: _, identity: _ } = credentials;
         Ok(Self { transport: InterceptedService::new(channel, Authorize { token }) })
+    }
+
+    /// Whether the server at an `http://` address encrypts, so that clients must write `https://`. What a client that
+    /// does not encrypt gets from it depends on chance, so this looks by itself, for a few seconds at most.
+    pub async fn encrypts(url: &str) -> bool {
+        let Some(address) = url.strip_prefix("http://") else { return false };
+        let encrypted = format!("https://{address}");
+        let attempt = Self::connect_with(&encrypted, Credentials::default());
+        match tokio::time::timeout(PROBE, attempt).await {
+            Ok(Ok(_)) => true,
+            Ok(Err(ClientError::Connect { problem, .. })) => {
+                problem.contains("invalid peer certificate") || problem.contains("fatal alert")
+            }
+            Ok(Err(_)) | Err(_) => false,
+        }
     }
 
     /// Tasks.
@@ -138,20 +157,6 @@ impl Client {
     pub fn policies(&self) -> PolicyServiceClient<Transport> {
         PolicyServiceClient::new(self.transport.clone()).max_encoding_message_size(LARGEST_REPLY)
     }
-}
-
-// The transport's own message is "transport error"; what helps is the cause at the bottom.
-fn innermost(error: &dyn std::error::Error) -> String {
-    let mut cause = error;
-    while let Some(next) = cause.source() {
-        cause = next;
-    }
-    let cause = cause.to_string();
-    // Of the many things that can be wrong with a certificate this one is by far the most common.
-    if cause.contains("UnknownIssuer") {
-        return format!("{cause}: nobody trusted has signed its certificate; name who did with --ca FILE");
-    }
-    cause
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::error::{ClientError, Result};
+use crate::file::open_regular;
 
 /// A file's size and digest.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -17,13 +18,11 @@ pub(crate) async fn digest_file(path: &Path) -> Result<Digest> {
     let owned = path.to_owned();
     let digest = move || {
         let mut hasher = blake3::Hasher::new();
-        hasher.update_reader(std::fs::File::open(owned)?)?;
+        hasher.update_reader(open_regular(&owned)?).map_err(ClientError::io(&owned))?;
         Ok(Digest { size_bytes: hasher.count(), blake3: hasher.finalize().to_hex().to_string() })
     };
-    tokio::task::spawn_blocking(digest)
-        .await
-        .unwrap_or_else(|failed| Err(std::io::Error::other(failed)))
-        .map_err(ClientError::io(path))
+    let failed = |failed| Err(ClientError::io(path)(std::io::Error::other::<tokio::task::JoinError>(failed)));
+    tokio::task::spawn_blocking(digest).await.unwrap_or_else(failed)
 }
 
 #[cfg(test)]

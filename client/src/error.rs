@@ -7,6 +7,8 @@ use std::path::PathBuf;
 use gleaner_proto::v1::{Job, JobState};
 use gleaner_recording::RecordingError;
 
+use crate::reason;
+
 /// The result of every call of this library.
 pub type Result<T> = std::result::Result<T, ClientError>;
 
@@ -110,13 +112,21 @@ impl From<tonic::Status> for ClientError {
 // A broken connection reaches us as Unavailable, or as Unknown, Internal or Cancelled with the transport's
 // error as its source. A status that the server itself sent has no source.
 fn is_transient(status: &tonic::Status) -> bool {
-    status.code() == tonic::Code::Unavailable || std::error::Error::source(status).is_some()
+    match std::error::Error::source(status) {
+        Some(source) => !reason::is_lasting(source),
+        None => status.code() == tonic::Code::Unavailable,
+    }
 }
 
 fn describe(status: &tonic::Status) -> String {
     let message = status.message();
     match (message.is_empty(), std::error::Error::source(status)) {
-        (_, Some(_)) => format!("the connection to the server broke ({message}); is it still running? try again"),
+        (_, Some(source)) if reason::is_lasting(source) => {
+            format!("cannot talk to the server: {}", reason::reason(source))
+        }
+        (_, Some(source)) => {
+            format!("the connection to the server broke ({}); is it still running? try again", reason::reason(source))
+        }
         (false, None) => message.to_owned(),
         (true, None) => format!("the server refused: {}", status.code().description()),
     }

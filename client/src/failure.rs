@@ -26,6 +26,11 @@ impl Failure {
         Self::Told(message.into())
     }
 
+    /// Whether the connection was there and broke.
+    pub(crate) fn is_lost_connection(&self) -> bool {
+        matches!(self, Self::Client(ClientError::Rejected(status)) if std::error::Error::source(status).is_some())
+    }
+
     pub(crate) fn is_broken_pipe(&self) -> bool {
         matches!(self, Self::Output(error) if error.kind() == io::ErrorKind::BrokenPipe)
     }

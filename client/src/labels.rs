@@ -1,4 +1,4 @@
-//! What to push: recordings found in folders, and the labels that a labels.csv gives them.
+//! The labels that a labels.csv gives recordings.
 //!
 //! Reads the file system; knows no server.
 
@@ -83,44 +83,6 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
     Ok(files)
 }
 
-/// Finds recordings: a file stands for itself, a folder for every `*.mcap` below it. Sorted, each once.
-///
-/// # Errors
-/// [`ClientError::Io`] for a path that is not there; [`ClientError::Invalid`] for a folder without recordings.
-pub fn find_recordings(paths: &[PathBuf]) -> Result<Vec<PathBuf>> {
-    let mut found = BTreeSet::new();
-    for path in paths {
-        let metadata = std::fs::metadata(path).map_err(ClientError::io(path))?;
-        if !metadata.is_dir() {
-            found.insert(path.clone());
-            continue;
-        }
-        let before = found.len();
-        search(path, &mut found)?;
-        if found.len() == before {
-            return Err(ClientError::Invalid(format!(
-                "{}: there is no *.mcap in this folder or below it",
-                path.display()
-            )));
-        }
-    }
-    Ok(found.into_iter().collect())
-}
-
-fn search(folder: &Path, found: &mut BTreeSet<PathBuf>) -> Result<()> {
-    for entry in std::fs::read_dir(folder).map_err(ClientError::io(folder))? {
-        let entry = entry.map_err(ClientError::io(folder))?;
-        let path = entry.path();
-        // Not followed when it is a link: a link to a folder above would never end.
-        if entry.file_type().map_err(ClientError::io(&path))?.is_dir() {
-            search(&path, found)?;
-        } else if path.extension().is_some_and(|extension| extension == "mcap") {
-            found.insert(path);
-        }
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
@@ -169,19 +131,5 @@ mod tests {
             let said = read(text).unwrap_err().to_string();
             assert!(said.contains(part) && said.contains("labels.csv"), "{said}");
         }
-    }
-
-    #[test]
-    fn folders_are_searched_and_files_stand_for_themselves() {
-        let folder = tempfile::tempdir().unwrap();
-        let at = |name: &str| folder.path().join(name);
-        std::fs::create_dir_all(at("sub/empty")).unwrap();
-        for name in ["b.mcap", "sub/a.mcap", "notes.txt", "odd.bag"] {
-            std::fs::write(at(name), b"x").unwrap();
-        }
-        let found = find_recordings(&[folder.path().to_owned(), at("b.mcap"), at("odd.bag")]).unwrap();
-        assert_eq!(found, [at("b.mcap"), at("odd.bag"), at("sub/a.mcap")]);
-        assert!(find_recordings(&[at("sub/empty")]).unwrap_err().to_string().contains("no *.mcap"));
-        assert!(find_recordings(&[at("nowhere")]).unwrap_err().to_string().contains("nowhere"));
     }
 }

@@ -26,14 +26,30 @@ use crate::context::Context;
 use crate::failure::Failure;
 use crate::output::Output;
 
+/// Exit code for arguments that cannot be used, as the parser has it.
+const USAGE: u8 = 2;
+
 fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(problem) if problem.use_stderr() => {
+            Output::usage(&problem);
+            return ExitCode::from(USAGE);
+        }
+        // Help or the version, which repeat nothing that was given.
+        Err(asked) => asked.exit(),
+    };
     let output = Output::new(cli.json);
-    let done = tokio::runtime::Builder::new_multi_thread()
-        .enable_all()
-        .build()
-        .map_err(Failure::from)
-        .and_then(|runtime| runtime.block_on(cmd::run(cli.command, &Context::new(cli.connection, output))));
+    let done =
+        tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(Failure::from).and_then(|runtime| {
+            runtime.block_on(async {
+                let context = Context::new(cli.connection, output);
+                match cmd::run(cli.command, &context).await {
+                    Ok(()) => Ok(()),
+                    Err(failure) => Err(context.explained(failure).await),
+                }
+            })
+        });
     match done {
         Ok(()) => ExitCode::SUCCESS,
         // Whoever read our output has seen enough (`gleaner episodes | head`).

@@ -2,10 +2,13 @@
 //!
 //! Results are either for people (text) or for programs (`--json`: one document, or one line for each item of
 //! a stream). Hints and notes are for people alone.
+//!
+//! Names, labels and messages come from recordings and servers: unprintable characters leave here only as escapes.
 
 use std::fmt::Display;
 use std::io::{self, IsTerminal as _, Write as _};
 
+use gleaner_recording::printable::{self, Escape};
 use serde_json::Value;
 
 use crate::failure::{Failure, Result};
@@ -37,7 +40,8 @@ impl Output {
     /// One line of a stream of results. A pipe that was closed is an error like any other; `main` keeps quiet
     /// about it.
     pub(crate) fn line(self, line: impl Display) -> Result<()> {
-        Ok(writeln!(io::stdout().lock(), "{line}")?)
+        let escape = if self.json { Escape::Json } else { Escape::Lines };
+        Ok(writeln!(io::stdout().lock(), "{}", escape.apply(&line.to_string()))?)
     }
 
     /// The sensible next command.
@@ -49,14 +53,20 @@ impl Output {
     pub(crate) fn note(self, text: impl Display) {
         if !self.json {
             // A terminal that is gone can't be told about it.
-            let _ = writeln!(io::stderr().lock(), "{text}");
+            let _ = writeln!(io::stderr().lock(), "{}", Escape::Lines.apply(&text.to_string()));
         }
     }
 
     pub(crate) fn error(self, failure: &Failure) {
         // One line, whatever the server wrote.
         let text = failure.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-        let _ = writeln!(io::stderr().lock(), "error: {text}");
+        let _ = writeln!(io::stderr().lock(), "error: {}", printable::field(&text));
+    }
+
+    /// Arguments that cannot be used, in the parser's own words, which repeat them.
+    pub(crate) fn usage(problem: &clap::Error) {
+        let text = problem.render().to_string();
+        let _ = write!(io::stderr().lock(), "{}", Escape::Lines.apply(&text));
     }
 }
 

@@ -17,6 +17,7 @@ use tonic::Streaming;
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
+use crate::file::name_to_send;
 use crate::retry::Patience;
 use crate::upload::Progress;
 use crate::upload::pieces::{Pieces, ReadFailure};
@@ -35,7 +36,7 @@ impl Client {
         progress: impl Fn(u64) + Send + Sync + 'static,
     ) -> Result<ScoreRecordingResponse> {
         let size_bytes = tokio::fs::metadata(path).await.map_err(ClientError::io(path))?.len();
-        let file_name = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let file_name = name_to_send(path);
         let open = ScoreRecordingOpen { score_run_id: run.to_owned(), file_name, size_bytes };
         let progress: Progress = Arc::new(progress);
         let mut patience = Patience::new();

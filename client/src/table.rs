@@ -2,6 +2,7 @@
 
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
+use gleaner_recording::printable;
 
 /// A column's header and which side its cells lean to.
 #[derive(Clone, Copy, Debug)]
@@ -23,7 +24,8 @@ pub(crate) fn table<const N: usize>(columns: [Column; N], rows: impl IntoIterato
     let mut table = Table::new();
     table.load_style(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
     table.set_header(columns.map(Column::header));
-    table.add_rows(rows);
+    // Here rather than at the end, so that columns have the width of what is shown and no cell breaks its row.
+    table.add_rows(rows.into_iter().map(|cells| cells.map(|cell| printable::field(&cell).into_owned())));
     for (index, column) in columns.iter().enumerate() {
         if let Some(drawn) = table.column_mut(index) {
             drawn.set_padding((0, 2));
@@ -38,7 +40,7 @@ pub(crate) fn table<const N: usize>(columns: [Column; N], rows: impl IntoIterato
 /// `name  value` lines, the values in one column.
 pub(crate) fn facts<const N: usize>(pairs: [(&str, String); N]) -> String {
     let width = pairs.iter().map(|(name, _)| name.chars().count()).max().unwrap_or(0);
-    pairs.map(|(name, value)| format!("{name:width$}  {value}\n")).concat()
+    pairs.map(|(name, value)| format!("{name:width$}  {}\n", printable::field(&value))).concat()
 }
 
 #[cfg(test)]
@@ -52,6 +54,15 @@ mod tests {
             [["ep_1".into(), "7".into()], ["ep_20".into(), "1204".into()]],
         );
         assert_eq!(drawn, "id     steps\nep_1       7\nep_20   1204");
+    }
+
+    #[test]
+    fn a_cell_and_a_fact_stay_on_their_line_and_show_what_they_hide() {
+        let hostile = "\u{1b}[2J\u{202e}a\nep_2  9";
+        let shown = "\\u{1b}[2J\\u{202e}a\\nep_2  9";
+        let drawn = table([Column::Left("name"), Column::Right("n")], [[hostile.into(), "1".into()]]);
+        assert_eq!(drawn.lines().nth(1).and_then(|line| line.strip_suffix("  1")), Some(shown), "{drawn}");
+        assert_eq!(facts([("name", hostile.into())]), format!("name  {shown}\n"));
     }
 
     #[test]

@@ -15,6 +15,7 @@ use tonic::Code;
 use crate::connection::{Client, Transport};
 use crate::digest::digest_file;
 use crate::error::{ClientError, Result};
+use crate::file::name_to_send;
 use crate::retry::Patience;
 use pieces::{Pieces, ReadFailure};
 
@@ -66,7 +67,7 @@ impl Client {
             path: path.to_owned(),
             start: StartUploadRequest {
                 task: task.to_owned(),
-                file_name: path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+                file_name: name_to_send(path),
                 size_bytes: digest.size_bytes,
                 blake3: digest.blake3,
                 outcome: label.outcome.into(),

@@ -31,6 +31,7 @@ mod mutants;
 mod path;
 mod picture;
 mod plan;
+pub mod printable;
 mod read;
 mod report;
 mod salvage;

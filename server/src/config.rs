@@ -6,6 +6,7 @@ mod connections;
 mod keeping;
 mod policies;
 mod telemetry;
+mod tls;
 mod uploads;
 
 use std::{net::SocketAddr, path::PathBuf};
@@ -20,6 +21,7 @@ pub use self::{
     keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RebuildConfig, RestoreConfig},
     policies::PoliciesConfig,
     telemetry::TelemetryConfig,
+    tls::{TlsClientConfig, TlsCommand, TlsConfig, TlsFolderConfig, TlsServerConfig},
     uploads::UploadsConfig,
 };
 
@@ -56,6 +58,8 @@ pub enum Command {
     Keep(KeepingCommand),
     /// Make, list and revoke the tokens that let callers in.
     Token(TokenConfig),
+    /// Make and renew certificates for encrypted connections.
+    Tls(TlsConfig),
     /// Show who changed what.
     Audit(AuditConfig),
     /// Run one job (started by `serve`, not by hand).
@@ -215,7 +219,9 @@ mod tests {
         let all = [&["gleaner-server", "serve"], args].concat();
         match Cli::try_parse_from(all).unwrap().command {
             Command::Serve(config) => *config,
-            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) => panic!("not serve"),
+            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) | Command::Worker(_) => {
+                panic!("not serve")
+            }
         }
     }
 

@@ -1,11 +1,16 @@
 //! The `gleaner-server` binary: parse, start logging, run, exit code. Knows no room's inside.
 
-use std::{process::ExitCode, time::Duration};
+use std::{
+    io::{Stdout, stdout},
+    process::ExitCode,
+    time::Duration,
+};
 
 use clap::Parser as _;
+use gleaner_recording::printable::{self, Escape, EscapingWriter};
 use gleaner_server::{
     Listeners,
-    config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TokenConfig},
+    config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TlsConfig, TokenConfig},
     data_folder,
     error::{Error, Result},
     file_limit, ingest,
@@ -15,6 +20,8 @@ use gleaner_server::{
 };
 use tokio::runtime::Runtime;
 
+/// Exit code for arguments that cannot be parsed, as the parser has it.
+const ARGUMENTS: u8 = 2;
 /// Exit code for a wrong configuration, as in sysexits.
 const USAGE: u8 = 64;
 /// What the server may take, above its drain, to end.
@@ -25,11 +32,20 @@ const LEFT_OVER: Duration = Duration::from_secs(1);
 #[expect(clippy::print_stderr, reason = "logging may not be up when these are told")]
 fn main() -> ExitCode {
     data_folder::access::keep_private();
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(problem) if problem.use_stderr() => {
+            // The parser's words repeat what was given.
+            eprint!("{}", Escape::Lines.apply(&problem.render().to_string()));
+            return ExitCode::from(ARGUMENTS);
+        }
+        // Help or the version.
+        Err(asked) => asked.exit(),
+    };
     let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
         Ok(stage) => stage,
         Err(problem) => {
-            eprintln!("gleaner-server: {problem}");
+            eprintln!("gleaner-server: {}", printable::field(&problem));
             return ExitCode::from(USAGE);
         }
     };
@@ -37,7 +53,7 @@ fn main() -> ExitCode {
         Command::Serve(config) => match config.validate() {
             Ok(()) => stage.serve(*config),
             Err(problem) => {
-                eprintln!("gleaner-server: {problem}");
+                eprintln!("gleaner-server: {}", printable::field(&problem));
                 return ExitCode::from(USAGE);
             }
         },
@@ -48,6 +64,7 @@ fn main() -> ExitCode {
             Err(error) => Err(error),
         },
         Command::Token(config) => token(config),
+        Command::Tls(config) => tls(&config),
         Command::Audit(config) => audit(config),
         Command::Worker(config) => gleaner_server::worker::run(config),
     };
@@ -63,19 +80,33 @@ fn main() -> ExitCode {
 #[tokio::main(flavor = "current_thread")]
 async fn keep(command: KeepingCommand) -> Result<bool> {
     survive_file_limit();
-    gleaner_server::keeping::run(&command, &mut std::io::stdout().lock()).await
+    let escape = match &command {
+        KeepingCommand::Check(config) if config.json => Escape::Json,
+        KeepingCommand::Check(_) | KeepingCommand::Backup(_) => Escape::Lines,
+        KeepingCommand::Restore(_) | KeepingCommand::Rebuild(_) => Escape::Lines,
+    };
+    gleaner_server::keeping::run(&command, &mut output(escape)).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn token(config: TokenConfig) -> Result<()> {
     survive_file_limit();
-    gleaner_server::access::command::token(config, &mut std::io::stdout().lock()).await
+    gleaner_server::access::command::token(config, &mut output(Escape::Lines)).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn audit(config: AuditConfig) -> Result<()> {
     survive_file_limit();
-    gleaner_server::access::command::audit(config, &mut std::io::stdout().lock()).await
+    gleaner_server::access::command::audit(config, &mut output(Escape::Lines)).await
+}
+
+fn tls(config: &TlsConfig) -> Result<()> {
+    gleaner_server::access::tls::command::run(config, &mut output(Escape::Lines))
+}
+
+/// Where commands print. What they print repeats names from recordings and callers.
+fn output(escape: Escape) -> EscapingWriter<Stdout> {
+    EscapingWriter::new(stdout(), escape)
 }
 
 fn survive_file_limit() {
@@ -95,7 +126,7 @@ impl Stage {
     fn set(cli: &Cli) -> std::result::Result<Self, String> {
         let serving = match &cli.command {
             Command::Serve(config) => Some(config),
-            Command::Keep(_) | Command::Token(_) | Command::Audit(_) | Command::Worker(_) => None,
+            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) | Command::Worker(_) => None,
         };
         let runtime =
             serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;

@@ -1,5 +1,6 @@
 //! Who is let in: tokens, roles, TLS, the audit log, and that no secret is told.
 
+mod certificates;
 mod ending;
 mod guarded;
 mod paths;

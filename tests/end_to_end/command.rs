@@ -8,7 +8,7 @@ use tokio::process::Command;
 use crate::{lab::RECORDINGS, server::TestServer};
 
 /// Runs the command; gives back whether it succeeded, its output and its errors.
-async fn gleaner(url: &str, words: &[&str]) -> (bool, String, String) {
+pub async fn gleaner(url: &str, words: &[&str]) -> (bool, String, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_gleaner-under-test"))
         .args(words)
         .env("GLEANER_SERVER", url)
@@ -63,6 +63,48 @@ async fn a_folder_is_pushed_and_what_fails_is_told() {
 
     let (ok, _, errors) = gleaner(url, &["label", "ep_7", "--outcome", "success"]).await;
     assert!(!ok && errors.contains("episode_ids[0]"), "{errors}");
+}
+
+#[tokio::test]
+async fn a_push_skips_what_is_not_a_regular_file_and_names_it() {
+    let server = TestServer::start_with(&["--workers", "0"]).await;
+    let (url, dir) = (server.url(), tempfile::tempdir().unwrap());
+    let at = |name: &str| dir.path().join(name);
+    std::fs::write(at("good.mcap"), &RECORDINGS[5].bytes).unwrap();
+    rustix::fs::mknodat(rustix::fs::CWD, at("fifo.mcap"), rustix::fs::FileType::Fifo, 0o600.into(), 0).unwrap();
+    let _socket = std::os::unix::net::UnixListener::bind(at("socket.mcap")).unwrap();
+    std::os::unix::fs::symlink("nowhere.mcap", at("dangling.mcap")).unwrap();
+    std::fs::create_dir(at("folder.mcap")).unwrap();
+    let spec = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &crate::lab::sim_config());
+    std::fs::write(at("task.json"), serde_json::to_vec(&spec).unwrap()).unwrap();
+    json(url, &["task", "create", at("task.json").to_str().unwrap()]).await;
+
+    // A FIFO that is opened waits for a writer for ever.
+    let within = |words: Vec<String>| async move {
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        tokio::time::timeout(std::time::Duration::from_secs(60), gleaner(url, &words)).await.expect("the push hangs")
+    };
+    let folder = dir.path().to_str().unwrap().to_owned();
+    let (ok, out, errors) = within(vec!["push".into(), folder.clone(), "--outcome".into(), "success".into()]).await;
+    assert!(ok, "{errors}");
+    for part in [
+        "1 recordings pushed",
+        "4 skipped",
+        "fifo.mcap: is a FIFO",
+        "socket.mcap: is a socket",
+        "dangling.mcap: is a link to a file that is not there",
+        "folder.mcap: is a folder without recordings",
+    ] {
+        assert!(out.contains(part), "{part}: {out}");
+    }
+    let fifo = at("fifo.mcap").to_str().unwrap().to_owned();
+    let (ok, _, errors) = within(vec!["push".into(), fifo.clone()]).await;
+    assert!(!ok && errors.contains("is a FIFO; only regular files can be sent"), "{errors}");
+    // What a labels file lists is not searched for, so it is looked at when it is opened.
+    std::fs::write(at("labels.csv"), "file,outcome\nfifo.mcap,success\n").unwrap();
+    let labels = at("labels.csv").to_str().unwrap().to_owned();
+    let (ok, out, _) = within(vec!["push".into(), "--labels".into(), labels]).await;
+    assert!(!ok && out.contains("fifo.mcap: is a FIFO"), "{out}");
 }
 
 /// `make demo` at its smallest: every stage with a real server, and a report at the end.

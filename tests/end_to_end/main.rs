@@ -26,6 +26,7 @@ mod face;
 mod file_limit;
 mod full_disk;
 mod happy;
+mod hostile_text;
 mod in_time;
 mod inference;
 mod keeping;

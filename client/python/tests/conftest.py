@@ -36,6 +36,12 @@ def cli(*args: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
+def certificates(data: Path, *command: str) -> None:
+    """Runs `gleaner-server tls …` over a data folder; the files are in its folder `tls`."""
+    done = subprocess.run([binary("gleaner-server"), "tls", *command, "--data-dir", str(data)], check=False, text=True)
+    assert done.returncode == 0
+
+
 class Server:
     """A server process of its own; `start` and `stop` may be called again and again over the same folder."""
 
@@ -44,7 +50,7 @@ class Server:
         self.start()
 
     def start(self) -> None:
-        """Starts it and waits until it listens: its first line names its address."""
+        """Starts it and waits until it listens: its first lines name its addresses."""
         command = [binary("gleaner-server"), "serve", "--listen", self.listen, "--data-dir", str(self.data)]
         self.process = subprocess.Popen(
             [*command, "--worker-threads", "1", *self.flags],
@@ -54,6 +60,8 @@ class Server:
         )
         assert self.process.stdout is not None
         line = self.process.stdout.readline()
+        if line.startswith("pages on "):
+            line = self.process.stdout.readline()
         assert line.startswith("listening on "), f"the server ended before it listened: {line!r}"
         self.address = line.removeprefix("listening on ").strip()
         # Whoever is connected finds it again when it comes back.

@@ -19,7 +19,7 @@ import trustme
 from tritonclient.utils import InferenceServerException
 
 import gleaner
-from conftest import DEPLOYMENT, TASK, Lab, Server, binary
+from conftest import DEPLOYMENT, TASK, Lab, Server, binary, certificates
 from gleaner._endpoint import Endpoint
 from test_tritonclient import observation, tensors
 
@@ -45,20 +45,14 @@ def token(data: Path, *flags: str) -> str:
 @pytest.fixture(scope="module")
 def guarded(tmp_path_factory: pytest.TempPathFactory, running: Server, lab: Lab) -> Iterator[Guarded]:
     del lab  # it is all there, and nothing is under way
-    folder = tmp_path_factory.mktemp("guarded")
-    authority = trustme.CA()
-    names = ("ca", "cert", "key", "own", "own_key")
-    ca, cert, key, own, own_key = (folder / f"{name}.pem" for name in names)
-    authority.cert_pem.write_to_path(ca)
-    for issued, chain, private in (
-        (authority.issue_cert("localhost", "127.0.0.1"), cert, key),
-        (authority.issue_cert("robot@lab"), own, own_key),
-    ):
-        chain.write_bytes(b"".join(pem.bytes() for pem in issued.cert_chain_pems))
-        issued.private_key_pem.write_to_path(private)
-    flags = ["--require-tokens", "--tls-cert", str(cert), "--tls-key", str(key), "--client-ca", str(ca)]
-    data = folder / "data"
+    data = tmp_path_factory.mktemp("guarded") / "data"
     shutil.copytree(running.data, data)
+    # As SECURITY.md has it: all certificates here are those of `gleaner-server tls`.
+    certificates(data, "init")
+    certificates(data, "client", "robot@lab")
+    names = ("ca.pem", "server.pem", "server.key", "client-robot@lab.pem", "client-robot@lab.key")
+    ca, cert, key, own, own_key = (data / "tls" / name for name in names)
+    flags = ["--require-tokens", "--tls-cert", str(cert), "--tls-key", str(key), "--client-ca", str(ca)]
     server = Server(data, *flags)
     admin = token(data, "--role", "admin", "--name", "admin")
     robot = token(data, "--role", "robot", "--name", "arm", "--deployment", DEPLOYMENT)
@@ -91,22 +85,19 @@ def test_who_is_not_trusted_does_not_connect(guarded: Guarded, tmp_path: Path) -
     trustme.CA().cert_pem.write_to_path(stranger)
     own: dict[str, Any] = {"cert": guarded.cert, "key": guarded.key}
     cases: list[dict[str, Any]] = [{"ca": stranger, **own}, {"ca": guarded.ca}, own]
-    for certificates in cases:
-        with pytest.raises(gleaner.Unavailable, match="certificate"):
-            gleaner.connect(guarded.server.address, guarded.admin, 1.0, **certificates)
-    plain = guarded.server.address.replace("https://", "http://")
-    with pytest.raises(gleaner.Unavailable):
-        gleaner.connect(plain, guarded.admin, 1.0)
+    for shown in cases:
+        with pytest.raises(gleaner.HandshakeFailed, match="certificate"):
+            gleaner.connect(guarded.server.address, guarded.admin, **shown)
 
 
 def test_what_cannot_be_used_is_said_before_connecting(guarded: Guarded) -> None:
-    for certificates, said in (
+    for shown, said in (
         ({"ca": "no/such/file.pem"}, "ca: cannot be read"),
         ({"cert": guarded.cert}, "give both"),
         ({"key": guarded.key}, "give both"),
     ):
         with pytest.raises(gleaner.InvalidArgument, match=said):
-            gleaner.connect(guarded.server.address, guarded.admin, 1.0, **certificates)
+            gleaner.connect(guarded.server.address, guarded.admin, 1.0, **shown)
     with pytest.raises(gleaner.InvalidArgument, match="https://"):
         gleaner.connect("127.0.0.1:7400", ca=guarded.ca)
 

@@ -85,7 +85,7 @@ pub(crate) async fn drive(context: &Context, client: &Client, plan: &DrivePlan) 
         .drive(plan, |episode| {
             successes += u32::from(episode.success);
             bar.inc(1);
-            bar.set_message(format!("{successes} succeeded"));
+            bar.set_message(&format!("{successes} succeeded"));
         })
         .await;
     bar.finish_and_clear();

@@ -4,15 +4,15 @@ use std::collections::BTreeMap;
 
 use gleaner_client::{Client, ClientError};
 use gleaner_proto::v1::{Job, JobState, WatchJobResponse};
-use indicatif::ProgressBar;
 
 use crate::context::Context;
 use crate::failure::{Failure, Result};
+use crate::progress::Bar;
 use crate::words;
 
 /// Shows a job as it goes.
 pub(crate) struct View {
-    bar: ProgressBar,
+    bar: Bar,
     // Without a bar (a log file, say) each change of state is a line instead.
     log: Option<crate::output::Output>,
     state: Option<JobState>,
@@ -46,7 +46,7 @@ impl View {
             parts.push(job.message.clone());
         }
         parts.extend(latest(&self.metrics));
-        self.bar.set_message(parts.join(" · "));
+        self.bar.set_message(&parts.join(" · "));
         if let Some(output) = self.log
             && self.state != Some(job.state())
         {

@@ -6,9 +6,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use clap::Args;
 use gleaner_client::{
-    Client, LabelledFile, PushEvent, PushItem, Pushed, UploadLabel, find_recordings, outcome_from_word, read_labels,
+    Client, LabelledFile, PushEvent, PushItem, Pushed, Skipped, UploadLabel, find_recordings, outcome_from_word,
+    read_labels,
 };
 use gleaner_proto::v1::{GetTaskRequest, Outcome};
+use gleaner_recording::printable;
 use serde_json::{Value, json};
 
 use crate::context::Context;
@@ -18,7 +20,8 @@ use crate::{json, words};
 #[derive(Args, Debug)]
 #[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
 pub(crate) struct PushArgs {
-    /// Recordings, or folders that are searched for *.mcap. With --labels alone: every file it lists.
+    /// Recordings, or folders that are searched for *.mcap; what is not a regular file there is skipped and named. With
+    /// --labels alone: every file it lists.
     paths: Vec<PathBuf>,
     /// The task's name or id; by default the labels file's, or the only task there is.
     #[arg(long)]
@@ -40,14 +43,14 @@ pub(crate) struct PushArgs {
 impl PushArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
-        let items = self.items(context, &client).await?;
+        let (items, skipped) = self.items(context, &client).await?;
         for task in items.iter().map(|item| item.task.clone()).collect::<BTreeSet<_>>() {
             // Once, before the first byte, rather than as the same failure of each file.
             client.tasks().get_task(GetTaskRequest { task }).await?;
         }
         let task = items.first().map(|item| item.task.clone()).unwrap_or_default();
         let pushed = push(context, &client, items, self.jobs).await;
-        context.output.result(|| document(&pushed), || summary(&pushed))?;
+        context.output.result(|| document(&pushed, &skipped), || summary(&pushed, &skipped))?;
         let failures = pushed.failures().count();
         if failures > 0 {
             return Err(Failure::told(format!(
@@ -59,7 +62,7 @@ impl PushArgs {
         Ok(())
     }
 
-    async fn items(&self, context: &Context, client: &Client) -> Result<Vec<PushItem>> {
+    async fn items(&self, context: &Context, client: &Client) -> Result<(Vec<PushItem>, Vec<Skipped>)> {
         let item = |path: PathBuf, task: String, outcome: Outcome, cohort: String| PushItem {
             path,
             task,
@@ -67,12 +70,17 @@ impl PushArgs {
         };
         let Some(labels) = &self.labels else {
             let task = context.task(client, self.task.as_deref()).await?;
-            let paths = find_recordings(&self.paths)?.into_iter();
-            return Ok(paths.map(|path| item(path, task.clone(), self.outcome, self.cohort.clone())).collect());
+            let found = find_recordings(&self.paths)?;
+            let paths = found.recordings.into_iter();
+            let items = paths.map(|path| item(path, task.clone(), self.outcome, self.cohort.clone())).collect();
+            return Ok((items, found.skipped));
         };
         let mut rows = read_labels(labels)?;
+        let mut skipped = Vec::new();
         if !self.paths.is_empty() {
-            rows = chosen(rows, find_recordings(&self.paths)?, labels)?;
+            let found = find_recordings(&self.paths)?;
+            rows = chosen(rows, found.recordings, labels)?;
+            skipped = found.skipped;
         }
         if rows.is_empty() {
             return Err(Failure::told(format!("{} lists no recordings", labels.display())));
@@ -86,7 +94,7 @@ impl PushArgs {
             };
             items.push(item(row.path, task, row.outcome, row.cohort));
         }
-        Ok(items)
+        Ok((items, skipped))
     }
 }
 
@@ -128,7 +136,7 @@ pub(crate) async fn push(context: &Context, client: &Client, items: Vec<PushItem
     pushed
 }
 
-fn summary(pushed: &Pushed) -> String {
+fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
     let existed = pushed.uploaded().filter(|uploaded| uploaded.existed).count();
     let warnings: u32 = pushed.uploaded().map(|uploaded| uploaded.episode.warnings).sum();
     let mut lines = vec![format!(
@@ -142,13 +150,20 @@ fn summary(pushed: &Pushed) -> String {
     if warnings > 0 {
         lines.push(format!("{warnings} warnings; gleaner episode ID shows them"));
     }
+    // A name or a reason with a line break must not look like a line of ours.
     for (item, error) in pushed.failures() {
-        lines.push(format!("not taken: {}: {error}", item.path.display()));
+        lines.push(printable::field(&format!("not taken: {}: {error}", item.path.display())).into_owned());
+    }
+    if !skipped.is_empty() {
+        lines.push(format!("{} skipped, because they are not regular files or cannot be read", skipped.len()));
+    }
+    for Skipped { path, reason } in skipped {
+        lines.push(printable::field(&format!("skipped: {}: {reason}", path.display())).into_owned());
     }
     lines.join("\n")
 }
 
-fn document(pushed: &Pushed) -> Result<Value> {
+fn document(pushed: &Pushed, skipped: &[Skipped]) -> Result<Value> {
     let episodes = pushed.results.iter().filter_map(|item| {
         let uploaded = item.result.as_ref().ok()?;
         Some(json::value(&uploaded.episode).map(|episode| {
@@ -158,9 +173,12 @@ fn document(pushed: &Pushed) -> Result<Value> {
     let failures = pushed
         .failures()
         .map(|(item, error)| json!({ "file": item.path.display().to_string(), "error": error.to_string() }));
+    let skipped =
+        skipped.iter().map(|Skipped { path, reason }| json!({ "file": path.display().to_string(), "reason": reason }));
     Ok(json!({
         "episodes": episodes.collect::<Result<Vec<_>>>()?,
         "failures": failures.collect::<Vec<_>>(),
+        "skipped": skipped.collect::<Vec<_>>(),
         "sent_bytes": pushed.sent_bytes(),
         "seconds": pushed.wall.as_secs_f64(),
         "megabytes_per_second": words::rate(pushed.sent_bytes(), pushed.wall),
@@ -195,16 +213,29 @@ mod tests {
     #[test]
     fn the_summary_counts_and_names_what_was_not_taken() {
         assert_eq!(
-            summary(&pushed()),
+            summary(&pushed(), &[]),
             "1 recordings pushed, 1 there already, 1 not taken; 3.0 MB in 0.5 s (6.0 MB/s)\n\
              2 warnings; gleaner episode ID shows them\n\
              not taken: c.mcap: not an MCAP file"
         );
     }
 
+    fn skipped() -> Vec<Skipped> {
+        vec![Skipped { path: "x\u{1b}[2J\n.mcap".into(), reason: "is a FIFO".into() }]
+    }
+
+    #[test]
+    fn the_summary_names_what_was_skipped() {
+        let shown = summary(&pushed(), &skipped());
+        let last: Vec<&str> = shown.lines().rev().take(2).collect();
+        assert_eq!(last[0], "skipped: x\\u{1b}[2J\\n.mcap: is a FIFO");
+        assert!(last[1].starts_with("1 skipped"), "{shown}");
+    }
+
     #[test]
     fn the_document_has_the_same_facts() {
-        let shown = document(&pushed()).unwrap();
+        let shown = document(&pushed(), &skipped()).unwrap();
+        assert_eq!(shown["skipped"], json!([{ "file": "x\u{1b}[2J\n.mcap", "reason": "is a FIFO" }]));
         assert_eq!(shown["episodes"][1]["episode"]["id"], "ep_2");
         assert_eq!(shown["episodes"][1]["existed"], true);
         assert_eq!(shown["failures"], json!([{ "file": "c.mcap", "error": "not an MCAP file" }]));

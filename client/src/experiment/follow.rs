@@ -6,12 +6,12 @@ use std::time::Duration;
 use futures::StreamExt as _;
 use gleaner_client::{Client, has_ended};
 use gleaner_proto::v1::{Job, JobState};
-use indicatif::ProgressBar;
 
 use super::stage::Graph;
 use super::submit::Submitted;
 use crate::context::Context;
 use crate::failure::Result;
+use crate::progress::Bar;
 use crate::words;
 
 // Jobs run in the order they were submitted, so that what runs is among the first that have not ended.
@@ -70,7 +70,7 @@ struct Pace {
 }
 
 struct View {
-    bar: ProgressBar,
+    bar: Bar,
     output: crate::output::Output,
     total: usize,
     done: usize,
@@ -97,7 +97,7 @@ impl View {
             self.running.remove(&job.id);
         }
         let running: Vec<&str> = self.running.values().map(String::as_str).collect();
-        self.bar.set_message(format!("{} {}", running.join(", "), self.time_left()));
+        self.bar.set_message(&format!("{} {}", running.join(", "), self.time_left()));
     }
 
     fn ended(&mut self, job: &Job, label: &str) {
@@ -123,7 +123,7 @@ impl View {
             self.time_left()
         );
         if self.output.interactive() {
-            self.bar.println(line);
+            self.bar.println(&line);
         } else {
             self.output.note(line);
         }
@@ -162,7 +162,7 @@ mod tests {
     fn the_time_left_is_told_once_each_kind_has_been_seen() {
         let pace = |seconds, ended, left| Pace { seconds, ended, left };
         let view = |pretrain, train| View {
-            bar: ProgressBar::hidden(),
+            bar: Bar::hidden(),
             output: crate::output::Output::new(true),
             total: 4,
             done: 2,

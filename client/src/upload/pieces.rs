@@ -9,6 +9,7 @@ use tokio::io::{AsyncReadExt as _, AsyncSeekExt as _};
 
 use super::Progress;
 use crate::error::{ClientError, Result};
+use crate::file::open_regular;
 
 // Half of what the server takes in one message.
 pub(super) const PIECE: usize = 1 << 20;
@@ -26,12 +27,8 @@ pub(crate) struct Pieces {
 impl Pieces {
     /// Opens the file and turns it into pieces, each with where it lies.
     pub(crate) async fn of(self, path: &Path) -> Result<impl Stream<Item = (u64, Bytes)> + Send + use<>> {
-        let open = async {
-            let mut file = tokio::fs::File::open(path).await?;
-            file.seek(std::io::SeekFrom::Start(self.offset)).await?;
-            Ok(file)
-        };
-        let file = open.await.map_err(ClientError::io(path))?;
+        let mut file = tokio::fs::File::from_std(open_regular(path)?);
+        file.seek(std::io::SeekFrom::Start(self.offset)).await.map_err(ClientError::io(path))?;
         Ok(futures::stream::unfold((self, file), |(mut pieces, mut file)| async move {
             let piece = pieces.next(&mut file).await?;
             Some((piece, (pieces, file)))

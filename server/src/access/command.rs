@@ -2,6 +2,7 @@
 
 use std::{io::Write, path::Path, time::Duration};
 
+use gleaner_recording::printable;
 use jiff::{SpanRelativeTo, Timestamp, civil, tz::TimeZone};
 
 use super::mint::{Minted, mint};
@@ -42,8 +43,9 @@ pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
         let AuditEntry { at, token_id, who, peer, rpc, subjects, outcome } = entry;
         let id = token_id.map_or_else(|| "-".to_owned(), |id| id.to_string());
         let peer = if peer.is_empty() { "-" } else { &peer };
-        // Subjects are escaped when they are written; whatever wrote them, no control character reaches the terminal.
-        let (who, subjects) = (who.escape_debug(), subjects.join(" ").replace(char::is_control, "\u{fffd}"));
+        let (subjects, peer) = (subjects.join(" "), printable::field(peer));
+        let (who, subjects, outcome) =
+            (printable::field(&who), printable::field(&subjects), printable::field(&outcome));
         writeln!(out, "{}\t{who}\t{id}\t{peer}\t{rpc}\t{outcome}\t{subjects}", shown(at)).map_err(unwritten)?;
     }
     store.close().await;
@@ -72,7 +74,7 @@ async fn list(store: &Store, out: &mut impl Write) -> Result<()> {
     for (_, token) in tokens {
         let Token { id, name, role, deployments, expires_at, last_used_at, .. } = &token;
         let (used, expires, deployments) = (time(*last_used_at), time(*expires_at), deployments.join(","));
-        let name = name.escape_debug().to_string();
+        let (name, deployments) = (printable::field(name), printable::field(&deployments));
         line([id.as_str(), role.as_str(), token.standing(now), &used, &expires, &name, &deployments])?;
     }
     store.close().await;

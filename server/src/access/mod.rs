@@ -17,7 +17,7 @@ mod refusals;
 mod secret;
 mod subject;
 mod table;
-pub(crate) mod tls;
+pub mod tls;
 mod worker;
 
 pub(crate) use self::{

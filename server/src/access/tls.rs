@@ -1,6 +1,11 @@
 //! TLS: the handshake with what the certificate files hold now. They are read again when they change and on SIGHUP, so
 //! that a certificate is renewed without a restart; connections that are open keep what they began with.
 
+pub mod command;
+mod folder;
+mod issue;
+mod parsed;
+
 use std::{
     io,
     os::unix::fs::MetadataExt as _,
@@ -24,6 +29,7 @@ use tokio_rustls::{
 };
 use tokio_util::either::Either;
 
+use self::parsed::Parsed;
 use crate::{
     config::AccessConfig,
     error::{Error, Result},
@@ -149,6 +155,7 @@ impl Tls {
 impl Files {
     fn read(&self) -> Result<ServerConfig> {
         let chain = certificates("--tls-cert", &self.cert)?;
+        self.warn(&chain);
         let key = PrivateKeyDer::from_pem_file(&self.key)
             .map_err(|error| unusable("--tls-key", &self.key, format!("holds no private key in PEM form: {error}")))?;
         let provider = Arc::new(crypto::ring::default_provider());
@@ -172,6 +179,18 @@ impl Files {
         })?;
         config.alpn_protocols = vec![b"h2".to_vec()];
         Ok(config)
+    }
+
+    /// Logs what will keep clients from accepting the server's certificate.
+    fn warn(&self, chain: &[CertificateDer<'_>]) {
+        let warnings = match chain.first().map(|first| Parsed::der(first)) {
+            Some(Ok(parsed)) => parsed.warnings(jiff::Timestamp::now()),
+            Some(Err(problem)) => vec![format!("it {problem}")],
+            None => Vec::new(),
+        };
+        for warning in warnings {
+            tracing::warn!(tls.cert = %self.cert.display(), "the server's certificate: {warning}");
+        }
     }
 
     fn stamps(&self) -> Vec<Stamp> {

@@ -14,7 +14,8 @@ pub struct AccessConfig {
     #[arg(long, env = "GLEANER_REQUIRE_TOKENS", num_args = 0..=1, require_equals = true, default_missing_value = "true",
           value_name = "BOOL")]
     pub require_tokens: Option<bool>,
-    /// Encrypt with this certificate: a PEM file, the whole chain. It is read again when it changes, and on SIGHUP.
+    /// Encrypt with this certificate: a PEM file, the whole chain (`gleaner-server tls init` makes one). It is read again
+    /// when it changes, and on SIGHUP.
     #[arg(long, env = "GLEANER_TLS_CERT", value_name = "FILE", requires = "tls_key")]
     pub tls_cert: Option<PathBuf>,
     /// The certificate's private key: a PEM file.
@@ -101,7 +102,7 @@ impl AccessConfig {
         let missing = match (self.tls_cert.is_some(), self.tokens_required(loopback, insecure)) {
             _ if loopback || insecure => return Ok(()),
             (true, true) => return Ok(()),
-            (false, _) => "encrypt with --tls-cert and --tls-key",
+            (false, _) => "encrypt with --tls-cert and --tls-key (`gleaner-server tls init` makes both files)",
             (true, false) => "ask who they are with --require-tokens",
         };
         Err(format!(

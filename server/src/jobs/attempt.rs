@@ -3,6 +3,7 @@
 use std::{io::Write as _, pin::pin, time::Duration};
 
 use bytes::Bytes;
+use gleaner_recording::printable::Escape;
 use tokio::{io::AsyncRead, process::Child};
 use tracing::Instrument as _;
 
@@ -67,10 +68,12 @@ async fn heard(
     }
 }
 
-/// Writes to standard error, where the server's own log is, and not on the runtime: nobody may be reading there.
+/// Writes to standard error, where the server's own log is, with unprintable characters escaped; not on the runtime,
+/// because the reader of standard error may be slow.
 async fn pass_on(lines: Bytes) {
+    let escaped = Escape::Lines.apply(&String::from_utf8_lossy(&lines)).into_owned();
     // If nobody takes it, that is no reason to stop the job.
-    let _ = tokio::task::spawn_blocking(move || std::io::stderr().write_all(&lines)).await;
+    let _ = tokio::task::spawn_blocking(move || std::io::stderr().write_all(escaped.as_bytes())).await;
 }
 
 /// How the job stands after an attempt, in words.

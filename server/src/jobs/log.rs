@@ -12,6 +12,7 @@ use std::{
 };
 
 use bytes::{Bytes, BytesMut};
+use gleaner_recording::printable::Escape;
 use tokio::{
     fs::{File, OpenOptions},
     io::{AsyncRead, AsyncReadExt as _, AsyncSeekExt as _, AsyncWriteExt as _},
@@ -114,9 +115,8 @@ impl Log {
 /// Internal when the disk refuses.
 pub(super) async fn read(data_dir: &Path, job: &JobId, most: u64) -> Result<String> {
     let bytes = newest(data_dir, job, most).await.map_err(|error| Error::internal("reading a job's log", error))?;
-    // Libraries may say anything; whoever shows this gets lines of text.
-    let text = String::from_utf8_lossy(&bytes);
-    Ok(text.replace(|character: char| character.is_control() && !matches!(character, '\n' | '\t'), "\u{fffd}"))
+    // Libraries may write anything; whoever shows this gets lines of printable text.
+    Ok(Escape::Lines.apply(&String::from_utf8_lossy(&bytes)).into_owned())
 }
 
 async fn newest(data_dir: &Path, job: &JobId, most: u64) -> std::io::Result<Vec<u8>> {
@@ -184,7 +184,7 @@ mod tests {
         let lines: Vec<&str> = said.lines().collect();
         assert_eq!(lines.len(), 8, "{said}");
         assert!(lines[0].ends_with("gleaner-server: attempt 1") && lines[4].ends_with("gleaner-server: attempt 2"));
-        assert_eq!(&lines[1..4], ["one", "two", "\u{fffd}[1mth\u{fffd}ree"]);
+        assert_eq!(&lines[1..4], ["one", "two", "\\u{1b}[1mth\u{fffd}ree"]);
         assert_eq!(read(dir.path(), &JobId::new(), u64::MAX).await.unwrap(), "", "no other job's");
     }
 

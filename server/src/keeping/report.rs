@@ -2,6 +2,7 @@
 
 use std::{io::Write, path::PathBuf};
 
+use gleaner_recording::printable;
 use serde::Serialize;
 
 /// How bad a finding is.
@@ -64,7 +65,7 @@ impl Report {
                 Severity::Problem => "problem",
                 Severity::Note => "note",
             };
-            writeln!(out, "{severity}: {subject}: {detail}")?;
+            writeln!(out, "{severity}: {}: {}", printable::field(subject), printable::field(detail))?;
         }
         let problems = self.findings.iter().filter(|finding| finding.severity == Severity::Problem).count();
         let how = if self.digests { "read" } else { "looked for, not read (--fast)" };

@@ -8,6 +8,7 @@ mod traces;
 
 use std::io::IsTerminal as _;
 
+use gleaner_recording::printable::{Escape, EscapingWriter};
 use tracing_subscriber::{EnvFilter, Layer as _, layer::SubscriberExt as _, util::SubscriberInitExt as _};
 
 pub(crate) use self::rpc::RpcLayer;
@@ -32,9 +33,13 @@ pub struct Telling<'a> {
 pub fn start(telling: Telling<'_>) -> Result<Traces, String> {
     let Telling { filter, json, otlp_endpoint } = telling;
     let filter = EnvFilter::try_new(filter).map_err(|error| format!("--log {filter:?}: {error}"))?;
-    let logs = tracing_subscriber::fmt::layer().with_writer(std::io::stderr);
+    let terminal = std::io::stderr().is_terminal();
+    // Events carry names and messages of callers, recordings and libraries. Each event is one write, and one line.
+    let escape = if json { Escape::Json } else { Escape::Field };
+    let writer = move || EscapingWriter::new(std::io::stderr(), escape).with_colours(terminal);
+    let logs = tracing_subscriber::fmt::layer().with_writer(writer);
     // Colours are for people, and for those only who want them (NO_COLOR).
-    let logs = if std::io::stderr().is_terminal() { logs } else { logs.with_ansi(false) };
+    let logs = if terminal { logs } else { logs.with_ansi(false) };
     let logs = if json { logs.json().boxed() } else { logs.boxed() };
     let (traces, layer) = Traces::to(otlp_endpoint)?;
     let result = tracing_subscriber::registry().with(logs.with_filter(filter)).with(layer).try_init();

@@ -17,10 +17,12 @@ use axum::{
     response::{IntoResponse as _, Response},
 };
 use futures::StreamExt as _;
+use gleaner_recording::printable;
 
 use super::{
     House,
     browser::Browser,
+    escape,
     page::Page,
     refusal::{Refusal, Told},
     shell,
@@ -118,6 +120,7 @@ async fn serve(
     let response =
         if changes { made(house, page, link, &caller, next.run(request)).await? } else { next.run(request).await };
     drop(turn);
+    let response = escape::answer(response).await?;
     let over = if page == Page::EpisodeRecording { caller.over() } else { None };
     Ok(response.map(|body| {
         let body = match over {
@@ -228,10 +231,11 @@ fn wants_data(request: &Request) -> bool {
 }
 
 fn tell(status: StatusCode, told: &Told, data: bool) -> Response {
+    let told = printable::field(&told.0);
     if data {
-        return (status, axum::Json(serde_json::json!({ "error": told.0 }))).into_response();
+        return (status, axum::Json(serde_json::json!({ "error": told }))).into_response();
     }
-    (status, shell::bare(status.canonical_reason().unwrap_or("Refused"), &told.0)).into_response()
+    (status, shell::bare(status.canonical_reason().unwrap_or("Refused"), &told)).into_response()
 }
 
 /// The answer to a request for what is no page of ours.

@@ -10,6 +10,7 @@ mod deployments;
 mod door;
 mod episode;
 mod episodes;
+mod escape;
 mod frames;
 mod gate;
 mod jobs;

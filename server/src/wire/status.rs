@@ -1,5 +1,6 @@
 //! The one table from our errors to gRPC status codes. Logs each error once, where it leaves the house.
 
+use gleaner_recording::printable::Escape;
 use tonic::{Code, Status, codegen::http::HeaderMap};
 
 use crate::{
@@ -49,13 +50,14 @@ pub(crate) fn last_words(error: Error) -> HeaderMap {
 }
 
 /// A message travels in a header, where non-ASCII takes three bytes for one and 16 KiB is common; and some repeat what the
-/// caller sent.
+/// caller sent, or what a recording has. Escaped, because clients of other makers print it as it comes.
 fn told(message: &str) -> String {
-    if message.len() <= MESSAGE_BYTES {
-        return message.to_owned();
+    let beginning = message.get(..message.floor_char_boundary(MESSAGE_BYTES)).unwrap_or_default();
+    let shown = Escape::Lines.apply(beginning);
+    if beginning.len() == message.len() && shown.len() <= MESSAGE_BYTES {
+        return shown.into_owned();
     }
-    let end = message.floor_char_boundary(MESSAGE_BYTES);
-    format!("{} … (and more)", message.get(..end).unwrap_or_default())
+    format!("{} … (and more)", shown.get(..shown.floor_char_boundary(MESSAGE_BYTES)).unwrap_or_default())
 }
 
 /// A call of an rpc that is not in the authorisation table, hence none of ours.
@@ -90,5 +92,7 @@ mod tests {
         assert_eq!(status.code(), Code::NotFound);
         assert!(status.message().len() < 4100 && status.message().starts_with("no task üü"));
         assert_eq!(from_error(Error::not_found("task", "arm")).message(), "no task arm");
+        let status = from_error(Error::not_found("task", "\u{1b}".repeat(1000)));
+        assert!(status.message().len() < 4100 && status.message().starts_with("no task \\u{1b}"));
     }
 }

@@ -115,13 +115,18 @@ impl Guarded {
 
 /// Puts a certificate and its key for loopback into a folder; gives back who signed it.
 pub fn certify(folder: &Path) -> Vec<u8> {
-    let mut params = CertificateParams::new(Vec::new()).unwrap();
-    params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-    let authority = CertifiedIssuer::self_signed(params, KeyPair::generate().unwrap()).unwrap();
+    let authority = authority();
     let key = KeyPair::generate().unwrap();
     let names = ["localhost", "127.0.0.1"].map(str::to_owned);
     let cert = CertificateParams::new(names).unwrap().signed_by(&key, &authority).unwrap();
     std::fs::write(folder.join("cert"), cert.pem()).unwrap();
     std::fs::write(folder.join("key"), key.serialize_pem()).unwrap();
     authority.pem().into_bytes()
+}
+
+/// A new authority.
+pub fn authority() -> CertifiedIssuer<'static, KeyPair> {
+    let mut params = CertificateParams::new(Vec::new()).unwrap();
+    params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
+    CertifiedIssuer::self_signed(params, KeyPair::generate().unwrap()).unwrap()
 }

@@ -92,10 +92,11 @@ def connect(
     `timeout` bounds the connecting and each single call, in seconds. Reads, and other calls that may be made
     twice, are made again for about 13 s while there is no connection; others are not.
 
-    `ca` is a file of certificates (PEM), one of which must have signed the server's; without it public authorities are
-    trusted. `cert` and `key` are files of one's own certificate and its private key, if the server asks for one.
+    `ca` is a file of certificates (PEM), one of which must have signed the server's (`ca.pem` of `gleaner-server tls
+    init`); without it public authorities are trusted. `cert` and `key` are files of one's own certificate and its
+    private key, if the server asks for one.
 
-    Raises `Unavailable` when nobody answers or one side does not trust the other, `InvalidArgument` when the address,
-    token or a file is none.
+    Raises `Unavailable` when no server answers, `HandshakeFailed` within seconds when one side does not trust the other
+    or only one encrypts, `InvalidArgument` when the address, the token or a file cannot be used.
     """
     return Client(Endpoint(address, token, timeout, ca, cert, key))

@@ -26,8 +26,7 @@ class Conversation(Generic[Request, Reply]):
     def __init__(
         self, rpc: Rpc, method: str, reply: type[Reply], patience: float, aside: Callable[[Reply], bool]
     ) -> None:
-        self._patience = patience
-        self._aside = aside
+        self._rpc, self._patience, self._aside = rpc, patience, aside
         self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._replies: queue.SimpleQueue[Reply | Rejected] = queue.SimpleQueue()
         self._call = rpc.converse(method, self._outgoing(), reply)
@@ -64,11 +63,14 @@ class Conversation(Generic[Request, Reply]):
             yield request
 
     def _read(self) -> None:
+        begun = False
         try:
             for reply in self._call:
+                begun = True
                 if not self._aside(reply):
                     self._replies.put(reply)
         except grpc.RpcError as error:
-            self._replies.put(from_rpc(error))
+            # A call that had begun was connected; a robot need not wait for a look at why it no longer is.
+            self._replies.put(from_rpc(error) if begun else self._rpc.failure(error))
         else:
             self._replies.put(Unavailable("the server ended the stream"))

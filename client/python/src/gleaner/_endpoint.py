@@ -37,6 +37,16 @@ class Endpoint:
         return target
 
     @property
+    def host(self) -> str:
+        """The host alone, an IPv6 address without its brackets."""
+        return self.target.rpartition(":")[0].removeprefix("[").removesuffix("]")
+
+    @property
+    def port(self) -> int:
+        """The port."""
+        return int(self.target.rpartition(":")[2])
+
+    @property
     def metadata(self) -> tuple[tuple[str, str | bytes], ...]:
         """What goes with every call."""
         if self.token is None:

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from gleaner.errors import Unavailable
+from gleaner.errors import HandshakeFailed, Unavailable
 
 T = TypeVar("T")
 
@@ -26,8 +26,8 @@ class Patience:
         self._failures = 0
 
     def wait(self, error: Exception) -> None:
-        """Waits before the next try; raises the error instead when it is time to give up."""
-        if self._failures == _TRIES:
+        """Waits before the next try; raises the error instead when it is time to give up, or when no try will help."""
+        if self._failures == _TRIES or isinstance(error, HandshakeFailed):
             raise error
         time.sleep(_FIRST_WAIT * 2**self._failures)
         self._failures += 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import queue
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
@@ -10,9 +12,10 @@ from typing import Any, TypeVar
 import grpc
 from google.protobuf.message import Message
 
+from gleaner import _handshake
 from gleaner._endpoint import Endpoint
 from gleaner._retry import patiently
-from gleaner.errors import Unavailable, from_rpc
+from gleaner.errors import HandshakeFailed, Rejected, Unavailable, from_rpc
 
 Reply = TypeVar("Reply", bound=Message)
 
@@ -30,21 +33,71 @@ _OPTIONS: list[tuple[str, int | str]] = [
     ("grpc.primary_user_agent", f"gleaner-python/{version('gleaner')}"),
 ]
 
+# Seconds without news of a connection after which the reason is looked for.
+_SILENCE = 2.0
+# Seconds that looking for it may take.
+_PROBE = 3.0
+
 
 class Rpc:
     """A channel to one server. Methods are named `Service/Method`, of the package gleaner.v1."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        target, self._metadata, self._timeout = endpoint.target, endpoint.metadata, endpoint.timeout
+        self._endpoint, self._metadata, self._timeout = endpoint, endpoint.metadata, endpoint.timeout
         self._channel = endpoint.channel(_OPTIONS)
         try:
-            grpc.channel_ready_future(self._channel).result(timeout=self._timeout)
-        except grpc.FutureTimeoutError:
+            self._connect()
+        except BaseException:
             self._channel.close()
-            question = "is the server running there (gleaner-server serve)"
-            if endpoint.encrypted:
-                question += ", does it encrypt, and is its certificate for that name and signed by whom `ca` holds"
-            raise Unavailable(f"cannot reach {target} within {self._timeout:g} s; {question}?") from None
+            raise
+
+    def _connect(self) -> None:
+        """Waits until the channel is connected, for as long as that can still happen."""
+        states: queue.SimpleQueue[grpc.ChannelConnectivity] = queue.SimpleQueue()
+        news = states.put
+        self._channel.subscribe(news, try_to_connect=True)
+        end = time.monotonic() + self._timeout
+        try:
+            while (left := end - time.monotonic()) > 0:
+                try:
+                    state = states.get(timeout=min(left, _SILENCE))
+                except queue.Empty:
+                    # grpc waits long for a server that is silent because it expects TLS.
+                    state = grpc.ChannelConnectivity.TRANSIENT_FAILURE
+                if state is grpc.ChannelConnectivity.READY:
+                    return
+                if state is grpc.ChannelConnectivity.TRANSIENT_FAILURE:
+                    self._raise_if_hopeless()
+        finally:
+            self._channel.unsubscribe(news)
+        self._raise_if_hopeless()
+        raise Unavailable(
+            f"cannot reach {self._endpoint.target} within {self._timeout:g} s; is the server running there "
+            "(gleaner-server serve)?"
+        )
+
+    def _raise_if_hopeless(self) -> None:
+        problem = _handshake.problem(self._endpoint, min(self._timeout, _PROBE))
+        if problem is not None:
+            raise HandshakeFailed(f"cannot connect to {self._endpoint.target}: {problem}") from None
+
+    def failure(self, error: grpc.RpcError) -> Rejected:
+        """The exception for a failed call; of a connection that broke and cannot be made again it has the reason."""
+        failure = from_rpc(error)
+        if isinstance(failure, Unavailable):
+            try:
+                self._raise_if_hopeless()
+            except HandshakeFailed as hopeless:
+                return hopeless
+        return failure
+
+    @contextmanager
+    def _translated(self) -> Iterator[None]:
+        """Turns a failed call into an exception of ours."""
+        try:
+            yield
+        except grpc.RpcError as error:
+            raise self.failure(error) from None
 
     def close(self) -> None:
         """Ends every call and the connection."""
@@ -53,7 +106,7 @@ class Rpc:
     def unary(self, method: str, request: Message, reply: type[Reply], *, hurry: bool = True) -> Reply:
         """One request, one reply, once. Without `hurry` no time limit: the server answers or the connection breaks."""
         call = self._channel.unary_unary(_path(method), type(request).SerializeToString, reply.FromString)
-        with translated():
+        with self._translated():
             answer: Reply = call(request, timeout=self._timeout if hurry else None, metadata=self._metadata)
         return answer
 
@@ -64,7 +117,7 @@ class Rpc:
     def upload(self, method: str, requests: Iterable[Message], reply: type[Reply]) -> Reply:
         """A stream of requests, one reply. No time limit: the server answers or the connection breaks."""
         call = self._channel.stream_unary(_path(method), _serialize, reply.FromString)
-        with translated():
+        with self._translated():
             answer: Reply = call(iter(requests), metadata=self._metadata)
         return answer
 
@@ -75,7 +128,7 @@ class Rpc:
         open_call = self._channel.unary_stream(_path(method), type(request).SerializeToString, reply.FromString)
         call: Any = open_call(request, timeout=timeout, metadata=self._metadata)
         try:
-            with translated():
+            with self._translated():
                 yield from call
         finally:
             call.cancel()
@@ -85,15 +138,6 @@ class Rpc:
         return self._channel.stream_stream(_path(method), _serialize, reply.FromString)(
             requests, metadata=self._metadata
         )
-
-
-@contextmanager
-def translated() -> Iterator[None]:
-    """Turns a failed call into an exception of ours."""
-    try:
-        yield
-    except grpc.RpcError as error:
-        raise from_rpc(error) from None
 
 
 def _serialize(request: Message) -> bytes:

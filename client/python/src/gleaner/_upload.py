@@ -8,6 +8,7 @@ from pathlib import Path
 
 from blake3 import blake3
 
+from gleaner._printable import printable
 from gleaner._proto.v1 import episode_pb2 as pb
 from gleaner._retry import Patience
 from gleaner._rpc import Rpc
@@ -16,6 +17,7 @@ from gleaner.types import Episode
 
 # Half of what the server takes in one message.
 _PIECE = 1 << 20
+_LONGEST_NAME = 255
 
 
 def digest(path: Path) -> str:
@@ -25,6 +27,18 @@ def digest(path: Path) -> str:
         while piece := file.read(8 << 20):
             hasher.update(piece)
     return hasher.hexdigest()
+
+
+def regular(path: Path) -> Path:
+    """The path, if a regular file is there. Reading a FIFO, for example, could wait for ever."""
+    if path.exists() and not path.is_file():
+        raise invalid(str(path), "is not a regular file; only those can be sent")
+    return path
+
+
+def name_to_send(path: Path) -> str:
+    """A file's name as the server takes it: without control characters, at most 255 bytes."""
+    return printable(path.name, kept="").encode()[:_LONGEST_NAME].decode(errors="ignore")
 
 
 @dataclass

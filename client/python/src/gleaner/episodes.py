@@ -10,7 +10,7 @@ from gleaner._download import inside, save
 from gleaner._messages import number
 from gleaner._proto.v1 import episode_pb2 as pb
 from gleaner._rpc import Rpc
-from gleaner._upload import Upload, digest
+from gleaner._upload import Upload, digest, name_to_send, regular
 from gleaner.types import Episode, Label, Report
 
 _PAGE = 500
@@ -40,10 +40,10 @@ class Episodes:
         Raises `InvalidArgument` when the recording does not fit the task (each finding with its mend), `NotFound`
         without such a task, `AlreadyExists` when the content is there under another label.
         """
-        path = Path(path)
+        path = regular(Path(path))
         start = pb.StartUploadRequest(
             task=task,
-            file_name=path.name,
+            file_name=name_to_send(path),
             size_bytes=path.stat().st_size,
             blake3=digest(path),
             outcome=number(pb.StartUploadRequest, "outcome", outcome),

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import grpc
 
+from gleaner._printable import printable
+
 if TYPE_CHECKING:
     from gleaner._proto.v1.job_pb2 import Job
 
@@ -20,7 +22,8 @@ class Rejected(GleanerError):
     code = grpc.StatusCode.UNKNOWN
 
     def __init__(self, message: str, code: grpc.StatusCode | None = None) -> None:
-        super().__init__(message)
+        # Servers repeat names from recordings, and tracebacks go to terminals.
+        super().__init__(printable(message))
         if code is not None:
             self.code = code
 
@@ -71,6 +74,10 @@ class Unavailable(Rejected, ConnectionError):
     """No server there, the connection broke, or the server is stopping. The same call may succeed later."""
 
     code = grpc.StatusCode.UNAVAILABLE
+
+
+class HandshakeFailed(Unavailable):
+    """Server and client cannot talk: one does not trust the other, or only one encrypts. Retrying does not help."""
 
 
 class Cancelled(Rejected):

@@ -16,6 +16,7 @@ from gleaner._conversation import Conversation
 from gleaner._proto.v1 import score_pb2 as pb
 from gleaner._retry import patiently
 from gleaner._rpc import Rpc
+from gleaner._upload import name_to_send, regular
 from gleaner.errors import ServerError
 from gleaner.observation import Observation, size, to_wire, vector
 from gleaner.scores import EpisodeScores, Scores, from_wire
@@ -77,7 +78,7 @@ class Scoring:
     def recording(self, run: str, path: Path, progress: Callable[[int], object]) -> ScoredRecording:
         """A whole recording's scores. Sent anew while there is no connection, since nothing is kept."""
         # Opened here: what is no file is the caller's to hear of, not the stream's.
-        with path.open("rb") as file:
+        with regular(path).open("rb") as file:
 
             def send() -> pb.ScoreRecordingResponse:
                 file.seek(0)
@@ -108,7 +109,7 @@ class Scoring:
     ) -> Iterator[pb.ScoreRecordingRequest]:
         length = os.path.getsize(path)
         yield pb.ScoreRecordingRequest(
-            open=pb.ScoreRecordingOpen(score_run_id=run, file_name=path.name, size_bytes=length)
+            open=pb.ScoreRecordingOpen(score_run_id=run, file_name=name_to_send(path), size_bytes=length)
         )
         sent = 0
         for piece in pieces:

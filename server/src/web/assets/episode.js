@@ -229,8 +229,8 @@
       Object.assign(element('outcome'), { className: `tag ${outcome}`, textContent: outcome });
       const [item, tag, rest] = ['li', 'span', 'span'].map((kind) => document.createElement(kind));
       Object.assign(tag, { className: `tag ${outcome}`, textContent: outcome });
-      Object.assign(rest, { className: 'soft', textContent: ` ${cohort} by ${by}, ${at} UTC` });
-      item.append(tag, rest, ...(reason ? [document.createElement('br'), `“${reason}”`] : []));
+      Object.assign(rest, { className: 'soft', textContent: ` ${labelling.visible(cohort)} by ${labelling.visible(by)}, ${at} UTC` });
+      item.append(tag, rest, ...(reason ? [document.createElement('br'), `“${labelling.visible(reason)}”`] : []));
       element('labels').prepend(item);
     },
     back: () => {},

@@ -77,8 +77,8 @@
     const old = row.querySelector('td .tag:not(.warned)');
     old.className = `tag ${outcome}`;
     old.textContent = outcome;
-    row.querySelector('td.cohort').textContent = cohort;
-    row.querySelector('.by').textContent = by;
+    row.querySelector('td.cohort').textContent = labelling.visible(cohort);
+    row.querySelector('.by').textContent = labelling.visible(by);
     row.querySelector('.at').textContent = at;
     if (row === rows[cursor]) head(row);
   }

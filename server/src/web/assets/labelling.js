@@ -12,9 +12,13 @@ const labelling = (() => {
   const made = (name, text, more = {}) => Object.assign(document.createElement(name), { textContent: text, ...more });
   const line = told?.appendChild(made('p', ''));
 
+  // Text from elsewhere as the server's pages show it: control and bidirectional characters as visible escapes.
+  const visible = (text) => String(text ?? '').replace(/[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]/gu,
+    (character) => `\\u{${character.codePointAt(0).toString(16)}}`);
+
   // What went well is said until the next does.
   function say(text) {
-    if (line) line.textContent = text;
+    if (line) line.textContent = visible(text);
   }
 
   // What did not stays until somebody has seen it.
@@ -23,7 +27,7 @@ const labelling = (() => {
     const note = made('div', '', { className: 'note bad' });
     const leave = made('button', again ? 'Leave it' : 'Dismiss', { type: 'button', className: 'leave' });
     leave.addEventListener('click', () => note.remove());
-    note.append(made('p', text), leave);
+    note.append(made('p', visible(text)), leave);
     if (again) {
       const button = made('button', again.said, { type: 'button', className: 'again' });
       button.addEventListener('click', () => { note.remove(); again.act(); });
@@ -127,5 +131,5 @@ const labelling = (() => {
 
   keys({ a: press('.again'), Escape: press('.leave') });
 
-  return { begin: (given) => { page = given; }, send, takeBack, keys, warn };
+  return { begin: (given) => { page = given; }, send, takeBack, keys, warn, visible };
 })();

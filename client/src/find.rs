@@ -1,0 +1,135 @@
+//! Recordings found in folders, and what was skipped there because it cannot be sent.
+//!
+//! Reads the file system; knows no server. A link to a regular file stands for that file, wherever it lies. Links to
+//! folders are not followed, because one to a folder above would never end.
+
+use std::collections::BTreeSet;
+use std::fs::DirEntry;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+
+use crate::error::{ClientError, Result};
+use crate::file;
+
+/// What a search found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Found {
+    /// Recordings, sorted, each once.
+    pub recordings: Vec<PathBuf>,
+    /// What was skipped, in the order it was found.
+    pub skipped: Vec<Skipped>,
+}
+
+/// Something in a searched folder that is not sent.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Skipped {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Why it is skipped, such as "is a FIFO".
+    pub reason: String,
+}
+
+/// Finds recordings: a file stands for itself, a folder for every regular file `*.mcap` below it. In a folder, what
+/// cannot be sent (FIFOs, sockets, devices, links that lead nowhere, folders that cannot be read) is skipped.
+///
+/// # Errors
+/// [`ClientError::Io`] for a path that is not there; [`ClientError::Invalid`] for a path that is neither a regular file
+/// nor a folder, and for a folder without recordings.
+pub fn find_recordings(paths: &[PathBuf]) -> Result<Found> {
+    let mut search = Search::default();
+    for path in paths {
+        let kind = std::fs::metadata(path).map_err(ClientError::io(path))?.file_type();
+        if kind.is_file() {
+            search.recordings.insert(path.clone());
+        } else if kind.is_dir() {
+            search.named_folder(path)?;
+        } else {
+            return Err(file::irregular(path, kind));
+        }
+    }
+    Ok(Found { recordings: search.recordings.into_iter().collect(), skipped: search.skipped })
+}
+
+#[derive(Default)]
+struct Search {
+    recordings: BTreeSet<PathBuf>,
+    skipped: Vec<Skipped>,
+}
+
+impl Search {
+    fn named_folder(&mut self, path: &Path) -> Result<()> {
+        let (before, skipped_before) = (self.recordings.len(), self.skipped.len());
+        self.folder(path);
+        if self.recordings.len() > before {
+            return Ok(());
+        }
+        let skipped = &self.skipped[skipped_before..];
+        let reasons: Vec<String> =
+            skipped.iter().map(|Skipped { path, reason }| format!("{} {reason}", path.display())).collect();
+        let skipped = match reasons.len() {
+            0 => String::new(),
+            count => format!("; skipped {count}: {}", reasons.join(", ")),
+        };
+        Err(ClientError::Invalid(format!("{}: there is no *.mcap in this folder or below it{skipped}", path.display())))
+    }
+
+    fn folder(&mut self, folder: &Path) {
+        match std::fs::read_dir(folder) {
+            Err(error) => self.skip(folder, format!("cannot be read: {error}")),
+            Ok(entries) => {
+                for entry in entries {
+                    match entry {
+                        Ok(entry) => self.entry(&entry),
+                        Err(error) => self.skip(folder, format!("cannot be read to its end: {error}")),
+                    }
+                }
+            }
+        }
+    }
+
+    fn entry(&mut self, entry: &DirEntry) {
+        let path = entry.path();
+        let named = path.extension().is_some_and(|extension| extension == "mcap");
+        let kind = match entry.file_type() {
+            Ok(kind) => kind,
+            Err(error) => return self.skip(&path, format!("cannot be looked at: {error}")),
+        };
+        if kind.is_dir() {
+            let before = (self.recordings.len(), self.skipped.len());
+            self.folder(&path);
+            if named && before == (self.recordings.len(), self.skipped.len()) {
+                self.skip(&path, "is a folder without recordings".to_owned());
+            }
+        } else if kind.is_symlink() {
+            self.link(path, named);
+        } else if named && kind.is_file() {
+            self.recordings.insert(path);
+        } else if named {
+            self.skip(&path, file::describe(kind).to_owned());
+        }
+    }
+
+    fn link(&mut self, path: PathBuf, named: bool) {
+        match std::fs::metadata(&path).map(|target| target.file_type()) {
+            Ok(kind) if kind.is_dir() => {
+                self.skip(&path, "is a link to a folder, which is not followed; push that folder by name".to_owned());
+            }
+            _ if !named => {}
+            Ok(kind) if kind.is_file() => {
+                self.recordings.insert(path);
+            }
+            Ok(kind) => self.skip(&path, format!("is a link to something that {}", file::describe(kind))),
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                self.skip(&path, "is a link to a file that is not there".to_owned());
+            }
+            Err(error) => self.skip(&path, format!("is a link that cannot be followed: {error}")),
+        }
+    }
+
+    fn skip(&mut self, path: &Path, reason: String) {
+        self.skipped.push(Skipped { path: path.to_owned(), reason });
+    }
+}
+
+#[cfg(test)]
+mod tests;

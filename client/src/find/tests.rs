@@ -1,0 +1,82 @@
+//! What is found in real folders, with a FIFO, a socket, links and folders that bear a recording's name.
+
+#![allow(clippy::unwrap_used)]
+
+use std::os::unix::fs::symlink;
+
+use rustix::fs::{CWD, FileType, mknodat};
+
+use super::*;
+
+#[test]
+fn folders_are_searched_and_files_stand_for_themselves() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::create_dir_all(at("sub/empty")).unwrap();
+    for name in ["b.mcap", "sub/a.mcap", "notes.txt", "odd.bag"] {
+        std::fs::write(at(name), b"x").unwrap();
+    }
+    let found = find_recordings(&[folder.path().to_owned(), at("b.mcap"), at("odd.bag")]).unwrap();
+    assert_eq!(found.recordings, [at("b.mcap"), at("odd.bag"), at("sub/a.mcap")]);
+    assert_eq!(found.skipped, []);
+    assert!(find_recordings(&[at("sub/empty")]).unwrap_err().to_string().contains("no *.mcap"));
+    assert!(find_recordings(&[at("nowhere")]).unwrap_err().to_string().contains("nowhere"));
+}
+
+#[test]
+fn what_is_not_a_regular_file_is_skipped_with_its_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("good.mcap"), b"x").unwrap();
+    mknodat(CWD, at("fifo.mcap"), FileType::Fifo, 0o600.into(), 0).unwrap();
+    let _socket = std::os::unix::net::UnixListener::bind(at("socket.mcap")).unwrap();
+    std::fs::create_dir_all(at("folder.mcap/inside")).unwrap();
+    std::fs::create_dir(at("bag.mcap")).unwrap();
+    std::fs::write(at("bag.mcap/part.mcap"), b"x").unwrap();
+    for (target, link) in [
+        ("good.mcap", "link.mcap"),
+        ("nowhere", "dangling.mcap"),
+        ("loop.mcap", "loop.mcap"),
+        ("fifo.mcap", "to_fifo.mcap"),
+        ("/dev/null", "to_device.mcap"),
+        (".", "above"),
+        ("nowhere", "other.txt"),
+    ] {
+        symlink(target, at(link)).unwrap();
+    }
+    mknodat(CWD, at("fifo.txt"), FileType::Fifo, 0o600.into(), 0).unwrap();
+
+    let found = find_recordings(&[folder.path().to_owned()]).unwrap();
+    assert_eq!(found.recordings, [at("bag.mcap/part.mcap"), at("good.mcap"), at("link.mcap")]);
+    let mut skipped: Vec<(PathBuf, String)> =
+        found.skipped.into_iter().map(|Skipped { path, reason }| (path, reason)).collect();
+    skipped.sort();
+    let expected = [
+        ("above", "is a link to a folder"),
+        ("dangling.mcap", "is a link to a file that is not there"),
+        ("fifo.mcap", "is a FIFO"),
+        ("folder.mcap", "is a folder without recordings"),
+        ("loop.mcap", "is a link that cannot be followed"),
+        ("socket.mcap", "is a socket"),
+        ("to_device.mcap", "is a link to something that is a device"),
+        ("to_fifo.mcap", "is a link to something that is a FIFO"),
+    ];
+    assert_eq!(skipped.len(), expected.len(), "{skipped:?}");
+    for ((path, reason), (name, part)) in skipped.iter().zip(expected) {
+        assert!(*path == at(name) && reason.starts_with(part), "{path:?} {reason}");
+    }
+}
+
+#[test]
+fn a_fifo_that_is_named_is_refused_and_a_folder_of_nothing_else_says_what_it_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = folder.path().join("fifo.mcap");
+    mknodat(CWD, &fifo, FileType::Fifo, 0o600.into(), 0).unwrap();
+    let error = find_recordings(std::slice::from_ref(&fifo)).unwrap_err().to_string();
+    assert!(error.contains("fifo.mcap: is a FIFO; only regular files"), "{error}");
+    let error = find_recordings(&[folder.path().to_owned()]).unwrap_err().to_string();
+    assert!(
+        error.contains("no *.mcap") && error.contains("skipped 1") && error.contains("fifo.mcap is a FIFO"),
+        "{error}"
+    );
+}

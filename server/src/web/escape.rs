@@ -1,0 +1,158 @@
+//! Text in answers made safe to show: whatever a page repeats from recordings and callers, no control or bidirectional
+//! character of it reaches a browser or a terminal raw.
+//!
+//! It is done once, on the finished answer, so that no page can forget it. Readers see escapes; programs that read JSON,
+//! and values that a form or a script sends back, keep the text as it is.
+
+use std::fmt::Write as _;
+
+use axum::{
+    body::{Body, to_bytes},
+    http::header::{CONTENT_LENGTH, CONTENT_TYPE},
+    response::Response,
+};
+use gleaner_recording::printable::{Escape, is_printable};
+
+use crate::error::{Error, Result};
+
+/// The answer with its text escaped; pictures, recordings and our own scripts pass as they are.
+///
+/// # Errors
+/// Internal when the answer breaks off.
+pub(super) async fn answer(response: Response) -> Result<Response> {
+    let kind = response.headers().get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
+    let kind = kind.split(';').next().unwrap_or_default();
+    let escape = match kind {
+        "text/html" => html,
+        "text/plain" | "text/csv" => |text: &str| Escape::Lines.apply(text).into_owned(),
+        "application/json" => |text: &str| Escape::Json.apply(text).into_owned(),
+        _ => return Ok(response),
+    };
+    let (mut parts, body) = response.into_parts();
+    let bytes = to_bytes(body, usize::MAX).await.map_err(|error| Error::internal("making an answer", error))?;
+    let escaped = match std::str::from_utf8(&bytes) {
+        Ok(text) if text.chars().all(kept) => Body::from(bytes),
+        Ok(text) => Body::from(escape(text)),
+        Err(_) => Body::from(escape(&String::from_utf8_lossy(&bytes))),
+    };
+    parts.headers.remove(CONTENT_LENGTH);
+    Ok(Response::from_parts(parts, escaped))
+}
+
+fn kept(character: char) -> bool {
+    is_printable(character) || matches!(character, '\n' | '\t')
+}
+
+/// Where in a page's markup a character is. The markup is our own templates': quotes and angle brackets of text are
+/// escaped, so that these characters only ever are markup.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Place {
+    Text,
+    Tag,
+    /// An attribute that is shown, such as a title.
+    Shown,
+    /// An attribute that is sent back or followed, such as a value or an address.
+    Kept,
+    /// JSON for a script.
+    Script,
+}
+
+fn html(markup: &str) -> String {
+    let mut out = String::with_capacity(markup.len() + 16);
+    let (mut place, mut tag) = (Place::Text, 0);
+    for (at, character) in markup.char_indices() {
+        if !kept(character) {
+            write(character, place, &mut out);
+            continue;
+        }
+        out.push(character);
+        place = match (place, character) {
+            (Place::Text, '<') => {
+                tag = at;
+                Place::Tag
+            }
+            (Place::Script, '<') if markup[at..].starts_with("</script") => {
+                tag = at;
+                Place::Tag
+            }
+            (Place::Tag, '>') if markup[tag..].starts_with("<script") => Place::Script,
+            (Place::Tag, '>') => Place::Text,
+            (Place::Tag, '"') => attribute(&markup[tag..at]),
+            (Place::Shown | Place::Kept, '"') => Place::Tag,
+            (place, _) => place,
+        };
+    }
+    out
+}
+
+/// What the attribute is that a tag so far ends with.
+fn attribute(tag: &str) -> Place {
+    let name = tag.trim_end_matches('=').rsplit(' ').next().unwrap_or_default();
+    if matches!(name, "title" | "alt" | "placeholder" | "label") || name.starts_with("aria-") {
+        Place::Shown
+    } else {
+        Place::Kept
+    }
+}
+
+fn write(character: char, place: Place, out: &mut String) {
+    let mut buffer = [0; 4];
+    let text: &str = character.encode_utf8(&mut buffer);
+    match place {
+        Place::Text | Place::Shown => out.push_str(&Escape::Field.apply(text)),
+        Place::Script => out.push_str(&Escape::Json.apply(text)),
+        // Writing to a string cannot fail.
+        Place::Tag | Place::Kept => {
+            let _ = write!(out, "&#x{:x};", u32::from(character));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use axum::response::IntoResponse as _;
+    use maud::html;
+    use serde_json::json;
+
+    use super::*;
+    use crate::web::shell;
+
+    const HOSTILE: &str = "\u{1b}[2J\u{202e}<b>\"x";
+
+    async fn answered(response: Response) -> String {
+        let answer = answer(response).await.unwrap();
+        String::from_utf8(to_bytes(answer.into_body(), usize::MAX).await.unwrap().to_vec()).unwrap()
+    }
+
+    #[tokio::test]
+    async fn text_and_titles_of_a_page_show_escapes_and_values_stay_what_they_are() {
+        let page = html! {
+            p title=(HOSTILE) aria-label=(HOSTILE) { (HOSTILE) " a > b" }
+            input value=(HOSTILE) data-cohort=(HOSTILE);
+            (shell::data("about", &json!({ "cohort": HOSTILE })))
+            p { "\u{200b}" }
+        };
+        let (shown, kept) = ("\\u{1b}[2J\\u{202e}&lt;b&gt;&quot;x", "&#x1b;[2J&#x202e;&lt;b&gt;&quot;x");
+        assert_eq!(
+            answered(page.into_response()).await,
+            format!(
+                "<p title=\"{shown}\" aria-label=\"{shown}\">{shown} a &gt; b</p>\
+                 <input value=\"{kept}\" data-cohort=\"{kept}\">\
+                 <script type=\"application/json\" id=\"about\">{{\"cohort\":\"\\u001b[2J\\u202e\\u003cb>\\\"x\"}}</script>\
+                 <p>\\u{{200b}}</p>"
+            )
+        );
+    }
+
+    #[tokio::test]
+    async fn json_keeps_its_text_and_plain_text_shows_escapes() {
+        let data = answered(axum::Json(json!({ "name": HOSTILE })).into_response()).await;
+        assert!(data.chars().all(is_printable), "{data}");
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&data).unwrap()["name"], HOSTILE);
+        assert_eq!(answered("a\n\u{202e}\u{7}".into_response()).await, "a\n\\u{202e}\\u{7}");
+        let picture = ([(CONTENT_TYPE, "image/png")], b"\x89PNG\x1b".to_vec()).into_response();
+        let passed = to_bytes(answer(picture).await.unwrap().into_body(), usize::MAX).await.unwrap();
+        assert_eq!(&passed[..], b"\x89PNG\x1b");
+    }
+}
