@@ -5,7 +5,7 @@
 use crate::config::Cli;
 
 /// Every fail point. Each is passed at one place of the sources.
-pub const NAMES: [&str; 60] = [
+pub const NAMES: [&str; 61] = [
     "attempt.committed",
     "attempt.row_written",
     "blob.folder_synced",
@@ -48,12 +48,13 @@ pub const NAMES: [&str; 60] = [
     "sidecar.renamed",
     "snapshot.committed",
     "snapshot.rows_written",
+    "stamp.put",
     "stamp.raised",
     "sweep.committed",
     "sweep.rows_removed",
     "trash.blob_deleted",
-    "trash.blob_moved",
     "trash.moved",
+    "trash.sidecars_moved",
     "upload.blob_placed",
     "upload.bytes_synced",
     "upload.bytes_written",

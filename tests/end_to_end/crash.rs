@@ -17,6 +17,11 @@ mod swept;
 mod torn;
 mod training;
 
+use std::{
+    collections::BTreeSet,
+    path::{Path, PathBuf},
+};
+
 use rand::{SeedableRng as _, rngs::StdRng};
 
 use self::lab::Lab;
@@ -54,6 +59,14 @@ fn setting<T: std::str::FromStr>(name: &str, otherwise: T) -> T {
         Ok(text) => text.parse().unwrap_or_else(|_| panic!("{name}={text} is no number")),
         Err(_) => otherwise,
     }
+}
+
+/// The files of a data folder's blobs, without sidecars, stamp and trash.
+fn blob_files(data_dir: &Path) -> BTreeSet<PathBuf> {
+    let folders = data_dir.join("blobs").read_dir().unwrap().map(|entry| entry.unwrap().path());
+    let hex = folders.filter(|folder| folder.file_name().unwrap().len() == 2);
+    let files = hex.flat_map(|folder| folder.read_dir().unwrap()).map(|entry| entry.unwrap().path());
+    files.filter(|file| file.extension().is_none()).collect()
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

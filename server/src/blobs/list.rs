@@ -1,12 +1,12 @@
 //! What lies in the blobs' folders, whether or not a row names it. Sidecars, the stamp and the trash are not blobs.
 
 use std::{
-    fs,
+    fs, io,
     path::{Path, PathBuf},
     time::SystemTime,
 };
 
-use super::{Blobs, across, fault};
+use super::{Blobs, across, fault, sidecar};
 use crate::{data_folder::stamp, domain::id::BlobId, error::Result};
 
 /// A file among the blobs.
@@ -20,6 +20,15 @@ pub(crate) struct Found {
     pub(crate) placed: SystemTime,
 }
 
+impl Found {
+    /// Whether the file begins with these bytes; false when it cannot be read.
+    pub(crate) fn begins_with(&self, bytes: &[u8]) -> bool {
+        let mut found = vec![0; bytes.len()];
+        let read = fs::File::open(&self.path).and_then(|mut file| io::Read::read_exact(&mut file, &mut found));
+        read.is_ok() && found == bytes
+    }
+}
+
 impl Blobs {
     /// Every file among the blobs; one that goes meanwhile is left out.
     ///
@@ -29,21 +38,25 @@ impl Blobs {
         let mut found = Vec::new();
         for path in names(&self.root)? {
             match path.file_name().and_then(|name| name.to_str()) {
-                Some(stamp::FILE | super::trash::FOLDER | super::sidecar::TASKS) => {}
-                Some(name) if path.is_dir() && is_hex(name) => self.list_folder(&path, &mut found)?,
+                Some(name) if is_hex(name) => self.list_folder(&path, &mut found)?,
+                // A disk of their own has folders of its file system among the blobs.
+                Some(_) | None if path.is_dir() => {}
+                Some(stamp::FILE) => {}
                 Some(_) | None => found.extend(look(path, None)?),
             }
         }
         Ok(found)
     }
 
-    /// Whether there is no file among the blobs, neither blob nor sidecar nor trash.
+    /// Whether there is no file among the blobs, neither blob nor sidecar nor stamp, and nothing in their trash.
     ///
     /// # Errors
     /// When the folders cannot be read.
     pub(crate) fn is_empty(&self) -> Result<bool> {
         for path in names(&self.root)? {
-            if !path.is_dir() || !names(&path)?.is_empty() {
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            let ours = is_hex(name) || [sidecar::TASKS, super::trash::FOLDER].contains(&name);
+            if !path.is_dir() || (ours && !names(&path)?.is_empty()) {
                 return Ok(false);
             }
         }
@@ -56,7 +69,9 @@ impl Blobs {
     /// When the folders cannot be read.
     pub(crate) fn remove_drafts(&self, time: SystemTime) -> Result<u64> {
         let mut removed = 0;
-        for folder in names(&self.root)?.into_iter().filter(|path| path.is_dir()) {
+        let hex = |path: &PathBuf| path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex);
+        let tasks = self.root.join(sidecar::TASKS);
+        for folder in names(&self.root)?.into_iter().filter(hex).chain([tasks]) {
             for draft in names(&folder)?.into_iter().filter(|path| across::is_draft(path)) {
                 if look(draft.clone(), None)?.is_some_and(|found| found.placed < time) {
                     fs::remove_file(&draft).map_err(fault("removing", &draft))?;
@@ -69,7 +84,7 @@ impl Blobs {
 
     fn list_folder(&self, folder: &Path, found: &mut Vec<Found>) -> Result<()> {
         for path in names(folder)? {
-            if !super::sidecar::is_one(&path) {
+            if !sidecar::is_one(&path) {
                 let id = self.named(&path);
                 found.extend(look(path, id)?);
             }

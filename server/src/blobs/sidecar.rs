@@ -65,12 +65,19 @@ impl Blobs {
         read_all(names(&self.root.join(TASKS))?.into_iter().filter(|path| is_one(path)))
     }
 
-    /// The descriptions beside a blob, or beside its copy in the trash.
+    /// The descriptions beside a blob and beside its place in the trash: a move between the two may have been cut.
     ///
     /// # Errors
     /// Internal when the disk refuses.
-    pub(crate) fn descriptions(&self, place: &Path) -> Result<Vec<Vec<u8>>> {
-        read_all(sidecars(place)?.into_iter())
+    pub(crate) fn descriptions(&self, blob: &BlobId) -> Result<Vec<Vec<u8>>> {
+        let mut all = read_all(sidecars(&self.path(blob))?.into_iter())?;
+        all.extend(read_all(sidecars(&self.trash().path(blob))?.into_iter())?);
+        Ok(all)
+    }
+
+    /// The description of the row `id` beside a blob.
+    pub(crate) fn description(&self, blob: &BlobId, id: &str) -> Option<Vec<u8>> {
+        fs::read(beside(&self.path(blob), id)).ok()
     }
 
     /// Whether the blob is described as the row `id`.
@@ -132,13 +139,13 @@ mod tests {
         blobs.describe(&other, "ep_c", b"{}").unwrap();
         blobs.describe_task("task_a", b"{\"t\":1}").unwrap();
         assert!(blobs.is_described(&one, "ep_a") && !blobs.is_described(&one, "ep_c"));
-        let mut found = blobs.descriptions(&blobs.path(&one)).unwrap();
+        let mut found = blobs.descriptions(&one).unwrap();
         found.sort();
         assert_eq!(found, [b"{\"b\":1}".to_vec(), b"{}".to_vec()]);
         assert_eq!(blobs.task_descriptions().unwrap(), [b"{\"t\":1}".to_vec()]);
         assert_eq!(blobs.list().unwrap().len(), 2, "descriptions are not blobs");
         blobs.forget_description(&one, "ep_a").unwrap();
         blobs.forget_description(&one, "ep_a").unwrap();
-        assert_eq!(blobs.descriptions(&blobs.path(&one)).unwrap().len(), 1);
+        assert_eq!(blobs.descriptions(&one).unwrap().len(), 1);
     }
 }

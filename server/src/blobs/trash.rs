@@ -16,7 +16,7 @@ pub(super) const FOLDER: &str = "trash";
 
 impl Blobs {
     /// The blobs in the trash, laid out like the blobs themselves.
-    fn trash(&self) -> Self {
+    pub(super) fn trash(&self) -> Self {
         Self { root: self.root.join(FOLDER), ..self.clone() }
     }
 
@@ -55,60 +55,59 @@ impl Blobs {
         self.trash().list()
     }
 
-    /// Deletes what was moved to the trash before `time`, but for blobs with a description that `stays`, and gives how
-    /// many blobs and bytes that was.
+    /// Deletes what was moved to the trash before `time`, but for blobs that `stays` says of by their descriptions, and
+    /// gives how many blobs and bytes that was.
     ///
     /// # Errors
     /// Internal when the disk refuses.
-    pub(crate) fn empty_trash(&self, time: SystemTime, stays: impl Fn(&[u8]) -> bool) -> Result<(u64, u64)> {
+    pub(crate) fn empty_trash(
+        &self,
+        time: SystemTime,
+        stays: impl Fn(&Found, &[Vec<u8>]) -> bool,
+    ) -> Result<(u64, u64)> {
         let (mut blobs, mut bytes) = (0, 0);
         for found in self.list_trash()?.into_iter().filter(|found| found.placed < time) {
-            if self.descriptions(&found.path)?.iter().any(|json| stays(json)) {
+            // What cannot be named or read is left for a person.
+            let Some(Ok(described)) = found.id.as_ref().map(|id| self.descriptions(id)) else { continue };
+            if stays(&found, &described) {
                 continue;
             }
+            remove(&found.path)?;
             for sidecar in sidecar::sidecars(&found.path)? {
                 remove(&sidecar)?;
             }
-            remove(&found.path)?;
             crate::fail_point::pass("trash.blob_deleted");
             (blobs, bytes) = (blobs + 1, bytes + found.size_bytes);
         }
         Ok((blobs, bytes))
     }
 
-    /// The blob goes first: what a crash leaves is a blob without its description in one place and the description in
-    /// the other, and the next move of either brings them together again.
+    /// The sidecars go first, and are on disk before the blob follows; who reads them looks at both places.
     fn move_blob(&self, id: &BlobId, to: &Self) -> Result<Option<u64>> {
         let (from, place) = (self.path(id), to.path(id));
         let folder = place.parent().unwrap_or(&to.root);
         let size = match fs::metadata(&from) {
-            Ok(file) => Some(file.len()),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
+            Ok(file) => file.len(),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             Err(error) => return Err(fault("reading", &from)(error)),
         };
-        let sidecars = sidecar::sidecars(&from)?;
-        if size.is_none() && sidecars.is_empty() {
-            return Ok(None);
-        }
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
-        if size.is_some() {
-            // Its days in the trash count from now.
-            let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
-            dated.map_err(fault("dating", &from))?;
-            fs::rename(&from, &place).map_err(fault("renaming to", &place))?;
-        }
-        crate::fail_point::pass("trash.blob_moved");
-        for sidecar in sidecars {
+        for sidecar in sidecar::sidecars(&from)? {
             let there = folder.join(sidecar.file_name().unwrap_or_default());
             fs::rename(&sidecar, &there).map_err(fault("renaming to", &there))?;
         }
-        crate::fail_point::pass("trash.moved");
-        for folder in [Some(folder), from.parent(), folder.parent(), Some(self.root.as_path())].into_iter().flatten() {
-            if folder.is_dir() {
-                sync_folder(folder)?;
-            }
+        for folder in [Some(folder), folder.parent(), Some(self.root.as_path()), Some(to.root.as_path())] {
+            folder.map_or(Ok(()), sync_folder)?;
         }
-        Ok(size)
+        crate::fail_point::pass("trash.sidecars_moved");
+        // Its days in the trash count from now.
+        let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
+        dated.map_err(fault("dating", &from))?;
+        fs::rename(&from, &place).map_err(fault("renaming to", &place))?;
+        crate::fail_point::pass("trash.moved");
+        sync_folder(folder)?;
+        from.parent().map_or(Ok(()), sync_folder)?;
+        Ok(Some(size))
     }
 }
 
@@ -142,9 +141,9 @@ mod tests {
         blobs.discard(&id, &removing).unwrap();
         let hour = Duration::from_secs(3600);
         let (before, after) = (SystemTime::now() - hour, SystemTime::now() + hour);
-        assert_eq!(blobs.empty_trash(before, |_| false).unwrap(), (0, 0));
-        assert_eq!(blobs.empty_trash(after, |json| json == b"{}").unwrap(), (0, 0));
-        assert_eq!(blobs.empty_trash(after, |_| false).unwrap(), (1, 5));
+        assert_eq!(blobs.empty_trash(before, |_, _| false).unwrap(), (0, 0));
+        assert_eq!(blobs.empty_trash(after, |_, described| described == [b"{}"]).unwrap(), (0, 0));
+        assert_eq!(blobs.empty_trash(after, |_, _| false).unwrap(), (1, 5));
         assert!(blobs.list_trash().unwrap().is_empty() && !blobs.take_back(&id).unwrap());
     }
 }

@@ -24,11 +24,11 @@ pub struct KeepingConfig {
     /// them. Unless given, any number.
     #[arg(long, env = "GLEANER_MAX_CACHE_BYTES", value_name = "BYTES")]
     pub max_cache_bytes: Option<u64>,
-    /// Largest share of the blobs that one sweep may move to the trash because no row names them (0 to 1). A sweep that
-    /// finds more, and more than 8, stops and logs an error: the database is probably not the blobs' own. 1: no limit.
+    /// Largest share of the blobs (0 to 1) that one sweep may move to the trash as recordings and results without a row. A
+    /// sweep that finds more, and more than 8, removes nothing and logs an error. 0: never more than 8; 1: no limit.
     #[arg(long, env = "GLEANER_MAX_SWEEP_SHARE", default_value_t = 0.05, value_name = "SHARE")]
     pub max_sweep_share: f64,
-    /// Start with a database that is missing, older than the blobs or of another folder, once. Blobs that it does not name
+    /// Start once with a database that is missing, older than the blobs or another folder's. Blobs that it does not name
     /// move to the trash; recordings stay there until `gleaner-server rebuild` takes them back or a person deletes them.
     #[arg(long)]
     pub accept_database: bool,

@@ -24,13 +24,21 @@ pub(crate) fn beside_database(data_dir: &Path, suffix: &str) -> PathBuf {
     data_dir.join(format!("{DATABASE}{suffix}"))
 }
 
-/// The ways out of a data folder whose database and blobs do not belong together, as the end of an error message.
+/// The ways out of a data folder whose database is missing, damaged or not the blobs' own, as the end of an error message.
 pub(crate) fn ways_out(data_dir: &Path) -> String {
     let shown = data_dir.display();
     format!(
-        "Choose one: `gleaner-server restore BACKUP --data-dir NEW` restores a backup into a new folder; `gleaner-server \
-         rebuild --data-dir {shown}` completes or rebuilds the database from the descriptions beside the blobs; \
-         `gleaner-server serve --data-dir {shown} --accept-database` takes the database as it is, once: blobs that it does \
-         not name then move to the trash and are deleted after --trash-days"
+        "Nothing was changed. `gleaner-server restore BACKUP --data-dir NEW` restores a backup into a new folder; \
+         `gleaner-server rebuild --data-dir {shown}` completes or rebuilds the database from the sidecars beside the blobs"
+    )
+}
+
+/// The third way out, where there is a database to take or none at all.
+pub(crate) fn way_to_accept(data_dir: &Path) -> String {
+    format!(
+        "{}; `gleaner-server serve --data-dir {} --accept-database` takes the database as it is, once: blobs that it does \
+         not name then move to the trash",
+        ways_out(data_dir),
+        data_dir.display()
     )
 }

@@ -51,7 +51,7 @@ impl Stamp {
     /// The stamp of a data folder; `None` when there is none.
     ///
     /// # Errors
-    /// Precondition when it cannot be read or does not read as a stamp.
+    /// Precondition, with the ways out, when it cannot be read or does not read as a stamp.
     pub(crate) fn read(data_dir: &Path) -> Result<Option<Self>> {
         let path = path(data_dir);
         let unreadable = |problem: String| {
@@ -77,17 +77,23 @@ impl Stamp {
 }
 
 impl StampFile {
-    /// Puts a stamp on a data folder, over the one there is, if any. The folder of the blobs must exist.
+    /// Puts a stamp on a data folder, over the one there is, if any. The folder of the blobs must exist. One of the same
+    /// folder is written in place, which a full disk allows.
     ///
     /// # Errors
     /// Exhausted or Internal when the disk refuses.
     pub(crate) fn put(data_dir: &Path, stamp: Stamp) -> Result<Self> {
         let path = path(data_dir);
-        let file = OpenOptions::new().create(true).write(true).truncate(false).open(&path);
+        let before = Stamp::read(data_dir).ok().flatten();
+        let same = before.is_some_and(|before| before.folder == stamp.folder);
+        let place = if same { path.clone() } else { path.with_extension("draft") };
+        let file = OpenOptions::new().create(true).write(true).truncate(false).open(&place);
         let file = file.map_err(|error| fault(&path, error))?;
         write(&file, &stamp).map_err(|error| error.unwrap_or_else(|error| fault(&path, error)))?;
-        let folder = File::open(data_dir.join(BLOBS)).and_then(|folder| folder.sync_all());
-        folder.map_err(|error| fault(&path, error))?;
+        let renamed = if same { Ok(()) } else { std::fs::rename(&place, &path) };
+        let synced = renamed.and_then(|()| File::open(data_dir.join(BLOBS))).and_then(|folder| folder.sync_all());
+        synced.map_err(|error| fault(&path, error))?;
+        crate::fail_point::pass("stamp.put");
         Ok(Self { path, held: Mutex::new((file, stamp)) })
     }
 
@@ -149,7 +155,7 @@ mod tests {
             std::fs::write(path(dir.path()), content).unwrap();
             let error = Stamp::read(dir.path()).unwrap_err();
             assert_eq!(error.kind(), Kind::Precondition);
-            for way in ["restore BACKUP", "rebuild --data-dir", "--accept-database"] {
+            for way in ["restore BACKUP", "rebuild --data-dir"] {
                 assert!(error.message().contains(way), "{error}");
             }
         }

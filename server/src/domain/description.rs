@@ -4,8 +4,8 @@ use gleaner_recording::{Report, TaskSpec};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    episode::{Episode, InspectedEpisode, Outcome},
-    id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, TaskId},
+    episode::{Episode, InspectedEpisode},
+    id::{EncoderId, JobId, PolicyId, TaskId},
     task::Task,
     time::Millis,
 };
@@ -25,25 +25,13 @@ pub(crate) enum Description {
     Policy { id: PolicyId, task_id: TaskId, job_id: JobId, policy: String, created_at: Millis },
 }
 
-/// An episode with its present label and its report.
+/// An episode with its report and the author of its label. The fields of [`Episode`] are those of the sidecar: they may get
+/// new ones with defaults, and lose none.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Recording {
-    pub(crate) id: EpisodeId,
-    pub(crate) task_id: TaskId,
-    pub(crate) file_name: String,
-    pub(crate) recording: BlobId,
-    pub(crate) size_bytes: u64,
-    pub(crate) steps: u64,
-    pub(crate) duration_s: f64,
-    pub(crate) mapping: String,
-    pub(crate) warnings: u64,
-    pub(crate) outcome: Outcome,
-    pub(crate) cohort: String,
-    /// Author of the label.
+    #[serde(flatten)]
+    pub(crate) episode: Episode,
     pub(crate) author: String,
-    pub(crate) created_at: Millis,
-    /// Since when a person has had it in the trash, if so.
-    pub(crate) deleted_at: Option<Millis>,
     pub(crate) report: Report,
 }
 
@@ -51,27 +39,7 @@ impl Description {
     /// Describes an episode, labelled by `author`.
     pub(crate) fn recording(inspected: &InspectedEpisode, author: &str) -> Self {
         let InspectedEpisode { episode, report } = inspected.clone();
-        let Episode { id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, warnings, .. } =
-            episode;
-        let Episode { outcome, cohort, created_at, deleted_at, .. } = inspected.episode.clone();
-        let author = author.to_owned();
-        Self::Recording(Box::new(Recording {
-            id,
-            task_id,
-            file_name,
-            recording,
-            size_bytes,
-            steps,
-            duration_s,
-            mapping,
-            warnings,
-            outcome,
-            cohort,
-            author,
-            created_at,
-            deleted_at,
-            report,
-        }))
+        Self::Recording(Box::new(Recording { episode, author: author.to_owned(), report }))
     }
 
     /// Describes a task.
@@ -92,36 +60,8 @@ impl Description {
         serde_json::from_slice(json).ok()
     }
 
-    /// Whether this is an acknowledged recording that no person has deleted.
-    pub(crate) fn must_stay(&self) -> bool {
-        matches!(self, Self::Recording(recording) if recording.deleted_at.is_none())
-    }
-
     /// Whether this is a recording that a person has deleted.
     pub(crate) fn is_deleted_recording(&self) -> bool {
-        matches!(self, Self::Recording(recording) if recording.deleted_at.is_some())
-    }
-}
-
-impl From<Recording> for InspectedEpisode {
-    fn from(described: Recording) -> Self {
-        let Recording { id, task_id, file_name, recording, size_bytes, steps, duration_s, mapping, .. } = described;
-        let Recording { warnings, outcome, cohort, author: _, created_at, deleted_at, report, .. } = described;
-        let episode = Episode {
-            id,
-            task_id,
-            file_name,
-            recording,
-            size_bytes,
-            steps,
-            duration_s,
-            mapping,
-            warnings,
-            outcome,
-            cohort,
-            created_at,
-            deleted_at,
-        };
-        Self { episode, report }
+        matches!(self, Self::Recording(recording) if recording.episode.deleted_at.is_some())
     }
 }

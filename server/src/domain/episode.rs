@@ -37,7 +37,7 @@ impl Outcome {
 }
 
 /// One attempt at a task: an immutable recording with a label.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Episode {
     /// Its id.
     pub id: EpisodeId,

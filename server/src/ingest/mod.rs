@@ -7,6 +7,7 @@ mod claim;
 #[cfg(test)]
 mod contract;
 mod describe;
+mod existing;
 mod fair_queue;
 mod inspector;
 mod keep;

@@ -35,6 +35,18 @@ async fn an_upload_becomes_an_episode() {
     assert!(f.store.uploads().await.unwrap().is_empty());
 }
 
+/// The disk lost it, or an operator: the answer "you have it" would be the end of the last copy.
+#[tokio::test]
+async fn a_recording_whose_blob_is_gone_can_be_pushed_again() {
+    let f = playing(USABLE).await;
+    let first = f.push(b"recording").await.unwrap().episode;
+    fs::remove_file(f.ingest.blobs.path(&first.recording)).unwrap();
+    let again = f.push(b"recording").await.unwrap().episode;
+    assert_eq!(again.id, first.id, "it is the same episode");
+    assert_eq!(f.ingest.blobs.get(&first.recording).unwrap(), b"recording");
+    assert_eq!(f.ingest.blobs.descriptions(&first.recording).unwrap().len(), 1);
+}
+
 #[tokio::test]
 async fn a_broken_stream_is_resumed_after_a_restart() {
     let mut f = playing(USABLE).await;

@@ -2,7 +2,7 @@
 
 use tracing::Instrument as _;
 
-use super::{Ingest, off_runtime, part};
+use super::{Ingest, existing::same_label, off_runtime, part};
 use crate::{
     blobs,
     domain::{
@@ -60,7 +60,7 @@ impl Ingest {
             )));
         }
         let upload = new.open();
-        if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
+        if let Some(existing) = self.stored(&upload).await? {
             let existing = same_label(existing, upload.outcome, &upload.cohort)?;
             self.discard_idle(&upload).await?;
             return Ok(Started::Existing(existing));
@@ -76,7 +76,7 @@ impl Ingest {
                 }
             }
         }
-        if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
+        if let Some(existing) = self.stored(&upload).await? {
             return same_label(existing, upload.outcome, &upload.cohort).map(Started::Existing);
         }
         self.blobs.expect_room(upload.size_bytes)?;
@@ -142,7 +142,7 @@ impl Ingest {
                 upload.committed, upload.size_bytes
             )));
         }
-        if let Some(existing) = self.store.episode_of(&upload.task_id, &upload.blake3).await? {
+        if let Some(existing) = self.stored(&upload).await? {
             self.discard(id).await?;
             return self.settle_on(existing, &upload).await;
         }
@@ -192,16 +192,12 @@ impl Ingest {
         if kept.id == inspected.episode.id {
             return Ok(inspected);
         }
-        let (blobs, id) = (self.blobs.clone(), inspected.episode.id);
-        let recording = kept.recording.clone();
+        // The row is an earlier one's: of a push at the same time, or of an episode whose recording was gone.
+        let (blobs, id, recording) = (self.blobs.clone(), inspected.episode.id, kept.recording.clone());
+        let settled = self.settle_on(kept, upload).await?;
+        self.describe(&task, &settled, &upload.author).await?;
         off_runtime("removing a sidecar", move || blobs.forget_description(&recording, id.as_str())).await?;
-        self.settle_on(kept, upload).await
-    }
-
-    /// The answer when the content is there already.
-    async fn settle_on(&self, existing: Episode, upload: &Upload) -> Result<InspectedEpisode> {
-        let existing = same_label(existing, upload.outcome, &upload.cohort)?;
-        self.store.episode(&existing.id).await
+        Ok(settled)
     }
 
     /// Keeps nothing of the uploads of this content that nobody is at: there is an episode of it.
@@ -265,27 +261,6 @@ impl Upload {
             deleted_at: None,
         }
     }
-}
-
-/// The episode itself, if it has this label.
-fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episode> {
-    if existing.deleted_at.is_some() {
-        return Err(Error::exists(format!(
-            "the task holds this recording as {0}, which is in the trash: to have it back, gleaner restore {0}",
-            existing.id
-        )));
-    }
-    if existing.outcome == outcome && existing.cohort == cohort {
-        return Ok(existing);
-    }
-    let cohort =
-        if existing.cohort.is_empty() { "no cohort".to_owned() } else { format!("cohort {:?}", existing.cohort) };
-    Err(Error::exists(format!(
-        "the task holds this recording as {}, labelled {} with {cohort}: to change that, gleaner label {} --outcome …",
-        existing.id,
-        existing.outcome.as_str(),
-        existing.id,
-    )))
 }
 
 #[cfg(test)]

@@ -33,26 +33,34 @@ pub(super) async fn keep_described(store: Store, blobs: Blobs) {
     }
 }
 
-/// Writes the sidecars of all queued rows, and gives how many rows that were.
+/// Writes the sidecars of all queued rows, and gives how many rows that were. A row whose sidecar cannot be written stays
+/// in the queue and keeps no other one back.
 ///
 /// # Errors
-/// When the database or the disk refuses.
+/// When the database refuses; the last row's error, when one could not be described.
 pub(super) async fn describe_queued(store: &Store, blobs: &Blobs) -> Result<usize> {
-    let mut all = 0;
+    let (mut all, mut failed, mut last) = (0, None, None);
     loop {
-        let rows = store.undescribed(AT_ONCE).await?;
-        if rows.is_empty() {
-            return Ok(all);
+        let rows = store.undescribed(last.as_ref(), AT_ONCE).await?;
+        let Some(newest) = rows.last() else { return failed.map_or(Ok(all), Err) };
+        last = Some(newest.clone());
+        let mut done = Vec::with_capacity(rows.len());
+        for row in rows {
+            match describe(store, blobs, &row.id).await {
+                Ok(()) => done.push(row),
+                Err(error) => failed = Some(error),
+            }
         }
-        for row in &rows {
-            let described = store.description(&row.id).await?;
-            let (blobs, id) = (blobs.clone(), row.id.clone());
-            let writing = tokio::task::spawn_blocking(move || write(&blobs, &id, &described));
-            writing.await.map_err(|error| Error::internal("writing a sidecar", error))??;
-        }
-        store.note_described(&rows).await?;
-        all += rows.len();
+        store.note_described(&done).await?;
+        all += done.len();
     }
+}
+
+async fn describe(store: &Store, blobs: &Blobs, id: &str) -> Result<()> {
+    let described = store.description(id).await?;
+    let (blobs, id) = (blobs.clone(), id.to_owned());
+    let writing = tokio::task::spawn_blocking(move || write(&blobs, &id, &described));
+    writing.await.map_err(|error| Error::internal("writing a sidecar", error))?
 }
 
 /// Queues the episodes whose sidecars somebody has removed.
@@ -85,12 +93,13 @@ fn write(blobs: &Blobs, id: &str, described: &Described) -> Result<()> {
 /// their row.
 fn forget_superseded(blobs: &Blobs, description: &Description) -> Result<()> {
     let Description::Recording(row) = description else { return Ok(()) };
-    for json in blobs.descriptions(&blobs.path(&row.recording))? {
+    let row = &row.episode;
+    for json in blobs.descriptions(&row.recording)? {
         if let Some(Description::Recording(other)) = Description::read(&json)
-            && other.task_id == row.task_id
-            && other.id != row.id
+            && other.episode.task_id == row.task_id
+            && other.episode.id != row.id
         {
-            blobs.forget_description(&row.recording, other.id.as_str())?;
+            blobs.forget_description(&row.recording, other.episode.id.as_str())?;
         }
     }
     Ok(())

@@ -7,10 +7,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::report::Report;
+use super::{report::Report, worth};
 use crate::{
     blobs::{self, Blobs},
-    domain::{description::Description, episode::Upload, id::BlobId},
+    domain::{episode::Upload, id::BlobId},
     error::{Error, Kind, Result},
     ingest::part_path,
     store::{NamedBlob, Store},
@@ -110,8 +110,8 @@ impl Files<'_> {
     pub(super) fn trash(&mut self) -> Result<()> {
         let blobs = Blobs::at(self.data_dir);
         for found in blobs.list_trash()? {
-            let described = blobs.descriptions(&found.path)?;
-            let stays = described.iter().filter_map(|json| Description::read(json)).any(|found| found.must_stay());
+            let described = found.id.as_ref().map(|id| blobs.descriptions(id)).transpose()?.unwrap_or_default();
+            let stays = worth::stays(&found, &described);
             let until = match stays {
                 true => "stays in the trash: no person has deleted it. `gleaner-server rebuild` takes it back",
                 false => "is in the trash; the server's sweep deletes it after --trash-days",

@@ -18,6 +18,7 @@ mod target;
 #[cfg(test)]
 mod tests;
 mod watch;
+mod worth;
 
 use std::{
     io::Write,
@@ -83,9 +84,11 @@ impl Keeping {
         kept.spawn(async move {
             let mut noted: Option<Instant> = None;
             loop {
-                room.note_time(noted.map(|noted| noted.elapsed())).await;
-                noted = Some(Instant::now());
-                room.sweep_and_tell().await;
+                // Without a look at the clock nothing can be said of ages.
+                if room.note_time(noted.map(|noted| noted.elapsed())).await {
+                    noted = Some(Instant::now());
+                    room.sweep_and_tell().await;
+                }
                 tokio::time::sleep(SWEEP_EVERY).await;
             }
         });
@@ -109,17 +112,20 @@ impl Keeping {
 }
 
 impl Room {
-    /// Notes the clock. `ran` is how long the server has run since it was noted before.
-    async fn note_time(&self, ran: Option<Duration>) {
-        match self.store.note_time(Millis::now(), ran).await {
+    /// Notes the clock, and gives whether that was possible. `ran` is how long the server has run since it was noted
+    /// before.
+    async fn note_time(&self, ran: Option<Duration>) -> bool {
+        let noted = self.store.note_time(Millis::now(), ran).await;
+        match &noted {
             Ok(None) => {}
             Ok(Some(jump)) => tracing::warn!(
                 clock.jump_days = jump.as_secs() / (24 * 60 * 60),
                 "the clock is this far ahead of the time that the database has seen pass: it jumped, or the server was \
                  off. Nothing is removed for its age until that age has passed by the server's own count"
             ),
-            Err(error) => tracing::error!(%error, "the clock was not noted"),
+            Err(error) => tracing::error!(%error, "the clock was not noted, so nothing is swept; tried again later"),
         }
+        noted.is_ok()
     }
 
     async fn sweep_and_tell(&self) {

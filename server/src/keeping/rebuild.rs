@@ -3,19 +3,20 @@
 //! nothing removes it.
 
 use std::{
-    collections::HashSet,
+    collections::HashMap,
     fs, io,
     path::{Path, PathBuf},
 };
 
-use super::{describe::describe_queued, files::Pace};
+use super::{describe::describe_queued, files::Pace, worth};
 use crate::{
     blobs::{self, Blobs, Found, sync_folder},
     config::RebuildConfig,
     data_folder::{BLOBS, DATABASE, beside_database, database, stamp::Stamp},
     domain::{
         description::{Description, Recording},
-        id::BlobId,
+        id::{BlobId, TaskId},
+        task::Task,
         time::Millis,
     },
     error::{Error, Kind, Result},
@@ -23,23 +24,26 @@ use crate::{
     store::{Look, Store},
 };
 
-/// The first bytes of an MCAP file.
-const MCAP: &[u8] = b"\x89MCAP0\r\n";
 /// Where blobs go that cannot become rows again. Nothing sweeps it.
 const UNCLAIMED: &str = "unclaimed";
 
-/// What came of the blobs.
-#[derive(Debug, Default, PartialEq, Eq)]
-struct Outcome {
-    tasks: u64,
-    episodes: u64,
+/// A rebuild under way, and what came of it so far.
+struct Rebuild<'a> {
+    config: &'a RebuildConfig,
+    store: &'a Store,
+    blobs: &'a Blobs,
+    /// The tasks that episodes belong to, by the ids that their sidecars give.
+    tasks: HashMap<TaskId, TaskId>,
+    new_tasks: u64,
+    new_episodes: u64,
+    updated: u64,
     taken_back: u64,
     problems: Vec<String>,
     unclaimed: Vec<PathBuf>,
 }
 
 /// Rebuilds or completes the database of a data folder and writes to `out` what came of it; true when every recording is
-/// an episode again.
+/// an episode again. Cut anywhere, the folder is refused by a server, and a second rebuild ends what the first began.
 ///
 /// # Errors
 /// Precondition when a server runs on the folder or there are no blobs; Exhausted or Internal when the disk refuses.
@@ -53,33 +57,46 @@ pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) ->
     }
     let _lock = DataLock::take(data_dir)?;
     let blobs = Blobs::open(data_dir)?;
-    let aside = set_aside(data_dir, &blobs).await?;
-    let store = Store::open_with_blobs(data_dir, &blobs, true).await?;
-    let mut outcome = Outcome::default();
-    restore_tasks(&store, &blobs, &mut outcome).await?;
-    let named: HashSet<BlobId> = store.named_blobs().await?.into_iter().map(|named| named.blob).collect();
-    let trash = blobs.list_trash()?.into_iter().map(|found| (found, true));
-    let found: Vec<_> = blobs.list()?.into_iter().map(|found| (found, false)).chain(trash).collect();
-    let mut pace = Pace::new("blobs looked at", found.len());
-    for (found, in_trash) in found {
-        pace.one_more();
-        let Some(id) = found.id.clone().filter(|id| !named.contains(id)) else { continue };
-        let restored = restore_blob(config, &store, &blobs, (&id, &found, in_trash), &mut outcome).await?;
-        if !restored && !in_trash {
-            outcome.unclaimed.extend(set_unclaimed(data_dir, &blobs, &id)?);
-        }
+    let stamp = Stamp::read(data_dir).ok().flatten();
+    let (aside, current) = set_aside(data_dir, stamp.as_ref(), &blobs).await?;
+    let store = Store::open(&database(data_dir)).await?;
+    if current {
+        describe_queued(&store, &blobs).await?;
+    } else {
+        // The sidecars are newer than these rows.
+        store.forget_queued_sidecars().await?;
     }
-    describe_queued(&store, &blobs).await?;
-    store.close().await;
-    write_outcome(out, &outcome, &aside).map_err(|error| Error::internal("writing what was rebuilt", error))?;
-    Ok(outcome.problems.is_empty() && outcome.unclaimed.is_empty())
+    store.note_time(Millis::now(), None).await?;
+    let mut rebuild = Rebuild {
+        config,
+        store: &store,
+        blobs: &blobs,
+        tasks: HashMap::new(),
+        new_tasks: 0,
+        new_episodes: 0,
+        updated: 0,
+        taken_back: 0,
+        problems: Vec::new(),
+        unclaimed: Vec::new(),
+    };
+    rebuild.tasks().await?;
+    rebuild.blobs(data_dir).await?;
+    if let Err(error) = describe_queued(&store, &blobs).await {
+        rebuild.problems.push(format!("a sidecar could not be written: {error}"));
+    }
+    rebuild.write(out, &aside).map_err(|error| Error::internal("writing what was rebuilt", error))?;
+    let whole = rebuild.problems.is_empty() && rebuild.unclaimed.is_empty();
+    store.tie(data_dir, stamp.map_or(0, |stamp| stamp.generation)).await?.close().await;
+    Ok(whole)
 }
 
-/// Moves a database that cannot be read, or belongs to another folder, to another name, and gives the names.
-async fn set_aside(data_dir: &Path, blobs: &Blobs) -> Result<Vec<PathBuf>> {
+/// Moves a database that cannot be read, or belongs to another folder, to another name. Gives the new names, and whether
+/// the database that stays is as new as the blobs.
+async fn set_aside(data_dir: &Path, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<(Vec<PathBuf>, bool)> {
     let path = database(data_dir);
-    if !path.exists() || usable(&path, data_dir, blobs).await {
-        return Ok(Vec::new());
+    let usable = if path.exists() { usable(&path, stamp, blobs).await } else { None };
+    if let Some(current) = usable {
+        return Ok((Vec::new(), current));
     }
     let mark = Millis::now().0;
     let mut moved = Vec::new();
@@ -93,119 +110,150 @@ async fn set_aside(data_dir: &Path, blobs: &Blobs) -> Result<Vec<PathBuf>> {
         }
     }
     sync_folder(data_dir)?;
-    Ok(moved)
+    Ok((moved, false))
 }
 
-/// Whether the database is sound and an older copy of the blobs' own, so that it is worth completing.
-async fn usable(path: &Path, data_dir: &Path, blobs: &Blobs) -> bool {
-    let Ok(look) = Look::open(path).await else { return false };
-    let stamp = Stamp::read(data_dir).ok().flatten();
+/// `None` unless the database is sound and a copy of the blobs' own; then whether it is as new as they are.
+async fn usable(path: &Path, stamp: Option<&Stamp>, blobs: &Blobs) -> Option<bool> {
+    let look = Look::open(path).await.ok()?;
     let sound = look.store.integrity().await.is_ok_and(|findings| findings.is_empty());
-    // One without a name for its folder is judged by its rows.
-    let same = match (look.store.belongs_to(stamp.as_ref()).await, look.store.named_blobs().await) {
-        (Ok(true), _) => true,
-        (_, Ok(named)) => named.iter().any(|named| blobs.contains(&named.blob)),
-        (_, Err(_)) => false,
-    };
+    let compared = look.store.compare(stamp).await.ok();
+    // One without a name for its folder, a backup's, is judged by its rows.
+    let named = look.store.named_blobs().await.unwrap_or_default();
+    let shared = named.iter().any(|named| blobs.contains(&named.blob));
     look.store.close().await;
-    sound && same
+    compared.filter(|it| sound && it.whole && (it.same_folder || shared)).map(|it| it.current)
 }
 
-async fn restore_tasks(store: &Store, blobs: &Blobs, outcome: &mut Outcome) -> Result<()> {
-    for json in blobs.task_descriptions()? {
-        match Description::read(&json) {
-            Some(Description::Task { id, spec, created_at }) => {
-                outcome.tasks += u64::from(store.restore_task(&id, &spec, created_at).await?);
+impl Rebuild<'_> {
+    async fn tasks(&mut self) -> Result<()> {
+        for json in self.blobs.task_descriptions()? {
+            let Some(Description::Task { id, spec, created_at }) = Description::read(&json) else {
+                self.problems.push("a task's sidecar does not read".to_owned());
+                continue;
+            };
+            let (task, made) = self.store.restore_task(&Task { id: id.clone(), spec: *spec, created_at }).await?;
+            self.new_tasks += u64::from(made);
+            self.tasks.insert(id, task);
+        }
+        Ok(())
+    }
+
+    async fn blobs(&mut self, data_dir: &Path) -> Result<()> {
+        let trash = self.blobs.list_trash()?.into_iter().map(|found| (found, true));
+        let all: Vec<_> = self.blobs.list()?.into_iter().map(|found| (found, false)).chain(trash).collect();
+        let mut pace = Pace::new("blobs looked at", all.len());
+        for (found, in_trash) in all {
+            pace.one_more();
+            let Some(id) = found.id.clone() else { continue };
+            let restored = self.recording(&id, &found, in_trash).await?;
+            let named = self.store.names_blob(&id).await?;
+            if in_trash && named && !self.blobs.contains(&id) {
+                self.taken_back += u64::from(self.blobs.take_back(&id)?);
+            } else if !in_trash && !named && !restored {
+                self.set_unclaimed(data_dir, &id, &found)?;
             }
-            Some(_) | None => outcome.problems.push("a task's sidecar does not read".to_owned()),
         }
+        Ok(())
     }
-    Ok(())
-}
 
-/// Makes the episodes of a blob again; false when there is none to make.
-async fn restore_blob(
-    config: &RebuildConfig,
-    store: &Store,
-    blobs: &Blobs,
-    (id, found, in_trash): (&BlobId, &Found, bool),
-    outcome: &mut Outcome,
-) -> Result<bool> {
-    let mut mine = Vec::new();
-    for json in blobs.descriptions(&found.path)? {
-        match Description::read(&json) {
-            Some(Description::Recording(described)) if described.recording == *id => mine.push(*described),
-            Some(_) => {}
-            None => outcome.problems.push(format!("a sidecar of blob {id} does not read")),
-        }
-    }
-    // Of two that a crash left for one task, the later one was acknowledged.
-    mine.sort_by(|one, other| other.id.cmp(&one.id));
-    if mine.is_empty() {
-        return Ok(false);
-    }
-    if let Some(damage) = damage(config, id, found, &mine)? {
-        outcome.problems.push(format!("blob {id}: {damage}"));
-        return Ok(false);
-    }
-    if in_trash {
-        outcome.taken_back += u64::from(blobs.take_back(id)?);
-    }
-    for described in mine {
-        let (episode, task) = (described.id.clone(), described.task_id.clone());
-        match store.restore_episode(described).await {
-            Ok(restored) => outcome.episodes += u64::from(restored),
-            Err(error) if error.kind() == Kind::NotFound => {
-                outcome.problems.push(format!("{episode}: its task {task} has no sidecar"));
-                return Ok(false);
+    /// Makes the episodes of a recording again and brings those that there are up to date; true when there is one.
+    async fn recording(&mut self, id: &BlobId, found: &Found, in_trash: bool) -> Result<bool> {
+        let mut mine = Vec::new();
+        for json in self.blobs.descriptions(id)? {
+            match Description::read(&json) {
+                Some(Description::Recording(described)) if described.episode.recording == *id => mine.push(*described),
+                Some(_) => {}
+                None => self.problems.push(format!("a sidecar of blob {id} does not read")),
             }
-            Err(error) => return Err(error),
+        }
+        // Of two that a crash left for one task, the later one was acknowledged. What a person has deleted stays in the trash.
+        mine.sort_by(|one, other| other.episode.id.cmp(&one.episode.id));
+        mine.retain(|described| !in_trash || described.episode.deleted_at.is_none());
+        if mine.is_empty() {
+            return Ok(false);
+        }
+        if let Some(damage) = self.damage(id, found, &mine)? {
+            self.problems.push(format!("blob {id}: {damage}"));
+            return Ok(false);
+        }
+        let mut restored = false;
+        for mut described in mine {
+            let Some(task) = self.task_of(&described).await? else {
+                self.problems
+                    .push(format!("{}: its task {} has no sidecar", described.episode.id, described.episode.task_id));
+                continue;
+            };
+            described.episode.task_id = task;
+            let updated = self.store.update_episode(&described).await?;
+            let new = self.store.restore_episode(described).await?;
+            (self.updated, self.new_episodes) = (self.updated + u64::from(updated), self.new_episodes + u64::from(new));
+            restored = true;
+        }
+        Ok(restored)
+    }
+
+    async fn task_of(&self, described: &Recording) -> Result<Option<TaskId>> {
+        if let Some(task) = self.tasks.get(&described.episode.task_id) {
+            return Ok(Some(task.clone()));
+        }
+        // Its sidecar is gone; an older database may have it.
+        match self.store.task_by_id(&described.episode.task_id).await {
+            Ok(task) => Ok(Some(task.id)),
+            Err(error) if error.kind() == Kind::NotFound => Ok(None),
+            Err(error) => Err(error),
         }
     }
-    Ok(true)
-}
 
-/// What is wrong with a recording, if anything.
-fn damage(config: &RebuildConfig, id: &BlobId, found: &Found, described: &[Recording]) -> Result<Option<String>> {
-    let sized = described.iter().all(|described| described.size_bytes == found.size_bytes);
-    Ok(match sized && (config.fast || blobs::digest(&found.path)? == *id) {
-        true => None,
-        false => Some("is damaged: its content is not what its name says".to_owned()),
-    })
-}
+    /// What is wrong with a recording, if anything.
+    fn damage(&self, id: &BlobId, found: &Found, described: &[Recording]) -> Result<Option<String>> {
+        let sized = described.iter().all(|described| described.episode.size_bytes == found.size_bytes);
+        Ok(match sized && (self.config.fast || blobs::digest(&found.path)? == *id) {
+            true => None,
+            false => Some("is damaged: its content is not what its name says".to_owned()),
+        })
+    }
 
-/// Moves a blob that has no row and whose sidecars give none to where nothing removes it.
-fn set_unclaimed(data_dir: &Path, blobs: &Blobs, id: &BlobId) -> Result<Option<PathBuf>> {
-    let (from, folder) = (blobs.path(id), data_dir.join(UNCLAIMED));
-    let fault = |error| Error::internal(format!("moving {}", from.display()), error);
-    let mut begin = [0; MCAP.len()];
-    let recording = fs::File::open(&from).and_then(|mut file| io::Read::read_exact(&mut file, &mut begin)).is_ok();
-    let extension = if recording && begin == MCAP { "mcap" } else { "blob" };
-    let to = folder.join(format!("{id}.{extension}"));
-    fs::create_dir_all(&folder).map_err(fault)?;
-    for (number, json) in blobs.descriptions(&from)?.iter().enumerate() {
-        fs::write(folder.join(format!("{id}.{number}.json")), json).map_err(fault)?;
+    /// Moves a blob that has no row and whose sidecars give none to where nothing removes it.
+    fn set_unclaimed(&mut self, data_dir: &Path, id: &BlobId, found: &Found) -> Result<()> {
+        let folder = data_dir.join(UNCLAIMED);
+        let extension = if worth::is_recording(found) { "mcap" } else { "blob" };
+        let to = folder.join(format!("{id}.{extension}"));
+        let fault = |error| Error::internal(format!("moving {}", found.path.display()), error);
+        fs::create_dir_all(&folder).map_err(fault)?;
+        for (number, json) in self.blobs.descriptions(id)?.iter().enumerate() {
+            let written = fs::File::create(folder.join(format!("{id}.{number}.json"))).and_then(|mut file| {
+                io::Write::write_all(&mut file, json)?;
+                file.sync_all()
+            });
+            written.map_err(fault)?;
+        }
+        self.blobs.move_out(id, &to)?;
+        sync_folder(&folder)?;
+        self.unclaimed.push(to);
+        Ok(())
     }
-    blobs.move_out(id, &to)?;
-    sync_folder(&folder)?;
-    Ok(Some(to))
-}
 
-fn write_outcome(out: &mut impl io::Write, outcome: &Outcome, aside: &[PathBuf]) -> io::Result<()> {
-    for path in aside {
-        writeln!(out, "note: the database that was there is now {}", path.display())?;
+    fn write(&self, out: &mut impl io::Write, aside: &[PathBuf]) -> io::Result<()> {
+        for path in aside {
+            writeln!(out, "note: the database that was there is now {}", path.display())?;
+        }
+        for problem in &self.problems {
+            writeln!(out, "problem: {problem}")?;
+        }
+        for path in &self.unclaimed {
+            let remedy = match path.extension().is_some_and(|extension| extension == "mcap") {
+                true => "has no usable sidecar: push it again",
+                false => "is not a recording; the job that made it is lost with the database",
+            };
+            writeln!(out, "unclaimed: {} {remedy}", path.display())?;
+        }
+        let Self { new_tasks, new_episodes, updated, taken_back, unclaimed, .. } = self;
+        writeln!(
+            out,
+            "rebuilt {new_tasks} tasks and {new_episodes} episodes; {updated} episodes brought up to date, {taken_back} \
+             blobs taken back from the trash, {} blobs unclaimed",
+            unclaimed.len()
+        )
     }
-    for problem in &outcome.problems {
-        writeln!(out, "problem: {problem}")?;
-    }
-    for path in &outcome.unclaimed {
-        let remedy = match path.extension().is_some_and(|extension| extension == "mcap") {
-            true => "has no usable sidecar: push it again",
-            false => "is not a recording; the job that made it is lost with the database",
-        };
-        writeln!(out, "unclaimed: {} {remedy}", path.display())?;
-    }
-    let Outcome { tasks, episodes, taken_back, unclaimed, .. } = outcome;
-    let back = if *taken_back > 0 { format!(", {taken_back} blobs taken back from the trash") } else { String::new() };
-    writeln!(out, "rebuilt {tasks} tasks and {episodes} episodes{back}; {} blobs are unclaimed", unclaimed.len())
 }

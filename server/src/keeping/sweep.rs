@@ -16,10 +16,14 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use super::{Room, caches::Rules, files};
+use super::{Room, caches::Rules, describe::describe_queued, files, worth};
 use crate::{
-    blobs::{Blobs, Found},
-    domain::{description::Description, id::BlobId, time::Millis},
+    blobs::{Blobs, Removing},
+    domain::{
+        description::Description,
+        id::{BlobId, EpisodeId},
+        time::Millis,
+    },
     error::{Error, Result},
     jobs,
     store::Store,
@@ -60,20 +64,19 @@ impl Room {
     /// Precondition when too large a share of the blobs has no row; when the database or the disk refuses.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<Tally> {
         let mut tally = Tally::default();
+        // Deletions that the sidecars do not know yet would have recordings stay for good.
+        describe_queued(&self.store, &self.blobs).await?;
         let old = self.old_enough(now).await?;
         let orphans = self.orphans(old).await?;
         let trash_end = self.days_before(now, self.keeping.trash_days).await?;
         let swept = self.store.sweep_trash(Millis::of(trash_end)).await?;
         (tally.episodes, tally.purged) = (swept.removed, swept.purged);
         for (episode, recording) in &swept.episodes {
-            let (blobs, blob, id) = (self.blobs.clone(), recording.clone(), episode.clone());
-            off_runtime(move || blobs.forget_description(&blob, id.as_str())).await?;
             // No worker makes recordings: the recording of a deleted episode can go at once.
-            tally.removed(forget(&self.store, &self.blobs, recording).await?);
+            tally.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
         }
         let blobs = self.blobs.clone();
-        let stays = |json: &[u8]| Description::read(json).is_none_or(|description| description.must_stay());
-        let (deleted, bytes) = off_runtime(move || blobs.empty_trash(trash_end, stays)).await?;
+        let (deleted, bytes) = off_runtime(move || blobs.empty_trash(trash_end, worth::stays)).await?;
         (tally.blobs, tally.bytes) = (tally.blobs + deleted, tally.bytes + bytes);
         self.discard(&orphans, old, &mut tally).await?;
         let blobs = self.blobs.clone();
@@ -125,31 +128,27 @@ impl Room {
         let blobs = self.blobs.clone();
         let found = off_runtime(move || blobs.list()).await?;
         let all = found.iter().filter(|found| found.id.is_some()).count();
-        let orphan = |found: Found| found.id.filter(|id| found.placed < old && !named.contains(id));
-        let orphans: Vec<BlobId> = found.into_iter().filter_map(orphan).collect();
-        let (blobs, asked) = (self.blobs.clone(), orphans.clone());
-        // A recording whose deletion a crash cut was deleted by a person: it tells nothing of the database.
-        let unexplained = move || {
-            let deleted = |id: &BlobId| {
-                let described = blobs.descriptions(&blobs.path(id))?;
-                let described: Vec<_> = described.iter().filter_map(|json| Description::read(json)).collect();
-                Ok(!described.is_empty() && described.iter().all(Description::is_deleted_recording))
-            };
-            asked.iter().map(deleted).filter(|deleted| !matches!(deleted, Ok(true))).collect::<Result<Vec<_>>>()
-        };
-        let unexplained = off_runtime(unexplained).await?.len();
+        let mut orphans = found;
+        orphans.retain(|found| found.placed < old && found.id.as_ref().is_some_and(|id| !named.contains(id)));
+        let blobs = self.blobs.clone();
+        let (orphans, unexplained) = off_runtime(move || {
+            let unexplained = orphans.iter().filter(|found| worth::is_unexplained(&blobs, found)).count();
+            Ok((orphans, unexplained))
+        })
+        .await?;
         #[expect(clippy::cast_precision_loss, reason = "a share")]
         let share = unexplained as f64 / all.max(1) as f64;
         if unexplained > FEW && share > self.keeping.max_sweep_share {
             return Err(Error::precondition(format!(
-                "the database names {} of {all} blobs only, and the sweep would move {unexplained} to the trash: above \
-                 --max-sweep-share {}. Nothing was removed. `gleaner-server check` lists them; `gleaner-server rebuild` \
-                 adds recordings that the database lacks; a larger --max-sweep-share lets the sweep go on",
-                all - unexplained,
+                "the database names {} of {all} blobs only, and the sweep would move {unexplained} recordings and results \
+                 to the trash: above --max-sweep-share {}. Nothing was removed. `gleaner-server check` lists them; \
+                 `gleaner-server rebuild` adds recordings that the database lacks; a larger --max-sweep-share lets the \
+                 sweep go on",
+                all - orphans.len(),
                 self.keeping.max_sweep_share
             )));
         }
-        Ok(orphans)
+        Ok(orphans.into_iter().filter_map(|found| found.id).collect())
     }
 
     /// Moves blobs that no row names to the trash.
@@ -212,26 +211,60 @@ impl Tally {
     }
 }
 
-/// Removes a blob unless a row names it, and gives its size. One with a description left moves to the trash instead: a
-/// recording is only ever deleted for an episode that a person has deleted. One that cannot go now, because the data folder
-/// is being copied, a later sweep finds.
+/// Removes a blob of a job unless a row names it, and gives its size. One with a description moves to the trash instead.
+/// One that cannot go now, because the data folder is being copied, a later sweep finds.
 ///
 /// # Errors
 /// When the database or the disk refuses.
 pub(crate) async fn forget(store: &Store, blobs: &Blobs, blob: &BlobId) -> Result<Option<u64>> {
-    let Some(removing) = blobs.removing().await? else {
-        tracing::debug!(blob.id = %blob, "a blob that nothing needs stays while the data folder is copied");
-        return Ok(None);
-    };
-    if store.names_blob(blob).await? {
-        return Ok(None);
-    }
+    let Some(removing) = unneeded(store, blobs, blob).await? else { return Ok(None) };
     let (blobs, id) = (blobs.clone(), blob.clone());
-    off_runtime(move || match blobs.descriptions(&blobs.path(&id))?.is_empty() {
+    off_runtime(move || match blobs.descriptions(&id)?.is_empty() {
         true => blobs.remove(&id, &removing),
         false => blobs.discard(&id, &removing),
     })
     .await
+}
+
+/// Removes the recording of an episode whose row is gone, unless another row names it, and then its description. A
+/// recording whose description says that it was not deleted moves to the trash: the row was an older copy's.
+///
+/// # Errors
+/// When the database or the disk refuses.
+pub(super) async fn forget_episode(
+    store: &Store,
+    blobs: &Blobs,
+    episode: &EpisodeId,
+    recording: &BlobId,
+) -> Result<Option<u64>> {
+    let removing = unneeded(store, blobs, recording).await?;
+    let shared = removing.is_none() && store.names_blob(recording).await?;
+    let (blobs, id, episode) = (blobs.clone(), recording.clone(), episode.clone());
+    off_runtime(move || {
+        let described = blobs.description(&id, episode.as_str()).and_then(|json| Description::read(&json));
+        let deleted = described.is_none_or(|description| description.is_deleted_recording());
+        match removing {
+            Some(removing) if deleted => {
+                let size = blobs.remove(&id, &removing)?;
+                blobs.forget_description(&id, episode.as_str())?;
+                Ok(size)
+            }
+            Some(removing) => blobs.discard(&id, &removing),
+            None if shared && deleted => blobs.forget_description(&id, episode.as_str()).map(|()| None),
+            // While the folder is copied, the description explains the blob to later sweeps.
+            None => Ok(None),
+        }
+    })
+    .await
+}
+
+/// What it takes to remove a blob, if no row names it and nobody copies the data folder.
+async fn unneeded(store: &Store, blobs: &Blobs, blob: &BlobId) -> Result<Option<Removing>> {
+    let Some(removing) = blobs.removing().await? else {
+        tracing::debug!(blob.id = %blob, "a blob that nothing needs stays while the data folder is copied");
+        return Ok(None);
+    };
+    Ok(if store.names_blob(blob).await? { None } else { Some(removing) })
 }
 
 /// Runs what blocks away from the runtime's threads.

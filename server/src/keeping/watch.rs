@@ -34,7 +34,8 @@ pub(super) async fn watch_files(store: Store, data_dir: PathBuf) {
     match store.copy_to(&saved).await {
         Ok(()) => tracing::error!(
             file.path = %saved.display(),
-            "what the open database holds was saved: once the server is stopped, this file can take the database's place"
+            "what the open database holds was saved: once the server is stopped, move gleaner.db-wal and gleaner.db-shm away, \
+             and rename this file to gleaner.db"
         ),
         Err(error) => tracing::error!(%error, "what the open database holds could not be saved"),
     }

@@ -1,6 +1,6 @@
 //! Rows of episodes; their labels are in `label`.
 
-mod label;
+pub(super) mod label;
 
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 

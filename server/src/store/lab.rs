@@ -1,11 +1,14 @@
 //! The database's own row: its name for the folder of its blobs and its generation, held against the stamp that lies
 //! among the blobs, so that a database of another folder, or an older copy, never decides what is removed.
 
-use std::{io::ErrorKind, os::unix::fs::MetadataExt as _, path::Path, sync::Arc};
+mod fit;
+
+use std::{path::Path, sync::Arc};
 
 use sqlx::SqlitePool;
 use tokio_util::sync::CancellationToken;
 
+use self::fit::{damaged, file, found, misfit};
 use super::{Store, fault, row};
 use crate::{
     blobs::Blobs,
@@ -13,7 +16,7 @@ use crate::{
         self,
         presence::Presence,
         stamp::{Stamp, StampFile},
-        ways_out,
+        way_to_accept, ways_out,
     },
     error::{Error, Kind, Result},
 };
@@ -24,6 +27,26 @@ struct Lab {
     folder: String,
     stamped: bool,
     generation: i64,
+    /// Episodes that there should be, less those that there are.
+    missing: i64,
+}
+
+/// The columns of [`Lab`].
+macro_rules! columns {
+    () => {
+        "folder, stamped, generation, episodes - (select count(*) from episodes) as missing"
+    };
+}
+
+/// How a database stands to a stamp.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Comparison {
+    /// Both have one name for the folder.
+    pub(crate) same_folder: bool,
+    /// It is the same, and the database is not older.
+    pub(crate) current: bool,
+    /// The database is not a mixture of two copies.
+    pub(crate) whole: bool,
 }
 
 /// What ties an open database to its folder.
@@ -38,44 +61,49 @@ impl Store {
     /// generation of both. `accept` takes a database that does not belong to the blobs as it is.
     ///
     /// # Errors
-    /// Precondition, with the ways out, when the database is missing, damaged, of another folder, or older than the blobs;
-    /// as for [`Store::open`].
+    /// Precondition, with the ways out, when the database is missing, damaged, of another folder, or older than the blobs,
+    /// and when there is nothing to accept; as for [`Store::open`].
     pub(crate) async fn open_with_blobs(data_dir: &Path, blobs: &Blobs, accept: bool) -> Result<Self> {
         let path = data_folder::database(data_dir);
-        let stamp = if accept { Stamp::read(data_dir).unwrap_or_default() } else { Stamp::read(data_dir)? };
-        let before = found(&path, data_dir).await?;
-        match misfit(before.as_ref(), stamp.as_ref(), blobs)? {
+        let found = found(&path, data_dir).await?;
+        let stamp = match Stamp::read(data_dir) {
+            // A crash, or a full disk, while the first stamp was made.
+            Err(_) if accept || found.as_ref().is_some_and(|lab| !lab.stamped) => None,
+            stamp => stamp?,
+        };
+        let misfit = misfit(found.as_ref(), stamp.as_ref(), blobs)?;
+        match &misfit {
             Some(misfit) if !accept => {
-                return Err(Error::precondition(format!("{}: {misfit}. {}", path.display(), ways_out(data_dir))));
+                return Err(Error::precondition(format!("{}: {misfit}. {}", path.display(), way_to_accept(data_dir))));
             }
             Some(misfit) => tracing::warn!(file.path = %path.display(), "accepted by --accept-database: {misfit}"),
+            None if accept => {
+                return Err(Error::precondition(format!(
+                    "--accept-database: {} belongs to the blobs beside it; start without this flag",
+                    path.display()
+                )));
+            }
+            None if found.is_none() => tracing::info!(
+                data.dir = %data_dir.display(),
+                "a new lab begins here; if one was expected, its disk may not be mounted"
+            ),
             None => {}
         }
         let store = Self::open(&path).await.map_err(|error| damaged(&path, data_dir, error))?;
-        let (inode, bytes) = file(&path);
-        if before.is_some() && stamp.as_ref().is_some_and(|stamp| stamp.inode != inode || stamp.bytes > bytes) {
-            store.expect_sound(data_dir).await?;
+        if misfit.is_some() {
+            // What the sidecars say may be newer than these rows.
+            store.forget_queued_sidecars().await?;
         }
         store.tie(data_dir, stamp.map_or(0, |stamp| stamp.generation)).await
     }
 
     /// Ties the database to its folder: a new generation in both, first here and then on the stamp, so that a crash in
     /// between leaves the stamp behind, which is no misfit.
-    async fn tie(self, data_dir: &Path, least: u64) -> Result<Self> {
-        let started: Result<Lab> = async {
-            let mut tx = self.write().await?;
-            let lab = sqlx::query_as(
-                "update lab set generation = max(generation, ?) + 1 returning folder, stamped, generation",
-            )
-            .bind(row::stored(least))
-            .fetch_one(&mut *tx)
-            .await
-            .map_err(fault("starting a generation"))?;
-            self.commit(tx).await?;
-            Ok(lab)
-        }
-        .await;
-        let lab = match started {
+    ///
+    /// # Errors
+    /// When the database or the disk refuses.
+    pub(crate) async fn tie(self, data_dir: &Path, least: u64) -> Result<Self> {
+        let lab = match self.start_generation(least).await {
             Ok(lab) => lab,
             // A full disk is not in the way of the start: the generation stays.
             Err(error) if error.kind() == Kind::Exhausted => {
@@ -98,7 +126,19 @@ impl Store {
         Ok(self)
     }
 
-    /// Commits a write that names a blob: when this returns, the stamp says that there is one generation more.
+    async fn start_generation(&self, least: u64) -> Result<Lab> {
+        let mut tx = self.write().await?;
+        let lab = sqlx::query_as(concat!("update lab set generation = max(generation, ?) + 1 returning ", columns!()))
+            .bind(row::stored(least))
+            .fetch_one(&mut *tx)
+            .await
+            .map_err(fault("starting a generation"))?;
+        self.commit(tx).await?;
+        Ok(lab)
+    }
+
+    /// Commits a write that an older copy of the database must not undo unnoticed: when this returns, the stamp says that
+    /// there is one generation more.
     pub(super) async fn commit_generation(&self, mut tx: sqlx::Transaction<'static, sqlx::Sqlite>) -> Result<()> {
         let generation: i64 = sqlx::query_scalar("update lab set generation = generation + 1 returning generation")
             .fetch_one(&mut *tx)
@@ -131,19 +171,26 @@ impl Store {
         misfit(Some(&lab(&self.readers).await?), stamp, blobs)
     }
 
-    /// Whether the stamp names this very database, of whatever generation.
-    pub(crate) async fn belongs_to(&self, stamp: Option<&Stamp>) -> Result<bool> {
+    /// How the database stands to a stamp.
+    pub(crate) async fn compare(&self, stamp: Option<&Stamp>) -> Result<Comparison> {
         let lab = lab(&self.readers).await?;
-        Ok(stamp.is_some_and(|stamp| stamp.folder == lab.folder))
+        let same = stamp.filter(|stamp| stamp.folder == lab.folder);
+        let generation = row::count("lab.generation", lab.generation)?;
+        Ok(Comparison {
+            same_folder: same.is_some(),
+            current: same.is_some_and(|stamp| generation >= stamp.generation),
+            whole: lab.missing == 0,
+        })
     }
 
-    /// A database file that is another than the last time, a copy, was perhaps copied while it was written.
     async fn expect_sound(&self, data_dir: &Path) -> Result<()> {
         match self.integrity().await?.first() {
             None => Ok(()),
             Some((subject, problem)) => Err(Error::precondition(format!(
-                "{} is another file than at the last start, and damaged: {subject}: {problem}. {}",
+                "{} is damaged: {subject}: {problem}. If its write-ahead log ({}-wal) and index (-shm) are another file's, \
+                 move them away. {}",
                 data_folder::database(data_dir).display(),
+                data_folder::DATABASE,
                 ways_out(data_dir)
             ))),
         }
@@ -169,82 +216,10 @@ pub(super) async fn detach(copy: &SqlitePool) -> Result<()> {
 }
 
 async fn lab(pool: &SqlitePool) -> Result<Lab> {
-    sqlx::query_as("select folder, stamped, generation from lab")
+    sqlx::query_as(concat!("select ", columns!(), " from lab"))
         .fetch_one(pool)
         .await
         .map_err(fault("reading the database's row"))
-}
-
-/// The row of the database at `path`, which is left as it is. A database from before the row has none yet; its row is
-/// that of a database that was never stamped. `None` when there is no database.
-async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
-    let unusable = |problem: String| damaged(path, data_dir, Error::internal("opening it", problem));
-    match std::fs::metadata(path) {
-        Ok(file) if file.len() > 0 => {}
-        // SQLite makes an empty file before it writes the first page.
-        Ok(file) if file.is_file() => return Ok(None),
-        Ok(_) => return Err(unusable("it is not a file".to_owned())),
-        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
-        Err(error) => return Err(unusable(error.to_string())),
-    }
-    let pool = super::connect_to_existing(path).await.map_err(|error| unusable(error.to_string()))?;
-    let read = async {
-        let named = "select exists (select 1 from sqlite_master where name = ?)";
-        if super::look::known_schema(&pool, path).await? == 0 {
-            return Ok(None);
-        }
-        let there: bool =
-            sqlx::query_scalar(named).bind("lab").fetch_one(&pool).await.map_err(fault("looking for the row"))?;
-        let never = Lab { folder: String::new(), stamped: false, generation: 0 };
-        if there { lab(&pool).await.map(Some) } else { Ok(Some(never)) }
-    }
-    .await;
-    pool.close().await;
-    read.map_err(|error| damaged(path, data_dir, error))
-}
-
-/// Why a database and a folder of blobs do not belong together, if they do not.
-fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<Option<String>> {
-    let misfit = match (lab, stamp) {
-        (None, None) if blobs.is_empty()? => return Ok(None),
-        (None, _) => "there is no database, or an empty one, and the folder holds blobs".to_owned(),
-        // From before stamps, or a crash before the first one.
-        (Some(Lab { stamped: false, .. }), None) => return Ok(None),
-        (Some(Lab { stamped: true, .. }), None) => format!(
-            "the database belongs to a folder of blobs with a stamp ({}), and this one has none: are the blobs on a disk \
-             that is not mounted, or is this a backup?",
-            crate::data_folder::stamp::FILE
-        ),
-        (Some(lab), Some(stamp)) if lab.folder != stamp.folder => {
-            "the database belongs to another folder, or is older than this folder's stamp".to_owned()
-        }
-        (Some(lab), Some(stamp)) => {
-            let generation = row::count("lab.generation", lab.generation)?;
-            if generation >= stamp.generation {
-                return Ok(None);
-            }
-            format!(
-                "the database is older than the blobs (generation {generation}, the stamp says {}): it is an earlier copy, \
-                 or was copied without its write-ahead log ({}-wal)",
-                stamp.generation,
-                data_folder::DATABASE
-            )
-        }
-    };
-    Ok(Some(misfit))
-}
-
-/// The inode of a file and its bytes; zeros for none.
-fn file(path: &Path) -> (u64, u64) {
-    std::fs::metadata(path).map_or((0, 0), |file| (file.ino(), file.len()))
-}
-
-/// What SQLite says of a file that it cannot use is the operator's to hear, not a fault of ours.
-fn damaged(path: &Path, data_dir: &Path, error: Error) -> Error {
-    if error.kind() != Kind::Internal {
-        return error;
-    }
-    Error::precondition(format!("{} cannot be used: {error}. {}", path.display(), ways_out(data_dir)))
 }
 
 #[cfg(test)]

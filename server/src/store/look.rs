@@ -150,7 +150,8 @@ impl Store {
     }
 }
 
-async fn read_only(path: &Path) -> Result<Store> {
+/// Opens a database to read; nothing beside it is changed, not even by closing it.
+pub(super) async fn read_only(path: &Path) -> Result<Store> {
     let options = SqliteConnectOptions::new().filename(path).read_only(true).busy_timeout(Duration::from_secs(10));
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.map_err(|error| {
         Error::precondition(format!("cannot open the database {} to read: {error}", path.display()))

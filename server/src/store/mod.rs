@@ -145,12 +145,6 @@ fn lasting(connections: u32) -> SqlitePoolOptions {
     SqlitePoolOptions::new().max_connections(connections).idle_timeout(None).max_lifetime(None)
 }
 
-/// Opens a database that is there, to look at it before it is used.
-async fn connect_to_existing(path: &Path) -> std::result::Result<SqlitePool, sqlx::Error> {
-    let options = SqliteConnectOptions::new().filename(path).busy_timeout(Duration::from_secs(10));
-    SqlitePoolOptions::new().max_connections(1).connect_with(options).await
-}
-
 /// Whether the error is a violated `unique` or primary key.
 fn is_duplicate(error: &sqlx::Error) -> bool {
     error.as_database_error().is_some_and(sqlx::error::DatabaseError::is_unique_violation)

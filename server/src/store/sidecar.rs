@@ -1,11 +1,12 @@
 //! Rows whose sidecars are missing or out of date, and the rows that are made again from sidecars.
 
-use super::{Store, episode, fault, is_duplicate, row};
+use super::{Store, episode, fault, row};
 use crate::{
     domain::{
         description::{Description, Recording},
         episode::InspectedEpisode,
         id::{BlobId, EpisodeId, TaskId},
+        task::Task,
         time::Millis,
     },
     error::{Kind, Result},
@@ -31,9 +32,10 @@ pub(crate) enum Described {
 }
 
 impl Store {
-    /// At most so many rows whose sidecars are to be written, oldest changes first.
-    pub(crate) async fn undescribed(&self, most: u32) -> Result<Vec<Undescribed>> {
-        sqlx::query_as("select seq, id from sidecar_queue order by seq limit ?")
+    /// At most so many rows whose sidecars are to be written, oldest changes first, those after `after`.
+    pub(crate) async fn undescribed(&self, after: Option<&Undescribed>, most: u32) -> Result<Vec<Undescribed>> {
+        sqlx::query_as("select seq, id from sidecar_queue where seq > ? order by seq limit ?")
+            .bind(after.map_or(0, |row| row.seq))
             .bind(most)
             .fetch_all(self.read())
             .await
@@ -60,6 +62,13 @@ impl Store {
                 .await
                 .map_err(fault("queueing a sidecar"))?;
         }
+        self.commit(tx).await
+    }
+
+    /// Leaves the sidecars that are there as they are, until a row changes.
+    pub(crate) async fn forget_queued_sidecars(&self) -> Result<()> {
+        let mut tx = self.write().await?;
+        sqlx::query("delete from sidecar_queue").execute(&mut *tx).await.map_err(fault("keeping the sidecars"))?;
         self.commit(tx).await
     }
 
@@ -110,25 +119,56 @@ impl Store {
         Ok(Described::Beside(recording, Description::recording(&inspected, &author)))
     }
 
-    /// Makes the row of a task again; false when there is one of its id or its name.
-    pub(crate) async fn restore_task(
-        &self,
-        id: &TaskId,
-        spec: &gleaner_recording::TaskSpec,
-        created_at: Millis,
-    ) -> Result<bool> {
+    /// Makes the row of a task again, and gives the task that its episodes belong to and whether it was made. Where another
+    /// task has the name, that is the other one if it has the same spec, and otherwise the task gets its id for a name.
+    pub(crate) async fn restore_task(&self, task: &Task) -> Result<(TaskId, bool)> {
+        if self.task_by_id(&task.id).await.is_ok() {
+            return Ok((task.id.clone(), false));
+        }
+        let mut spec = task.spec.clone();
+        match self.task(&spec.name).await {
+            Ok(same) if same.spec == spec => return Ok((same.id, false)),
+            Ok(_) => task.id.as_str().clone_into(&mut spec.name),
+            Err(error) if error.kind() == Kind::NotFound => {}
+            Err(error) => return Err(error),
+        }
         let mut tx = self.write().await?;
-        let inserted = sqlx::query("insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)")
-            .bind(id.as_str())
+        sqlx::query("insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)")
+            .bind(task.id.as_str())
             .bind(&spec.name)
-            .bind(row::to_json(spec)?)
-            .bind(created_at.0)
+            .bind(row::to_json(&spec)?)
+            .bind(task.created_at.0)
             .execute(&mut *tx)
-            .await;
-        match inserted {
-            Err(error) if is_duplicate(&error) => return Ok(false),
-            inserted => inserted.map_err(fault("making a task again"))?,
-        };
+            .await
+            .map_err(fault("making a task again"))?;
+        self.commit(tx).await?;
+        Ok((task.id.clone(), true))
+    }
+
+    /// Has the row of an episode say what its sidecar says: its label, and whether it is in the trash. True when it said
+    /// something else.
+    pub(crate) async fn update_episode(&self, described: &Recording) -> Result<bool> {
+        let mut tx = self.write().await?;
+        let Some(mut episode) = episode::by_id(&mut tx, &described.episode.id).await? else { return Ok(false) };
+        let labelled = (episode.outcome, &episode.cohort) != (described.episode.outcome, &described.episode.cohort);
+        let trashed = episode.deleted_at.is_some() != described.episode.deleted_at.is_some();
+        if !labelled && !trashed {
+            return Ok(false);
+        }
+        (episode.outcome, episode.cohort) = (described.episode.outcome, described.episode.cohort.clone());
+        // Its days in the trash begin anew.
+        let deleted_at = described.episode.deleted_at.map(|_| Millis::now().0);
+        sqlx::query("update episodes set outcome = ?, cohort = ?, deleted_at = ?, delete_forced = 0 where id = ?")
+            .bind(episode.outcome.as_str())
+            .bind(&episode.cohort)
+            .bind(if trashed { deleted_at } else { episode.deleted_at.map(|at| at.0) })
+            .bind(episode.id.as_str())
+            .execute(&mut *tx)
+            .await
+            .map_err(fault("bringing an episode up to date"))?;
+        if labelled {
+            episode::label::insert(&mut tx, &episode, &described.author, "rebuilt from its sidecar").await?;
+        }
         self.commit(tx).await?;
         Ok(true)
     }
@@ -139,22 +179,24 @@ impl Store {
     /// # Errors
     /// NotFound when its task is not there.
     pub(crate) async fn restore_episode(&self, described: Recording) -> Result<bool> {
-        self.task_by_id(&described.task_id).await?;
+        self.task_by_id(&described.episode.task_id).await?;
         let mut tx = self.write().await?;
         let known: bool = sqlx::query_scalar(
-            "select exists (select 1 from episodes where id = ?1 or (task_id = ?2 and recording = ?3))",
+            "select exists (select 1 from episodes where purged_at is null \
+             and (id = ?1 or (task_id = ?2 and recording = ?3)))",
         )
-        .bind(described.id.as_str())
-        .bind(described.task_id.as_str())
-        .bind(described.recording.as_str())
+        .bind(described.episode.id.as_str())
+        .bind(described.episode.task_id.as_str())
+        .bind(described.episode.recording.as_str())
         .fetch_one(&mut *tx)
         .await
         .map_err(fault("looking for an episode"))?;
         if known {
             return Ok(false);
         }
-        let (author, deleted_at) = (described.author.clone(), described.deleted_at);
-        let inspected = InspectedEpisode::from(described);
+        let (author, deleted_at) = (described.author.clone(), described.episode.deleted_at);
+        let Recording { episode, author: _, report } = described;
+        let inspected = InspectedEpisode { episode, report };
         episode::insert(&mut tx, &inspected, &author).await?;
         if let Some(deleted_at) = deleted_at {
             // Its days in the trash begin anew: how long it was there is not known.
@@ -181,7 +223,7 @@ mod tests {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let episode = testing::episode(&store, &task, Outcome::Unknown, "").await;
-        let first = store.undescribed(9).await.unwrap();
+        let first = store.undescribed(None, 9).await.unwrap();
         assert_eq!(
             first.iter().map(|row| row.id.as_str()).collect::<Vec<_>>(),
             [task.id.as_str(), episode.id.as_str()]
@@ -189,21 +231,21 @@ mod tests {
         let label = NewLabel { outcome: Outcome::Success, cohort: None, author: "ada".into(), reason: String::new() };
         store.label_episodes(std::slice::from_ref(&episode.id), &label).await.unwrap();
         store.note_described(&first).await.unwrap();
-        let left = store.undescribed(9).await.unwrap();
+        let left = store.undescribed(None, 9).await.unwrap();
         assert_eq!((left.len(), left[0].id.as_str()), (1, episode.id.as_str()), "labelled after it was listed");
         store.note_described(&left).await.unwrap();
         store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
-        assert_eq!(store.undescribed(9).await.unwrap().len(), 1);
+        assert_eq!(store.undescribed(None, 9).await.unwrap().len(), 1);
         let Described::Beside(blob, Description::Recording(described)) =
             store.description(episode.id.as_str()).await.unwrap()
         else {
             unreachable!("it is an episode")
         };
         assert_eq!(
-            (&blob, described.outcome, described.author.as_str()),
+            (&blob, described.episode.outcome, described.author.as_str()),
             (&episode.recording, Outcome::Success, "ada")
         );
-        assert!(described.deleted_at.is_some());
+        assert!(described.episode.deleted_at.is_some());
     }
 
     #[tokio::test]
@@ -218,8 +260,8 @@ mod tests {
         };
         let (_other, empty) = testing::store().await;
         assert_eq!(empty.restore_episode((*described).clone()).await.unwrap_err().kind(), Kind::NotFound);
-        assert!(empty.restore_task(&task.id, &task.spec, task.created_at).await.unwrap());
-        assert!(!empty.restore_task(&task.id, &task.spec, task.created_at).await.unwrap());
+        assert_eq!(empty.restore_task(&task).await.unwrap(), (task.id.clone(), true));
+        assert_eq!(empty.restore_task(&task).await.unwrap(), (task.id.clone(), false));
         assert!(empty.restore_episode((*described).clone()).await.unwrap());
         assert!(!empty.restore_episode((*described).clone()).await.unwrap());
         let again = empty.episode(&episode.id).await.unwrap();

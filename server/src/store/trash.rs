@@ -50,7 +50,7 @@ impl Store {
             .map_err(fault("deleting an episode"))?;
             deleted.push(episode::by_id(&mut tx, id).await?.unwrap_or(before));
         }
-        self.commit(tx).await?;
+        self.commit_generation(tx).await?;
         Ok(deleted)
     }
 
@@ -72,7 +72,7 @@ impl Store {
                 Error::not_found("episode", format!("{id}: unknown, or removed for good; nothing was taken back"))
             })?);
         }
-        self.commit(tx).await?;
+        self.commit_generation(tx).await?;
         Ok(back)
     }
 

@@ -41,6 +41,7 @@ async fn a_sweep_that_is_cut_anywhere_is_gone_on_with() {
 }
 
 /// A blob that no row names is moved to the trash, and deleted from there by a later sweep; each step may be the last.
+/// A recording that nobody has deleted is moved too, and stays.
 #[tokio::test]
 async fn a_move_to_the_trash_that_is_cut_anywhere_is_gone_on_with() {
     let flags = ["--workers", "0", "--trash-days", "0"];
@@ -49,7 +50,8 @@ async fn a_move_to_the_trash_that_is_cut_anywhere_is_gone_on_with() {
     lab::create_task(&mut api).await;
     let episode = lab::push(&mut api, lab::TASK, &lab::RECORDINGS[0]).await.unwrap();
     let blobs = server.data_dir().join("blobs");
-    for (number, point) in ["trash.blob_moved", "trash.moved", "trash.blob_deleted"].into_iter().enumerate() {
+    let lost = lose_a_recording(&server).await;
+    for (number, point) in ["trash.sidecars_moved", "trash.moved", "trash.blob_deleted"].into_iter().enumerate() {
         server.kill().await;
         let content = format!("of a worker that died {number}");
         let digest = blake3::hash(content.as_bytes()).to_hex().to_string();
@@ -70,8 +72,32 @@ async fn a_move_to_the_trash_that_is_cut_anywhere_is_gone_on_with() {
             drop(crate::operator::folder::swept(server.data_dir(), &flags).await);
         }
         assert!(!place.exists() && !trash.exists(), "{point}");
+        let (folder, name) = lost.split_at(2);
+        assert!(blobs.join("trash").join(folder).join(name).exists(), "{point}: a recording is gone");
         assert!(server.start_where_it_was(None).await);
     }
     let request = GetEpisodeRequest { episode_id: episode.id };
     Api::connect(&server).await.episodes.get_episode(request).await.unwrap();
+}
+
+/// Puts a recording with its sidecar among the blobs of a server that has no row of it: those of a second lab. Gives its
+/// digest.
+async fn lose_a_recording(server: &TestServer) -> String {
+    let other = TestServer::start_with(&["--workers", "0"]).await;
+    let mut api = Api::connect(&other).await;
+    lab::create_task(&mut api).await;
+    let digest = lab::push(&mut api, lab::TASK, &lab::RECORDINGS[5]).await.unwrap().blake3;
+    let (from, to) = (other.data_dir().join("blobs"), server.data_dir().join("blobs"));
+    let (folder, name) = digest.split_at(2);
+    std::fs::create_dir_all(to.join(folder)).unwrap();
+    for entry in std::fs::read_dir(from.join(folder)).unwrap() {
+        let entry = entry.unwrap();
+        if entry.file_name().to_str().unwrap().starts_with(name) {
+            let place = to.join(folder).join(entry.file_name());
+            std::fs::copy(entry.path(), &place).unwrap();
+            let long_ago = std::time::SystemTime::now() - std::time::Duration::from_secs(4 * 24 * 60 * 60);
+            std::fs::File::open(place).unwrap().set_modified(long_ago).unwrap();
+        }
+    }
+    digest
 }

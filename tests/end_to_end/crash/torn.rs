@@ -9,8 +9,7 @@ use crate::{api::Api, lab, server::TestServer};
 const STEPS: u32 = 24;
 
 fn blobs(server: &TestServer) -> BTreeSet<PathBuf> {
-    let folders = server.data_dir().join("blobs").read_dir().unwrap().map(|entry| entry.unwrap().path());
-    folders.flat_map(|folder| folder.read_dir().unwrap()).map(|entry| entry.unwrap().path()).collect()
+    super::blob_files(server.data_dir())
 }
 
 /// Cut, changed or gone: the job begins anew, says so to nobody but the log, and ends as if nothing had happened.

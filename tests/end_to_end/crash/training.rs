@@ -26,9 +26,9 @@ struct Left {
 
 /// Its blobs, beside those of the recordings.
 fn blobs(data_dir: &Path, before: &BTreeSet<String>) -> BTreeSet<String> {
-    let folders = data_dir.join("blobs").read_dir().unwrap().map(|entry| entry.unwrap().path());
-    let names = folders.filter(|path| path.is_dir()).flat_map(|folder| folder.read_dir().unwrap());
-    let names: BTreeSet<String> = names.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let names =
+        super::blob_files(data_dir).into_iter().map(|path| path.file_name().unwrap().to_str().unwrap().to_owned());
+    let names: BTreeSet<String> = names.collect();
     names.difference(before).cloned().collect()
 }
 

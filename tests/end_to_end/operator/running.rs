@@ -12,8 +12,10 @@ use crate::{
     server::TestServer,
 };
 
-/// What is done to the folder, and a word of the message.
-const SLIPS: [(&str, fn(&Path)); 6] = [
+/// A part of the refusal, and what is done to the folder.
+type Slip = (&'static str, fn(&Path));
+
+const SLIPS: [Slip; 6] = [
     ("gleaner.db was deleted", |data| fs::remove_file(data.join("gleaner.db")).unwrap()),
     ("gleaner.db was replaced", |data| {
         fs::copy(data.join("older.db"), data.join("copy.db")).unwrap();
@@ -74,23 +76,31 @@ async fn what_a_deleted_database_held_is_saved_and_taken_up_again() {
     let mut server = TestServer::start_over(lab.path(), &["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     let newest = lab::push(&mut api, lab::TASK, &RECORDINGS[9]).await.unwrap();
-    for suffix in ["", "-wal", "-shm"] {
-        fs::remove_file(lab.path().join(format!("gleaner.db{suffix}"))).unwrap();
-    }
+    // The log and its index stay: they belong to the database that is gone.
+    fs::remove_file(lab.path().join("gleaner.db")).unwrap();
     let saved = || {
         let found = fs::read_dir(lab.path()).unwrap().map(|entry| entry.unwrap().path());
         let mut saved = found.filter(|path| path.to_str().unwrap().contains("gleaner-saved-"));
         saved.find(|path| !path.to_str().unwrap().ends_with("-journal"))
     };
-    // It is there whole once the server, which ends what it does, has stopped.
     let there = async {
         while saved().is_none() {
             tokio::task::yield_now().await;
         }
     };
     tokio::time::timeout(Duration::from_secs(30), there).await.expect("nothing is saved");
+    // A server that is asked to stop ends what it has begun.
     server.stop().await;
-    fs::rename(saved().unwrap(), lab.path().join("gleaner.db")).unwrap();
+    let saved = saved().unwrap();
+    let content = fs::read(&saved).unwrap();
+    fs::rename(saved, lab.path().join("gleaner.db")).unwrap();
+    if lab.path().join("gleaner.db-wal").exists() {
+        super::folder::refused(lab.path()).await;
+        assert!(fs::read(lab.path().join("gleaner.db")).unwrap() == content, "another database's log was taken in");
+        for suffix in ["-wal", "-shm"] {
+            fs::remove_file(lab.path().join(format!("gleaner.db{suffix}"))).unwrap();
+        }
+    }
     let server = super::swept(lab.path(), &["--workers", "0"]).await;
     let found = ids(&mut Api::connect(&server).await).await;
     assert!(found.contains(&newest.id) && found.len() == lab.ids().len() + 1, "{found:?}");

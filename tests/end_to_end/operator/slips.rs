@@ -15,7 +15,7 @@ fn without_companions(data: &Path) {
     }
 }
 
-/// What an operator does by mistake, and whether a rebuild leaves an older database's rows.
+/// What an operator does by mistake.
 type Slip = (&'static str, fn(&Folder));
 
 const SLIPS: [Slip; 8] = [

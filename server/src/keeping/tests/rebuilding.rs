@@ -50,7 +50,7 @@ async fn a_lost_database_is_rebuilt_with_tasks_labels_and_trash() {
     }
     let (sound, said) = rebuilt(dir.path()).await;
     // The checkpoint of the encoder and the policy is one blob, which no row can name any more.
-    assert!(!sound && said.contains("1 tasks and 4 episodes") && said.contains("1 blobs are unclaimed"), "{said}");
+    assert!(!sound && said.contains("1 tasks and 4 episodes") && said.contains("1 blobs unclaimed"), "{said}");
     let store = reopen(dir.path()).await;
     assert_eq!(store.task(&task.spec.name).await.unwrap().id, task.id);
     let after = store.episode(&episodes[0].id).await.unwrap();
@@ -87,18 +87,16 @@ async fn an_older_database_is_completed_and_keeps_its_history() {
 async fn a_damaged_database_and_one_of_another_folder_are_set_aside() {
     let (lab, _) = described().await;
     lab.store.close().await;
-    let (other, _) = described().await;
-    other.store.close().await;
-    let foreign = fs::read(data_folder::database(other.dir.path())).unwrap();
-    // Another folder's recordings are other ones.
-    let store = Store::open(&other.dir.path().join("new.db")).await.unwrap();
+    let other = tempfile::tempdir().unwrap();
+    let store = reopen(other.path()).await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
     store.close().await;
-    for content in [vec![7; 9000], fs::read(other.dir.path().join("new.db")).unwrap()] {
+    for content in [vec![7; 9000], fs::read(data_folder::database(other.path())).unwrap()] {
         fs::write(data_folder::database(lab.dir.path()), &content).unwrap();
         let (_, said) = rebuilt(lab.dir.path()).await;
         assert!(said.contains("the database that was there is now") && said.contains("4 episodes"), "{said}");
     }
-    assert!(!foreign.is_empty());
 }
 
 #[tokio::test]
@@ -111,7 +109,7 @@ async fn a_recording_in_the_trash_that_nobody_deleted_is_taken_back() {
     assert!(!lab.blobs.contains(&episodes[0].recording));
     lab.store.close().await;
     let (_, said) = rebuilt(lab.dir.path()).await;
-    assert!(said.contains("1 episodes, 1 blobs taken back"), "{said}");
+    assert!(said.contains("1 episodes; ") && said.contains("1 blobs taken back"), "{said}");
     assert!(lab.blobs.contains(&episodes[0].recording));
     assert!(reopen(lab.dir.path()).await.episode(&episodes[0].id).await.is_ok());
 }
@@ -142,4 +140,70 @@ async fn a_folder_in_use_or_without_blobs_is_refused() {
     let empty = tempfile::tempdir().unwrap();
     let error = rebuild(&config(empty.path()), &mut Vec::new()).await.unwrap_err();
     assert!(error.message().contains("holds no blobs"), "{error}");
+}
+
+/// Clients made the task again before the rebuild: the same spec is the same task, another one keeps the name.
+#[tokio::test]
+async fn a_task_that_was_made_again_meanwhile_takes_its_episodes_or_keeps_its_name() {
+    for same in [true, false] {
+        let (lab, episodes) = described().await;
+        lab.store.close().await;
+        fs::remove_file(data_folder::database(lab.dir.path())).unwrap();
+        let store = Store::open_with_blobs(lab.dir.path(), &lab.blobs, true).await.unwrap();
+        let rate_hz = if same { testing::spec().rate_hz } else { 5.0 };
+        let task = store.insert_task(&gleaner_recording::TaskSpec { rate_hz, ..testing::spec() }).await.unwrap();
+        store.close().await;
+        let (_, said) = rebuilt(lab.dir.path()).await;
+        assert!(said.contains("4 episodes") && !said.contains("has no sidecar"), "{said}");
+        let store = reopen(lab.dir.path()).await;
+        let of = store.episode(&episodes[0].id).await.unwrap().episode.task_id;
+        assert_eq!(of == task.id, same, "{said}");
+    }
+}
+
+/// An undelete that an older copy of the database does not know.
+#[tokio::test]
+async fn a_recording_that_was_taken_back_stays_whatever_an_older_database_says() {
+    let (lab, episodes) = described().await;
+    lab.store.close().await;
+    let older = fs::read(data_folder::database(lab.dir.path())).unwrap();
+    for rebuilds in [true, false] {
+        let store = reopen(lab.dir.path()).await;
+        store.undelete_episodes(std::slice::from_ref(&episodes[1].id)).await.unwrap();
+        describe_queued(&store, &lab.blobs).await.unwrap();
+        store.close().await;
+        fs::write(data_folder::database(lab.dir.path()), &older).unwrap();
+        assert!(Store::open_with_blobs(lab.dir.path(), &lab.blobs, false).await.is_err());
+        if rebuilds {
+            assert!(rebuilt(lab.dir.path()).await.1.contains("1 episodes brought up to date"));
+            assert!(reopen(lab.dir.path()).await.episode(&episodes[1].id).await.unwrap().episode.deleted_at.is_none());
+            continue;
+        }
+        let store = Store::open_with_blobs(lab.dir.path(), &lab.blobs, true).await.unwrap();
+        let again = Lab { ingest: crate::ingest::testing::open_on(&lab.dir, &store).await, store, ..lab };
+        let tally = room(&again, 0).sweep(in_days(2)).await.unwrap();
+        assert_eq!(tally.episodes, 1, "the row of the older copy goes");
+        room(&again, 0).sweep(in_days(9)).await.unwrap();
+        assert_eq!(again.blobs.list_trash().unwrap()[0].id.as_ref(), Some(&episodes[1].recording));
+        return;
+    }
+}
+
+/// Two tasks hold one recording, and the sidecar of one of them is gone: the other's episode keeps its blob.
+#[tokio::test]
+async fn a_recording_of_two_tasks_stays_for_the_one_that_is_known() {
+    let lab = lab().await;
+    let episode = stored(&lab, b"shared").await;
+    let other = gleaner_recording::TaskSpec { name: "other".into(), ..testing::spec() };
+    let other = lab.store.insert_task(&other).await.unwrap();
+    let upload = testing::upload(&other, b"shared");
+    lab.store.finish_upload(&upload, &testing::inspected(&other, &upload)).await.unwrap();
+    describe_queued(&lab.store, &lab.blobs).await.unwrap();
+    lab.store.close().await;
+    fs::remove_file(lab.dir.path().join(format!("blobs/tasks/{}.json", other.id))).unwrap();
+    fs::remove_file(data_folder::database(lab.dir.path())).unwrap();
+    let (sound, said) = rebuilt(lab.dir.path()).await;
+    assert!(!sound && said.contains("has no sidecar"), "{said}");
+    assert!(lab.blobs.contains(&episode.recording));
+    assert!(reopen(lab.dir.path()).await.episode(&episode.id).await.is_ok());
 }

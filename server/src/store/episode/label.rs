@@ -77,7 +77,7 @@ impl Store {
 
     async fn commit_labels(&self, tx: Transaction<'static, Sqlite>) -> Result<()> {
         crate::fail_point::pass("label.rows_written");
-        self.commit(tx).await?;
+        self.commit_generation(tx).await?;
         crate::fail_point::pass("label.committed");
         Ok(())
     }
@@ -142,7 +142,7 @@ async fn newest(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Opti
 }
 
 /// Keeps the episode's present label in its history and gives its version.
-pub(super) async fn insert(
+pub(in crate::store) async fn insert(
     tx: &mut Transaction<'_, Sqlite>,
     episode: &Episode,
     author: &str,

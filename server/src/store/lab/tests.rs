@@ -38,12 +38,14 @@ async fn refused(dir: &Path, part: &str) {
     let before = fs::read(data_folder::stamp::path(dir)).ok();
     let error = open(dir, false).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition, "{error}");
-    for part in [part, "restore BACKUP", "rebuild --data-dir", "--accept-database"] {
+    for part in [part, "Nothing was changed", "restore BACKUP", "rebuild --data-dir", "--accept-database"] {
         assert!(error.message().contains(part), "{part}: {error}");
     }
     assert_eq!(fs::read(data_folder::stamp::path(dir)).ok(), before);
     open(dir, true).await.unwrap().close().await;
     open(dir, false).await.unwrap().close().await;
+    let again = open(dir, true).await.unwrap_err();
+    assert!(again.message().contains("start without this flag"), "{again}");
 }
 
 #[tokio::test]
@@ -167,4 +169,34 @@ async fn nothing_is_acknowledged_once_the_database_is_deleted() {
     }
     let store = open(dir.path(), false).await.unwrap();
     assert_eq!(store.task(&task.spec.name).await.unwrap().id, task.id, "what was acknowledged was saved");
+}
+
+/// An older copy under the newer log: SQLite would take the log in without a word.
+#[tokio::test]
+async fn an_older_database_under_a_newer_log_is_refused_and_left_as_it_is() {
+    let dir = used().await;
+    let path = data_folder::database(dir.path());
+    let older = fs::read(&path).unwrap();
+    let store = open(dir.path(), false).await.unwrap();
+    for number in 0..200_u8 {
+        record(&store, dir.path(), &[number; 9]).await;
+    }
+    let log = fs::read(beside_database(dir.path(), "-wal")).unwrap();
+    store.close().await;
+    fs::write(&path, &older).unwrap();
+    fs::write(beside_database(dir.path(), "-wal"), &log[..log.len() / 2]).unwrap();
+    let error = open(dir.path(), false).await.unwrap_err();
+    assert_eq!(error.kind(), Kind::Precondition, "{error}");
+    assert_eq!(fs::read(&path).unwrap(), older, "nothing was written into it");
+}
+
+#[tokio::test]
+async fn a_stamp_that_a_crash_left_empty_is_made_again_before_the_first_one_counts() {
+    let dir = tempfile::tempdir().unwrap();
+    Blobs::open(dir.path()).unwrap();
+    Store::open(&data_folder::database(dir.path())).await.unwrap().close().await;
+    fs::write(data_folder::stamp::path(dir.path()), b"").unwrap();
+    open(dir.path(), false).await.unwrap().close().await;
+    fs::write(data_folder::stamp::path(dir.path()), b"").unwrap();
+    assert!(open(dir.path(), false).await.is_err(), "from then on an unreadable stamp is refused");
 }

@@ -1,0 +1,44 @@
+//! What a task has of a content already: an answer to a push that is made again.
+
+use super::{Ingest, off_runtime};
+use crate::{
+    domain::episode::{Episode, InspectedEpisode, Outcome, Upload},
+    error::{Error, Result},
+};
+
+impl Ingest {
+    /// The episode of this content, if its recording is there; one that was lost can be pushed again.
+    pub(super) async fn stored(&self, upload: &Upload) -> Result<Option<Episode>> {
+        let existing = self.store.episode_of(&upload.task_id, &upload.blake3).await?;
+        let path = self.blobs.path(&upload.blake3);
+        let there = move || Ok(std::fs::metadata(path).is_ok_and(|file| file.is_file()).then_some(()));
+        Ok(if existing.is_some() { off_runtime("looking for a recording", there).await?.and(existing) } else { None })
+    }
+
+    /// The answer when the content is there already.
+    pub(super) async fn settle_on(&self, existing: Episode, upload: &Upload) -> Result<InspectedEpisode> {
+        let existing = same_label(existing, upload.outcome, &upload.cohort)?;
+        self.store.episode(&existing.id).await
+    }
+}
+
+/// The episode itself, if it has this label.
+pub(super) fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episode> {
+    if existing.deleted_at.is_some() {
+        return Err(Error::exists(format!(
+            "the task holds this recording as {0}, which is in the trash: to have it back, gleaner restore {0}",
+            existing.id
+        )));
+    }
+    if existing.outcome == outcome && existing.cohort == cohort {
+        return Ok(existing);
+    }
+    let cohort =
+        if existing.cohort.is_empty() { "no cohort".to_owned() } else { format!("cohort {:?}", existing.cohort) };
+    Err(Error::exists(format!(
+        "the task holds this recording as {}, labelled {} with {cohort}: to change that, gleaner label {} --outcome …",
+        existing.id,
+        existing.outcome.as_str(),
+        existing.id,
+    )))
+}

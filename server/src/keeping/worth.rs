@@ -1,0 +1,45 @@
+//! What a blob without a row is worth keeping for: a recording that no person has deleted is kept, whatever the database
+//! says. Must not depend on the database.
+
+use crate::{
+    blobs::{Blobs, Found},
+    domain::description::Description,
+};
+
+/// The first bytes of an MCAP file.
+const MCAP: &[u8] = b"\x89MCAP0\r\n";
+
+/// Whether a file is a recording, by its first bytes.
+pub(super) fn is_recording(found: &Found) -> bool {
+    found.begins_with(MCAP)
+}
+
+/// Whether a blob in the trash must not be deleted for its age: a recording, unless every description of it says that a
+/// person has deleted it. A description that does not read says nothing.
+pub(super) fn stays(found: &Found, described: &[Vec<u8>]) -> bool {
+    let mut descriptions = described.iter().map(|json| Description::read(json));
+    let recording = |description: &Option<Description>| match description {
+        Some(Description::Recording(_)) | None => true,
+        Some(Description::Task { .. } | Description::Encoder { .. } | Description::Policy { .. }) => false,
+    };
+    match described.is_empty() {
+        true => is_recording(found),
+        false => {
+            descriptions.any(|found| recording(&found) && !found.is_some_and(|found| found.is_deleted_recording()))
+        }
+    }
+}
+
+/// Whether a blob without a row tells that the database is not the blobs' own: a recording that must stay, or a result
+/// that a row named once. What jobs leave behind tells nothing.
+pub(super) fn is_unexplained(blobs: &Blobs, found: &Found) -> bool {
+    match found.id.as_ref().map(|id| blobs.descriptions(id)) {
+        Some(Ok(described)) => {
+            let result = |json: &Vec<u8>| {
+                matches!(Description::read(json), Some(Description::Encoder { .. } | Description::Policy { .. }))
+            };
+            stays(found, &described) || described.iter().any(result)
+        }
+        Some(Err(_)) | None => true,
+    }
+}

@@ -1,0 +1,102 @@
+//! Whether a database and a folder of blobs belong together. Nothing is written here: what is wrong must stay as it is.
+
+use std::{io::ErrorKind, os::unix::fs::MetadataExt as _, path::Path};
+
+use super::{Lab, lab};
+use crate::{
+    blobs::Blobs,
+    data_folder::{self, stamp::Stamp, ways_out},
+    error::{Error, Kind, Result},
+    store::{fault, row},
+};
+
+/// The row of the database at `path`, which is left as it is. A database from before the row has none yet; its row is
+/// that of a database that was never stamped. `None` when there is no database.
+pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
+    let unusable = |problem: String| damaged(path, data_dir, Error::internal("opening it", problem));
+    match std::fs::metadata(path) {
+        Ok(file) if file.len() > 0 => {}
+        // SQLite makes an empty file before it writes the first page.
+        Ok(file) if file.is_file() => return Ok(None),
+        Ok(_) => return Err(unusable("it is not a file".to_owned())),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(unusable(error.to_string())),
+    }
+    // Read-only: a write-ahead log that is another database's must not be written into this one.
+    let look = crate::store::look::read_only(path).await.map_err(|error| unusable(error.to_string()))?;
+    let read = async {
+        if crate::store::look::known_schema(&look.readers, path).await? == 0 {
+            return Ok(None);
+        }
+        let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = 'lab')")
+            .fetch_one(&look.readers)
+            .await
+            .map_err(fault("looking for the row"))?;
+        if must_be_checked(path, data_dir) {
+            look.expect_sound(data_dir).await?;
+        }
+        let never = Lab { folder: String::new(), stamped: false, generation: 0, missing: 0 };
+        if there { lab(&look.readers).await.map(Some) } else { Ok(Some(never)) }
+    }
+    .await;
+    look.close().await;
+    read.map_err(|error| damaged(path, data_dir, error))
+}
+
+/// Whether SQLite is to check the database before it is used: it is another file than at the last start, or a smaller one,
+/// or has a log to be taken in, which may be another database's.
+fn must_be_checked(path: &Path, data_dir: &Path) -> bool {
+    let stamp = Stamp::read(data_dir).ok().flatten();
+    let (inode, bytes) = file(path);
+    let other = stamp.is_some_and(|stamp| stamp.inode != inode || stamp.bytes > bytes);
+    other || file(&data_folder::beside_database(data_dir, "-wal")).1 > 0
+}
+
+/// Why a database and a folder of blobs do not belong together, if they do not.
+pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<Option<String>> {
+    let misfit = match (lab, stamp) {
+        (None, None) if blobs.is_empty()? => return Ok(None),
+        (None, _) => "there is no database, or an empty one, and the folder holds blobs".to_owned(),
+        (Some(Lab { missing, .. }), _) if *missing != 0 => format!(
+            "the database is a mixture of two copies: it counts {missing} episodes more than it has. Perhaps its \
+             write-ahead log ({}-wal) is another copy's",
+            data_folder::DATABASE
+        ),
+        // From before stamps, or a crash before the first one.
+        (Some(Lab { stamped: false, .. }), None) => return Ok(None),
+        (Some(Lab { stamped: true, .. }), None) => format!(
+            "the database belongs to a folder of blobs with a stamp ({}), and this one has none: are the blobs on a disk \
+             that is not mounted, or is this a backup?",
+            crate::data_folder::stamp::FILE
+        ),
+        (Some(lab), Some(stamp)) if lab.folder != stamp.folder => {
+            "the database belongs to another folder, or is older than this folder's stamp".to_owned()
+        }
+        (Some(lab), Some(stamp)) => {
+            let generation = row::count("lab.generation", lab.generation)?;
+            if generation >= stamp.generation {
+                return Ok(None);
+            }
+            format!(
+                "the database is older than the blobs (generation {generation}, the stamp says {}): it is an earlier copy, \
+                 or was copied without its write-ahead log ({}-wal)",
+                stamp.generation,
+                data_folder::DATABASE
+            )
+        }
+    };
+    Ok(Some(misfit))
+}
+
+/// The inode of a file and its bytes; zeros for none.
+pub(super) fn file(path: &Path) -> (u64, u64) {
+    std::fs::metadata(path).map_or((0, 0), |file| (file.ino(), file.len()))
+}
+
+/// What SQLite says of a file that it cannot use is the operator's to hear, not a fault of ours.
+pub(super) fn damaged(path: &Path, data_dir: &Path, error: Error) -> Error {
+    if error.kind() != Kind::Internal {
+        return error;
+    }
+    Error::precondition(format!("{} cannot be used: {error}. {}", path.display(), ways_out(data_dir)))
+}
