@@ -8,7 +8,7 @@ use crate::{domain::order::JobFilter, error::Kind};
 /// A version, a dump, and how many rows of which table it must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
-const SAMPLES: [Sample; 3] = [
+const SAMPLES: [Sample; 4] = [
     (
         8,
         include_str!("../../../../tests/samples/schema_0008.sql"),
@@ -23,6 +23,11 @@ const SAMPLES: [Sample; 3] = [
         17,
         include_str!("../../../../tests/samples/schema_0017.sql"),
         &[("episodes", 14), ("jobs", 7), ("score_runs", 1), ("datasets", 1), ("policies", 2), ("export_files", 33)],
+    ),
+    (
+        20,
+        include_str!("../../../../tests/samples/schema_0020.sql"),
+        &[("episodes", 14), ("jobs", 7), ("audit", 1), ("policies", 2), ("export_files", 33)],
     ),
 ];
 
