@@ -17,7 +17,7 @@ async fn each_limit_on_recordings_is_a_flag() {
     for (flag, value, words) in [
         ("--max-records", "20", "more than 20 records"),
         ("--max-record-bytes", "40", "may have 40"),
-        ("--max-chunk-bytes", "1000", "may unpack to 1000"),
+        ("--max-chunk-bytes", "1000", "a chunk may have 1000 bytes"),
         ("--max-channels", "2", "more than 2 "),
         ("--max-name-bytes", "5", "may have 5"),
     ] {
