@@ -32,9 +32,10 @@ crash-test: .libtorch
 	GLEANER_CRASH_KILLS=200 GLEANER_CRASH_UPLOADS=1000 GLEANER_CRASH_TRAINING_KILLS=50 GLEANER_CRASH_SEED=$(SEED) \
 		$(CARGO) test --locked -p gleaner-tests --test end_to_end crash:: -- --nocapture --test-threads=1
 
-# The Python client, as it is installed, against the real server.
+# The Python client, as it is installed, against the real server; GLEANER_SERVER_BIN and GLEANER_BIN name programs that
+# are built already.
 test-python: .libtorch $(PYTHON_ENV)
-	$(CARGO) build --locked $(PROGRAMS)
+	$(if $(GLEANER_SERVER_BIN),,$(CARGO) build --locked $(PROGRAMS))
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/pytest
 
