@@ -60,11 +60,12 @@ async fn an_upload_that_drips_is_ended_and_can_be_gone_on_with() {
     let recording = &RECORDINGS[0];
     let upload_id = lab::start(&mut api, lab::TASK, recording).await.unwrap().upload_id;
     let (id, bytes) = (upload_id.clone(), recording.bytes.clone());
-    let drip = stream::unfold(0, move |at: usize| {
+    let ticks = tokio::time::interval(Duration::from_millis(100));
+    let drip = stream::unfold((ticks, 0), move |(mut ticks, at)| {
         let (upload_id, data) = (id.clone(), bytes.slice(at..at + 10));
         async move {
-            tokio::time::sleep(Duration::from_millis(100)).await;
-            Some((WriteUploadRequest { upload_id, offset: at.try_into().unwrap(), data }, at + 10))
+            ticks.tick().await;
+            Some((WriteUploadRequest { upload_id, offset: at.try_into().unwrap(), data }, (ticks, at + 10)))
         }
     });
     let begun = Instant::now();

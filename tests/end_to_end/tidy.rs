@@ -113,7 +113,11 @@ fn no_stub_and_no_sleep() {
     ];
     let found: Vec<String> = sources()
         .into_iter()
-        .filter(|(_, source)| marks.iter().any(|mark| source.contains(mark.as_str())))
+        .filter(|(name, source)| {
+            // Elsewhere a server paces its own tasks.
+            let waits = name.starts_with("tests/") && source.contains(&["time::sl", "eep("].concat());
+            waits || marks.iter().any(|mark| source.contains(mark.as_str()))
+        })
         .map(|(name, _)| name)
         .collect();
     assert!(found.is_empty(), "{found:?}");

@@ -7,7 +7,7 @@ use rand::{Rng, RngExt as _, rngs::StdRng, seq::IndexedRandom as _};
 use tokio_util::sync::CancellationToken;
 
 use super::{
-    lab::{COHORT, Lab, insist, pause},
+    lab::{COHORT, Lab, insist, next_life},
     ledger::State,
 };
 use crate::lab as common;
@@ -25,7 +25,7 @@ pub async fn curate(lab: Arc<Lab>, stop: CancellationToken) {
             3 => delete_or_take_back(&lab, &mut random).await,
             _ => label(&lab, n, &mut random).await,
         }
-        pause().await;
+        next_life(&lab).await;
     }
 }
 

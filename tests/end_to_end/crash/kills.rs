@@ -89,7 +89,8 @@ async fn die(server: &mut TestServer, lab: &Lab, way: &Way, random: &mut StdRng)
             let moment = Duration::from_millis(random.random_range(0..400));
             // Less than that in this time: all the more is under way.
             let _ = tokio::time::timeout(PATIENCE / 4, acknowledged.wait_for(|count| *count >= enough)).await;
-            tokio::time::sleep(moment).await;
+            let died = tokio::time::timeout(moment, server.died()).await;
+            assert!(died.is_err(), "the server died by itself");
         }
     }
     server.kill().await;
@@ -110,6 +111,7 @@ async fn revive(server: &mut TestServer, lab: &Lab, way: &mut Way, tally: &mut T
         assert!(server.start_where_it_was(None).await, "the server ended before it listened");
     }
     tally.restarts.push(begun.elapsed());
+    lab.lives.send_modify(|lives| *lives += 1);
     // Cut off by the next death, it is done again after that one.
     let _ = check::sample(lab).await;
 }

@@ -1,6 +1,6 @@
 //! What the load works on: a task with a core of episodes, an encoder, its scores, a policy in force.
 
-use std::sync::Arc;
+use std::{sync::Arc, time::Duration};
 
 use gleaner_client::{Client, ClientError};
 use gleaner_proto::v1::*;
@@ -35,6 +35,8 @@ pub struct Lab {
     pub run: String,
     /// Uploads that may begin by now, so that there are some to the last kill.
     pub due: watch::Sender<u64>,
+    /// How often the server has begun to listen again.
+    pub lives: watch::Sender<u64>,
 }
 
 impl Lab {
@@ -62,8 +64,8 @@ impl Lab {
         ledger.made_policy(policy.result_id);
         let client = Client::connect(server.url(), None).await.unwrap();
         let recordings = tempfile::tempdir().unwrap();
-        let (snapshot, due) = (spec.snapshot_id, watch::Sender::new(0));
-        Arc::new(Self { settings, client, api, ledger, recordings, snapshot, encoder, run, due })
+        let (snapshot, due, lives) = (spec.snapshot_id, watch::Sender::new(0), watch::Sender::new(0));
+        Arc::new(Self { settings, client, api, ledger, recordings, snapshot, encoder, run, due, lives })
     }
 
     /// Pretraining on the core, however many episodes there are by now.
@@ -89,9 +91,17 @@ pub fn was_gone(status: &Status) -> bool {
     ClientError::from(status.clone()).is_transient()
 }
 
-/// A pause before the next try.
-pub async fn pause() {
-    tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+/// The pace of clients, and the longest wait before a call is tried again.
+const PACE: Duration = Duration::from_millis(100);
+
+/// Waits for the server's next life, no longer than the clients' pace.
+pub async fn next_life(lab: &Lab) {
+    changed(&mut lab.lives.subscribe()).await;
+}
+
+/// Waits for a change of the server's lives, no longer than the clients' pace.
+pub async fn changed(lives: &mut watch::Receiver<u64>) {
+    let _ = tokio::time::timeout(PACE, lives.changed()).await;
 }
 
 /// Makes a call again until the server has answered it: `insist!(lab, jobs.cancel_job(request))`.
@@ -99,7 +109,7 @@ macro_rules! insist {
     ($lab:expr, $service:ident.$call:ident($request:expr)) => {
         loop {
             match $lab.api.clone().$service.$call($request.clone()).await {
-                Err(status) if $crate::crash::lab::was_gone(&status) => $crate::crash::lab::pause().await,
+                Err(status) if $crate::crash::lab::was_gone(&status) => $crate::crash::lab::next_life(&$lab).await,
                 answered => break answered,
             }
         }

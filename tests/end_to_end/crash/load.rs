@@ -10,13 +10,13 @@ use bytes::Bytes;
 use futures::{StreamExt as _, stream};
 use gleaner_client::{UploadLabel, Uploaded};
 use gleaner_proto::v1::*;
-use tokio::task::JoinSet;
+use tokio::{sync::watch, task::JoinSet};
 use tokio_util::sync::CancellationToken;
 use tonic::{Code, Status};
 
 use super::{
     curator,
-    lab::{Lab, insist, pause, recording, was_gone},
+    lab::{Lab, changed, insist, next_life, recording, was_gone},
     sessions,
 };
 use crate::lab::{self as common, Recording};
@@ -95,7 +95,7 @@ async fn send(lab: &Lab, recording: &Recording) -> Uploaded {
         match lab.client.upload(common::TASK, &path, &label, |_| {}).await {
             Ok(uploaded) => return uploaded,
             // Not found: the last answer was lost, and so was the patience to ask once more.
-            Err(error) if error.is_transient() || error.code() == Some(Code::NotFound) => pause().await,
+            Err(error) if error.is_transient() || error.code() == Some(Code::NotFound) => next_life(lab).await,
             Err(error) => panic!("{}: {error}", recording.name),
         }
     }
@@ -120,7 +120,7 @@ async fn spoil(lab: &Lab, n: u64) {
     let label = UploadLabel { outcome: Outcome::Success, cohort: "garbage".into(), author: String::new() };
     loop {
         match lab.client.upload(common::TASK, &path, &label, |_| {}).await {
-            Err(error) if error.is_transient() || error.code() == Some(Code::NotFound) => pause().await,
+            Err(error) if error.is_transient() || error.code() == Some(Code::NotFound) => next_life(lab).await,
             Err(error) if error.code() == Some(Code::InvalidArgument) => return,
             other => panic!("{} was taken for a recording: {other:?}", path.display()),
         }
@@ -135,7 +135,7 @@ async fn slowly(lab: &Lab, n: u64) {
     loop {
         match half_and_half(lab, &recording, &mut committed).await {
             Ok(episode) => return lab.ledger.stored(&episode),
-            Err(status) if was_gone(&status) || status.code() == Code::NotFound => pause().await,
+            Err(status) if was_gone(&status) || status.code() == Code::NotFound => next_life(lab).await,
             Err(status) => panic!("{}: {status}", recording.name),
         }
     }
@@ -159,9 +159,10 @@ async fn half_and_half(lab: &Lab, recording: &Recording, committed: &mut u64) ->
             data: recording.bytes.slice(usize::try_from(from).unwrap()..usize::try_from(to).unwrap()),
         };
         let rest = message(half, whole);
+        let lives = lab.lives.subscribe();
         let later = stream::once(async move {
             // An error means that the stream will end with one too.
-            let _ = until_committed(api_of_stream, id_of_stream, half).await;
+            let _ = until_committed(api_of_stream, lives, id_of_stream, half).await;
             rest
         });
         let messages = stream::iter([message(*committed, half)]).chain(later);
@@ -174,13 +175,18 @@ async fn half_and_half(lab: &Lab, recording: &Recording, committed: &mut u64) ->
     common::finish(&mut api, &id).await
 }
 
-async fn until_committed(mut api: crate::api::Api, id: String, bytes: u64) -> Result<(), Status> {
+async fn until_committed(
+    mut api: crate::api::Api,
+    mut lives: watch::Receiver<u64>,
+    id: String,
+    bytes: u64,
+) -> Result<(), Status> {
     loop {
         let request = GetUploadRequest { upload_id: id.clone() };
         if api.episodes.get_upload(request).await?.into_inner().committed_size >= bytes {
             return Ok(());
         }
-        pause().await;
+        changed(&mut lives).await;
     }
 }
 
@@ -219,7 +225,7 @@ async fn jobs(lab: Arc<Lab>, stop: CancellationToken) {
 }
 
 async fn cancel(lab: &Lab, id: &str) {
-    pause().await;
+    next_life(lab).await;
     let request = CancelJobRequest { job_id: id.to_owned() };
     match insist!(lab, jobs.cancel_job(request)) {
         Ok(_) => {}
@@ -232,7 +238,7 @@ async fn watch(lab: &Lab, id: &str) -> Job {
     loop {
         match lab.client.watch(id, |_| {}).await {
             Ok(job) => return job,
-            Err(error) if error.is_transient() || error.code().is_none() => pause().await,
+            Err(error) if error.is_transient() || error.code().is_none() => next_life(lab).await,
             Err(error) => panic!("{id}: {error}"),
         }
     }

@@ -7,7 +7,7 @@ use gleaner_proto::v1::{Outcome, SessionOpen};
 use gleaner_sim::{Sim, Task as SimTask};
 use tokio_util::sync::CancellationToken;
 
-use super::lab::{DEPLOYMENT, Lab, pause};
+use super::lab::{DEPLOYMENT, Lab, next_life};
 use crate::lab as common;
 
 /// The cohort of what sessions record.
@@ -23,7 +23,7 @@ pub async fn hold(lab: Arc<Lab>, stop: CancellationToken) {
             Err(error) if error.is_transient() => {}
             Err(error) => panic!("session {seed}: {error}"),
         }
-        pause().await;
+        next_life(&lab).await;
     }
 }
 

@@ -41,7 +41,7 @@ async fn a_sweep_that_is_cut_anywhere_is_gone_on_with() {
 }
 
 /// A blob that no row names is moved to the trash, and deleted from there by a later sweep; each step may be the last.
-/// A recording that nobody has deleted is moved too, and stays.
+/// A recording that no person deleted moves too, and stays in the trash.
 #[tokio::test]
 async fn a_move_to_the_trash_that_is_cut_anywhere_is_gone_on_with() {
     let flags = ["--workers", "0", "--trash-days", "0"];

@@ -77,8 +77,8 @@ async fn end(server: &mut TestServer, job: &str, before: &BTreeSet<String>) -> L
     Left { blobs: [checkpoint, result], metrics: metrics(&mut api, job).await }
 }
 
-/// Waits until this life of the job has come beyond a step, and a little longer: up to anywhere in the steps that
-/// follow, or in the writing of a checkpoint.
+/// Waits until this life of the job is beyond a step, and follows it for a random moment longer: to anywhere in the steps
+/// after it, or in the writing of a checkpoint.
 async fn beyond(api: &mut Api, job: &str, step: u64, random: &mut StdRng) -> u64 {
     let request = WatchJobRequest { job_id: job.to_owned() };
     let mut events = api.jobs.watch_job(request).await.unwrap().into_inner();
@@ -96,7 +96,8 @@ async fn beyond(api: &mut Api, job: &str, step: u64, random: &mut StdRng) -> u64
         panic!("the job ended before its last kill");
     };
     let newest = tokio::time::timeout(Duration::from_secs(240), watching).await.expect("the job took too long");
-    tokio::time::sleep(Duration::from_millis(random.random_range(0..120))).await;
+    let moment = Duration::from_millis(random.random_range(0..120));
+    let _ = tokio::time::timeout(moment, async { while let Ok(Some(_)) = events.message().await {} }).await;
     newest
 }
 
