@@ -2,7 +2,9 @@
 //! put back out of order, with every start and sweep in between. What must hold is one sentence: no recording that was
 //! acknowledged is ever removed except by a person's act and after the trash's days.
 
+mod clock;
 pub mod folder;
+mod owner;
 mod running;
 mod slips;
 

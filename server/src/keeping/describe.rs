@@ -1,4 +1,4 @@
-//! Keeps the sidecars beside the blobs as the rows are: what was queued because a row changed is written again.
+//! Writes sidecars again whose rows have changed: the rows that triggers queued.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use crate::{
 
 /// How often the queue is looked at.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
-/// Rows that are described before the queue is told.
+/// Rows described in one transaction of the queue.
 const AT_ONCE: u32 = 256;
 
 /// Describes what is queued until it is dropped. Cut anywhere, it goes on at the next start.
@@ -63,17 +63,25 @@ async fn describe(store: &Store, blobs: &Blobs, id: &str) -> Result<()> {
     writing.await.map_err(|error| Error::internal("writing a sidecar", error))?
 }
 
-/// Queues the episodes whose sidecars somebody has removed.
+/// Queues the episodes whose sidecars were removed, and logs an error when recordings were.
 ///
 /// # Errors
 /// When the database or the disk refuses.
 pub(super) async fn queue_missing(store: &Store, blobs: &Blobs) -> Result<()> {
     let (all, blobs) = (store.kept_recordings().await?, blobs.clone());
-    let missing = tokio::task::spawn_blocking(move || {
-        let missing = all.into_iter().filter(|(id, blob)| !blobs.is_described(blob, id.as_str()));
-        missing.map(|(id, _)| id).collect::<Vec<_>>()
+    let looking = tokio::task::spawn_blocking(move || {
+        let undescribed = all.iter().filter(|(id, blob)| !blobs.is_described(blob, id.as_str()));
+        let missing: Vec<_> = undescribed.map(|(id, _)| id.clone()).collect();
+        (missing, all.iter().filter(|(_, blob)| !blobs.contains(blob)).count())
     });
-    let missing = missing.await.map_err(|error| Error::internal("looking for sidecars", error))?;
+    let (missing, lost) = looking.await.map_err(|error| Error::internal("looking for sidecars", error))?;
+    if lost > 0 {
+        tracing::error!(
+            recordings.missing = lost,
+            "the database names recordings that are not among the blobs: `gleaner-server check` lists them. Put the blobs \
+             back, or push the recordings again"
+        );
+    }
     if missing.is_empty() { Ok(()) } else { store.queue_sidecars(&missing).await }
 }
 

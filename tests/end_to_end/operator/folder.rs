@@ -57,6 +57,16 @@ impl Folder {
         self.path().join("older.db")
     }
 
+    /// A copy of the blobs from before the last two recordings.
+    pub fn older_blobs(&self) -> PathBuf {
+        self.path.join("older-blobs")
+    }
+
+    /// The digests of the first recordings, those that `older_blobs` has.
+    pub fn older_digests(&self) -> Vec<&str> {
+        self.acknowledged[..6].iter().map(|(_, digest)| digest.as_str()).collect()
+    }
+
     /// The ids of the acknowledged episodes, sorted.
     pub fn ids(&self) -> Vec<String> {
         let mut ids: Vec<String> = self.acknowledged.iter().map(|(id, _)| id.clone()).collect();
@@ -95,6 +105,7 @@ async fn use_folder() -> Used {
         if acknowledged.len() == 6 {
             assert!(server.stop().await);
             fs::copy(dir.path().join("gleaner.db"), dir.path().join("older.db")).unwrap();
+            copy(&dir.path().join("blobs"), &dir.path().join("older-blobs"));
             server.start_again().await;
             api = Api::connect(&server).await;
         }
@@ -133,9 +144,16 @@ fn find(folder: &Path, digest: &str) -> bool {
     places.iter().any(|place| fs::read(place).is_ok_and(|bytes| blake3::hash(&bytes).to_hex().as_str() == digest))
 }
 
-/// Starts a server that may refuse; whether it listened, and what it wrote until it listened or ended.
+/// Starts a server that may refuse; whether it served, and its log until it served or ended.
 pub async fn start(data: &Path, flags: &[&str]) -> (bool, String) {
-    let mut child = tokio::process::Command::new(env!("CARGO_BIN_EXE_gleaner-server-under-test"))
+    start_by(&[], data, flags).await
+}
+
+/// As [`start`], by a program that starts others.
+pub async fn start_by(starter: &[&str], data: &Path, flags: &[&str]) -> (bool, String) {
+    let mut words = starter.iter().copied().chain([env!("CARGO_BIN_EXE_gleaner-server-under-test")]);
+    let mut child = tokio::process::Command::new(words.next().unwrap())
+        .args(words)
         .args(["serve", "--listen", "127.0.0.1:0", "--workers", "0", "--drain-seconds", "1", "--data-dir"])
         .arg(data)
         .args(flags)

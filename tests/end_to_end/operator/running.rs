@@ -45,7 +45,7 @@ async fn nothing_is_acknowledged_once_the_folder_was_changed_under_the_server() 
         assert!(refused.message().contains(message), "{message}: {refused}");
         let refused = lab::push(&mut api, lab::TASK, &RECORDINGS[9]).await.unwrap_err();
         assert!(refused.message().contains("no change is acknowledged"), "{message}: {refused}");
-        // What only reads goes on, and whoever watches the server is told.
+        // Reads go on, and the health changes for its watchers.
         assert_eq!(ids(&mut api).await, before, "{message}");
         not_serving(&server, message).await;
     }
@@ -56,7 +56,7 @@ async fn not_serving(server: &TestServer, message: &str) {
     let mut health = tonic_health::pb::health_client::HealthClient::new(channel);
     let request = tonic_health::pb::HealthCheckRequest::default();
     let mut watched = health.watch(request).await.unwrap().into_inner();
-    let told = async {
+    let stopped = async {
         while let Some(answer) = watched.message().await.unwrap() {
             if answer.status == 2 {
                 return;
@@ -64,7 +64,7 @@ async fn not_serving(server: &TestServer, message: &str) {
         }
         panic!("{message}: the health's stream ended");
     };
-    tokio::time::timeout(Duration::from_secs(30), told).await.expect("the health stays SERVING");
+    tokio::time::timeout(Duration::from_secs(30), stopped).await.expect("the health stays SERVING");
     let page = crate::telemetry::get(&format!("{}/healthz", server.pages())).await;
     assert!(page.contains(message), "{message}: {page}");
 }

@@ -141,3 +141,50 @@ async fn removed_sidecars_are_written_again() {
     };
     tokio::time::timeout(std::time::Duration::from_secs(60), written).await.expect("sidecars are not written");
 }
+
+/// The database is newer than the blobs: a lab's blobs restored out of order.
+#[tokio::test]
+async fn older_blobs_put_back_lose_nothing_and_the_newer_ones_return() {
+    let lab = Folder::used().await;
+    let (blobs, aside) = (lab.path().join("blobs"), lab.path().join("aside"));
+    lab.backdate();
+    fs::rename(&blobs, &aside).unwrap();
+    fs::rename(lab.older_blobs(), &blobs).unwrap();
+    for _ in 0..2 {
+        drop(swept(lab.path(), &["--workers", "0", "--trash-days", "0"]).await);
+        for digest in lab.older_digests() {
+            lab.is_there(digest);
+        }
+    }
+    let (sound, text) = command(&["check"], lab.path()).await;
+    assert!(!sound && text.matches("is not there").count() == 2, "{text}");
+    fs::remove_dir_all(&blobs).unwrap();
+    fs::rename(&aside, &blobs).unwrap();
+    let server = swept(lab.path(), &["--workers", "0", "--trash-days", "0"]).await;
+    assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids());
+    lab.nothing_is_lost();
+    assert!(command(&["check"], lab.path()).await.0);
+}
+
+/// Not `restore`, but the backup's database copied over the lab's.
+#[tokio::test]
+async fn the_database_of_a_backup_copied_in_is_refused_and_completed() {
+    let lab = Folder::used().await;
+    let place = tempfile::tempdir().unwrap();
+    let backup = place.path().join("backup");
+    let mut server = swept(lab.path(), &["--workers", "0"]).await;
+    assert!(command(&["backup", backup.to_str().unwrap()], lab.path()).await.0);
+    let newest = crate::lab::push(&mut Api::connect(&server).await, crate::lab::TASK, &crate::lab::RECORDINGS[9]).await;
+    let newest = newest.unwrap();
+    assert!(server.stop().await);
+    lab.backdate();
+    fs::copy(backup.join("gleaner.db"), lab.path().join("gleaner.db")).unwrap();
+    refused(lab.path()).await;
+    let (_, text) = command(&["rebuild"], lab.path()).await;
+    assert!(text.contains("and 1 episodes"), "{text}");
+    let server = swept(lab.path(), &["--workers", "0"]).await;
+    let found = ids(&mut Api::connect(&server).await).await;
+    assert!(found.contains(&newest.id) && found.len() == lab.ids().len() + 1, "{found:?}");
+    lab.nothing_is_lost();
+    lab.is_there(&newest.blake3);
+}

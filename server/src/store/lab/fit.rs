@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// The row of the database at `path`, which is left as it is. A database from before the row has none yet; its row is
-/// that of a database that was never stamped. `None` when there is no database.
+/// that of a database that was never stamped. `None` when the database is missing or empty.
 pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
     let unusable = |problem: String| damaged(path, data_dir, Error::internal("opening it", problem));
     match std::fs::metadata(path) {
@@ -22,6 +22,14 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
         Err(error) => return Err(unusable(error.to_string())),
     }
+    std::fs::OpenOptions::new().read(true).write(true).open(path).map_err(|error| {
+        Error::precondition(format!(
+            "{} cannot be opened to read and write: {error}. The user that runs the server must own the data folder: \
+             `chown -R USER {}`",
+            path.display(),
+            data_dir.display()
+        ))
+    })?;
     // Read-only: a write-ahead log that is another database's must not be written into this one.
     let look = crate::store::look::read_only(path).await.map_err(|error| unusable(error.to_string()))?;
     let read = async {
@@ -56,7 +64,7 @@ fn must_be_checked(path: &Path, data_dir: &Path) -> bool {
 pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<Option<String>> {
     let misfit = match (lab, stamp) {
         (None, None) if blobs.is_empty()? => return Ok(None),
-        (None, _) => "there is no database, or an empty one, and the folder holds blobs".to_owned(),
+        (None, _) => "the database is missing or empty, and the folder holds blobs".to_owned(),
         (Some(Lab { missing, .. }), _) if *missing != 0 => format!(
             "the database is a mixture of two copies: it counts {missing} episodes more than it has. Perhaps its \
              write-ahead log ({}-wal) is another copy's",
@@ -78,7 +86,7 @@ pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) ->
                 return Ok(None);
             }
             format!(
-                "the database is older than the blobs (generation {generation}, the stamp says {}): it is an earlier copy, \
+                "the database is older than the blobs (generation {generation}, the stamp has {}): it is an earlier copy, \
                  or was copied without its write-ahead log ({}-wal)",
                 stamp.generation,
                 data_folder::DATABASE
@@ -93,7 +101,7 @@ pub(super) fn file(path: &Path) -> (u64, u64) {
     std::fs::metadata(path).map_or((0, 0), |file| (file.ino(), file.len()))
 }
 
-/// What SQLite says of a file that it cannot use is the operator's to hear, not a fault of ours.
+/// SQLite's error about an unusable file is for the operator; it is not an internal error.
 pub(super) fn damaged(path: &Path, data_dir: &Path, error: Error) -> Error {
     if error.kind() != Kind::Internal {
         return error;

@@ -62,14 +62,14 @@ async fn the_same_database_starts_again_with_a_later_generation() {
 async fn blobs_without_their_database_are_refused() {
     let dir = used().await;
     fs::remove_file(data_folder::database(dir.path())).unwrap();
-    refused(dir.path(), "no database").await;
+    refused(dir.path(), "missing or empty").await;
 }
 
 #[tokio::test]
 async fn blobs_with_an_empty_database_are_refused() {
     let dir = used().await;
     fs::write(data_folder::database(dir.path()), b"").unwrap();
-    refused(dir.path(), "no database").await;
+    refused(dir.path(), "missing or empty").await;
 }
 
 #[tokio::test]
