@@ -1,6 +1,6 @@
 """Writes the sound recordings that mutants are made of: each dialect in each layout of the container.
 
-They are written by the `mcap` library, so that the reader under test meets a writer that is not its own.
+They are written by the `mcap` library, so that the reader under test reads files of another implementation.
 """
 
 import base64
@@ -195,13 +195,13 @@ def write_base(path, messages, layout):
                 channels[topic] = writer.register_channel(topic, encoding, schemas.get(name, 0))
             time = START + step * 10**8
             writer.add_message(channels[topic], time, data, time, step)
-        writer.add_metadata("session", {"operator": "nobody"})
+        writer.add_metadata("session", {"operator": "tester"})
         writer.add_attachment(START, START, "note.txt", "text/plain", b"attached")
         writer.finish()
 
 
 def write_bases(folder, steps):
-    """Writes the task and every recording, each of so many steps, into a folder."""
+    """Writes the task and every recording, each with the given number of steps, to a folder."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("*.mcap"):

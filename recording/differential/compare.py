@@ -1,6 +1,6 @@
-"""Reads mutants with the `mcap` library and compares with what gleaner's reader saw.
+"""Reads mutants with the `mcap` library and compares the results with those of gleaner's reader.
 
-For each mutant gleaner either refuses it, or reports a finding, or sees exactly what the library sees:
+Gleaner must refuse each mutant, report a finding, or read exactly what the library reads:
 
 - linear: `NonSeekingReader(validate_crcs=True)`, every message in the file's order, decoded by the libraries for
   protobuf and ROS 2 and by Python's `json`; messages, header stamps, field values and images are compared;
@@ -8,7 +8,7 @@ For each mutant gleaner either refuses it, or reports a finding, or sees exactly
 
 An accepted mutant without a finding that the library refuses is a difference too, unless gleaner reads the steps of the
 sound recording from it ("equal, only here": the damage is in bytes that no step needs). "Undetectable" mutants are read
-alike by both and differ from the sound recording: nothing in the file shows the change.
+alike by both and differ from the sound recording: the file holds no evidence of the change.
 """
 
 import argparse
@@ -34,11 +34,11 @@ from mcap_protobuf.decoder import DecoderFactory as ProtobufFactory
 from mcap_ros2.decoder import DecoderFactory as Ros2Factory
 
 BATCH = 500
-# A header stamp beyond so many seconds counts as unset.
+# A header stamp whose seconds or nanoseconds reach this number counts as unset.
 MOST_SECONDS = 4e9
 # Deaths of the reader in one batch after which the run ends.
 MOST_DEATHS = 5
-# Begins what is said of a mutant that the library does not read at all.
+# Prefix of the difference reported for a mutant that the library does not read at all.
 REFUSED = "the library refuses it:"
 
 
@@ -117,7 +117,7 @@ def decoder():
 
 
 def linear(data, mapping):
-    """What the library sees from the beginning to the end."""
+    """Sums over the topics and fields that the library reads from the beginning to the end."""
     topics, fields, decode = {}, {}, decoder()
     wanted = next(one for one in bases.SPEC["mappings"] if one["name"] == mapping)
     images = {topic for camera in wanted["cameras"] for topic in (camera["color"], camera["depth"])}
@@ -150,7 +150,7 @@ def linear(data, mapping):
 
 
 def indexed(data):
-    """Number and sum of each topic's messages, by way of the index."""
+    """Number and sum of each topic's messages, read through the index."""
     topics = {}
     for _, channel, message in SeekingReader(io.BytesIO(data), validate_crcs=True).iter_messages():
         count, total = topics.get(channel.topic, (0, 0))
@@ -160,7 +160,7 @@ def indexed(data):
 
 @functools.cache
 def has_index(base):
-    """Whether the library reads a sound base by its index: it needs the channels repeated in the summary."""
+    """Whether the library can read a sound base through its index; the summary must repeat the channels for that."""
     try:
         indexed(Path(base).read_bytes())
     except KeyError:
@@ -169,20 +169,20 @@ def has_index(base):
 
 
 def differences(entry, data, base):
-    """What the library sees differently in an accepted mutant; empty when nothing is."""
+    """The differences between gleaner's and the library's reading of an accepted mutant."""
     ours, found = entry["sums"], []
     topics_of = {topic: sums for topic, sums in ours["topics"].items() if sums["messages"]}
-    # Whatever the library raises is its refusal.
+    # Any exception of the library counts as its refusal.
     try:
         topics, fields = linear(data, entry["read_as"])
     except Exception as error:
         return [f"{REFUSED} linear: {type(error).__name__}: {error}"]
     if topics != topics_of:
         wrong = [topic for topic in topics.keys() | topics_of.keys() if topics.get(topic) != topics_of.get(topic)]
-        found += [f"linear: {topic}: {topics_of.get(topic)} here, {topics.get(topic)} there" for topic in wrong]
+        found += [f"linear: {topic}: gleaner {topics_of.get(topic)}, the library {topics.get(topic)}" for topic in wrong]
     our_fields = {name: tuple(sums) for name, sums in ours["fields"].items()}
     if fields != our_fields:
-        found.append(f"linear: fields {our_fields} here, {fields} there")
+        found.append(f"linear: fields: gleaner {our_fields}, the library {fields}")
     if not has_index(base):
         return found
     try:
@@ -190,12 +190,12 @@ def differences(entry, data, base):
     except Exception as error:
         return [*found, f"{REFUSED} indexed: {type(error).__name__}: {error}"]
     if by_index != {topic: (sums["messages"], sums["unordered"]) for topic, sums in topics_of.items()}:
-        found.append("indexed: other messages")
+        found.append("indexed: the messages differ")
     return found
 
 
 def verdict(entry, data, base):
-    """The class of a mutant, and what is wrong with it."""
+    """The class of a mutant, and its problems."""
     if entry["outcome"] == "refused":
         return "refused", []
     if entry["outcome"] == "panicked":
@@ -211,7 +211,7 @@ def verdict(entry, data, base):
 
 
 def offer(corpus, damage, outcome, data):
-    """Keeps a mutant whose damage and outcome are new to the corpus, or that is smaller than the one there is."""
+    """Keeps a mutant whose damage and outcome are new to the corpus, or that is smaller than the file already kept."""
     corpus.mkdir(parents=True, exist_ok=True)
     path = corpus / f"{damage}-{outcome}"
     if not path.exists() or path.stat().st_size > len(data) > 0:
@@ -219,7 +219,7 @@ def offer(corpus, damage, outcome, data):
 
 
 def batch(job):
-    """Makes and judges some mutants. A reader that aborts is started again behind the mutant it died of."""
+    """Makes and judges some mutants. A reader that aborts is restarted after the mutant that ended it."""
     program, folder, first, count, seed, keep, corpus = job
     results, end, deaths = [], first + count, 0
     while first < end:
@@ -238,7 +238,7 @@ def batch(job):
         if child.wait() != 0:
             deaths += 1
             if deaths > MOST_DEATHS:
-                raise RuntimeError(f"{' '.join(command)} ends with {child.returncode}; run it to see why")
+                raise RuntimeError(f"{' '.join(command)} ends with {child.returncode}; run it to see the cause")
             results.append((first, "?", "?", "DIFFERENT", [f"the reader ended with {child.returncode}"]))
             first += 1
     return results
@@ -252,7 +252,7 @@ def table(title, rows, columns):
 
 
 def main():
-    """Runs the suite; the exit status is 1 when a mutant is read differently in silence."""
+    """Runs the suite; the exit status is 1 when a mutant is read differently without a finding."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--program", required=True, help="the built example `mutants`")
     parser.add_argument("--mutants", type=int, default=2000, help="number of mutants (default 2000)")

@@ -4,7 +4,7 @@
 //! the name of one of the task's mappings. For each mutant it writes to standard output: the length of a JSON object
 //! (u32, little-endian), the object, the length of the mutant, the mutant. A mutant depends on its number and the seed
 //! only.
-#![allow(clippy::expect_used, reason = "a tool of the tests: a fault ends it")]
+#![allow(clippy::expect_used, reason = "a test tool, which ends at the first fault")]
 
 use std::io::{BufWriter, Write};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -36,7 +36,7 @@ fn main() {
     let mut out = BufWriter::new(std::io::stdout().lock());
     for id in first..first.saturating_add(count) {
         let (base, kind, bytes) = make(&bases, id, seed);
-        std::fs::write(&file, &bytes).expect("the temporary directory takes files");
+        std::fs::write(&file, &bytes).expect("the temporary directory is writable");
         let mut entry = read(&file, &spec, base);
         entry["id"] = json!(id);
         entry["base"] = json!(base.name);
@@ -45,10 +45,10 @@ fn main() {
         let entry = entry.to_string();
         for part in [entry.as_bytes(), &bytes] {
             let length = u32::try_from(part.len()).expect("mutants are small");
-            out.write_all(&length.to_le_bytes()).and_then(|()| out.write_all(part)).expect("standard output takes all");
+            out.write_all(&length.to_le_bytes()).and_then(|()| out.write_all(part)).expect("standard output is writable");
         }
     }
-    out.flush().expect("standard output takes all");
+    out.flush().expect("standard output is writable");
     let _ = std::fs::remove_file(&file);
 }
 
@@ -68,7 +68,7 @@ fn load(folder: &Path, spec: &TaskSpec) -> Vec<Base> {
     paths.iter().map(base).collect()
 }
 
-/// The mutant of this number: bases take turns, then kinds. A kind that does not apply gives way to the next one.
+/// The mutant of this number: bases take turns, then kinds. A kind that does not apply is replaced by the next one.
 fn make(bases: &[Base], id: u64, seed: u64) -> (&Base, &'static str, Vec<u8>) {
     let index = usize::try_from(id).unwrap_or_default();
     let base = &bases[index % bases.len()];

@@ -2,7 +2,7 @@
 //! among the topic's messages, and how to decode it.
 //!
 //! Every pass over a file uses this, so all count the messages of a topic alike. Messages may come before their
-//! channel's declaration in a damaged file; after [`Channels::rewind`] another pass finds it.
+//! channel's declaration in a damaged file; a second pass after [`Channels::rewind`] decodes them.
 
 use std::collections::{BTreeMap, HashMap};
 use std::rc::Rc;
@@ -19,9 +19,9 @@ pub(crate) struct Channels {
     limits: Limits,
     schemas: HashMap<u16, Schema>,
     channels: HashMap<u16, Channel>,
-    /// Each topic; its messages are those that have passed.
+    /// Each topic, with the number of its messages read so far.
     topics: Vec<TopicReport>,
-    /// Messages of channels that were not declared before them.
+    /// Number of messages that came before their channel's declaration, by channel.
     undeclared: BTreeMap<u16, u64>,
 }
 
@@ -68,7 +68,7 @@ impl Channels {
         Some((&topic.topic, index, &declared.decoder))
     }
 
-    /// Keeps what is declared and forgets the messages, for another pass over the same file.
+    /// Keeps the declarations and resets the message counts, for another pass over the same file.
     pub(crate) fn rewind(&mut self) {
         self.undeclared.clear();
         for topic in &mut self.topics {
@@ -76,7 +76,7 @@ impl Channels {
         }
     }
 
-    /// The channels of messages that came before their declaration: how many, and the topic if it came after all.
+    /// Channels with messages before their declaration: the number of those, and the topic if it was declared later.
     pub(crate) fn undeclared(&self) -> Vec<(u16, u64, Option<String>)> {
         let topic = |channel: &u16| self.topics.get(self.channels.get(channel)?.topic).map(|topic| topic.topic.clone());
         self.undeclared.iter().map(|(channel, count)| (*channel, *count, topic(channel))).collect()
@@ -87,7 +87,7 @@ impl Channels {
         &self.topics
     }
 
-    /// Takes in a schema or channel; only wanted topics get a decoder.
+    /// Adds a schema or channel; only wanted topics get a decoder.
     ///
     /// # Errors
     /// [`RecordingError::TooLarge`] when there are too many.

@@ -1,7 +1,7 @@
 //! The MCAP container: a file's records in order, with every length checked.
 //!
-//! Records are read one at a time, so memory follows the largest record, not the file. What the file says of itself
-//! (checksums, statistics, indexes) is compared with what is read on the way. Knows nothing of dialects or tasks.
+//! Records are read one at a time, so memory follows the largest record, not the file. The checksums, statistics and
+//! indexes of the file are compared with its records on the way. Independent of dialects and tasks.
 
 mod chunks;
 mod frames;
@@ -74,7 +74,7 @@ struct Scan<'a> {
     body: Vec<u8>,
 }
 
-/// Whether the pass goes on.
+/// Whether the pass continues.
 enum Next {
     More,
     End(Ending),
@@ -221,7 +221,7 @@ impl<'a> Scan<'a> {
         Ok(Next::More)
     }
 
-    /// Passes over a record's body; false when the file ends in it.
+    /// Skips a record's body; false when the file ends in it.
     fn skip(&mut self, frame: &Frame) -> Result<bool, RecordingError> {
         self.records += 1;
         check(self.records, usize::try_from(frame.length).unwrap_or(usize::MAX), self.limits)?;
@@ -237,7 +237,7 @@ impl<'a> Scan<'a> {
     }
 }
 
-/// Whether the format says what is in such a record. Readers pass over others.
+/// Whether the format defines the contents of such a record. Readers skip the others.
 fn is_read(opcode: u8) -> bool {
     (op::HEADER..=op::DATA_END).contains(&opcode)
 }

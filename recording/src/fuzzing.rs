@@ -54,7 +54,7 @@ fn look(message: &Value<'_>, path: &str) {
     }
 }
 
-/// What was read of one topic. The sums are CRC-32, so that any other language can compute them too.
+/// Sums over one topic. They are CRC-32, so that any other language can compute them too.
 #[derive(Debug, Default)]
 pub struct TopicSums {
     /// Number of messages.
@@ -69,8 +69,8 @@ pub struct TopicSums {
     pub images: u32,
 }
 
-/// What was read of a recording, by topic, and by field with the number of its messages and the CRC-32 of its values as
-/// 32-bit floats.
+/// Sums over a recording, by topic, and by field with the number of its messages and the CRC-32 of its values as 32-bit
+/// floats.
 #[derive(Debug, Default)]
 pub struct Sums {
     /// By topic.
@@ -79,7 +79,7 @@ pub struct Sums {
     pub fields: BTreeMap<String, (u64, u32)>,
 }
 
-/// Sums up what reading a recording with this mapping of the task sees, for a comparison with another reader.
+/// Sums up everything that is read from a recording with this mapping of the task, to compare it with another reader.
 ///
 /// # Errors
 /// As [`crate::read_episode`], when the file cannot be read at all.

@@ -26,7 +26,7 @@ mod image;
 mod inspect;
 mod limits;
 #[cfg(any(test, feature = "fuzzing"))]
-#[cfg_attr(not(feature = "fuzzing"), expect(unreachable_pub, reason = "the door to it is built with the feature only"))]
+#[cfg_attr(not(feature = "fuzzing"), expect(unreachable_pub, reason = "its re-export is built with the feature only"))]
 mod mutants;
 mod path;
 mod picture;

@@ -1,6 +1,6 @@
 //! Damaged copies of a recording, each made from a seed: for tests, the fuzzer and the differential suite.
 //!
-//! Most mutants keep the container readable and break one promise of it. Never a part of what ships.
+//! Most mutants keep the container readable and break one of its rules. Test builds only; releases do not contain it.
 
 mod kinds;
 mod parts;

@@ -1,7 +1,7 @@
 //! Images inside messages: foxglove.CompressedImage and RawImage, sensor_msgs CompressedImage and Image.
 //!
-//! An image is recognised by its fields, so a lab's own message with the same fields works too. JSON has no bytes:
-//! there `data` is base64 text, as in Foxglove's JSON schemas.
+//! An image is recognised by its fields, so a lab's own message with the same fields works too. In JSON,
+//! `data` is base64 text, as in Foxglove's JSON schemas.
 
 use std::borrow::Cow;
 

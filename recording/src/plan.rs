@@ -103,7 +103,7 @@ pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan
     })
 }
 
-/// Which messages the steps use: the parts of a [`Plan`] of the same names.
+/// The messages that the steps use: the fields of the same names in [`Plan`].
 struct Uses {
     clock: Vec<usize>,
     log_times: Vec<i64>,

@@ -1,8 +1,8 @@
 //! Text from outside made safe to show: control, bidirectional and invisible characters become visible escapes.
 //!
-//! File names, topics, schemas, labels and messages come from strangers. A terminal obeys the control characters in
-//! them, and bidirectional controls make any viewer show them in another order than they have. This is the only
-//! definition of which characters those are; it is applied where text leaves for a terminal, a page or a log.
+//! File names, topics, schemas, labels and messages come from untrusted sources. A terminal executes the control
+//! characters in them, and bidirectional controls make any viewer reorder the text. This is the only definition of those
+//! characters; it is applied where text is written to a terminal, a page or a log.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -33,14 +33,14 @@ pub fn is_printable(character: char) -> bool {
         ))
 }
 
-/// What an escaped character becomes, and what stays as it is.
+/// The form of escapes, and the line breaks that stay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Escape {
     /// One name or message: line breaks and tabs are escaped too, so that it stays on its line.
     Field,
     /// Text of several lines: line breaks and tabs stay.
     Lines,
-    /// A JSON document or lines of them: `\uXXXX`, which readers turn back into the character.
+    /// A JSON document or lines of them: `\uXXXX`, which readers decode to the character.
     Json,
 }
 
@@ -94,25 +94,25 @@ pub fn field(text: &str) -> Cow<'_, str> {
     Escape::Field.apply(text)
 }
 
-/// A writer that escapes what passes through. Bytes that are not UTF-8 become U+FFFD. With [`Escape::Field`] each write
+/// A writer that escapes text before it writes it. Bytes that are not UTF-8 become U+FFFD. With [`Escape::Field`] each write
 /// is one line: the break at its end stays, those within are escaped.
 #[derive(Debug)]
 pub struct EscapingWriter<W> {
     inner: W,
     escape: Escape,
     colours: bool,
-    /// The beginning of a character whose other bytes have not come yet.
+    /// The first bytes of a character whose other bytes are in a later write.
     partial: Vec<u8>,
 }
 
 impl<W: Write> EscapingWriter<W> {
-    /// A writer before `inner`.
+    /// A writer to `inner`.
     pub fn new(inner: W, escape: Escape) -> Self {
         Self { inner, escape, colours: false, partial: Vec::new() }
     }
 
-    /// Lets sequences that only set a colour or a style (`ESC [ … m`) pass, for terminals. Whoever writes must not let
-    /// the ESC of any other text come this far.
+    /// Keeps sequences that only set a colour or a style (`ESC [ … m`), for terminals. Callers must escape the ESC of any
+    /// other text before they write it.
     #[must_use]
     pub fn with_colours(self, colours: bool) -> Self {
         Self { colours, ..self }

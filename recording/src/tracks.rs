@@ -30,7 +30,7 @@ pub(crate) struct Tracks {
     pub(crate) channels: Channels,
     /// Every topic of the file, by name.
     pub(crate) topics: Vec<TopicReport>,
-    /// Channels that were declared after their messages or not at all: number of such messages, topic.
+    /// Channels that were declared after their messages or not at all: the number of such messages, and the topic.
     pub(crate) undeclared: Vec<(u16, u64, Option<String>)>,
     /// The topics that some mapping names and the file has.
     pub(crate) tracks: BTreeMap<String, Track>,
@@ -79,8 +79,8 @@ pub(crate) struct Failure {
     pub(crate) count: u64,
 }
 
-/// Reads the stamps and numbers of a recording. Messages that come before their channel's declaration are read too,
-/// as a reader that begins with the summary section does: the file is then passed over twice.
+/// Reads the stamps and numbers of a recording. Messages that come before their channel's declaration are read too, as a
+/// reader that begins with the summary section does; that takes a second pass over the file.
 pub(crate) fn collect(path: &FilePath, spec: &TaskSpec, limits: &Limits) -> Result<Tracks, RecordingError> {
     let mut channels = Channels::new(limits);
     let mut pass = Pass::run(path, wanted_tracks(spec)?, limits, &mut channels)?;

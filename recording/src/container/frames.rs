@@ -61,7 +61,7 @@ impl Frames {
         Ok(self.body(mcap::MAGIC.len() as u64, &mut magic)? && magic == mcap::MAGIC)
     }
 
-    /// The next record; `None` where the file ends. Its head is in the checksum only once [`Frames::include`] says so.
+    /// The next record; `None` where the file ends. [`Frames::include`] adds its head to the checksum.
     pub(super) fn next(&mut self) -> Result<Option<Frame>, RecordingError> {
         let offset = self.offset;
         let mut head = Vec::with_capacity(HEAD_BYTES);
@@ -77,7 +77,7 @@ impl Frames {
         self.checksum.update(&frame.head);
     }
 
-    /// The checksum so far. It begins anew after it.
+    /// Returns the checksum so far and resets it.
     pub(super) fn checksum(&mut self) -> u32 {
         std::mem::take(&mut self.checksum).finalize()
     }
@@ -90,7 +90,7 @@ impl Frames {
         Ok(count)
     }
 
-    /// Reads so many bytes; false when the file has fewer.
+    /// Reads `length` bytes; false when the file has fewer.
     pub(super) fn body(&mut self, length: u64, buffer: &mut Vec<u8>) -> Result<bool, RecordingError> {
         buffer.clear();
         let read = (&mut self.file).take(length).read_to_end(buffer);
@@ -100,7 +100,7 @@ impl Frames {
         Ok(count == length)
     }
 
-    /// Passes over so many bytes; false when the file has fewer.
+    /// Skips `length` bytes; false when the file has fewer.
     pub(super) fn skip(&mut self, length: u64) -> Result<bool, RecordingError> {
         let (mut rest, mut buffer) = (length, [0; 8192]);
         while rest > 0 {

@@ -20,10 +20,10 @@ pub(super) struct ChunkHead {
     pub(super) compressed_size: u64,
 }
 
-/// What a chunk index says of one chunk.
+/// The fields of a chunk index, which describes one chunk.
 #[derive(Debug)]
 pub(super) struct ChunkIndex {
-    /// As [`chunk_key`] makes it of the chunk itself.
+    /// The [`chunk_key`] of the chunk.
     pub(super) chunk: u64,
     /// Of each channel, where the chunk's message index begins in the file.
     pub(super) offsets: BTreeMap<u16, u64>,
@@ -31,7 +31,7 @@ pub(super) struct ChunkIndex {
     pub(super) length: u64,
 }
 
-/// What a file says of itself.
+/// The counts that a file states about itself.
 #[derive(Debug)]
 pub(super) struct Statistics {
     pub(super) messages: u64,
@@ -54,7 +54,7 @@ pub(super) struct Footer {
     pub(super) checksum: u32,
 }
 
-/// Messages in any order: how many, and a sum over their times and places.
+/// Messages in any order: their number, and a sum over their times and places.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Entries {
     pub(super) count: u64,
@@ -156,7 +156,7 @@ pub(super) fn message_index(body: &[u8]) -> Option<(u16, Entries)> {
     Some((channel, entries))
 }
 
-/// Whether an attachment is what its checksum says; `None` when its fields do not fit its length.
+/// Whether an attachment matches its checksum; `None` when its fields do not fit its length.
 pub(super) fn attachment(body: &[u8]) -> Option<bool> {
     let mut fields = Fields { rest: body };
     let (_log_time, _creation_time) = (fields.u64()?, fields.u64()?);

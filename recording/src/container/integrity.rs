@@ -1,4 +1,4 @@
-//! What a file says of itself against what was read: checksums, statistics, indexes, footer, and bytes after its end.
+//! Compares the checksums, statistics, indexes and footer of a file with its records, and finds bytes after its end.
 //!
 //! Memory follows the number of chunks and channels, not of messages: the messages of a chunk are compared with their
 //! index as sums.
@@ -61,7 +61,7 @@ pub(super) struct Integrity {
 }
 
 impl Integrity {
-    /// Takes in a record that was parsed.
+    /// Adds a parsed record.
     pub(super) fn record(&mut self, record: &Record<'_>, place: Place) {
         let checked = matches!(place, Place::Chunk { checked: true });
         let declaration = match record {
@@ -94,27 +94,27 @@ impl Integrity {
         }
     }
 
-    /// Takes in an attachment: whether its checksum is right; `None` when its fields do not fit its length.
+    /// Adds an attachment: whether its checksum is right; `None` when its fields do not fit its length.
     pub(super) fn attachment(&mut self, right: Option<bool>) {
         self.counts.attachments += 1;
         match right {
             Some(true) => {}
             Some(false) => {
-                let detail = "the checksum of one differs from its bytes; no step uses attachments".to_owned();
+                let detail = "the checksum of an attachment differs from its bytes; no step uses attachments".to_owned();
                 self.add(FindingCode::ChecksumMismatch, "attachments", detail);
             }
             None => self.unfit("attachments"),
         }
     }
 
-    /// Takes in a record that names places in the file: whether its fields fit its length.
+    /// Adds a record that names places in the file: whether its fields fit its length.
     pub(super) fn places(&mut self, fits: bool) {
         if !fits {
             self.unfit("summary section");
         }
     }
 
-    /// Takes in a chunk and its messages.
+    /// Adds a chunk and its messages.
     pub(super) fn chunk(&mut self, frame: &Frame, head: &ChunkHead, messages: Messages) {
         self.counts.chunks += 1;
         if self.summary_start.is_some() {
@@ -122,7 +122,7 @@ impl Integrity {
         }
         if messages.times.unwrap_or_default() != (head.start_time, head.end_time) {
             let detail = format!(
-                "the chunk at byte {} has messages of other times than its header says; indexed readers leave some out",
+                "the chunk at byte {} has messages of other times than its header states; indexed readers leave some out",
                 frame.offset
             );
             self.add(FindingCode::SummaryMismatch, "chunk header", detail);
@@ -136,7 +136,7 @@ impl Integrity {
         });
     }
 
-    /// Takes in a message index; `None` when its body does not fit its length.
+    /// Adds a message index; `None` when its body does not fit its length.
     pub(super) fn message_index(&mut self, frame: &Frame, index: Option<(u16, Entries)>) {
         let Some((channel, entries)) = index else { return self.unfit("message index") };
         let doubled = self.open.as_mut().is_none_or(|open| {
@@ -145,8 +145,10 @@ impl Integrity {
             open.indexed.insert(channel, entries).is_some()
         });
         if doubled {
-            let detail =
-                format!("the one at byte {} belongs to no chunk, or is the second of its channel", frame.offset);
+            let detail = format!(
+                "the index at byte {} does not follow a chunk, or is the second one of its channel in the chunk",
+                frame.offset
+            );
             self.add(FindingCode::SummaryMismatch, "message index", detail);
         }
     }
@@ -159,8 +161,8 @@ impl Integrity {
         if index_bytes > 0 && messages != indexed {
             let count = |of: &BTreeMap<u16, Entries>| of.values().map(|entries| entries.count).sum::<u64>();
             let detail = format!(
-                "the indexes of a chunk name {} messages and the chunk has {}, or they are others; indexed readers leave \
-                 some out",
+                "the indexes of a chunk name {} messages and the chunk has {}, or they name other messages; indexed \
+                 readers leave some out",
                 count(&indexed),
                 count(&messages)
             );
@@ -168,7 +170,7 @@ impl Integrity {
         }
     }
 
-    /// Takes in a chunk index; `None` when its body does not fit its length.
+    /// Adds a chunk index; `None` when its body does not fit its length.
     pub(super) fn chunk_index(&mut self, index: Option<ChunkIndex>) {
         let Some(index) = index else { return self.unfit("chunk index") };
         self.chunk_indexes += 1;
@@ -176,14 +178,14 @@ impl Integrity {
             None => "a chunk that it names is not in the file: chunks are lost, or in another order",
             // Offsets are optional.
             Some(at) if !index.offsets.is_empty() && at != (index.offsets, index.length) => {
-                "the message indexes of a chunk are not where it says"
+                "the message indexes of a chunk are not at the offsets that it states"
             }
             Some(_) => return,
         };
         self.add(FindingCode::SummaryMismatch, "chunk index", format!("{problem}; record or copy the file again"));
     }
 
-    /// Takes in the statistics; `None` when their body does not fit its length.
+    /// Adds the statistics; `None` when their body does not fit its length.
     pub(super) fn statistics(&mut self, statistics: Option<Statistics>) {
         match statistics {
             Some(statistics) => self.statistics = Some(statistics),
@@ -208,7 +210,7 @@ impl Integrity {
         self.unchecked == 0
     }
 
-    /// Takes in the footer: where it begins, the checksum of the summary, and where the summary offsets begin.
+    /// Adds the footer: where it begins, the checksum of the summary, and where the summary offsets begin.
     pub(super) fn footer(&mut self, footer: &Footer, begin: u64, calculated: u32, offsets: Option<u64>) {
         if footer.checksum != 0 && footer.checksum != calculated {
             let detail = format!(
@@ -226,8 +228,8 @@ impl Integrity {
         let offset = footer.summary_offset_start;
         if !start_fits || (offset != 0 && offset != offsets.unwrap_or(begin)) {
             let detail = format!(
-                "it says that the summary begins at byte {} and its offsets at byte {offset}; they begin at byte {start} and \
-                 byte {}. Indexed readers find no summary, or a part of it",
+                "it states that the summary begins at byte {} and its offsets at byte {offset}; they begin at byte {start} \
+                 and byte {}. Indexed readers find no summary, or a part of it",
                 footer.summary_start,
                 offsets.unwrap_or(begin)
             );
@@ -236,16 +238,16 @@ impl Integrity {
     }
 
     pub(super) fn trailing(&mut self, bytes: u64) {
-        let detail = format!("{bytes} bytes follow its closing magic bytes and were not read; is it two files in one?");
+        let detail = format!("{bytes} bytes follow its closing magic bytes and were not read; they may be a second file");
         self.add(FindingCode::TrailingBytes, "file", detail);
     }
 
-    /// Every contradiction. In a file that was cut, chunks without an index are not one.
+    /// Every contradiction. Chunks without an index are expected in a file that was cut, so they do not count there.
     pub(super) fn finish(mut self, whole: bool) -> Vec<Problem> {
         self.close_chunk();
         if whole && self.chunk_indexes > 0 && !self.chunks.is_empty() {
             let detail = format!(
-                "it does not name {} of {} chunks, which were read all the same; indexed readers leave them out",
+                "it does not name {} of {} chunks, which were read anyway; indexed readers leave them out",
                 self.chunks.len(),
                 self.counts.chunks
             );

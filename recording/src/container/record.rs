@@ -90,7 +90,7 @@ impl<'a> Fields<'a> {
         Some(map)
     }
 
-    /// A number for each of some identifiers.
+    /// A map from identifiers to numbers.
     pub(super) fn counts(&mut self) -> Option<BTreeMap<u16, u64>> {
         let mut inner = Fields { rest: self.bytes()? };
         let mut counts = BTreeMap::new();

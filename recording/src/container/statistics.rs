@@ -1,11 +1,11 @@
-//! Counts of what a file holds, and where its own statistics differ.
+//! Counts of a file's records, and their differences from the file's own statistics.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::index::Statistics;
 use super::integrity::Place;
 
-/// What was read of a file, in numbers.
+/// Counts of the records that were read from a file.
 #[derive(Debug, Default)]
 pub(super) struct Counts {
     messages: BTreeMap<u16, u64>,
@@ -32,7 +32,7 @@ impl Declared {
         section.insert(id);
     }
 
-    /// How many there are in the data section, and in the whole file. A declaration without messages may be in the
+    /// Their number in the data section, and in the whole file. A declaration without messages may be in the
     /// summary section only.
     fn counts(&self) -> [u64; 2] {
         [self.data.len() as u64, self.data.union(&self.summary).count() as u64]
@@ -64,7 +64,7 @@ impl Counts {
         self.times = Some((first.min(log_time), last.max(log_time)));
     }
 
-    /// Where the statistics differ, in words.
+    /// Describes where the statistics differ.
     pub(super) fn difference(&self, statistics: &Statistics) -> Option<String> {
         let messages = self.messages.values().sum::<u64>();
         let counts = [
@@ -78,15 +78,15 @@ impl Counts {
         let mut differences: Vec<String> = counts
             .iter()
             .filter(|(_, stated, found)| !found.contains(stated))
-            .map(|(what, stated, [found, _])| format!("{stated} {what}, {found} are there"))
+            .map(|(what, stated, [found, _])| format!("{stated} {what} (the file has {found})"))
             .collect();
         if statistics.times != self.times.unwrap_or_default() {
-            differences.push("other times of the first and last message than there are".to_owned());
+            differences.push("times of the first and last message that differ from the messages".to_owned());
         }
         let stated = statistics.channel_messages.iter().filter(|(_, count)| **count > 0);
         if !stated.eq(self.messages.iter()) {
-            differences.push("other numbers of messages on some channel than there are".to_owned());
+            differences.push("a number of messages on some channel that differs from the messages".to_owned());
         }
-        (!differences.is_empty()).then(|| format!("they say {}", differences.join("; ")))
+        (!differences.is_empty()).then(|| format!("they state {}", differences.join("; ")))
     }
 }

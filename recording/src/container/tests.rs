@@ -58,7 +58,7 @@ fn a_cut_at_any_byte_keeps_the_whole_messages_before_it() {
 }
 
 #[test]
-fn says_what_is_no_mcap_file() {
+fn empty_and_other_files_are_refused() {
     assert!(matches!(scan_bytes(b"").0, Err(RecordingError::Empty { .. })));
     assert!(matches!(scan_bytes(b"PK\x03\x04 a zip file, say").0, Err(RecordingError::NotMcap { .. })));
 }

@@ -1,4 +1,4 @@
-//! Cameras that stand still: the same pixels, message after message, while the robot moves.
+//! Frozen cameras: the same pixels, message after message, while the robot moves.
 
 use std::ops::Range;
 
@@ -7,12 +7,12 @@ use crate::report::{FindingCode, Report, Severity};
 
 use super::FROZEN_STEPS;
 
-/// The robot has moved when some value of its proprioception spans more than this (radians or metres). A noise-free
-/// camera may show less than this at no pixel.
+/// The robot has moved when some value of its proprioception spans more than this (radians or metres). A smaller
+/// movement may leave every pixel of a noise-free camera the same.
 const MOVED: f32 = 0.05;
 
-/// Looks for a long stretch of identical images. `image` gives the pixels of a stream (by its number in the plan) at a
-/// step.
+/// Reports the longest stretch of identical images of each camera. `image` returns the pixels of a stream (by its number
+/// in the plan) at a step.
 pub(crate) fn frozen_cameras<'a>(plan: &Plan, image: impl Fn(usize, usize) -> &'a [u8], report: &mut Report) {
     for (at, stream) in plan.images.iter().enumerate() {
         let steps = plan.stamps.len();
@@ -31,8 +31,8 @@ pub(crate) fn frozen_cameras<'a>(plan: &Plan, image: impl Fn(usize, usize) -> &'
             continue;
         }
         let detail = format!(
-            "the image stays the same for {} steps while the robot moves; check the camera's driver, or ignore this if the \
-             camera sees nothing that moves",
+            "the image stays the same for {} steps while the robot moves; check the camera's driver, or ignore this if \
+             the camera's view is static",
             worst.len()
         );
         let first = Some(worst.start as u64);
@@ -40,7 +40,7 @@ pub(crate) fn frozen_cameras<'a>(plan: &Plan, image: impl Fn(usize, usize) -> &'
     }
 }
 
-/// How many messages the steps of a stretch use. One message that is held for long is a gap instead.
+/// The number of messages that the steps of a stretch use. One message that is held for long is a gap instead.
 fn messages(stream: &ImageStream, stretch: &Range<usize>) -> usize {
     let picks = stream.picks.get(stretch.clone()).unwrap_or_default();
     1 + picks.windows(2).filter(|pair| pair[0] != pair[1]).count()

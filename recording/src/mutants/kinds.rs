@@ -1,4 +1,4 @@
-//! The kinds of damage: each takes a recording and gives a mutant of it.
+//! The kinds of damage: each returns a mutant of a recording.
 #![expect(clippy::ptr_arg, reason = "every change has one type, and some of them insert or remove")]
 
 use mcap::records::op;
@@ -6,7 +6,7 @@ use mcap::records::op;
 use super::Random;
 use super::parts::{Part, inner, join, rebuilt, split};
 
-/// Makes a mutant; `None` when there is nothing to damage that way.
+/// Makes a mutant; `None` when the recording cannot be damaged that way.
 type Make = fn(&[u8], &mut Random) -> Option<Vec<u8>>;
 
 /// Every kind by name.
@@ -53,7 +53,7 @@ fn double(parts: &mut Vec<Part>, at: usize, _: &mut Random) {
     parts.insert(at, parts[at].clone());
 }
 
-/// With another one of the same kind, if there is one.
+/// Swaps a part with another of the same kind, or with any part when it is the only one.
 fn swap(parts: &mut Vec<Part>, at: usize, random: &mut Random) {
     let alike: Vec<usize> = (0..parts.len()).filter(|&other| parts[other].opcode == parts[at].opcode).collect();
     let with = if alike.len() > 1 { alike[random.below(alike.len())] } else { random.below(parts.len()) };
@@ -89,7 +89,7 @@ fn flip_message(parts: &mut Vec<Part>, at: usize, random: &mut Random) {
     }
 }
 
-/// The kinds of the format, and now and then one of the others.
+/// Returns a kind of the format, and in a quarter of the cases any byte.
 fn any_opcode(random: &mut Random) -> u8 {
     if random.below(4) == 0 { random.byte() } else { u8::try_from(random.below(17)).unwrap_or_default() }
 }
@@ -155,7 +155,7 @@ fn remove_bytes(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     Some([bytes.get(..at)?, bytes.get(end..)?].concat())
 }
 
-/// One byte of a record of these kinds.
+/// Flips one bit of a record of these kinds.
 fn edit(bytes: &[u8], random: &mut Random, kinds: &[u8]) -> Option<Vec<u8>> {
     let mut parts = split(bytes);
     let found: Vec<usize> = (0..parts.len()).filter(|&at| kinds.contains(&parts[at].opcode)).collect();
@@ -189,7 +189,7 @@ fn wrong_checksum(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     Some(join(&parts))
 }
 
-/// The length of a record, somewhat or altogether.
+/// Changes the length of a record, by one or to any number.
 fn wrong_length(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     let parts = split(bytes);
     let at = random.below(parts.len());
@@ -209,7 +209,7 @@ fn trailing_bytes(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     Some([bytes, &tail].concat())
 }
 
-/// A schema or channel, once more and changed by a bit, somewhere after the first.
+/// Inserts a copy of a schema or channel with one bit flipped, after the first record.
 fn redeclare(bytes: &[u8], random: &mut Random) -> Option<Vec<u8>> {
     let mut parts = split(bytes);
     let mut declared: Vec<Part> =

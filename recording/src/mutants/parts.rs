@@ -10,7 +10,7 @@ pub(crate) struct Part {
     pub(crate) body: Vec<u8>,
 }
 
-/// The records between the magic bytes, chunks unopened. What does not parse is left out.
+/// The records between the magic bytes, chunks unopened. Bytes that do not parse are left out.
 pub(crate) fn split(bytes: &[u8]) -> Vec<Part> {
     records(bytes.get(mcap::MAGIC.len()..).unwrap_or_default())
 }
@@ -65,8 +65,8 @@ pub(crate) fn inner(chunk: &Part) -> Option<Vec<Part>> {
     }
 }
 
-/// A chunk of these records with a right checksum (unless `checksum` is false) and without compression. It keeps the
-/// times that the old one had.
+/// A chunk of these records with a right checksum (unless `checksum` is false) and without compression. Its times
+/// are those of `chunk`.
 pub(crate) fn rebuilt(chunk: &Part, inner: &[Part], checksum: bool) -> Part {
     let records = concat(inner);
     let mut body = chunk.body.get(..16).unwrap_or_default().to_vec();

@@ -1,4 +1,4 @@
-//! Which characters are escaped, how, and that a writer does the same however its bytes are cut.
+//! Tests of the escaped characters, the form of the escapes, and writes that are split at any byte.
 
 #![allow(clippy::unwrap_used)]
 
@@ -72,7 +72,7 @@ fn a_writer_escapes_characters_that_arrive_in_pieces() {
 }
 
 #[test]
-fn colours_pass_only_where_they_may_and_nothing_else_does() {
+fn colours_are_kept_only_if_enabled_and_other_sequences_are_escaped() {
     let coloured = b"\x1b[1;32mINFO\x1b[0m \x1b[2J\x1b]0;x\x07 \x1b[31 \x1b[";
     assert_eq!(written(&[coloured], true), "\u{1b}[1;32mINFO\u{1b}[0m \\u{1b}[2J\\u{1b}]0;x\\u{7} \\u{1b}[31 \\u{1b}[");
     assert!(!written(&[coloured], false).contains('\u{1b}'));

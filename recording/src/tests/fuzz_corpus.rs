@@ -1,5 +1,5 @@
-//! Every file of the container fuzzer's corpus, read on the stable toolchain: nothing panics, limits hold, and what the
-//! differential suite found of a file is still so.
+//! Every file of the container fuzzer's corpus, read on the stable toolchain: reading does not panic, limits hold, and
+//! each file has the outcome that the differential suite recorded.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ fn task() -> TaskSpec {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// The differential suite names its files DAMAGE-OUTCOME; the fuzzer's own have a digest for a name.
+/// The differential suite names its files DAMAGE-OUTCOME; the fuzzer names its own files by digest.
 #[test]
 fn each_file_is_read_with_the_outcome_in_its_name() {
     let (spec, mut named) = (task(), 0);

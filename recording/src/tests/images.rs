@@ -1,4 +1,4 @@
-//! Images in JSON messages, and cameras that stand still.
+//! Images in JSON messages, and frozen cameras.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ fn raw(encoding: &str, pixel_bytes: usize, data: &[u8]) -> Value {
     })
 }
 
-/// A recording of JSON messages whose images are those that `image` gives for color and depth.
+/// A recording of JSON messages whose color and depth images are those that `image` returns.
 fn scene(steps: usize, mut image: impl FnMut(usize) -> (Value, Value)) -> Scene {
     let mut scene = Scene::steps(i64::try_from(steps).unwrap());
     for step in 0..steps {

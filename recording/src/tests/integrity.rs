@@ -1,4 +1,4 @@
-//! Recordings that contradict themselves: either refused, or read with a finding that says so.
+//! Recordings that contradict themselves are refused, or read with a finding.
 
 use std::io::Cursor;
 
@@ -9,7 +9,7 @@ use super::scene::{Scene, numbers_only, read_bytes};
 use crate::mutants::{KINDS, Part, Random, inner, join, mutant, rebuilt, split};
 use crate::{Finding, FindingCode, Reading, RecordingError, Severity, extract};
 
-/// A recording of so many steps in chunks of about ten.
+/// A recording with the given number of steps, in chunks of about ten.
 fn chunked(steps: i64) -> Vec<u8> {
     let unchunked = Scene::steps(steps).mcap();
     let options = mcap::WriteOptions::new().chunk_size(Some(2400)).compression(Some(mcap::Compression::Lz4));
@@ -44,7 +44,7 @@ fn a_sound_recording_contradicts_nothing() {
 }
 
 #[test]
-fn a_flipped_bit_of_an_unchunked_recording_never_changes_a_value_in_silence() {
+fn a_flipped_bit_of_an_unchunked_recording_never_changes_a_value_silently() {
     let bytes = Scene::steps(40).mcap();
     let whole = read(&bytes).episode;
     let (mut random, mut refused, mut found, mut silent) = (Random::new(9), 0, 0, Vec::new());
@@ -78,7 +78,7 @@ fn a_lost_last_chunk_is_a_finding() {
         assert!(found.contains(&(FindingCode::SummaryMismatch, subject)), "{found:?}");
     }
     let statistics = report.findings.iter().find(|finding| finding.subject == "statistics").unwrap();
-    assert!(statistics.detail.contains("they say 240 messages"), "{}", statistics.detail);
+    assert!(statistics.detail.contains("they state 240 messages"), "{}", statistics.detail);
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn a_message_index_that_names_other_messages_is_a_finding() {
     assert!(subjects(&found).contains(&(FindingCode::SummaryMismatch, "message index")), "{found:?}");
 }
 
-/// Found by the differential suite: an indexed reader failed on such a recording, and this one reported nothing.
+/// Found by the differential suite: an indexed reader failed on such a recording, and this one had no finding.
 #[test]
 fn a_summary_that_repeats_some_of_the_channels_is_a_finding() {
     let mut parts = split(&chunked(20));
@@ -181,7 +181,7 @@ fn a_summary_that_repeats_some_of_the_channels_is_a_finding() {
     assert_eq!(subjects(&found), [(FindingCode::SummaryMismatch, "summary section")]);
 }
 
-/// Found by the differential suite: another reader refused these records, and this one passed over them.
+/// Found by the differential suite: another reader refused these records, and this one skipped them.
 #[test]
 fn a_record_that_no_step_needs_and_that_does_not_fit_its_length_is_a_finding() {
     let garbage = |opcode| Part { opcode, body: vec![0xff; 40] };
@@ -222,8 +222,8 @@ fn an_attachment_that_differs_from_its_checksum_is_a_finding() {
         part.body[last] ^= flip;
         whole.insert(1, part);
         let found = read(&join(&whole)).report.findings;
-        let told = subjects(&found).contains(&(FindingCode::ChecksumMismatch, "attachments"));
-        assert_eq!(told, expected, "{found:?}");
+        let reported = subjects(&found).contains(&(FindingCode::ChecksumMismatch, "attachments"));
+        assert_eq!(reported, expected, "{found:?}");
         whole.remove(1);
     }
 }
@@ -244,8 +244,8 @@ fn a_second_declaration_with_other_contents_is_a_finding() {
     assert!(found.contains(&(FindingCode::ConflictingDeclaration, "file")), "{found:?}");
 }
 
-/// Whatever is changed: refused, or read with a finding, or the same values; and never a panic. Mutants that no
-/// checksum can tell from sound recordings are compared with another reader in the differential suite.
+/// Every mutant is refused, read with a finding, or read with the same values, without a panic. The differential suite
+/// compares mutants that checksums cannot detect with another reader.
 #[test]
 fn mutants_of_every_kind_are_refused_or_found_or_the_same() {
     let (spec, bytes) = (numbers_only(), chunked(40));

@@ -65,7 +65,7 @@ impl<'a> Cursor<'a> {
     }
 
     /// Length with the final zero, then the bytes. Text that is not UTF-8 is kept readable. Text without its final zero
-    /// is damage: a name with another byte there would be taken for another name.
+    /// is damage: a name with another byte there would be read as another name.
     pub(super) fn text(&mut self) -> Result<Value<'a>, String> {
         let length = self.length()?;
         let bytes = self.take(length)?;
