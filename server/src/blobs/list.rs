@@ -48,7 +48,7 @@ impl Blobs {
         Ok(found)
     }
 
-    /// Whether there is no file among the blobs, neither blob nor sidecar nor stamp, and nothing in their trash.
+    /// Whether the folder holds neither blob, sidecar nor stamp, and its trash is empty.
     ///
     /// # Errors
     /// When the folders cannot be read.
@@ -63,7 +63,7 @@ impl Blobs {
         Ok(true)
     }
 
-    /// Removes what processes that were killed before `time` have left half written, and gives how many files that was.
+    /// Removes drafts last written before `time`, which killed processes left, and returns their number.
     ///
     /// # Errors
     /// When the folders cannot be read.

@@ -41,7 +41,7 @@ impl Blobs {
         write(&folder.join(format!("{id}.{EXTENSION}")), json)
     }
 
-    /// Removes the description of a row that is gone; one that is not there is no error.
+    /// Removes the description of a deleted row; a missing one is not an error.
     ///
     /// # Errors
     /// Internal when the disk refuses.

@@ -1,5 +1,5 @@
-//! The trash of blobs: what no row names goes there with its sidecars, and stays for the trash's days. It lies among the
-//! blobs, so that a move is a rename on their disk.
+//! The trash of blobs: blobs without a row move there with their sidecars and stay for the trash's days. The folder is
+//! beside the blobs, so a move is a rename on one disk.
 
 use std::{
     fs::{self, File},
@@ -20,8 +20,8 @@ impl Blobs {
         Self { root: self.root.join(FOLDER), ..self.clone() }
     }
 
-    /// Moves a blob that no row names to the trash, with its sidecars, and gives its size; one that is not there is no
-    /// error. The holder of `_removing` has asked the rows since.
+    /// Moves a blob without a row to the trash, with its sidecars, and returns its size; a missing blob is not an error.
+    /// The caller has checked the rows since it took `_removing`.
     ///
     /// # Errors
     /// Internal when the disk refuses.
@@ -55,8 +55,8 @@ impl Blobs {
         self.trash().list()
     }
 
-    /// Deletes what was moved to the trash before `time`, but for blobs that `stays` says of by their descriptions, and
-    /// gives how many blobs and bytes that was.
+    /// Deletes the blobs that moved to the trash before `time` and for which `stays` is false, given their descriptions;
+    /// returns the number of blobs and of bytes.
     ///
     /// # Errors
     /// Internal when the disk refuses.
@@ -67,7 +67,7 @@ impl Blobs {
     ) -> Result<(u64, u64)> {
         let (mut blobs, mut bytes) = (0, 0);
         for found in self.list_trash()?.into_iter().filter(|found| found.placed < time) {
-            // What cannot be named or read is left for a person.
+            // A blob whose name or descriptions cannot be read is left for a person.
             let Some(Ok(described)) = found.id.as_ref().map(|id| self.descriptions(id)) else { continue };
             if stays(&found, &described) {
                 continue;
@@ -82,7 +82,7 @@ impl Blobs {
         Ok((blobs, bytes))
     }
 
-    /// The sidecars go first, and are on disk before the blob follows; who reads them looks at both places.
+    /// Moves the sidecars first and syncs them before the blob follows. Readers look at both places.
     fn move_blob(&self, id: &BlobId, to: &Self) -> Result<Option<u64>> {
         let (from, place) = (self.path(id), to.path(id));
         let folder = place.parent().unwrap_or(&to.root);

@@ -68,7 +68,7 @@ mod tests {
         let database = lab.join(DATABASE);
         fs::write(&database, b"").unwrap();
         fs::set_permissions(&database, fs::Permissions::from_mode(0o644)).unwrap();
-        assert!(wider_than_owner(&lab).is_empty(), "nobody else can enter the folder");
+        assert!(wider_than_owner(&lab).is_empty(), "the folder itself is closed");
         fs::set_permissions(&lab, fs::Permissions::from_mode(0o750)).unwrap();
         let wide = wider_than_owner(&lab);
         assert_eq!(wide.len(), 2, "{wide:?}");

@@ -21,7 +21,7 @@ pub(crate) const FILE: &str = "stamp.json";
 /// Bytes of the file: a line of JSON, filled up with spaces, so that a new line always covers the one before.
 const WIDTH: usize = 192;
 
-/// What the stamp says.
+/// Content of the stamp.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct Stamp {
     /// The database's random name for this folder.
@@ -48,7 +48,7 @@ pub(crate) fn path(data_dir: &Path) -> PathBuf {
 }
 
 impl Stamp {
-    /// The stamp of a data folder; `None` when there is none.
+    /// Reads the stamp of a data folder; `None` when it is missing.
     ///
     /// # Errors
     /// Precondition, with the ways out, when it cannot be read or does not read as a stamp.

@@ -1,4 +1,4 @@
-//! What a sidecar says of the row that stands on a blob: enough to make the row again when the database is lost.
+//! Content of a sidecar: enough of a blob's row to restore it when the database is lost.
 
 use gleaner_recording::{Report, TaskSpec};
 use serde::{Deserialize, Serialize};

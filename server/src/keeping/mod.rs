@@ -84,7 +84,7 @@ impl Keeping {
         kept.spawn(async move {
             let mut noted: Option<Instant> = None;
             loop {
-                // Without a look at the clock nothing can be said of ages.
+                // Ages are unknown until the clock is noted.
                 if room.note_time(noted.map(|noted| noted.elapsed())).await {
                     noted = Some(Instant::now());
                     room.sweep_and_tell().await;

@@ -1,6 +1,6 @@
-//! `rebuild`: the database again from the sidecars beside the blobs. What a sidecar does not repeat is lost: the history
-//! of labels, jobs, snapshots, scores and datasets. Recordings are not: each becomes an episode again or is put where
-//! nothing removes it.
+//! `rebuild`: restores the database from the sidecars beside the blobs. The history of labels, jobs, snapshots, scores and
+//! datasets has no sidecars and is lost. Every recording becomes an episode again or moves to `unclaimed/`, which no sweep
+//! touches.
 
 use std::{
     collections::HashMap,
@@ -27,7 +27,7 @@ use crate::{
 /// Where blobs go that cannot become rows again. Nothing sweeps it.
 const UNCLAIMED: &str = "unclaimed";
 
-/// A rebuild under way, and what came of it so far.
+/// A rebuild in progress and its counts.
 struct Rebuild<'a> {
     config: &'a RebuildConfig,
     store: &'a Store,
@@ -42,8 +42,8 @@ struct Rebuild<'a> {
     unclaimed: Vec<PathBuf>,
 }
 
-/// Rebuilds or completes the database of a data folder and writes to `out` what came of it; true when every recording is
-/// an episode again. Cut anywhere, the folder is refused by a server, and a second rebuild ends what the first began.
+/// Rebuilds or completes the database of a data folder and writes a summary to `out`; true when every recording is an
+/// episode again. After an interruption a server refuses the folder until a second rebuild completes it.
 ///
 /// # Errors
 /// Precondition when a server runs on the folder or there are no blobs; Exhausted or Internal when the disk refuses.
@@ -210,7 +210,7 @@ impl Rebuild<'_> {
         let sized = described.iter().all(|described| described.episode.size_bytes == found.size_bytes);
         Ok(match sized && (self.config.fast || blobs::digest(&found.path)? == *id) {
             true => None,
-            false => Some("is damaged: its content is not what its name says".to_owned()),
+            false => Some("is damaged: its content does not match its name".to_owned()),
         })
     }
 

@@ -31,7 +31,7 @@ use crate::{
 
 /// Days for which files that no row names are left alone.
 const SAFE_DAYS: u32 = 1;
-/// So many blobs may move to the trash in one sweep, whatever share they are.
+/// Blobs that one sweep may always move to the trash, whatever their share.
 const FEW: usize = 8;
 /// More than files' times, which follow a coarser clock, lag behind.
 const FILES_LAG: Duration = Duration::from_secs(1);
@@ -104,7 +104,7 @@ impl Room {
         Ok(tally)
     }
 
-    /// The time so many days before `now`, of days that the database has seen pass.
+    /// The time the given number of days before `now`, not counting jumps of the clock.
     async fn days_before(&self, now: SystemTime, days: u32) -> Result<SystemTime> {
         let age = DAY.saturating_mul(days);
         let jumped = self.store.jumped_within(age).await?;
@@ -227,7 +227,7 @@ pub(crate) async fn forget(store: &Store, blobs: &Blobs, blob: &BlobId) -> Resul
 }
 
 /// Removes the recording of an episode whose row is gone, unless another row names it, and then its description. A
-/// recording whose description says that it was not deleted moves to the trash: the row was an older copy's.
+/// recording whose description is not marked as deleted moves to the trash: the row was an older copy's.
 ///
 /// # Errors
 /// When the database or the disk refuses.
@@ -258,7 +258,7 @@ pub(super) async fn forget_episode(
     .await
 }
 
-/// What it takes to remove a blob, if no row names it and nobody copies the data folder.
+/// The permission to remove a blob; `None` while a row names it or a backup copies the data folder.
 async fn unneeded(store: &Store, blobs: &Blobs, blob: &BlobId) -> Result<Option<Removing>> {
     let Some(removing) = blobs.removing().await? else {
         tracing::debug!(blob.id = %blob, "a blob that nothing needs stays while the data folder is copied");

@@ -1,5 +1,5 @@
-//! What a blob without a row is worth keeping for: a recording that no person has deleted is kept, whatever the database
-//! says. Must not depend on the database.
+//! Whether a blob without a row must be kept: recordings stay unless a person deleted them, whatever the database lacks.
+//! Must not depend on the database.
 
 use crate::{
     blobs::{Blobs, Found},
@@ -14,8 +14,8 @@ pub(super) fn is_recording(found: &Found) -> bool {
     found.begins_with(MCAP)
 }
 
-/// Whether a blob in the trash must not be deleted for its age: a recording, unless every description of it says that a
-/// person has deleted it. A description that does not read says nothing.
+/// Whether a blob in the trash must not be deleted for its age: a recording, unless all its descriptions mark it as
+/// deleted by a person. An unreadable description does not count as such a mark.
 pub(super) fn stays(found: &Found, described: &[Vec<u8>]) -> bool {
     let mut descriptions = described.iter().map(|json| Description::read(json));
     let recording = |description: &Option<Description>| match description {
@@ -30,8 +30,8 @@ pub(super) fn stays(found: &Found, described: &[Vec<u8>]) -> bool {
     }
 }
 
-/// Whether a blob without a row tells that the database is not the blobs' own: a recording that must stay, or a result
-/// that a row named once. What jobs leave behind tells nothing.
+/// Whether a blob without a row suggests that the database is not the blobs' own: a recording that must stay, or a
+/// described result. Leftovers of jobs are expected.
 pub(super) fn is_unexplained(blobs: &Blobs, found: &Found) -> bool {
     match found.id.as_ref().map(|id| blobs.descriptions(id)) {
         Some(Ok(described)) => {

@@ -1,5 +1,5 @@
-//! The time that the database has seen pass. A clock that jumps, or a machine that was off for long, has something look
-//! older than it is to this lab: what is removed by age is removed only after the jumps within that age are taken off.
+//! The time that passed while the database was in use. A clock that jumps, or a machine that was off for weeks, makes files
+//! look older than they are: ages are compared after the jumps within them are subtracted.
 
 use std::time::Duration;
 
@@ -12,8 +12,8 @@ const OFF: Duration = Duration::from_secs(24 * 60 * 60);
 const CORRECTION: Duration = Duration::from_secs(60);
 
 impl Store {
-    /// Notes what the clock says now. `ran` is how long this process has run since it was noted before, by a clock that
-    /// does not jump; `None` when the process has just started. Gives the jump, if there was one.
+    /// Records the clock's present time. `ran` is the time since the previous record by a monotonic clock; `None` when the
+    /// process has just started. Returns the jump, if there was one.
     pub(crate) async fn note_time(&self, now: Millis, ran: Option<Duration>) -> Result<Option<Duration>> {
         let mut tx = self.write().await?;
         let seen: Option<i64> = sqlx::query_scalar("select seen_at from lab")

@@ -21,7 +21,7 @@ use crate::{
     error::{Error, Kind, Result},
 };
 
-/// What the row says of the folder.
+/// The row of the database itself.
 #[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
 struct Lab {
     folder: String,
@@ -98,7 +98,7 @@ impl Store {
     }
 
     /// Ties the database to its folder: a new generation in both, first here and then on the stamp, so that a crash in
-    /// between leaves the stamp behind, which is no misfit.
+    /// between leaves the stamp behind, which is accepted.
     ///
     /// # Errors
     /// When the database or the disk refuses.
@@ -137,8 +137,8 @@ impl Store {
         Ok(lab)
     }
 
-    /// Commits a write that an older copy of the database must not undo unnoticed: when this returns, the stamp says that
-    /// there is one generation more.
+    /// Commits a write whose loss in an older copy of the database must be noticed: when this returns, the stamp has the
+    /// new generation.
     pub(super) async fn commit_generation(&self, mut tx: sqlx::Transaction<'static, sqlx::Sqlite>) -> Result<()> {
         let generation: i64 = sqlx::query_scalar("update lab set generation = generation + 1 returning generation")
             .fetch_one(&mut *tx)
@@ -163,7 +163,7 @@ impl Store {
         self.tie.get().map(|tie| tie.presence.lost()).unwrap_or_default()
     }
 
-    /// Whether the stamp of a data folder belongs to this database; the sentence says why not.
+    /// Why the stamp of a data folder does not belong to this database; `None` when it does.
     ///
     /// # Errors
     /// When the database or the stamp cannot be read.

@@ -32,7 +32,7 @@ pub(crate) enum Described {
 }
 
 impl Store {
-    /// At most so many rows whose sidecars are to be written, oldest changes first, those after `after`.
+    /// Up to `most` rows whose sidecars are out of date, oldest changes first, after `after`.
     pub(crate) async fn undescribed(&self, after: Option<&Undescribed>, most: u32) -> Result<Vec<Undescribed>> {
         sqlx::query_as("select seq, id from sidecar_queue where seq > ? order by seq limit ?")
             .bind(after.map_or(0, |row| row.seq))
@@ -145,8 +145,7 @@ impl Store {
         Ok((task.id.clone(), true))
     }
 
-    /// Has the row of an episode say what its sidecar says: its label, and whether it is in the trash. True when it said
-    /// something else.
+    /// Updates an episode's label and its place in the trash from its sidecar; true when either differed.
     pub(crate) async fn update_episode(&self, described: &Recording) -> Result<bool> {
         let mut tx = self.write().await?;
         let Some(mut episode) = episode::by_id(&mut tx, &described.episode.id).await? else { return Ok(false) };

@@ -50,7 +50,7 @@ async fn an_orphan_stays_in_the_trash_for_its_days() {
 }
 
 #[tokio::test]
-async fn a_recording_that_no_person_has_deleted_stays_in_the_trash_for_ever() {
+async fn a_recording_not_deleted_by_a_person_stays_in_the_trash() {
     let lab = lab().await;
     let (room, episode) = (room(&lab, 30), stored(&lab, b"acknowledged").await);
     describe_queued(&lab.store, &lab.blobs).await.unwrap();

@@ -48,9 +48,9 @@ async fn a_lost_database_is_rebuilt_with_tasks_labels_and_trash() {
     for suffix in ["", "-wal", "-shm"] {
         let _ = fs::remove_file(data_folder::beside_database(dir.path(), suffix));
     }
-    let (sound, said) = rebuilt(dir.path()).await;
+    let (sound, text) = rebuilt(dir.path()).await;
     // The checkpoint of the encoder and the policy is one blob, which no row can name any more.
-    assert!(!sound && said.contains("1 tasks and 4 episodes") && said.contains("1 blobs unclaimed"), "{said}");
+    assert!(!sound && text.contains("1 tasks and 4 episodes") && text.contains("1 blobs unclaimed"), "{text}");
     let store = reopen(dir.path()).await;
     assert_eq!(store.task(&task.spec.name).await.unwrap().id, task.id);
     let after = store.episode(&episodes[0].id).await.unwrap();
@@ -76,8 +76,8 @@ async fn an_older_database_is_completed_and_keeps_its_history() {
     let dir = again.dir.path();
     fs::write(data_folder::database(dir), older).unwrap();
     assert!(Store::open_with_blobs(dir, &again.blobs, false).await.is_err());
-    let (sound, said) = rebuilt(dir).await;
-    assert!(sound && said.contains("0 tasks and 1 episodes"), "{said}");
+    let (sound, text) = rebuilt(dir).await;
+    assert!(sound && text.contains("0 tasks and 1 episodes"), "{text}");
     let store = reopen(dir).await;
     assert!(store.episode(&newer.id).await.is_ok());
     assert_eq!(store.labels(&episodes[0].id).await.unwrap().len(), 2, "the history that there was");
@@ -94,13 +94,13 @@ async fn a_damaged_database_and_one_of_another_folder_are_set_aside() {
     store.close().await;
     for content in [vec![7; 9000], fs::read(data_folder::database(other.path())).unwrap()] {
         fs::write(data_folder::database(lab.dir.path()), &content).unwrap();
-        let (_, said) = rebuilt(lab.dir.path()).await;
-        assert!(said.contains("the database that was there is now") && said.contains("4 episodes"), "{said}");
+        let (_, text) = rebuilt(lab.dir.path()).await;
+        assert!(text.contains("the database that was there is now") && text.contains("4 episodes"), "{text}");
     }
 }
 
 #[tokio::test]
-async fn a_recording_in_the_trash_that_nobody_deleted_is_taken_back() {
+async fn an_undeleted_recording_in_the_trash_is_restored() {
     let (lab, episodes) = described().await;
     for table in ["labels where episode_id", "episodes where id"] {
         testing::run(&lab.store, &format!("delete from {table} = '{}'", episodes[0].id)).await;
@@ -108,8 +108,8 @@ async fn a_recording_in_the_trash_that_nobody_deleted_is_taken_back() {
     room(&lab, 30).sweep(in_days(2)).await.unwrap();
     assert!(!lab.blobs.contains(&episodes[0].recording));
     lab.store.close().await;
-    let (_, said) = rebuilt(lab.dir.path()).await;
-    assert!(said.contains("1 episodes; ") && said.contains("1 blobs taken back"), "{said}");
+    let (_, text) = rebuilt(lab.dir.path()).await;
+    assert!(text.contains("1 episodes; ") && text.contains("1 blobs taken back"), "{text}");
     assert!(lab.blobs.contains(&episodes[0].recording));
     assert!(reopen(lab.dir.path()).await.episode(&episodes[0].id).await.is_ok());
 }
@@ -121,8 +121,8 @@ async fn damaged_recordings_and_those_without_a_description_are_kept_aside() {
     fs::write(lab.blobs.path(&episodes[0].recording), b"labelled lateX").unwrap();
     let undescribed = lab.blobs.put(b"\x89MCAP0\r\nsteps").unwrap();
     fs::remove_file(data_folder::database(lab.dir.path())).unwrap();
-    let (sound, said) = rebuilt(lab.dir.path()).await;
-    assert!(!sound && said.contains("is damaged") && said.contains("push it again"), "{said}");
+    let (sound, text) = rebuilt(lab.dir.path()).await;
+    assert!(!sound && text.contains("is damaged") && text.contains("push it again"), "{text}");
     assert!(lab.dir.path().join(format!("unclaimed/{undescribed}.mcap")).is_file());
     assert_eq!(
         fs::read(lab.dir.path().join(format!("unclaimed/{}.blob", episodes[0].recording))).unwrap(),
@@ -153,11 +153,11 @@ async fn a_task_that_was_made_again_meanwhile_takes_its_episodes_or_keeps_its_na
         let rate_hz = if same { testing::spec().rate_hz } else { 5.0 };
         let task = store.insert_task(&gleaner_recording::TaskSpec { rate_hz, ..testing::spec() }).await.unwrap();
         store.close().await;
-        let (_, said) = rebuilt(lab.dir.path()).await;
-        assert!(said.contains("4 episodes") && !said.contains("has no sidecar"), "{said}");
+        let (_, text) = rebuilt(lab.dir.path()).await;
+        assert!(text.contains("4 episodes") && !text.contains("has no sidecar"), "{text}");
         let store = reopen(lab.dir.path()).await;
         let of = store.episode(&episodes[0].id).await.unwrap().episode.task_id;
-        assert_eq!(of == task.id, same, "{said}");
+        assert_eq!(of == task.id, same, "{text}");
     }
 }
 
@@ -202,8 +202,8 @@ async fn a_recording_of_two_tasks_stays_for_the_one_that_is_known() {
     lab.store.close().await;
     fs::remove_file(lab.dir.path().join(format!("blobs/tasks/{}.json", other.id))).unwrap();
     fs::remove_file(data_folder::database(lab.dir.path())).unwrap();
-    let (sound, said) = rebuilt(lab.dir.path()).await;
-    assert!(!sound && said.contains("has no sidecar"), "{said}");
+    let (sound, text) = rebuilt(lab.dir.path()).await;
+    assert!(!sound && text.contains("has no sidecar"), "{text}");
     assert!(lab.blobs.contains(&episode.recording));
     assert!(reopen(lab.dir.path()).await.episode(&episode.id).await.is_ok());
 }
