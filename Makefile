@@ -42,7 +42,7 @@ test-python: .libtorch $(PYTHON_ENV)
 lint-python: $(PYTHON_ENV)
 	$(PYTHON_ENV)/bin/pip install -q 'client/python[test,lint]'
 	cd client/python && ../../$(PYTHON_ENV)/bin/ruff format --check && ../../$(PYTHON_ENV)/bin/ruff check
-	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../recording/differential
+	cd client/python && ../../$(PYTHON_ENV)/bin/ruff check --config pyproject.toml ../../crates/recording/differential
 	cd client/python && ../../$(PYTHON_ENV)/bin/mypy
 
 # Damaged recordings read by gleaner and by the `mcap` library for Python: refused, equal, or different with a finding.
@@ -53,8 +53,8 @@ differential: MUTANTS ?= 1500
 differential-test: MUTANTS ?= 50000
 differential differential-test: $(DIFFERENTIAL_ENV)
 	$(CARGO) build --locked -p gleaner-recording --example mutants --features fuzzing
-	$(DIFFERENTIAL_ENV)/bin/pip install -q -r recording/differential/requirements.txt
-	$(DIFFERENTIAL_ENV)/bin/python recording/differential/compare.py --program target/debug/examples/mutants \
+	$(DIFFERENTIAL_ENV)/bin/pip install -q -r crates/recording/differential/requirements.txt
+	$(DIFFERENTIAL_ENV)/bin/python crates/recording/differential/compare.py --program target/debug/examples/mutants \
 		--mutants $(MUTANTS) --seed $(SEED) $(if $(CORPUS),--corpus $(CORPUS))
 
 # Failed demonstrations gleaned in a real simulator, over gRPC, with tables and pictures in metaworld-runs/$(TASK).

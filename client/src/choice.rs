@@ -114,7 +114,6 @@ choice! {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn words<C: ValueEnum + Serialize>() -> Vec<String> {

@@ -140,7 +140,6 @@ pub(crate) enum Command {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use clap::CommandFactory as _;
 

@@ -64,7 +64,6 @@ impl fmt::Debug for Credentials {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -27,7 +27,6 @@ pub(crate) async fn digest_file(path: &Path) -> Result<Digest> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[tokio::test]

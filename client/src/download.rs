@@ -105,7 +105,6 @@ async fn save(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn pieces(parts: &[&'static str]) -> impl Stream<Item = Result<Bytes>> + Unpin {

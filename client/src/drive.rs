@@ -182,7 +182,6 @@ async fn run_in_real_time(client: &Client, plan: &DrivePlan, control: ControlPla
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -193,7 +193,6 @@ fn failed(problem: impl std::fmt::Display) -> Failure {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn bar(label: &str, value: f64) -> Bar {

@@ -60,7 +60,6 @@ pub(crate) fn name_to_send(path: &Path) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

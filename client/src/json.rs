@@ -122,7 +122,6 @@ fn time(message: &DynamicMessage) -> Value {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use serde_json::json;
 

@@ -85,7 +85,6 @@ pub fn read_labels(csv_path: &Path) -> Result<Vec<LabelledFile>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn read(text: &str) -> Result<Vec<LabelledFile>> {

@@ -59,7 +59,6 @@ pub(crate) fn lower(a: Option<LowestScore>, b: Option<LowestScore>) -> Option<Lo
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -173,7 +173,6 @@ pub fn observation(spec: &TaskSpec, stamp_ns: i64, frames: Vec<u8>, propriocepti
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn spec() -> TaskSpec {

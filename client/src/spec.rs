@@ -108,7 +108,6 @@ fn unless_empty(text: String) -> Option<String> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

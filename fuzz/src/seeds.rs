@@ -61,7 +61,7 @@ fn containers() -> Result<(), Fault> {
         writer.finish()?;
         seed("container", name, &writer.into_inner().into_inner())?;
     }
-    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../recording/fixtures");
+    let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/recording/fixtures");
     for (at, entry) in fs::read_dir(fixtures)?.enumerate() {
         let entry = entry?;
         if entry.path().extension().is_some_and(|kind| kind == "mcap") && entry.metadata()?.len() <= MOST_BYTES {

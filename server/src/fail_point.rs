@@ -129,7 +129,6 @@ mod armed {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use std::path::Path;
 
     use super::NAMES;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 fn sources() -> Vec<(String, String)> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let mut files = Vec::new();
-    for room in ["proto", "recording", "learn", "sim", "server", "client", "tests", "benches"] {
+    for room in ["proto", "crates", "server", "client", "tests", "benches"] {
         collect(&root.join(room), &mut files);
     }
     assert!(files.len() > 60, "the walk found too little");
@@ -43,10 +43,10 @@ fn names(source: &str, word: &str) -> bool {
 #[test]
 fn each_crate_is_named_in_its_room_only() {
     let rules: [(&str, &[&str]); 7] = [
-        ("tch", &["learn/"]),
+        ("tch", &["crates/learn/"]),
         ("sqlx", &["server/src/store/"]),
-        ("mcap", &["recording/"]),
-        ("image", &["recording/"]),
+        ("mcap", &["crates/recording/"]),
+        ("image", &["crates/recording/"]),
         (
             "gleaner_proto",
             &[
@@ -63,7 +63,7 @@ fn each_crate_is_named_in_its_room_only() {
         (
             "gleaner_sim",
             &[
-                "sim/",
+                "crates/sim/",
                 "client/",
                 "tests/",
                 // Evaluations, and which tasks can be simulated.

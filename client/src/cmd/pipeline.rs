@@ -127,7 +127,6 @@ fn next(submitted: &[Job], waited: bool) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use clap::Parser;
     use gleaner_proto::v1::{Objective, PolicyKind, Preset, Similarity};

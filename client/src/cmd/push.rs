@@ -187,7 +187,6 @@ fn document(pushed: &Pushed, skipped: &[Skipped]) -> Result<Value> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use gleaner_client::{ClientError, PushResult, Uploaded};
     use gleaner_proto::v1::Episode;

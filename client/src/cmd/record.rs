@@ -141,7 +141,6 @@ fn document(folder: &Path, recorded: &[RecordedEpisode]) -> Value {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -149,7 +149,6 @@ fn describe(task: &Task, spec: &TaskSpec) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

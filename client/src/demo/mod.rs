@@ -117,7 +117,6 @@ fn write(folder: &Path, found: &Found) -> Result<()> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -218,7 +218,6 @@ pub(crate) struct AugmentationSettings {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -70,7 +70,6 @@ fn difference(cell: &CellReport, less: &CellReport) -> Option<Difference> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::report::tests::{cell, seed};
 

@@ -169,7 +169,6 @@ fn located(error: &toml::de::Error, text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     const HEAD: &str = "name = \"x\"\ntask = \"pick_cube\"\n";

@@ -103,7 +103,6 @@ pub(crate) fn merge(into: &mut Table, from: &Table) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn table(text: &str) -> Table {

@@ -28,7 +28,6 @@ pub(crate) fn student(values: &[f64]) -> Option<(f64, f64)> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     // Quantiles from printed tables.

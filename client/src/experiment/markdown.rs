@@ -162,7 +162,6 @@ fn line(text: &mut String, line: impl std::fmt::Display) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::report::CellReport;
     use crate::experiment::report::tests::report;

@@ -130,7 +130,6 @@ fn images(settings: &AugmentationSettings) -> Option<Augmentation> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
     use super::*;
     use crate::choice::{PolicyWord, PresetWord};
     use gleaner_proto::v1::PolicyKind;

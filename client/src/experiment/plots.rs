@@ -102,7 +102,6 @@ fn histogram(study: &StudyReport) -> Option<&[[u32; 2]]> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::cell::{CellSettings, RuleSettings};
     use crate::experiment::report::tests::{cell, report, seed};

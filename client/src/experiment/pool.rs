@@ -47,7 +47,6 @@ fn pool_auroc(seeds: &[SeedReport]) -> Vec<PooledAuroc> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::report::tests::seed;
     use gleaner_sim::statistics::wilson;

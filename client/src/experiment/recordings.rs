@@ -150,7 +150,6 @@ pub(crate) fn of_episode<'a>(recordings: &'a Recordings, episode_id: &str) -> Re
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -154,7 +154,6 @@ impl CellReport {
 
 #[cfg(test)]
 pub(super) mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::cell::Method;
     use crate::experiment::difference::differences;

@@ -97,7 +97,6 @@ impl Progress {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::choice::DeviceWord;
     use crate::experiment::file::Experiment;

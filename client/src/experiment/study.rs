@@ -182,7 +182,6 @@ fn named(cell: &NamedCell) -> Draft {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::choice::{FeatureScaleWord, YardstickWord};
 

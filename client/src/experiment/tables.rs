@@ -198,7 +198,6 @@ fn percent(share: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::experiment::cell::{CellSettings, RuleSettings};
     use crate::experiment::report::tests::{cell, report, seed};

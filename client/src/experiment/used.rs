@@ -85,7 +85,6 @@ fn word<'a>(value: &'a Value, key: &str) -> &'a str {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::choice::{FeatureScaleWord, ObjectiveWord, SimilarityWord, YardstickWord};
 

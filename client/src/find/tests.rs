@@ -1,7 +1,5 @@
 //! What is found in real folders, with a FIFO, a socket, links and folders that bear a recording's name.
 
-#![allow(clippy::unwrap_used)]
-
 use std::os::unix::fs::symlink;
 
 use rustix::fs::{CWD, FileType, mknodat};

@@ -138,7 +138,6 @@ fn mean<'a>(opinions: impl Iterator<Item = &'a Vec<f32>>) -> Option<Vec<f32>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     const PERIOD: Duration = Duration::from_nanos(100);

@@ -1,6 +1,5 @@
 //! The control loop against a server with injected delay and loss and a robot that notes all it is told. Time is
 //! tokio's, paused: it goes on only when everybody waits, so every moment below is exact.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod late;
 mod lost;

@@ -1,7 +1,5 @@
 //! The upload's rules against an in-process service that breaks where it is told to.
 
-#![allow(clippy::unwrap_used)]
-
 use std::collections::VecDeque;
 use std::pin::Pin;
 use std::sync::Mutex;

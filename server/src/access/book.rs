@@ -188,7 +188,6 @@ pub(super) fn held(role: crate::domain::access::Role, deployments: &[&str]) -> H
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::{
         domain::{access::Role, id::TokenId},

@@ -161,7 +161,6 @@ impl Caller {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use gleaner_proto::Rpc;
 
     use super::{

@@ -157,7 +157,6 @@ fn unwritten(error: std::io::Error) -> Error {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::{domain::access::Role, error::Kind};
 

@@ -63,7 +63,6 @@ pub(super) fn mint(config: NewTokenConfig) -> Result<Minted> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn new(role: Role, deployments: &[&str], expires: Option<&str>) -> Result<Minted> {

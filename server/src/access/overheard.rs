@@ -82,7 +82,6 @@ impl http_body::Body for Overheard {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn framed(message: &[u8]) -> Vec<u8> {

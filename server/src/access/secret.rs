@@ -44,7 +44,6 @@ pub(super) fn shown(headers: &HeaderMap) -> Result<Option<String>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use tonic::codegen::http::HeaderValue;
 
     use super::*;

@@ -170,7 +170,6 @@ pub(super) fn page_rule(page: Page) -> Rule {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use std::collections::HashSet;
 
     use prost_reflect::DescriptorPool;

@@ -45,7 +45,6 @@ pub(super) fn is_draft(path: &Path) -> bool {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     /// Memory and disk are two file systems on most machines; where they are one, this is a plain rename.

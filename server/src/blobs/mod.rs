@@ -188,7 +188,6 @@ fn fault<'a>(doing: &'a str, path: &'a Path) -> impl FnOnce(io::Error) -> Error 
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn names(folder: &Path) -> Vec<PathBuf> {

@@ -33,7 +33,6 @@ impl Blobs {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use futures::TryStreamExt as _;
 
     use super::*;

@@ -87,7 +87,6 @@ pub(super) fn household(address: IpAddr) -> IpAddr {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn take(places: &Places, address: &str) -> Result<Place, Full> {

@@ -1,6 +1,5 @@
 //! Peers that hold connections for nothing.
 
-#![allow(clippy::unwrap_used)]
 use std::{
     convert::Infallible,
     io::ErrorKind,

@@ -1,7 +1,5 @@
 //! The room over a fresh database and real frame caches.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 use gleaner_recording::{
     CameraSpec, Episode as Decoded, FieldSpec, PixelFormat, TaskSpec, decode_color, frame_bytes_per_step,
 };

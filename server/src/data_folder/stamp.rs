@@ -127,7 +127,6 @@ fn fault(path: &Path, error: io::Error) -> Error {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::error::Kind;
 

@@ -135,7 +135,6 @@ impl Evaluation {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn spec() -> EvaluateSpec {

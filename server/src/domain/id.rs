@@ -156,7 +156,6 @@ impl std::fmt::Display for BlobId {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use proptest::prelude::*;
 
     use super::*;

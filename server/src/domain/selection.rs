@@ -153,7 +153,6 @@ pub fn what_if(selection: Selection, ranked: &[(f32, f64)], candidates: &[Candid
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use proptest::prelude::*;
 
     use super::*;

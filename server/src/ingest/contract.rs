@@ -1,8 +1,6 @@
 //! The upload contract, clause by clause: what is committed is on disk and stays, little is sent twice, and a client
 //! that comes back goes on where it was, whatever became of the one before it.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 mod model;
 
 use std::{

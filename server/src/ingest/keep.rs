@@ -102,7 +102,6 @@ fn clear(path: &Path) -> std::io::Result<()> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
 
     use std::{fs, path::PathBuf};
 

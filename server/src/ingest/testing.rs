@@ -1,7 +1,5 @@
 //! Fixtures for tests of uploads: an ingest over a fresh folder, with inspectors real and played.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 use std::{
     ffi::OsString,
     io::Cursor,

@@ -1,7 +1,5 @@
 //! Tests of uploads: what is kept, what is not, and what a crash or a hostile recording can do.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 use std::{
     fs,
     time::{Duration, Instant},

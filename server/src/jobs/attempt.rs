@@ -114,7 +114,6 @@ async fn stubborn(lease: &Lease) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use tokio::io::AsyncWriteExt as _;
 
     use super::*;

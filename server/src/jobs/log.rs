@@ -164,7 +164,6 @@ fn files(data_dir: &Path, job: &JobId) -> [PathBuf; 2] {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     const SAID: &[u8] = b"one\ntwo\n\x1b[1mth\xffree";

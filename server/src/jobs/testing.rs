@@ -1,7 +1,5 @@
 //! Fixtures for the tests of this room: a queue without workers over a fresh database.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests only")]
-
 use std::sync::{Arc, atomic::AtomicU64};
 
 use clap::Parser as _;

@@ -1,7 +1,5 @@
 //! The queue as its callers see it: orders resolved, pipelines linked, results kept, watchers told.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
-
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
 

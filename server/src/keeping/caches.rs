@@ -95,7 +95,6 @@ impl Cache {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use std::{
         fs::{self, FileTimes},
         time::Duration,

@@ -1,7 +1,5 @@
 //! Fixtures: a data folder with an episode, an encoder and a policy, each with its blob.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 mod backing_up;
 mod checking;
 mod losing;

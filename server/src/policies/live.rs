@@ -144,7 +144,6 @@ impl Now {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn session() -> LiveSession {

@@ -155,7 +155,6 @@ pub(super) fn blank(shape: &TaskShape) -> Step {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::error::Kind;
 

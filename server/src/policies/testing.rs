@@ -1,7 +1,5 @@
 //! A model for tests that remembers what it is told, and fails, panics or waits on demand.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 use std::{
     cell::Cell,
     sync::{Arc, mpsc},

@@ -1,7 +1,5 @@
 //! Deployments and sessions with real, tiny policies.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 mod moved;
 mod score_run;
 

@@ -79,7 +79,6 @@ impl Drop for Place<'_> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     const HOUR: Duration = Duration::from_secs(3600);

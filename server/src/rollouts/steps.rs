@@ -99,7 +99,6 @@ impl<R> Steps<R> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn seen(stamp_ns: i64, executed_action: &[f32]) -> Observation {

@@ -1,7 +1,5 @@
 //! Recordings of sessions that end in every way, stored by a real inspection.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 mod limits;
 
 use std::{fs, io::Write as _, sync::atomic::Ordering};

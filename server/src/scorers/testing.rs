@@ -1,7 +1,5 @@
 //! A scorer for tests that tells which steps it saw together, and fails, panics or waits on demand.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 use std::sync::{Arc, Weak, mpsc};
 
 use gleaner_learn::{EpisodeScores, SegmentScore, TaskShape, Trajectory};

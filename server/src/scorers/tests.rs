@@ -1,7 +1,5 @@
 //! Tests of watches: what is scored, what is left out, and that nobody waits for anybody.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 mod shelf;
 mod steps;
 

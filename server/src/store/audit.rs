@@ -98,7 +98,6 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::{super::testing, *};
     use crate::domain::id::TokenId;
 

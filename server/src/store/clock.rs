@@ -64,7 +64,6 @@ fn millis(time: Duration) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::{super::testing, *};
 
     const DAY: Duration = Duration::from_secs(24 * 60 * 60);

@@ -96,7 +96,6 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::{
         domain::{episode::Outcome, job::JobSpec, selection::Selection},

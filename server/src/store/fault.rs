@@ -53,7 +53,6 @@ fn too_slow() -> Error {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::{Look, testing};
     use crate::{domain::episode::Outcome, error::Kind};
 

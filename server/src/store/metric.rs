@@ -101,7 +101,6 @@ pub(super) async fn cut_back(
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::{
         domain::{

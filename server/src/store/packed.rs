@@ -55,7 +55,6 @@ pub(super) fn unpack<T: Packed>(column: &str, bytes: &[u8]) -> Result<impl Itera
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

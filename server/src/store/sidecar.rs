@@ -213,7 +213,6 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::{super::testing, *};
     use crate::domain::episode::{NewLabel, Outcome};
 

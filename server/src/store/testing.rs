@@ -1,7 +1,5 @@
 //! Fixtures for tests of this crate: a fresh database, and rows in it.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 pub(crate) mod results;
 
 use std::sync::atomic::{AtomicU64, Ordering};

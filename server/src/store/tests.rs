@@ -1,7 +1,5 @@
 //! A database of an earlier version is brought up to date with every row it had.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 mod course;
 mod pages;
 

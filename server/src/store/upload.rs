@@ -169,7 +169,6 @@ async fn delete(tx: &mut sqlx::Transaction<'_, sqlx::Sqlite>, id: &UploadId) -> 
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::super::testing;
     use super::*;
     use crate::error::Kind;

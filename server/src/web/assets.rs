@@ -53,7 +53,6 @@ pub(super) async fn serve(Path(name): Path<String>) -> Answer {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

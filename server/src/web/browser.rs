@@ -106,7 +106,6 @@ impl SignedIn {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn headers(cookie: &str) -> HeaderMap {

@@ -110,7 +110,6 @@ fn write(character: char, place: Place, out: &mut String) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use axum::response::IntoResponse as _;
     use maud::html;
     use serde_json::json;

@@ -45,7 +45,6 @@ pub(super) async fn show(visit: Visit, Path((id, camera, step)): Path<(String, S
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -39,7 +39,6 @@ pub(super) fn links(visit: &Visit, what: &str, (page, pages): (usize, usize)) ->
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -93,7 +93,6 @@ pub(super) fn links(visit: &Visit) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use serde_json::json;
 
     use super::*;

@@ -1,7 +1,5 @@
 //! The pages over a fresh folder, asked without a socket.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 use std::{net::SocketAddr, sync::Arc};
 
 use axum::{

@@ -1,7 +1,5 @@
 //! The door: who comes in to which page, what other sites cannot do, what every answer says.
 
-#![allow(clippy::unwrap_used)]
-
 use axum::{
     body::Body,
     http::{

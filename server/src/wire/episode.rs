@@ -170,7 +170,6 @@ pub(crate) fn label(label: Label) -> v1::Label {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use gleaner_recording::FindingCode;
 
     use super::*;

@@ -102,7 +102,6 @@ pub(crate) fn evaluation(evaluation: Evaluation) -> v1::Evaluation {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -166,7 +166,6 @@ pub(crate) fn watched((now, metrics): (Job, Vec<Metric>)) -> v1::WatchJobRespons
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -136,7 +136,6 @@ pub(super) fn timings(spent: Timings) -> v1::Timings {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -108,7 +108,6 @@ pub(crate) fn schedule(schedule: Schedule) -> v1::Schedule {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn request(trigger: Option<v1::create_schedule_request::Trigger>) -> v1::CreateScheduleRequest {

@@ -193,7 +193,6 @@ pub(crate) fn episode_scores(scores: EpisodeScores, expert_ids: Vec<EpisodeId>) 
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn request(bins: u32, betas: Vec<f64>) -> v1::GetHistogramRequest {

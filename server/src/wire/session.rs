@@ -90,7 +90,6 @@ pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
     use super::*;
 
     fn opened(open: v1::SessionOpen) -> Result<SessionInput> {

@@ -109,7 +109,6 @@ pub(crate) fn snapshot_episode(member: SnapshotEpisode) -> v1::SnapshotEpisode {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -154,7 +154,6 @@ fn mapping_to(mapping: Mapping) -> v1::Mapping {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn spec() -> TaskSpec {

@@ -76,7 +76,6 @@ pub(crate) fn upload_status(upload: &Upload) -> v1::GetUploadResponse {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -111,7 +111,6 @@ impl FeatureStore for KeptFeatures<'_> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::domain::id::EpisodeId;
 

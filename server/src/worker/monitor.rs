@@ -124,7 +124,6 @@ impl Monitor for Watcher {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
     use std::sync::{
         Arc,
         atomic::{AtomicU64, Ordering},

@@ -1,5 +1,4 @@
 //! What cells share, and that keys stay.
-#![allow(clippy::unwrap_used)]
 
 use super::*;
 

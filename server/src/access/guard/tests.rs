@@ -1,8 +1,6 @@
 //! The guard before a service that says yes to everything: who gets through, what the audit log has, and what a revoked
 //! token has open.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 mod ending;
 mod limits;
 

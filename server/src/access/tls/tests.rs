@@ -1,7 +1,5 @@
 //! Real handshakes over loopback: with a good certificate, with and without a client's own, and after a change of files.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use tempfile::TempDir;
 use tokio::{

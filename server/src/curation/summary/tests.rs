@@ -1,7 +1,5 @@
 //! What a summary answers, against looking at every segment.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 use proptest::prelude::*;
 
 use super::*;

@@ -1,6 +1,5 @@
 //! The order of a table.
 
-#![allow(clippy::unwrap_used)]
 use proptest::prelude::*;
 
 use super::*;

@@ -1,7 +1,5 @@
 //! Tests of recordings that only pass: what is found, and that nothing stays.
 
-#![allow(clippy::unwrap_used)]
-
 use futures::stream;
 
 use super::*;

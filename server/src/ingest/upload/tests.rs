@@ -1,7 +1,5 @@
 //! A disk that is nearly full takes nothing new; what came is kept, and goes on when there is room.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 use std::sync::{
     Arc,
     atomic::{AtomicU64, Ordering},

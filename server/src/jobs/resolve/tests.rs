@@ -1,7 +1,5 @@
 //! Orders of every kind as the queue takes them: keys, extensions, policies from scratch, evaluations.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use gleaner_learn::{NormaliserKind, PretrainSpec, ScoreSpec, Scorer, Similarity, TrainSpec};
 
 use super::*;

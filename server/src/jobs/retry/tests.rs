@@ -1,7 +1,5 @@
 //! Retries on a queue without workers.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use gleaner_learn::{Device, PretrainSpec, TrainSpec};
 
 use super::*;

@@ -1,7 +1,5 @@
 //! Schedules start when due, once, and say why they could not.
 
-#![allow(clippy::unwrap_used)]
-
 use gleaner_learn::{PretrainSpec, TrainSpec};
 
 use super::*;

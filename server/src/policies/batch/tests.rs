@@ -1,6 +1,5 @@
 //! What goes through a model together, how long it waits for that, and what it does not run at all.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
 use std::pin::pin;
 
 use futures::poll;

@@ -1,6 +1,5 @@
 //! The beginning, the queue and the end of a model's thread.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
 use futures::poll;
 use std::pin::pin;
 

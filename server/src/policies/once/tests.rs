@@ -1,6 +1,5 @@
 //! Act against a model that remembers what it is told.
 
-#![allow(clippy::unwrap_used)]
 use std::time::Duration;
 
 use super::{

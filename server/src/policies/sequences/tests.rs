@@ -1,6 +1,5 @@
 //! Sequences against a model that remembers what it was told.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
 use std::pin::pin;
 
 use futures::poll;

@@ -1,6 +1,5 @@
 //! Sessions against a model that remembers what it was told.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
 use futures::channel::mpsc::{UnboundedSender, unbounded};
 
 use super::{

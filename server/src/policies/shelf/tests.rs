@@ -1,6 +1,5 @@
 //! Names, holders and the memory budget, with models that cost nothing.
 
-#![allow(clippy::unwrap_used)]
 use super::{
     super::testing::{Parrot, TestEngine, engine},
     *,

@@ -50,7 +50,6 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used, clippy::panic)]
     use super::*;
     use crate::{
         domain::{episode::Outcome, job::JobSpec, selection::Selection},

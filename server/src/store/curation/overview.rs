@@ -118,7 +118,6 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use crate::{domain::episode::Outcome, store::testing};
 
     #[tokio::test]

@@ -123,7 +123,6 @@ impl Store {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::{
         domain::{episode::NewLabel, snapshot::RoleRule},

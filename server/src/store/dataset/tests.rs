@@ -1,6 +1,5 @@
 //! Datasets in a fresh database.
 
-#![allow(clippy::unwrap_used)]
 use super::*;
 use crate::{
     domain::{episode::Outcome, job::JobState, snapshot::Role},

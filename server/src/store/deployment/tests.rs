@@ -1,7 +1,5 @@
 //! Tests of deployments: what a name remembers, and what rolling back brings.
 
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::{
     domain::episode::Outcome,

@@ -1,7 +1,5 @@
 //! Tests of episode rows: pages.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 use super::*;
 use crate::store::testing;
 

@@ -1,7 +1,5 @@
 //! A database and a folder of blobs start together or not at all.
 
-#![allow(clippy::unwrap_used)]
-
 use std::fs;
 
 use tempfile::TempDir;

@@ -1,7 +1,5 @@
 //! Claims, moves, retries and cancels, on a real database.
 
-#![allow(clippy::unwrap_used)]
-
 use super::*;
 use crate::{
     domain::{

@@ -1,7 +1,5 @@
 //! Counting labels, moving on, pausing.
 
-#![allow(clippy::unwrap_used)]
-
 use gleaner_learn::PretrainSpec;
 
 use super::*;

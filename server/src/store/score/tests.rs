@@ -1,6 +1,5 @@
 //! Scores as they come back from a fresh database.
 
-#![allow(clippy::unwrap_used)]
 use super::*;
 use crate::{
     domain::{

@@ -1,6 +1,5 @@
 //! Snapshots in a fresh database.
 
-#![allow(clippy::unwrap_used)]
 use super::super::testing;
 use super::*;
 use crate::{domain::episode::NewLabel, error::Kind};

@@ -1,5 +1,4 @@
 //! The trash: what goes in, what comes back, and what a sweep leaves.
-#![allow(clippy::unwrap_used)]
 
 use super::*;
 use crate::{

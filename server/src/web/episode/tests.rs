@@ -1,7 +1,5 @@
 //! The page of one episode, whatever there is of it and whatever is missing.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 use axum::http::{
     StatusCode,
     header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_TYPE},

@@ -158,7 +158,6 @@ fn part(field: &str, text: &str) -> Result<Option<f64>> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn asked(set: impl FnOnce(&mut Asked)) -> Result<Wanted> {

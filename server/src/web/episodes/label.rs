@@ -198,7 +198,6 @@ pub(in crate::web) fn buttons(whom: &str) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use axum::body::to_bytes;
 
     use super::*;

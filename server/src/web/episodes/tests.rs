@@ -1,7 +1,5 @@
 //! The table and its labels, asked as browsers and programs do.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 use axum::http::{HeaderValue, Method, StatusCode, header::ACCEPT};
 use gleaner_recording::TaskSpec;
 use serde_json::{Value, json};

@@ -109,7 +109,6 @@ fn panels(metrics: &[Metric]) -> Markup {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::domain::{
         id::{DatasetId, TaskId},

@@ -196,7 +196,6 @@ fn sheet_of(jobs: &[Job], names: &HashMap<&TaskId, &str>) -> Sheet {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -44,7 +44,6 @@ fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use gleaner_learn::TrainSpec;
 
     use super::*;

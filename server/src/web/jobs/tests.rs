@@ -1,7 +1,5 @@
 //! The queue's pages, as a browser and a program ask for them.
 
-#![allow(clippy::unwrap_used)]
-
 use axum::http::{
     StatusCode,
     header::{CONTENT_TYPE, LOCATION},

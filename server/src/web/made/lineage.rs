@@ -207,7 +207,6 @@ fn of_deployment(deployment: &Deployment) -> Card {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::{
         domain::{episode::Outcome, selection::Selection, snapshot::Role},

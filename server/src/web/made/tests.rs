@@ -1,7 +1,5 @@
 //! Snapshots and encoders as a browser and a program ask for them.
 
-#![allow(clippy::unwrap_used)]
-
 use axum::http::StatusCode;
 use serde_json::Value;
 

@@ -1,7 +1,5 @@
 //! Tests of the overview: what it shows of many tasks.
 
-#![allow(clippy::unwrap_used)]
-
 use gleaner_recording::TaskSpec;
 
 use super::PER_PAGE;

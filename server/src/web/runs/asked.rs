@@ -130,7 +130,6 @@ pub(super) fn parameter(selection: Selection) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     #[test]

@@ -57,7 +57,6 @@ async fn named(request: Request) -> Result<Selection> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use axum::{body::Body, http::header::CONTENT_TYPE};
 
     use super::*;

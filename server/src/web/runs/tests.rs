@@ -1,7 +1,5 @@
 //! Score runs and what is made from them, as a browser and a program ask for them.
 
-#![allow(clippy::unwrap_used)]
-
 use axum::http::{StatusCode, header::LOCATION};
 use serde_json::Value;
 

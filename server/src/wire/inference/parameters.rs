@@ -75,7 +75,6 @@ fn field(name: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
 
     fn parsed<const N: usize>(parameters: [(&str, ParameterChoice); N]) -> Result<Option<Place>> {

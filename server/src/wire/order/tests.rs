@@ -1,7 +1,5 @@
 //! Orders and pipelines survive the wire, get their defaults, and are refused by field.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use gleaner_learn::{
     ActSpec, Augmentation, Device, FeatureScale, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
     PretrainSpec, ScoreSpec, Scorer, Similarity, TrainSpec, Yardstick,

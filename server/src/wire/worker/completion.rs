@@ -155,7 +155,6 @@ pub(crate) fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
 
 #[cfg(test)]
 mod tests {
-    #![allow(clippy::unwrap_used)]
     use super::*;
     use crate::domain::{evaluation::SeedResult, snapshot::Role};
 

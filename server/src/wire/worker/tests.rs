@@ -1,6 +1,5 @@
 //! What goes to a worker and comes from it survives the wire.
 
-#![allow(clippy::unwrap_used)]
 use gleaner_recording::{FieldSource, Mapping};
 use prost::Message as _;
 

@@ -1,7 +1,5 @@
 //! What the command makes, held against the TLS that serves and a client's, and what it refuses.
 
-#![allow(clippy::unwrap_used)]
-
 use std::{os::unix::fs::PermissionsExt as _, path::PathBuf, sync::Arc, time::Duration};
 
 use clap::Parser as _;

@@ -1,7 +1,5 @@
 //! What certificates are warned about.
 
-#![allow(clippy::unwrap_used)]
-
 use rcgen::{BasicConstraints, CertificateParams, IsCa, KeyPair, PKCS_ED25519, date_time_ymd};
 
 use super::*;

@@ -1,7 +1,5 @@
 //! The table against what was stored, and how it is looked up.
 
-#![allow(clippy::unwrap_used, reason = "tests only")]
-
 use super::*;
 use crate::{
     domain::{

@@ -1,7 +1,5 @@
 //! Labels with history, given by one and by two at once.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "tests only")]
-
 use super::*;
 use crate::{domain::task::Task, error::Kind, store::testing};
 

@@ -1,7 +1,5 @@
 //! Requests that are right in every form, and each mistake by name.
 
-#![allow(clippy::unwrap_used, clippy::panic)]
-
 use gleaner_learn::{CameraShape, TaskShape};
 use gleaner_proto::inference::{InferParameter, InferTensorContents, infer_parameter::ParameterChoice};
 

@@ -1,0 +1,85 @@
+//! What an inspection is told, as flags: the same words for who starts one and for the program that is started.
+
+use std::{ffi::OsString, path::PathBuf};
+
+use clap::Args;
+
+use crate::RecordingsConfig;
+
+/// One inspection.
+#[derive(Debug, Clone, PartialEq, Eq, Args)]
+pub struct Order {
+    /// The recording.
+    #[arg(long)]
+    pub recording: PathBuf,
+    /// The task's spec, as JSON.
+    #[arg(long)]
+    pub spec: PathBuf,
+    /// Where to put the verdict, as JSON.
+    #[arg(long)]
+    pub report: PathBuf,
+    /// Where to put the decoded frames.
+    #[arg(long)]
+    pub frames: PathBuf,
+    /// Copy what is whole of the recording to here, instead of inspecting it; the spec is not read.
+    #[arg(long)]
+    pub salvage: Option<PathBuf>,
+    /// Most memory to take, in bytes.
+    #[arg(long)]
+    pub memory_bytes: u64,
+    /// Most processor time to take, in seconds.
+    #[arg(long)]
+    pub seconds: u64,
+    /// Limits on what the recording may hold.
+    #[command(flatten)]
+    pub limits: RecordingsConfig,
+}
+
+impl Order {
+    /// As the program's arguments.
+    pub fn arguments(&self) -> Vec<OsString> {
+        let Self { recording, spec, report, frames, salvage, memory_bytes, seconds, limits } = self;
+        let paths = [
+            ("--recording", Some(recording)),
+            ("--spec", Some(spec)),
+            ("--report", Some(report)),
+            ("--frames", Some(frames)),
+            ("--salvage", salvage.as_ref()),
+        ];
+        let paths = paths.into_iter().filter_map(|(flag, path)| Some([flag.into(), path?.into()])).flatten();
+        let numbers = [("--memory-bytes", memory_bytes), ("--seconds", seconds)];
+        let numbers = numbers.into_iter().flat_map(|(flag, number)| [flag.into(), number.to_string().into()]);
+        paths.chain(numbers).chain(limits.flags().into_iter().map(Into::into)).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Debug, Parser)]
+    struct Flags {
+        #[command(flatten)]
+        order: Order,
+    }
+
+    #[test]
+    fn what_is_ordered_is_what_is_read() {
+        let order = Order {
+            recording: "r".into(),
+            spec: "s p a c e".into(),
+            report: "p".into(),
+            frames: "f".into(),
+            salvage: None,
+            memory_bytes: 7,
+            seconds: 1,
+            limits: RecordingsConfig { max_records: 3, ..gleaner_recording::Limits::ADMITTED.into() },
+        };
+        for order in [Order { salvage: Some("mended".into()), ..order.clone() }, order] {
+            let words = [vec!["x".into()], order.arguments()].concat();
+            assert_eq!(Flags::try_parse_from(words).unwrap().order, order);
+        }
+    }
+}

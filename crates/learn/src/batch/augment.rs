@@ -1,0 +1,156 @@
+//! Random changes to a batch's images: shifted with the edge repeated, colour lightened and
+//! stretched. Depth is shifted with its colour and otherwise left: it is a measure, not a look.
+
+use std::collections::HashMap;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use tch::{Kind, Tensor};
+
+use super::{Batch, int};
+use crate::spec::Augmentation;
+
+const COLOURS: i64 = 3;
+
+/// What happens to all images of one episode in one batch.
+#[derive(Debug, Clone, Copy)]
+struct Change {
+    /// Pixels down and right.
+    shift: [i64; 2],
+    /// Added to colours of 0 … 1.
+    brightness: f32,
+    /// Factor of a colour's distance from its image's mean.
+    contrast: f32,
+}
+
+impl Batch {
+    /// Changes the images as `augmentation` says. One draw for each episode of the batch: each frame
+    /// is there once for all windows that hold it, and the motion within a window stays as it was.
+    pub(crate) fn augment(&mut self, augmentation: &Augmentation, rng: &mut ChaCha8Rng) {
+        if augmentation.is_none() {
+            return;
+        }
+        let mut drawn = HashMap::new();
+        let of_episode = |episode: &usize| *drawn.entry(*episode).or_insert_with(|| Change::draw(augmentation, rng));
+        let changes: Vec<Change> = self.episodes.iter().map(of_episode).collect();
+        for images in &mut self.images {
+            if augmentation.shift_pixels > 0 {
+                *images = shift(images, &changes);
+            }
+            if augmentation.brightness > 0.0 || augmentation.contrast > 0.0 {
+                *images = jitter(images, &changes);
+            }
+        }
+    }
+}
+
+impl Change {
+    /// Draws every number whatever is asked for, so that one setting does not move another's draws.
+    fn draw(augmentation: &Augmentation, rng: &mut ChaCha8Rng) -> Self {
+        let pixels = i64::from(augmentation.shift_pixels);
+        let shift = [(); 2].map(|()| rng.random_range(-pixels..=pixels));
+        #[expect(clippy::cast_possible_truncation, reason = "settings between 0 and 1")]
+        let mut within = |most: f64| (most * rng.random_range(-1.0..=1.0)) as f32;
+        Self { shift, brightness: within(augmentation.brightness), contrast: 1.0 + within(augmentation.contrast) }
+    }
+}
+
+/// `[N, C, H, W]` shifted each by its change.
+fn shift(images: &Tensor, changes: &[Change]) -> Tensor {
+    let size = images.size();
+    let mut images = images.shallow_clone();
+    for axis in 0..2 {
+        let (dimension, side) = (axis + 2, size[axis + 2]);
+        let from = changes.iter().flat_map(|change| (0..side).map(|at| (at - change.shift[axis]).clamp(0, side - 1)));
+        let mut place = [size[0], 1, 1, 1];
+        place[dimension] = side;
+        let from = Tensor::from_slice(&from.collect::<Vec<i64>>()).view(place).to_device(images.device());
+        images = images.gather(int(dimension), &from.expand(size.as_slice(), false), false);
+    }
+    images
+}
+
+/// `[N, C, H, W]` with colours changed each by its change.
+fn jitter(images: &Tensor, changes: &[Change]) -> Tensor {
+    let each = |value: fn(&Change) -> f32| {
+        let values: Vec<f32> = changes.iter().map(value).collect();
+        Tensor::from_slice(&values).view([-1, 1, 1, 1]).to_device(images.device())
+    };
+    let colour = images.narrow(1, 0, COLOURS);
+    let mean = colour.mean_dim([1i64, 2, 3].as_slice(), true, Kind::Float);
+    let stretched = (colour - &mean) * each(|change| change.contrast) + mean + each(|change| change.brightness);
+    let others = images.narrow(1, COLOURS, images.size()[1] - COLOURS);
+    Tensor::cat(&[stretched.clamp(0.0, 1.0), others], 1)
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+    use crate::batch::{Segment, values};
+    use crate::random::{Purpose, generator};
+    use crate::toy;
+
+    /// Two episodes, steps 3 … 6 of each.
+    fn batch() -> Batch {
+        let data = [toy::episode("a", 1, 8, true), toy::episode("b", 2, 8, true)];
+        let end = |trajectory| Segment { trajectory, step: 6, weight: 1.0 };
+        Batch::collect(&toy::shape(), &[&data[0], &data[1]], &[end(0), end(1)], 4, Device::Cpu)
+    }
+
+    fn augmented(augmentation: Augmentation, seed: u64) -> Tensor {
+        let mut batch = batch();
+        batch.augment(&augmentation, &mut generator(seed, Purpose::Augmentation, 0));
+        batch.images.remove(0)
+    }
+
+    #[test]
+    fn nothing_asked_changes_nothing_and_the_same_key_repeats() {
+        let plain = values(&batch().images[0]);
+        assert_eq!(plain, values(&augmented(Augmentation::default(), 1)));
+        let all = Augmentation { shift_pixels: 3, brightness: 0.2, contrast: 0.2 };
+        let first = values(&augmented(all, 1));
+        assert_eq!(first, values(&augmented(all, 1)));
+        assert_ne!(first, values(&augmented(all, 2)));
+        assert_ne!(first, plain);
+    }
+
+    #[test]
+    fn a_shift_moves_colour_and_depth_alike_and_repeats_the_edge() {
+        let image = Tensor::arange(2 * 12, (Kind::Float, Device::Cpu)).view([1, 2, 3, 4]);
+        let change = Change { shift: [1, -2], brightness: 0.0, contrast: 1.0 };
+        // One row down, two columns left.
+        let moved = [[2., 3., 3., 3.], [2., 3., 3., 3.], [6., 7., 7., 7.]].concat();
+        let expected: Vec<f32> = moved.iter().copied().chain(moved.iter().map(|value| value + 12.0)).collect();
+        assert_eq!(values(&shift(&image, &[change])), expected);
+    }
+
+    #[test]
+    fn frames_of_an_episode_change_alike_and_stay_within_the_range_asked() {
+        let plain = batch().images.remove(0);
+        let augmentation = Augmentation { brightness: 0.2, ..Augmentation::default() };
+        let mut steps = Vec::new();
+        for seed in 0..50 {
+            let moved = values(&(augmented(augmentation, seed) - &plain).select(1, 0).amax([1i64, 2], false));
+            let episodes: Vec<f32> = moved.chunks(4).map(|frames| frames[0]).collect();
+            assert!(moved.chunks(4).all(|frames| frames.iter().all(|step| (step - frames[0]).abs() < 1e-6)));
+            assert_ne!(episodes[0], episodes[1]);
+            steps.extend(episodes);
+        }
+        assert!(steps.iter().all(|step| step.abs() <= 0.2 + 1e-6));
+        assert!(steps.iter().any(|step| *step > 0.1) && steps.iter().any(|step| *step < -0.1));
+    }
+
+    #[test]
+    fn colour_jitter_leaves_depth_and_contrast_leaves_the_mean() {
+        let plain = batch().images.remove(0);
+        let moved = augmented(Augmentation { contrast: 0.4, ..Augmentation::default() }, 4);
+        assert_eq!(values(&plain.select(1, 3)), values(&moved.select(1, 3)));
+        let mean = |images: &Tensor| values(&images.narrow(1, 0, 3).mean_dim([1i64, 2, 3].as_slice(), false, None));
+        let spread = |images: &Tensor| images.narrow(1, 0, 3).std(false).double_value(&[]);
+        // Colours far from 0 and 1 are not clamped.
+        assert!(mean(&plain).iter().zip(mean(&moved)).all(|(a, b)| (a - b).abs() < 0.02));
+        assert!((spread(&plain) - spread(&moved)).abs() > 1e-3);
+    }
+}

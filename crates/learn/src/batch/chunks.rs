@@ -1,0 +1,65 @@
+//! The actions that begin where each segment ends: what a policy should do next. Needs no image.
+
+use tch::{Device, Tensor};
+
+use super::{Segment, Windows, int};
+use crate::spec::TaskShape;
+use crate::trajectory::Trajectory;
+
+/// The chunks a_t … a_{t+k−1} of W segments that end at their t.
+pub(crate) struct Chunks {
+    /// `[W, k, A]` in physical units; 0 where it does not count.
+    pub(crate) action: Tensor,
+    /// `[W, k]` of `bool`: whether the action counts. The first always does.
+    pub(crate) counted: Tensor,
+}
+
+impl Chunks {
+    /// Chunks of `length` actions of segments of `data`, of which so many count as stands beside
+    /// each segment; these must be within its episode.
+    pub(crate) fn collect(
+        shape: &TaskShape,
+        data: &[&Trajectory],
+        segments: &[(Segment, usize)],
+        length: usize,
+        device: Device,
+    ) -> Self {
+        let (mut action, mut counted) = (Vec::new(), Vec::new());
+        for (segment, count) in segments {
+            for ahead in 0..length {
+                let counts = ahead < *count;
+                counted.push(counts);
+                let end = action.len() + shape.action;
+                if counts {
+                    action.extend_from_slice(data[segment.trajectory].action_at(shape, segment.step + ahead));
+                }
+                action.resize(end, 0.0);
+            }
+        }
+        let size = [-1, int(length), int(shape.action)];
+        Self {
+            action: Tensor::from_slice(&action).view(size).to_device(device),
+            counted: Windows::grid(&counted, &size[..2], device),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+    use crate::toy;
+
+    #[test]
+    fn only_what_counts_is_there() {
+        let data = toy::episode("e", 1, 6, true);
+        let segment = |step| Segment { trajectory: 0, step, weight: 1.0 };
+        let drawn = [(segment(1), 3), (segment(5), 1)];
+        let chunks = Chunks::collect(&toy::shape(), &[&data], &drawn, 3, Device::Cpu);
+        assert_eq!(chunks.action.size(), [2, 3, 2]);
+        assert_eq!(values(&chunks.action.get(0)), data.action[2..8]);
+        assert_eq!(values(&chunks.action.get(1)), [&data.action[10..], &[0.0; 4]].concat());
+        let counted = Vec::<Vec<bool>>::try_from(&chunks.counted).unwrap();
+        assert_eq!(counted, [[true, true, true], [true, false, false]]);
+    }
+}

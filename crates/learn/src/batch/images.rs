@@ -1,0 +1,71 @@
+//! Image bytes to tensors: colour to 0 … 1, depth squashed to 0 … 1.
+
+use tch::{Device, Kind, Tensor};
+
+use super::int;
+use crate::spec::{CameraShape, TaskShape};
+
+/// Per camera `[N, C, H, W]` of the N `frames`, each `shape.frame_bytes()` long.
+pub(crate) fn images(shape: &TaskShape, frames: &[&[u8]], device: Device) -> Vec<Tensor> {
+    let mut offset = 0;
+    let mut all = Vec::with_capacity(shape.cameras.len());
+    for camera in &shape.cameras {
+        let images: Vec<&[u8]> = frames.iter().map(|frame| &frame[offset..offset + camera.bytes()]).collect();
+        all.push(camera_images(camera, &images, device));
+        offset += camera.bytes();
+    }
+    all
+}
+
+fn camera_images(camera: &CameraShape, images: &[&[u8]], device: Device) -> Tensor {
+    let (height, width) = (i64::from(camera.height), i64::from(camera.width));
+    let count = int(images.len());
+    let split = camera.pixels() * 3;
+    let mut colour = Vec::with_capacity(images.len() * split);
+    for image in images {
+        colour.extend_from_slice(&image[..split]);
+    }
+    let colour = Tensor::from_data_size(&colour, &[count, height, width, 3], Kind::Uint8)
+        .to_device(device)
+        .to_kind(Kind::Float)
+        .permute([0, 3, 1, 2])
+        / 255.0;
+    if !camera.depth {
+        return colour.contiguous();
+    }
+    let depth: Vec<f32> = images
+        .iter()
+        .flat_map(|image| image[split..].as_chunks::<2>().0)
+        .map(|bytes| squash(u16::from_le_bytes(*bytes)))
+        .collect();
+    let depth = Tensor::from_slice(&depth).view([count, 1, height, width]).to_device(device);
+    Tensor::cat(&[colour, depth], 1)
+}
+
+/// Depth z in metres as z / (1 + z): the hand's centimetres keep their weight beside a far wall,
+/// and "no reading" stays 0.
+pub(crate) fn squash(millimetres: u16) -> f32 {
+    let metres = f32::from(millimetres) / 1000.0;
+    metres / (1.0 + metres)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn colour_and_depth_land_in_their_channels() {
+        let camera = |depth| CameraShape { name: "c".into(), height: 1, width: 2, depth };
+        let shape = TaskShape { cameras: vec![camera(false), camera(true)], proprioception: 1, action: 1 };
+        let mut frame = vec![255, 0, 0, 0, 0, 51];
+        frame.extend([0, 255, 0, 0, 0, 0]);
+        frame.extend(1000u16.to_le_bytes());
+        frame.extend(0u16.to_le_bytes());
+        let tensors = images(&shape, &[&frame], Device::Cpu);
+        assert_eq!(tensors[0].size(), [1, 3, 1, 2]);
+        assert_eq!(super::super::values(&tensors[0]), [1.0, 0.0, 0.0, 0.0, 0.0, 0.2]);
+        assert_eq!(tensors[1].size(), [1, 4, 1, 2]);
+        assert_eq!(super::super::values(&tensors[1])[2..4], [1.0, 0.0]);
+        assert_eq!(super::super::values(&tensors[1])[6..], [0.5, 0.0]);
+    }
+}

@@ -1,0 +1,93 @@
+//! How windows lie over steps: which steps are needed, once each, and where every place of every
+//! window finds its step. Places before the episode are padding.
+
+use std::collections::HashMap;
+
+use tch::{Device, Tensor};
+
+use super::{Segment, int};
+
+/// Layout of W windows of L steps over N steps.
+pub(crate) struct Windows {
+    /// `[W * L]` of `i64`, places into the N steps; a padded place points at its episode's
+    /// first step, whose content nobody may see there.
+    pub(crate) index: Tensor,
+    /// `[W, L]` of `bool`: whether the place is inside the episode.
+    pub(crate) valid: Tensor,
+    /// The same as plain values, row-major.
+    pub(crate) valid_places: Vec<bool>,
+    /// L.
+    pub(crate) length: usize,
+}
+
+impl Windows {
+    /// Lays out `segments` of `length` steps; also returns the (episode, step) of the N steps.
+    pub(crate) fn lay_out(segments: &[Segment], length: usize, device: Device) -> (Self, Vec<(usize, usize)>) {
+        let mut steps = Vec::new();
+        let mut places: HashMap<(usize, usize), i64> = HashMap::new();
+        let mut index = Vec::with_capacity(segments.len() * length);
+        let mut valid_places = Vec::with_capacity(segments.len() * length);
+        for segment in segments {
+            for place in 0..length {
+                let inside = segment.step + place + 1 >= length;
+                let step = (segment.step + place + 1).saturating_sub(length);
+                let key = (segment.trajectory, step);
+                let at = *places.entry(key).or_insert_with(|| {
+                    steps.push(key);
+                    int(steps.len() - 1)
+                });
+                index.push(at);
+                valid_places.push(inside);
+            }
+        }
+        let windows = Self {
+            index: Tensor::from_slice(&index).to_device(device),
+            valid: Self::grid(&valid_places, &[-1, int(length)], device),
+            valid_places,
+            length,
+        };
+        (windows, steps)
+    }
+
+    /// The layout of `count` windows of `length` steps whose steps lie one after the other.
+    pub(crate) fn in_order(valid_places: Vec<bool>, length: usize, device: Device) -> Self {
+        let index: Vec<i64> = (0..valid_places.len()).map(int).collect();
+        Self {
+            index: Tensor::from_slice(&index).to_device(device),
+            valid: Self::grid(&valid_places, &[-1, int(length)], device),
+            valid_places,
+            length,
+        }
+    }
+
+    /// Truth values as a tensor of `size`.
+    pub(crate) fn grid(values: &[bool], size: &[i64], device: Device) -> Tensor {
+        Tensor::from_slice(values).view(size).to_device(device)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn end(step: usize) -> Segment {
+        Segment { trajectory: 7, step, weight: 1.0 }
+    }
+
+    #[test]
+    fn shared_steps_are_laid_out_once_and_early_places_are_padding() {
+        let (windows, steps) = Windows::lay_out(&[end(0), end(1), end(2)], 3, Device::Cpu);
+        assert_eq!(steps, vec![(7, 0), (7, 1), (7, 2)]);
+        let index = Vec::<i64>::try_from(&windows.index).unwrap();
+        assert_eq!(index, vec![0, 0, 0, 0, 0, 1, 0, 1, 2]);
+        let valid = vec![false, false, true, false, true, true, true, true, true];
+        assert_eq!(windows.valid_places, valid);
+    }
+
+    #[test]
+    fn a_stretch_needs_only_its_length_plus_the_history() {
+        let ends: Vec<Segment> = (20..28).map(end).collect();
+        let (_, steps) = Windows::lay_out(&ends, 7, Device::Cpu);
+        assert_eq!(steps.len(), 8 + 6);
+    }
+}

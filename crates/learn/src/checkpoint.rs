@@ -1,0 +1,213 @@
+//! Checkpoints: safetensors with a JSON header. Reading checks every bound and runs no code.
+//! Knows nothing of where checkpoints are kept.
+
+use std::collections::{BTreeMap, HashMap};
+
+use safetensors::tensor::{Dtype, TensorView};
+use safetensors::{SafeTensors, serialize};
+use serde::{Deserialize, Serialize};
+use tch::{Kind, Tensor};
+
+use crate::batch::{int, values};
+use crate::error::LearnError;
+use crate::spec::{ActSpec, ModelSpec, PolicyKind, TaskShape};
+
+/// The version this program writes, and the only one it reads.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// The header's key among the file's metadata. One key only: with several their order, and so the
+/// file's hash, would change from run to run.
+const HEADER: &str = "gleaner";
+
+/// What a checkpoint holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CheckpointKind {
+    /// A pretrained transformer, from [`pretrain`](crate::pretrain).
+    Encoder,
+    /// A trained policy, from [`train_policy`](crate::train_policy).
+    Policy,
+}
+
+/// The header of a checkpoint.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CheckpointInfo {
+    /// The file format.
+    pub format_version: u32,
+    /// What it holds.
+    pub kind: CheckpointKind,
+    /// Gradient steps done. With the seed in `spec` this is all the state the random numbers have.
+    pub step: u64,
+    /// Whether training is done. If not, the file also holds the optimiser's state.
+    pub finished: bool,
+    /// The task's shape.
+    pub shape: TaskShape,
+    /// The model. A policy without history has segment length 0.
+    pub model: ModelSpec,
+    /// Which policy; `None` in an encoder.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policy: Option<PolicyKind>,
+    /// Settings of an ACT policy; `None` in all else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub act: Option<ActSpec>,
+    /// The job's settings as a JSON text, less those that only say how it is carried out (device,
+    /// threads, checkpoint_every). A run resumes only under the same text.
+    pub spec: String,
+}
+
+/// Reads only what every version has.
+#[derive(Deserialize)]
+struct AnyVersion {
+    format_version: u32,
+}
+
+/// Reads the header of a checkpoint.
+///
+/// # Errors
+/// [`LearnError::Checkpoint`] if `bytes` are no checkpoint, [`LearnError::Version`] if they are one
+/// of another format.
+pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
+    let (_, metadata) = SafeTensors::read_metadata(bytes)?;
+    let header = metadata
+        .metadata()
+        .as_ref()
+        .and_then(|all| all.get(HEADER))
+        .ok_or_else(|| LearnError::Checkpoint("has no gleaner header; not written here".into()))?;
+    let unreadable = |error| LearnError::Checkpoint(format!("header: {error}"));
+    let version: AnyVersion = serde_json::from_str(header).map_err(unreadable)?;
+    if version.format_version != FORMAT_VERSION {
+        return Err(LearnError::Version { found: version.format_version, supported: FORMAT_VERSION });
+    }
+    let mut info: CheckpointInfo = serde_json::from_str(header).map_err(unreadable)?;
+    info.shape.validate()?;
+    info.model.validate()?;
+    info.act.unwrap_or_default().validate()?;
+    if info.kind == CheckpointKind::Policy {
+        // The first policies had one kind, and their headers do not say it.
+        info.policy.get_or_insert_default();
+    }
+    Ok(info)
+}
+
+/// Reads a checkpoint of `kind`: its header and its tensors by name.
+pub(crate) fn read(
+    bytes: &[u8],
+    kind: CheckpointKind,
+) -> Result<(CheckpointInfo, BTreeMap<String, Tensor>), LearnError> {
+    let info = inspect(bytes)?;
+    if info.kind != kind {
+        return Err(LearnError::Checkpoint(format!("holds {:?}, {kind:?} is needed here", info.kind)));
+    }
+    let mut named = BTreeMap::new();
+    for (name, view) in SafeTensors::deserialize(bytes)?.iter() {
+        if view.dtype() != Dtype::F32 {
+            return Err(LearnError::Checkpoint(format!("`{name}` is not f32")));
+        }
+        let (floats, _) = view.data().as_chunks::<4>();
+        let floats: Vec<f32> = floats.iter().map(|b| f32::from_le_bytes(*b)).collect();
+        let size: Vec<i64> = view.shape().iter().map(|n| int(*n)).collect();
+        named.insert(name.to_owned(), Tensor::from_slice(&floats).view(size.as_slice()));
+    }
+    Ok((info, named))
+}
+
+/// Writes a checkpoint. The same header and tensors give the same bytes.
+pub(crate) fn write(info: &CheckpointInfo, named: &[(String, Tensor)]) -> Result<Vec<u8>, LearnError> {
+    let header = serde_json::to_string(info).map_err(|error| LearnError::Checkpoint(format!("header: {error}")))?;
+    let mut stored = Vec::with_capacity(named.len());
+    for (name, tensor) in named {
+        debug_assert_eq!(tensor.kind(), Kind::Float, "{name}");
+        let bytes: Vec<u8> = values(tensor).iter().flat_map(|x| x.to_le_bytes()).collect();
+        let size: Vec<usize> = tensor.size().into_iter().map(|n| usize::try_from(n).unwrap_or(0)).collect();
+        stored.push((name, size, bytes));
+    }
+    let views = stored
+        .iter()
+        .map(|(name, size, bytes)| Ok((name, TensorView::new(Dtype::F32, size.clone(), bytes)?)))
+        .collect::<Result<Vec<_>, LearnError>>()?;
+    let metadata = HashMap::from([(HEADER.to_owned(), header)]);
+    Ok(serialize(views, Some(metadata))?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::CameraShape;
+
+    fn info() -> CheckpointInfo {
+        CheckpointInfo {
+            format_version: FORMAT_VERSION,
+            kind: CheckpointKind::Encoder,
+            step: 3,
+            finished: false,
+            shape: TaskShape {
+                cameras: vec![CameraShape { name: "top".into(), height: 16, width: 16, depth: false }],
+                proprioception: 2,
+                action: 1,
+            },
+            model: ModelSpec::default(),
+            policy: None,
+            act: None,
+            spec: r#"{"seed":1}"#.into(),
+        }
+    }
+
+    fn tensors() -> Vec<(String, Tensor)> {
+        let odd = [0.1f32, -0.0, f32::MIN_POSITIVE / 4.0, 1e38, f32::EPSILON, 7.0];
+        vec![
+            ("b".into(), Tensor::from_slice(&odd).view([2, 3])),
+            ("a".into(), Tensor::from_slice(&odd[..1]).view([1, 1, 1])),
+        ]
+    }
+
+    #[test]
+    fn a_round_trip_is_exact_and_the_bytes_repeat() {
+        let bytes = write(&info(), &tensors()).unwrap();
+        assert_eq!(bytes, write(&info(), &tensors()).unwrap());
+        let (read_info, named) = read(&bytes, CheckpointKind::Encoder).unwrap();
+        assert_eq!(read_info, info());
+        for (name, tensor) in tensors() {
+            let bits = |t: &Tensor| values(t).iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            assert_eq!(named[&name].size(), tensor.size());
+            assert_eq!(bits(&named[&name]), bits(&tensor));
+        }
+    }
+
+    #[test]
+    fn another_version_is_named_with_ours_and_the_mend() {
+        let bytes = write(&CheckpointInfo { format_version: 9, ..info() }, &tensors());
+        let message = inspect(&bytes.unwrap()).unwrap_err().to_string();
+        assert!(message.contains("version 9") && message.contains("version 1"), "{message}");
+        assert!(message.contains("train it again"), "{message}");
+    }
+
+    #[test]
+    fn a_policy_whose_header_names_no_kind_is_finetuned() {
+        let old = CheckpointInfo { kind: CheckpointKind::Policy, ..info() };
+        let bytes = write(&old, &tensors()).unwrap();
+        assert!(!String::from_utf8_lossy(&bytes).contains("finetune"));
+        assert_eq!(inspect(&bytes).unwrap().policy, Some(PolicyKind::Finetune));
+        assert_eq!(inspect(&write(&info(), &tensors()).unwrap()).unwrap().policy, None);
+    }
+
+    #[test]
+    fn the_wrong_kind_is_refused() {
+        let bytes = write(&info(), &tensors()).unwrap();
+        let message = read(&bytes, CheckpointKind::Policy).unwrap_err().to_string();
+        assert!(message.contains("holds Encoder"), "{message}");
+    }
+
+    #[test]
+    fn damaged_bytes_give_an_error_and_never_a_panic() {
+        let bytes = write(&info(), &tensors()).unwrap();
+        for length in 0..bytes.len() {
+            assert!(read(&bytes[..length], CheckpointKind::Encoder).is_err());
+        }
+        for at in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[at] ^= 0x41;
+            let _ = read(&damaged, CheckpointKind::Encoder);
+        }
+        assert!(inspect(b"\x80\x04pickle").is_err());
+    }
+}

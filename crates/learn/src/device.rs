@@ -1,0 +1,102 @@
+//! Where tensors live and how many threads work on them. The only room that touches
+//! process-wide settings of the tensor library.
+
+use std::hint::black_box;
+use std::sync::Once;
+
+use crate::error::LearnError;
+use crate::spec::Device;
+
+/// Just under the most that glibc's threshold grows to.
+const KEPT: usize = (32 << 20) - (64 << 10);
+
+/// Sets the number of intra-op threads of the whole process (at least 1).
+///
+/// Serve with one thread per model: two threads on busy cores cost more than they give.
+pub fn set_threads(threads: u32) {
+    tch::set_num_threads(i32::try_from(threads.max(1)).unwrap_or(i32::MAX));
+}
+
+/// The library's device for `device`, after setting `threads` if asked.
+pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, LearnError> {
+    if let Some(threads) = threads {
+        set_threads(threads);
+    }
+    keep_memory();
+    match device {
+        Device::Cpu => Ok(tch::Device::Cpu),
+        Device::Cuda if tch::Cuda::is_available() => Ok(tch::Device::Cuda(0)),
+        Device::Cuda => Err(LearnError::invalid("device", "is cuda, but no CUDA device is usable here; use cpu")),
+    }
+}
+
+/// Has the C library keep what is freed for the next tensor, up to twice [`KEPT`] for each thread's heap.
+///
+/// By itself glibc gives tensors' memory back to the system as soon as they go and gets it anew, page by page, with the
+/// next pass: half of a pass over the images of sixteen sessions. Freeing one large piece tells it (`mallopt(3)`,
+/// M_MMAP_THRESHOLD) that such pieces come and go. No page of this one is touched; other C libraries don't mind.
+fn keep_memory() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| drop(black_box(Vec::<u8>::with_capacity(KEPT))));
+}
+
+/// Runs `work` for each of `workers` on a thread of its own with one intra-op thread, and waits
+/// for all; a single worker stays on this thread. What one of them panics with, this panics with.
+pub(crate) fn side_by_side<W: Send>(mut workers: Vec<W>, work: impl Fn(W) + Sync) {
+    if workers.len() < 2 {
+        return workers.pop().map_or((), work);
+    }
+    // The setting is the process's for threads yet to begin; dropped, it is as it was.
+    let _restore = Threads(tch::get_num_threads());
+    let work = &work;
+    std::thread::scope(|scope| {
+        let run = |worker| {
+            scope.spawn(move || {
+                tch::set_num_threads(1);
+                work(worker);
+            })
+        };
+        let running: Vec<_> = workers.into_iter().map(run).collect();
+        for thread in running {
+            thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        }
+    });
+}
+
+struct Threads(i32);
+
+impl Drop for Threads {
+    fn drop(&mut self) {
+        tch::set_num_threads(self.0);
+    }
+}
+
+#[cfg(all(test, target_os = "linux", target_env = "gnu"))]
+mod tests {
+    use super::*;
+
+    const PIECE: usize = 16 << 20;
+
+    /// Pages this thread has been given so far.
+    fn faults() -> usize {
+        let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+        // After the name, which may hold anything: state, and seven more, then the faults.
+        stat.rsplit_once(')').unwrap().1.split_whitespace().nth(7).unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn memory_that_is_freed_is_there_for_the_next() {
+        // A thread of its own, as a model has; it begins with an empty heap.
+        let again = std::thread::spawn(|| {
+            open(Device::Cpu, None).unwrap();
+            drop(black_box(vec![1u8; PIECE]));
+            let before = faults();
+            for _ in 0..8 {
+                drop(black_box(vec![1u8; PIECE]));
+            }
+            faults() - before
+        });
+        let again = again.join().unwrap();
+        assert!(again < PIECE / 4096 / 8, "{again} pages for eight times {} pages", PIECE / 4096);
+    }
+}

@@ -1,0 +1,113 @@
+//! What can go wrong in learning. Knows nothing of status codes or of who asked.
+
+use std::any::Any;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use safetensors::SafeTensorError;
+use tch::TchError;
+
+/// Why a call into this crate gave no result.
+#[derive(Debug, thiserror::Error)]
+pub enum LearnError {
+    /// The caller's input is wrong; `field` names it and `message` says how to mend it.
+    #[error("{field}: {message}")]
+    Invalid {
+        /// Path of the field, such as `optim.learning_rate` or `episode ep_1: action`.
+        field: String,
+        /// What is wrong and what would be right.
+        message: String,
+    },
+    /// The bytes are not a checkpoint this crate can use.
+    #[error("checkpoint: {0}")]
+    Checkpoint(String),
+    /// The checkpoint was written in another format.
+    #[error(
+        "checkpoint: format version {found} cannot be read, this program reads version {supported}; \
+         train it again, or use the release that wrote it"
+    )]
+    Version {
+        /// The version in the file.
+        found: u32,
+        /// The version this program writes and reads.
+        supported: u32,
+    },
+    /// [`Monitor::cancelled`](crate::Monitor::cancelled) said so.
+    #[error("cancelled")]
+    Cancelled,
+    /// The loss stopped being a number.
+    #[error("the loss is not finite at step {step}; use a lower optim.learning_rate")]
+    Diverged {
+        /// The step (from 0) whose loss was not finite.
+        step: u64,
+    },
+    /// The monitor could not keep a checkpoint.
+    #[error("the checkpoint of step {step} could not be kept: {message}")]
+    Monitor {
+        /// Steps done.
+        step: u64,
+        /// What the monitor said.
+        message: String,
+    },
+    /// The tensor library failed: out of memory, or a defect here.
+    #[error("tensor library: {0}")]
+    Torch(String),
+}
+
+impl LearnError {
+    /// An [`LearnError::Invalid`] for `field`.
+    pub(crate) fn invalid(field: impl Into<String>, message: impl Into<String>) -> Self {
+        Self::Invalid { field: field.into(), message: message.into() }
+    }
+}
+
+impl From<TchError> for LearnError {
+    fn from(error: TchError) -> Self {
+        Self::Torch(first_line(&error.to_string()))
+    }
+}
+
+impl From<SafeTensorError> for LearnError {
+    fn from(error: SafeTensorError) -> Self {
+        Self::Checkpoint(format!("{error}; the bytes are cut short or are not a checkpoint"))
+    }
+}
+
+/// Runs `work` and turns a panic of the tensor library into [`LearnError::Torch`].
+///
+/// Plain tensor operations panic when the library throws. Inputs are checked before they get
+/// there, so what remains is memory running out or a defect; neither may take the caller down.
+pub(crate) fn guard<T>(work: impl FnOnce() -> Result<T, LearnError>) -> Result<T, LearnError> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(from_panic(panic.as_ref())))
+}
+
+fn from_panic(panic: &(dyn Any + Send)) -> LearnError {
+    let text = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("panic without a message");
+    LearnError::Torch(first_line(text))
+}
+
+/// The library appends its C++ stack to a message; only the first line tells the reader something.
+fn first_line(text: &str) -> String {
+    text.lines().next().unwrap_or_default().to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_the_tensor_library_becomes_an_error() {
+        let result: Result<(), _> = guard(|| {
+            let a = tch::Tensor::from_slice(&[1.0f32, 2.0]);
+            let b = tch::Tensor::from_slice(&[1.0f32, 2.0, 3.0]);
+            let _ = a + b;
+            Ok(())
+        });
+        let message = result.unwrap_err().to_string();
+        assert!(message.starts_with("tensor library: "), "{message}");
+        assert!(!message.contains('\n'), "{message}");
+    }
+}

@@ -1,0 +1,128 @@
+//! All cameras of a step to one embedding: a small convolutional encoder per camera, then one
+//! projection of all of them.
+
+use tch::nn::{self, ModuleT};
+use tch::{Kind, Tensor, nn::Module};
+
+use super::Size;
+use crate::spec::{CameraShape, TaskShape};
+
+/// Stages halve an image until at most this many places are left.
+const PLACES: i64 = 256;
+const MIN_STAGES: usize = 2;
+/// Larger images are shrunk by 4 in the first stage.
+const LARGE: u32 = 64;
+const GROUPS: i64 = 8;
+
+/// The image encoder of a task.
+pub(crate) struct ImageEncoder {
+    cameras: Vec<CameraEncoder>,
+    project: nn::Linear,
+}
+
+impl ImageEncoder {
+    pub(crate) fn new(path: &nn::Path<'_>, shape: &TaskShape, size: &Size) -> Self {
+        let cameras: Vec<_> = (shape.cameras.iter().enumerate())
+            .map(|(i, camera)| CameraEncoder::new(&(path / "camera" / i), camera, size))
+            .collect();
+        let inputs = cameras.iter().map(CameraEncoder::outputs).sum();
+        let project = nn::linear(path / "project", inputs, size.width, Default::default());
+        Self { cameras, project }
+    }
+
+    /// Standardised images, per camera `[N, C, H, W]`, to `[N, d]`.
+    pub(crate) fn forward(&self, images: &[Tensor]) -> Tensor {
+        let seen: Vec<Tensor> =
+            (self.cameras.iter().zip(images)).map(|(camera, image)| camera.forward(image)).collect();
+        self.project.forward(&Tensor::cat(&seen, 1))
+    }
+}
+
+/// One camera's encoder: each of the last stage's channels looks for one thing and says where it
+/// is (the mean place under a softmax over all places) and how clearly it is seen. Where a thing
+/// is counts most in manipulation, and this way it is learnt from few demonstrations.
+struct CameraEncoder {
+    stages: nn::SequentialT,
+    /// `[places, 2]`: x and y of each place in -1 … 1.
+    grid: Tensor,
+    channels: i64,
+}
+
+impl CameraEncoder {
+    fn new(path: &nn::Path<'_>, camera: &CameraShape, size: &Size) -> Self {
+        let mut stages = nn::seq_t();
+        let (mut height, mut width) = (i64::from(camera.height), i64::from(camera.width));
+        let mut channels = if camera.depth { 4 } else { 3 };
+        let mut stage = 0;
+        while stage < MIN_STAGES || height * width > PLACES {
+            let stride = if stage == 0 && camera.height.max(camera.width) > LARGE {
+                4
+            } else if height * width > PLACES {
+                2
+            } else {
+                1
+            };
+            let out = size.channels[stage.min(size.channels.len() - 1)];
+            stages = add_stage(stages, &(path / stage), [channels, out, stride]);
+            (height, width) = ((height + stride - 1) / stride, (width + stride - 1) / stride);
+            channels = out;
+            stage += 1;
+        }
+        let last = nn::conv2d(path / "keypoint", channels, channels, 1, Default::default());
+        Self { stages: stages.add(last), grid: grid(height, width, path.device()), channels }
+    }
+
+    fn outputs(&self) -> i64 {
+        3 * self.channels
+    }
+
+    fn forward(&self, image: &Tensor) -> Tensor {
+        let seen = self.stages.forward_t(image, false).flatten(2, -1);
+        let attention = seen.softmax(-1, None);
+        let place = attention.matmul(&self.grid.to_kind(seen.kind())).flatten(1, -1);
+        let clearness = (attention * seen).sum_dim_intlist([-1i64].as_slice(), false, None);
+        Tensor::cat(&[place, clearness], 1)
+    }
+}
+
+/// Convolution, group norm and ReLU. A side shrinks to ceil(side / stride), whatever it was.
+fn add_stage(stages: nn::SequentialT, path: &nn::Path<'_>, [inputs, outputs, stride]: [i64; 3]) -> nn::SequentialT {
+    let kernel = if stride == 4 { 5 } else { 3 };
+    let config = nn::ConvConfig { stride, padding: kernel / 2, bias: false, ..Default::default() };
+    stages
+        .add(nn::conv2d(path / "conv", inputs, outputs, kernel, config))
+        .add(nn::group_norm(path / "norm", GROUPS, outputs, Default::default()))
+        .add_fn(Tensor::relu)
+}
+
+fn grid(height: i64, width: i64, device: tch::Device) -> Tensor {
+    let line = |count| Tensor::linspace(-1.0, 1.0, count, (Kind::Float, device));
+    let x = line(width).unsqueeze(0).expand([height, width], false);
+    let y = line(height).unsqueeze(1).expand([height, width], false);
+    Tensor::stack(&[x, y], -1).view([height * width, 2])
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+    use crate::spec::Preset;
+
+    #[test]
+    fn any_image_size_is_taken() {
+        for (height, width, depth) in [(8, 8, false), (16, 17, true), (128, 128, true), (270, 480, false)] {
+            let shape = TaskShape {
+                cameras: vec![CameraShape { name: "c".into(), height, width, depth }],
+                proprioception: 1,
+                action: 1,
+            };
+            let store = nn::VarStore::new(Device::Cpu);
+            let encoder = ImageEncoder::new(&store.root(), &shape, &Size::of(Preset::Tiny));
+            let channels = if depth { 4 } else { 3 };
+            let size = [2, channels, i64::from(height), i64::from(width)];
+            let out = encoder.forward(&[Tensor::zeros(size, (Kind::Float, Device::Cpu))]);
+            assert_eq!(out.size(), [2, 64]);
+        }
+    }
+}

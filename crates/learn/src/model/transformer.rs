@@ -1,0 +1,174 @@
+//! A pre-norm transformer over the tokens of a window, and which token may see which.
+
+use tch::nn::{self, Module};
+use tch::{Device, Kind, Tensor};
+
+use super::Size;
+use super::tokens::MODALITIES;
+use crate::batch::int;
+
+/// Which tokens of a window see which.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Attention {
+    /// Every token sees every other.
+    Bidirectional,
+    /// A token sees itself and those before it; m_t never sees a_t.
+    Causal,
+}
+
+/// `[W, 1, 3 L, 3 L]` of `bool`, true where the query (row) may see the key (column).
+///
+/// No token of the episode sees padding. Every token sees itself: a padded query would otherwise
+/// see nothing at all and its softmax would not be a number.
+pub(crate) fn mask(valid: &Tensor, attention: Attention) -> Tensor {
+    let keys = valid.repeat_interleave_self_int(MODALITIES, 1, None);
+    let size = keys.size()[1];
+    let own = Tensor::eye(size, (Kind::Bool, valid.device()));
+    let seen = keys.unsqueeze(1).unsqueeze(1);
+    match attention {
+        Attention::Bidirectional => seen.logical_or(&own),
+        Attention::Causal => {
+            let before = Tensor::ones([size, size], (Kind::Bool, valid.device())).tril(0);
+            seen.logical_and(&before).logical_or(&own)
+        }
+    }
+}
+
+/// As [`mask`], of windows of `length` steps without padding: `[1, 1, 3 L, 3 L]`, to be added to what a softmax takes.
+pub(super) fn whole_mask(length: usize, attention: Attention, device: Device) -> Tensor {
+    let seen = mask(&Tensor::ones([1, int(length)], (Kind::Bool, device)), attention);
+    let nothing = Tensor::zeros(seen.size().as_slice(), (Kind::Float, device));
+    nothing.masked_fill(&seen.logical_not(), f64::NEG_INFINITY)
+}
+
+struct Block {
+    heads: i64,
+    before_attention: nn::LayerNorm,
+    query: nn::Linear,
+    key_value: nn::Linear,
+    out: nn::Linear,
+    before_mlp: nn::LayerNorm,
+    up: nn::Linear,
+    down: nn::Linear,
+}
+
+impl Block {
+    fn new(path: &nn::Path<'_>, size: &Size) -> Self {
+        let d = size.width;
+        let linear = |name: &str, from, to| nn::linear(path / name, from, to, Default::default());
+        let norm = |name: &str| nn::layer_norm(path / name, vec![d], Default::default());
+        Self {
+            heads: size.heads,
+            before_attention: norm("attention_norm"),
+            query: linear("query", d, d),
+            key_value: linear("key_value", d, 2 * d),
+            out: linear("out", d, d),
+            before_mlp: norm("mlp_norm"),
+            up: linear("up", d, 4 * d),
+            down: linear("down", 4 * d, d),
+        }
+    }
+
+    /// `x` is `[W, S, d]`; gives the last `keep` tokens `[W, keep, d]`.
+    fn forward(&self, x: &Tensor, mask: &Tensor, keep: i64) -> Tensor {
+        let first = x.size()[1] - keep;
+        let normed = self.before_attention.forward(x);
+        let query = self.query.forward(&normed.narrow(1, first, keep));
+        let key_value = self.key_value.forward(&normed).chunk(2, -1);
+        let seen = Tensor::scaled_dot_product_attention(
+            &self.split(&query),
+            &self.split(&key_value[0]),
+            &self.split(&key_value[1]),
+            Some(&mask.narrow(2, first, keep)),
+            0.0,
+            false,
+            None,
+            false,
+        );
+        let seen = seen.transpose(1, 2).flatten(2, -1);
+        let x = x.narrow(1, first, keep) + self.out.forward(&seen);
+        let inner = self.up.forward(&self.before_mlp.forward(&x)).gelu("none");
+        x + self.down.forward(&inner)
+    }
+
+    /// `[W, S, d]` to `[W, heads, S, d / heads]`.
+    fn split(&self, x: &Tensor) -> Tensor {
+        x.unflatten(-1, [self.heads, -1]).transpose(1, 2)
+    }
+}
+
+/// The blocks and the last norm.
+pub(crate) struct Transformer {
+    blocks: Vec<Block>,
+    norm: nn::LayerNorm,
+}
+
+impl Transformer {
+    pub(crate) fn new(path: &nn::Path<'_>, size: &Size) -> Self {
+        let blocks = (0..size.layers).map(|i| Block::new(&(path / "block" / i), size)).collect();
+        let norm = nn::layer_norm(path / "norm", vec![size.width], Default::default());
+        Self { blocks, norm }
+    }
+
+    /// Tokens `[W, 3 L, d]` to features of the last `keep` steps `[W, keep, 3, d]`. The last
+    /// block works on those alone.
+    pub(super) fn forward(&self, tokens: &Tensor, mask: &Tensor, keep: usize) -> Tensor {
+        let kept = int(keep) * MODALITIES;
+        self.last_tokens(tokens, mask, kept).unflatten(1, [-1, MODALITIES])
+    }
+
+    /// Tokens `[W, S, d]`, of which `mask` `[W or 1, 1, S, S]` says who sees whom, to features of
+    /// the last `kept` of them `[W, kept, d]`.
+    pub(crate) fn last_tokens(&self, tokens: &Tensor, mask: &Tensor, kept: i64) -> Tensor {
+        let all = tokens.size()[1];
+        let mut x = tokens.shallow_clone();
+        for (i, block) in self.blocks.iter().enumerate() {
+            let last = i + 1 == self.blocks.len();
+            x = block.forward(&x, mask, if last { kept } else { all });
+        }
+        self.norm.forward(&x)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use tch::Device;
+
+    use super::*;
+    use crate::batch::Windows;
+
+    fn rows(valid: &[bool], attention: Attention) -> Vec<Vec<bool>> {
+        let size = [1, int(valid.len())];
+        let mask = mask(&Windows::grid(valid, &size, Device::Cpu), attention);
+        assert_eq!(mask.size()[..2], [1, 1]);
+        Vec::<Vec<bool>>::try_from(mask.squeeze()).unwrap()
+    }
+
+    #[test]
+    fn bidirectional_sees_everything_but_padding() {
+        let rows = rows(&[false, true], Attention::Bidirectional);
+        for row in &rows[3..] {
+            assert_eq!(row, &[false, false, false, true, true, true]);
+        }
+        assert!((0..6).all(|i| rows[i][i]));
+    }
+
+    #[test]
+    fn a_whole_windows_mask_says_the_same_in_sums() {
+        for attention in [Attention::Causal, Attention::Bidirectional] {
+            let seen = mask(&Windows::grid(&[true; 3], &[1, 3], Device::Cpu), attention);
+            let added = whole_mask(3, attention, Device::Cpu);
+            assert_eq!(added.size(), seen.size());
+            let weights = added.exp();
+            assert!(weights.equal(&seen.to_kind(Kind::Float)), "what is seen counts in full, the rest not at all");
+        }
+    }
+
+    #[test]
+    fn causal_sees_itself_and_before_but_never_padding() {
+        let rows = rows(&[false, true], Attention::Causal);
+        assert_eq!(rows[3], [false, false, false, true, false, false]);
+        assert_eq!(rows[4], [false, false, false, true, true, false]);
+        assert_eq!(rows[5], [false, false, false, true, true, true]);
+    }
+}

@@ -1,0 +1,126 @@
+//! Statistics of the cameras' images: of what the image encoder reads and of what H_o predicts.
+
+use tch::{Device, Kind, Tensor};
+
+use super::Standard;
+use super::frames::Lookup;
+use crate::batch::images;
+use crate::spec::{CameraShape, TaskShape};
+use crate::trajectory::Trajectory;
+
+/// Images looked at for the image statistics; an even sample of the steps when there are more.
+const SAMPLED_FRAMES: usize = 2_048;
+const CHUNK: usize = 64;
+
+/// Statistics of one camera's images.
+pub(crate) struct CameraStandard {
+    /// What the image encoder reads: per channel, `[C, 1, 1]`.
+    pub(crate) input: Standard,
+    /// What H_o predicts: the down-sampled image less its mean image `[C, h, w]`, in units of the
+    /// channel's remaining deviation `[C, 1, 1]`. So the static background costs nothing, and a
+    /// pixel that hardly ever changes is not blown up.
+    pub(crate) target: Standard,
+    /// `input` for bytes.
+    pub(super) lookup: Lookup,
+}
+
+impl CameraStandard {
+    /// What H_o should predict, `[N, C, h, w]`, for images `[N, C, H, W]`.
+    pub(crate) fn small(&self, images: &Tensor) -> Tensor {
+        let size = self.target.mean.size();
+        self.target.apply(&images.adaptive_avg_pool2d(&size[1..]))
+    }
+}
+
+/// Height and width of the image H_o predicts.
+pub(crate) fn target_size(camera: &CameraShape, target: u32) -> [i64; 2] {
+    [camera.height, camera.width].map(|side| i64::from(side.min(target)))
+}
+
+/// Sums over the sampled images of one camera.
+struct Sums {
+    channel: Tensor,
+    channel_square: Tensor,
+    target: Tensor,
+    target_square: Tensor,
+}
+
+/// Measures every camera over an even sample of the steps.
+pub(super) fn measure(shape: &TaskShape, data: &[&Trajectory], target: u32, device: Device) -> Vec<CameraStandard> {
+    let steps: Vec<(usize, usize)> =
+        data.iter().enumerate().flat_map(|(i, t)| (0..t.steps(shape)).map(move |step| (i, step))).collect();
+    let every = steps.len().div_ceil(SAMPLED_FRAMES).max(1);
+    let sample: Vec<_> = steps.into_iter().step_by(every).collect();
+    let mut sums: Vec<Option<Sums>> = shape.cameras.iter().map(|_| None).collect();
+    for chunk in sample.chunks(CHUNK) {
+        let frames: Vec<&[u8]> = chunk.iter().map(|(i, t)| data[*i].frame(shape, *t)).collect();
+        for (i, image) in images(shape, &frames, device).iter().enumerate() {
+            let size = target_size(&shape.cameras[i], target);
+            let part = Sums::of(image, size);
+            sums[i] = Some(match sums[i].take() {
+                Some(sum) => sum.plus(&part),
+                None => part,
+            });
+        }
+    }
+    let count = f64::from(u32::try_from(sample.len()).unwrap_or(u32::MAX));
+    let finish = |sums: Sums| sums.standard(count, device);
+    sums.into_iter().flatten().map(finish).collect()
+}
+
+impl Sums {
+    /// Of `[N, C, H, W]`; pixels are averaged, images are summed.
+    fn of(images: &Tensor, size: [i64; 2]) -> Self {
+        let mean = |x: &Tensor| {
+            x.mean_dim([2i64, 3].as_slice(), true, Kind::Double).sum_dim_intlist([0i64].as_slice(), false, Kind::Double)
+        };
+        let small = images.adaptive_avg_pool2d(size).to_kind(Kind::Double);
+        Self {
+            channel: mean(images),
+            channel_square: mean(&images.square()),
+            target: small.sum_dim_intlist([0i64].as_slice(), false, Kind::Double),
+            target_square: mean(&small.square()),
+        }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        Self {
+            channel: &self.channel + &other.channel,
+            channel_square: &self.channel_square + &other.channel_square,
+            target: &self.target + &other.target,
+            target_square: &self.target_square + &other.target_square,
+        }
+    }
+
+    fn standard(&self, count: f64, device: Device) -> CameraStandard {
+        let deviation = |square: Tensor| square.clamp_min(0.0).sqrt();
+        let channel = &self.channel / count;
+        let spread = deviation(&self.channel_square / count - channel.square());
+        let target = &self.target / count;
+        let still = target.square().mean_dim([1i64, 2].as_slice(), true, Kind::Double);
+        let moving = deviation(&self.target_square / count - still);
+        let size = spread.zeros_like();
+        CameraStandard {
+            input: Standard::new(&channel, &spread, &size, device),
+            target: Standard::new(&target, &moving, &size, device),
+            lookup: Lookup::default(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+
+    #[test]
+    fn a_still_image_is_the_mean_image_and_movement_has_unit_deviation() {
+        let still = Tensor::from_slice(&[0.2f32, 0.8, 0.2, 0.8]).view([2, 1, 1, 2]);
+        let sums = Sums::of(&still, [1, 2]);
+        let standard = sums.standard(2.0, Device::Cpu);
+        assert_eq!(values(&standard.target.apply(&still)), [0.0; 4]);
+        let moving = Tensor::from_slice(&[0.0f32, 1.0, 1.0, 0.0]).view([2, 1, 1, 2]);
+        let standard = Sums::of(&moving, [1, 2]).standard(2.0, Device::Cpu);
+        assert_eq!(values(&standard.target.apply(&moving)), [-1.0, 1.0, 1.0, -1.0]);
+    }
+}

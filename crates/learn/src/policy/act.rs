@@ -1,0 +1,122 @@
+//! The policy `act`: action chunking with transformers (Zhao et al. 2023), a conditional VAE over
+//! chunks a_t … a_{t+k−1} given o_t and m_t.
+//!
+//! Training: a style encoder reads m_t and the chunk and gives q(z | m, a) = N(μ, σ²); a decoder
+//! predicts the chunk from o_t, m_t and z. The loss is L1 + kl_weight · KL(q ‖ N(0, 1)), L1 the mean
+//! over the chunk's k places of the standardised actions' absolute errors. Acting: z = 0.
+//!
+//! A place of the chunk beyond the episode's end does not count, and in an imperfect episode no place
+//! from the first step on whose segment was not kept: what follows there was judged too poor to
+//! imitate, and a chunk must not bring it in through the back door. Places that do not count are
+//! hidden from the style encoder and cost nothing. The sum is always divided by k, so that an action
+//! weighs the same in whichever chunk it stands. A chunk's weight is the q of its first step.
+
+mod layers;
+
+use std::collections::BTreeMap;
+
+use rand_chacha::ChaCha8Rng;
+use tch::{Device, Kind, Tensor};
+
+use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
+use super::scratch::{self, Scratch};
+use crate::batch::Chunks;
+use crate::checkpoint::CheckpointInfo;
+use crate::error::LearnError;
+use crate::random::normal;
+use crate::spec::ActSpec;
+use layers::{ChunkDecoder, StyleEncoder};
+
+pub(super) const ENTRY: Entry = Entry { model: scratch::model, begin, load };
+
+fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
+    let policy = Act::new(Scratch::begin(start, info), start.spec.act);
+    policy.scratch.draw(start.spec.seed);
+    Ok(Box::new(policy))
+}
+
+fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Made {
+    let act = info.act.ok_or_else(|| LearnError::Checkpoint("header: an ACT policy without its settings".into()))?;
+    let policy = Act::new(Scratch::load(info, named, device)?, act);
+    policy.scratch.take(named)?;
+    Ok(Box::new(policy))
+}
+
+struct Act {
+    scratch: Scratch,
+    spec: ActSpec,
+    style: StyleEncoder,
+    decoder: ChunkDecoder,
+}
+
+impl Act {
+    fn new(scratch: Scratch, spec: ActSpec) -> Self {
+        let root = scratch.root();
+        let style = StyleEncoder::new(&(&root / "style"), &scratch.shape, &spec, &scratch.size);
+        let decoder = ChunkDecoder::new(&(&root / "decoder"), &scratch.shape, &spec, &scratch.size);
+        drop(root);
+        Self { scratch, spec, style, decoder }
+    }
+
+    /// Standardised m_t, `[W, M]`.
+    fn proprioception(&self, seen: &Seen) -> Tensor {
+        self.scratch.statistics.proprioception.apply(&seen.newest(&seen.proprioception))
+    }
+}
+
+impl Method for Act {
+    fn about(&self) -> About<'_> {
+        self.scratch.about(self.spec.chunk_length as usize)
+    }
+
+    fn parameters(&self) -> Vec<(String, Tensor)> {
+        self.scratch.parameters()
+    }
+
+    fn encode(&self, images: &[Tensor]) -> Tensor {
+        self.scratch.encode(images)
+    }
+
+    fn losses(&self, seen: &Seen, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
+        let (o, m) = (seen.newest(&seen.embedded), self.proprioception(seen));
+        let target = self.scratch.statistics.action.apply(&wanted.action);
+        let (mean, log_variance) = self.style.forward(&m, &target, &wanted.counted);
+        let noise = Tensor::from_slice(&normal(rng, mean.numel())).view_as(&mean).to_device(mean.device());
+        let z = &mean + (&log_variance * 0.5).exp() * noise;
+        let errors = (self.decoder.forward(&o, &m, &z) - target).abs().mean_dim([-1i64].as_slice(), false, None);
+        let errors = (errors * &wanted.counted).mean_dim([-1i64].as_slice(), false, None);
+        let divergence = divergence(&mean, &log_variance);
+        Losses {
+            each: &errors + &divergence * self.spec.kl_weight,
+            parts: vec![("loss_l1", errors), ("loss_kl", divergence)],
+        }
+    }
+
+    fn act(&self, seen: &Seen) -> Tensor {
+        let (o, m) = (seen.newest(&seen.embedded), self.proprioception(seen));
+        let z = Tensor::zeros([o.size()[0], i64::from(self.spec.latent_size)], (Kind::Float, o.device()));
+        self.decoder.forward(&o, &m, &z)
+    }
+}
+
+/// KL(N(μ, σ²) ‖ N(0, 1)) of each row, summed over the style's values: `[W, Z]` to `[W]`.
+fn divergence(mean: &Tensor, log_variance: &Tensor) -> Tensor {
+    let each = (mean.square() + log_variance.exp() - log_variance - 1.0) * 0.5;
+    each.sum_dim_intlist([-1i64].as_slice(), false, None)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+
+    #[test]
+    fn the_divergence_is_that_of_two_normals() {
+        let mean = Tensor::from_slice(&[0.0f32, 0.0, 1.0, -2.0]).view([2, 2]);
+        let log_variance = Tensor::from_slice(&[0.0f32, 0.0, 0.0, 4f32.ln()]).view([2, 2]);
+        let found = values(&divergence(&mean, &log_variance));
+        assert_eq!(found[0], 0.0);
+        // 1/2 + (4 + 4 - 1 - ln 4) / 2.
+        assert!((found[1] - (0.5 + (7.0 - 4f32.ln()) / 2.0)).abs() < 1e-6);
+    }
+}

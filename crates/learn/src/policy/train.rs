@@ -1,0 +1,213 @@
+//! Training any policy by weighted behaviour cloning. Knows nothing of which policy it is.
+//!
+//! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−q(τ) log P_θ′(a | τ)].
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use tch::Tensor;
+
+use super::method::{Losses, Method, Seen, Start, entry};
+use crate::batch::{Batch, Chunks, Segment, Segments, Windows, int};
+use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
+use crate::device;
+use crate::error::{LearnError, guard};
+use crate::random::{Purpose, generator};
+use crate::spec::{PolicyKind, TaskShape, TrainSpec};
+use crate::train::{Loss, Monitor, Resumed, Training};
+use crate::trajectory::{Trajectory, WeightedSegments};
+
+type Policy = Box<dyn Method>;
+
+/// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and gives its checkpoint.
+/// `finetune` goes on from the pretrained `encoder`, and with nothing kept it is SSDF-base; the other
+/// policies start from scratch and look at no encoder.
+///
+/// Each step takes the mean over a batch of expert segments and λ times the mean of q · loss over
+/// a batch of kept ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`,
+/// `loss_expert`, `loss_kept` (before λ; only if something is kept), for ACT `loss_l1` and `loss_kl`
+/// (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`.
+///
+/// # Errors
+/// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for
+/// an encoder that cannot be used, [`LearnError::Cancelled`], [`LearnError::Diverged`], and what
+/// the tensor library may give.
+pub fn train_policy(
+    shape: &TaskShape,
+    encoder: Option<&[u8]>,
+    experts: &[Trajectory],
+    kept: &[WeightedSegments],
+    spec: &TrainSpec,
+    resume: Option<&[u8]>,
+    monitor: &mut dyn Monitor,
+) -> Result<Vec<u8>, LearnError> {
+    shape.validate()?;
+    spec.validate()?;
+    spec.augmentation.fits(shape)?;
+    if experts.is_empty() {
+        return Err(LearnError::invalid("experts", "has no episode to learn from"));
+    }
+    for trajectory in experts {
+        trajectory.validate(shape)?;
+    }
+    for segments in kept {
+        segments.validate(shape)?;
+    }
+    guard(|| {
+        let sources = Sources::new(shape, experts, kept, spec);
+        let data = [sources.experts.data.as_slice(), &sources.kept.data].concat();
+        let device = device::open(spec.device, spec.threads)?;
+        let start = Start { shape, encoder, data: &data, spec, device };
+        let training = match begin(&start, resume)? {
+            Resumed::Finished(bytes) => return Ok(bytes),
+            Resumed::Unfinished(training) => training,
+        };
+        let loss = |policy: &Policy, step| sources.loss(policy.as_ref(), spec, step);
+        training.run(&spec.optim, spec.checkpoint_every, &loss, monitor)
+    })
+}
+
+fn begin(start: &Start<'_>, resume: Option<&[u8]>) -> Result<Resumed<Policy>, LearnError> {
+    let spec = start.spec;
+    let entry = entry(spec.policy);
+    let info = CheckpointInfo {
+        format_version: FORMAT_VERSION,
+        kind: CheckpointKind::Policy,
+        step: 0,
+        finished: false,
+        shape: start.shape.clone(),
+        model: (entry.model)(start)?,
+        policy: Some(spec.policy),
+        act: (spec.policy == PolicyKind::Act).then_some(spec.act),
+        spec: spec.identity(),
+    };
+    if let Some(bytes) = resume {
+        return Training::resume(bytes, &info, start.device);
+    }
+    Ok(Resumed::Unfinished(Box::new(Training::start((entry.begin)(start, &info)?, info))))
+}
+
+/// Episodes and which of their segments count.
+pub(super) struct Source<'a> {
+    pub(super) data: Vec<&'a Trajectory>,
+    pub(super) segments: Segments,
+}
+
+/// Where the two batches of a step come from.
+struct Sources<'a> {
+    experts: Source<'a>,
+    kept: Source<'a>,
+}
+
+/// What makes one batch's random numbers: seed, step, and the purposes of segments, images, noise.
+struct Draw {
+    seed: u64,
+    step: u64,
+    purposes: [Purpose; 3],
+}
+
+const EXPERT: [Purpose; 3] = [Purpose::Batch, Purpose::Augmentation, Purpose::Style];
+const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpose::KeptStyle];
+
+impl<'a> Sources<'a> {
+    fn new(shape: &TaskShape, experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Self {
+        let experts: Vec<&Trajectory> = experts.iter().collect();
+        // λ = 0 makes kept segments worth nothing, so they are not even read.
+        let kept = if spec.lambda > 0.0 { kept } else { &[] };
+        Self {
+            experts: Source { segments: Segments::every(shape, &experts), data: experts },
+            kept: Source {
+                data: kept.iter().map(|segments| &segments.trajectory).collect(),
+                segments: Segments::kept(kept),
+            },
+        }
+    }
+
+    fn loss(&self, policy: &dyn Method, spec: &TrainSpec, step: u64) -> Loss {
+        let draw = |purposes| Draw { seed: spec.seed, step, purposes };
+        let (expert, losses) = self.experts.loss(policy, spec, &draw(EXPERT));
+        let mut parts = vec![("loss_expert", expert.double_value(&[]))];
+        let of_expert = losses.parts.iter().map(|(name, each)| (*name, each.mean(None).double_value(&[])));
+        parts.extend(of_expert);
+        if self.kept.segments.is_empty() {
+            return Loss { total: expert, parts };
+        }
+        let (kept, _) = self.kept.loss(policy, spec, &draw(KEPT));
+        parts.push(("loss_kept", kept.double_value(&[])));
+        Loss { total: expert + kept * spec.lambda, parts }
+    }
+}
+
+impl Source<'_> {
+    /// Mean of weight · −log P over a batch drawn from here, and the losses it is made of.
+    fn loss(&self, policy: &dyn Method, spec: &TrainSpec, draw: &Draw) -> (Tensor, Losses) {
+        let [mut segments, mut images, mut noise] =
+            draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.step));
+        let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
+        let (mut batch, wanted) = self.collect(policy, &drawn);
+        batch.augment(&spec.augmentation, &mut images);
+        let hidden = hide_past(&batch.windows, spec.history_dropout, &mut noise);
+        mean_loss(policy, batch, hidden, &wanted, &mut noise)
+    }
+
+    /// What `policy` sees of `drawn` segments, and what it should do.
+    pub(super) fn collect(&self, policy: &dyn Method, drawn: &[Segment]) -> (Batch, Chunks) {
+        let about = policy.about();
+        let batch = Batch::collect(about.shape, &self.data, drawn, about.window, about.device);
+        let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, about.chunk)));
+        let runs: Vec<(Segment, usize)> = runs.collect();
+        let wanted = Chunks::collect(about.shape, &self.data, &runs, about.chunk, about.device);
+        (batch, wanted)
+    }
+}
+
+/// All of a window's steps but the last, of each window with chance `dropout`: `[W, L, 3]`. `None` if there is no past
+/// to hide, or never.
+fn hide_past(windows: &Windows, dropout: f64, rng: &mut ChaCha8Rng) -> Option<Tensor> {
+    if windows.length < 2 || dropout == 0.0 {
+        return None;
+    }
+    let past = 3 * (windows.length - 1);
+    let count = windows.valid_places.len() / windows.length;
+    let window = |_| {
+        let hides = rng.random_bool(dropout);
+        (0..3 * windows.length).map(move |element| hides && element < past)
+    };
+    let hidden: Vec<bool> = (0..count).flat_map(window).collect();
+    Some(Windows::grid(&hidden, &[int(count), int(windows.length), 3], windows.valid.device()))
+}
+
+/// Mean of weight · −log P over `batch`; each of its frames is encoded once.
+pub(super) fn mean_loss(
+    policy: &dyn Method,
+    batch: Batch,
+    hidden: Option<Tensor>,
+    wanted: &Chunks,
+    noise: &mut ChaCha8Rng,
+) -> (Tensor, Losses) {
+    let Batch { images, proprioception, action, windows, weight, .. } = batch;
+    let seen = Seen { embedded: policy.embed_images(&images), proprioception, action, windows, hidden };
+    let losses = policy.losses(&seen, wanted, noise);
+    ((&losses.each * weight).mean(None), losses)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::batch::values;
+
+    #[test]
+    fn the_past_is_hidden_as_often_as_asked_and_the_newest_step_never() {
+        let windows = Windows::in_order(vec![true; 400 * 3], 3, tch::Device::Cpu);
+        let mut rng = generator(1, Purpose::Style, 0);
+        let hidden = hide_past(&windows, 0.25, &mut rng).unwrap();
+        assert_eq!(hidden.size(), [400, 3, 3]);
+        let each = values(&hidden.to_kind(tch::Kind::Float));
+        let of_window: Vec<f32> = each.chunks(9).map(|window| window[..6].iter().sum()).collect();
+        assert!(each.chunks(9).all(|window| window[6..].iter().all(|h| *h == 0.0)));
+        assert!(of_window.iter().all(|sum| *sum == 0.0 || *sum == 6.0), "a past is hidden as one");
+        let count = of_window.iter().filter(|sum| **sum > 0.0).count();
+        assert!((70..130).contains(&count), "{count} of 400");
+        assert!(hide_past(&windows, 0.0, &mut rng).is_none());
+        assert!(hide_past(&Windows::in_order(vec![true; 4], 1, tch::Device::Cpu), 1.0, &mut rng).is_none());
+    }
+}

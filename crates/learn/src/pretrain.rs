@@ -1,0 +1,262 @@
+//! Step one of SSDF: the transformer learns D_u by itself.
+//!
+//! L_pretrain = L_MTP + L_TR + L_AA.
+
+use rand::seq::SliceRandom;
+use tch::{Tensor, no_grad_guard};
+
+use crate::batch::{Batch, Segments, Windows};
+use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
+use crate::device;
+use crate::error::{LearnError, guard};
+use crate::model::{Attention, Network, Size, View};
+use crate::normalize::{FeatureScale, Statistics};
+use crate::objective::{Targets, action_autoregression, masked_transition, masking, reconstruction};
+use crate::random::{Purpose, generator};
+use crate::score::{last_steps, view};
+use crate::spec::{Objective, PretrainSpec, TaskShape};
+use crate::train::{Loss, Monitor, Resumed, Training};
+use crate::trajectory::Trajectory;
+
+/// Segments on which the scale of features is measured, in whole episodes: many more than features have dimensions.
+const SCALE_SEGMENTS: usize = 4096;
+
+/// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and gives its checkpoint.
+///
+/// `resume` is a checkpoint the monitor kept; on the CPU, with the same number of threads, the
+/// resumed run gives the same bytes as a straight one. Metrics: `loss`, `loss_mtp`, `loss_tr`,
+/// `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`.
+///
+/// # Errors
+/// [`LearnError::Invalid`] for bad input, [`LearnError::Cancelled`], [`LearnError::Diverged`],
+/// and what reading a checkpoint or the tensor library may give.
+pub fn pretrain(
+    shape: &TaskShape,
+    data: &[Trajectory],
+    spec: &PretrainSpec,
+    resume: Option<&[u8]>,
+    monitor: &mut dyn Monitor,
+) -> Result<Vec<u8>, LearnError> {
+    shape.validate()?;
+    spec.validate()?;
+    spec.augmentation.fits(shape)?;
+    if data.is_empty() {
+        return Err(LearnError::invalid("data", "has no episode to learn from"));
+    }
+    for trajectory in data {
+        trajectory.validate(shape)?;
+    }
+    let data: Vec<&Trajectory> = data.iter().collect();
+    guard(|| {
+        let training = match begin(shape, &data, spec, resume)? {
+            Resumed::Finished(bytes) => return Ok(bytes),
+            Resumed::Unfinished(training) => training,
+        };
+        let segments = Segments::every(shape, &data);
+        let loss = |network: &Network, step| {
+            let batch = draw(network, &data, &segments, spec, step);
+            pretrain_loss(network, &batch, spec, step)
+        };
+        let finished = training.run(&spec.optim, spec.checkpoint_every, &loss, monitor)?;
+        with_feature_scale(&finished, &data, spec)
+    })
+}
+
+/// Adds the scale of the features over D_u, on some of its episodes, to a finished encoder.
+fn with_feature_scale(finished: &[u8], data: &[&Trajectory], spec: &PretrainSpec) -> Result<Vec<u8>, LearnError> {
+    let device = device::open(spec.device, spec.threads)?;
+    let (info, named) = checkpoint::read(finished, CheckpointKind::Encoder)?;
+    let network = Network::from_named(&info.shape, info.model, &named, device)?;
+    let _no_grad = no_grad_guard();
+    let mut order: Vec<usize> = (0..data.len()).collect();
+    order.shuffle(&mut generator(spec.seed, Purpose::FeatureScale, 0));
+    let (mut parts, mut segments) = ([const { Vec::new() }; 3], 0);
+    for episode in order {
+        if segments >= SCALE_SEGMENTS {
+            break;
+        }
+        segments += data[episode].steps(&info.shape);
+        for (all, part) in parts.iter_mut().zip(last_steps(&network, view(&spec.objectives), data[episode])) {
+            all.push(part);
+        }
+    }
+    let [o, m, a] = parts.map(|all| Tensor::cat(&all, 0));
+    let mut named = network.named();
+    named.extend(FeatureScale::measure([&o, &m, &a]).named());
+    checkpoint::write(&info, &named)
+}
+
+fn begin(
+    shape: &TaskShape,
+    data: &[&Trajectory],
+    spec: &PretrainSpec,
+    resume: Option<&[u8]>,
+) -> Result<Resumed, LearnError> {
+    let device = device::open(spec.device, spec.threads)?;
+    let info = CheckpointInfo {
+        format_version: FORMAT_VERSION,
+        kind: CheckpointKind::Encoder,
+        step: 0,
+        finished: false,
+        shape: shape.clone(),
+        model: spec.model,
+        policy: None,
+        act: None,
+        spec: spec.identity(),
+    };
+    if let Some(bytes) = resume {
+        return Training::resume(bytes, &info, device);
+    }
+    let target = Size::of(spec.model.preset).target;
+    let statistics = Statistics::measure(shape, data, target, device);
+    let network = Network::new(shape, spec.model, statistics, spec.seed, device);
+    Ok(Resumed::Unfinished(Box::new(Training::start(network, info))))
+}
+
+fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &PretrainSpec, step: u64) -> Batch {
+    let mut rng = generator(spec.seed, Purpose::Batch, step);
+    let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
+    let window = spec.model.window();
+    let mut batch = Batch::collect(&network.shape, data, &drawn, window, network.device());
+    batch.augment(&spec.augmentation, &mut generator(spec.seed, Purpose::Augmentation, step));
+    batch
+}
+
+/// The sum of the objectives asked for. MTP and TR share one bidirectional pass over M(τ).
+pub(crate) fn pretrain_loss(network: &Network, batch: &Batch, spec: &PretrainSpec, step: u64) -> Loss {
+    let wants = |objective| spec.objectives.contains(&objective);
+    let steps = network.batch_steps(batch);
+    let targets = Targets::new(network, batch);
+    let windows = &batch.windows;
+    let mut losses = Vec::new();
+    if wants(Objective::Mtp) || wants(Objective::Tr) {
+        let masked = mask(windows, spec.seed, step, network.device());
+        let view = View { attention: Attention::Bidirectional, hidden: Some(&masked) };
+        let features = network.features(&steps, windows, view, windows.length);
+        let errors = targets.errors(network, &features);
+        if wants(Objective::Mtp) {
+            losses.push(("loss_mtp", masked_transition::loss(&errors, &masked)));
+        }
+        if wants(Objective::Tr) {
+            let loss = reconstruction::loss(&errors, &masked, &windows.valid);
+            losses.push(("loss_tr", loss));
+        }
+    }
+    if wants(Objective::Aa) {
+        let features = network.features(&steps, windows, View::CAUSAL, windows.length);
+        let prediction = action_autoregression::predict(network, &features);
+        let loss = action_autoregression::loss(&prediction, &targets.action, &windows.valid);
+        losses.push(("loss_aa", loss));
+    }
+    let total: Tensor = losses.iter().map(|(_, loss)| loss).sum();
+    let parts = losses.iter().map(|(name, loss)| (*name, loss.double_value(&[])));
+    Loss { parts: parts.collect(), total }
+}
+
+/// The indicator I(e_t) of one step's batch, `[W, L, 3]`.
+fn mask(windows: &Windows, seed: u64, step: u64, device: tch::Device) -> Tensor {
+    let mut rng = generator(seed, Purpose::Mask, step);
+    let masked = masking::draw(&mut rng, &windows.valid_places, windows.length);
+    let length = crate::batch::int(windows.length);
+    Windows::grid(&masked, &[-1, length, 3], device)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::checkpoint::inspect;
+    use crate::toy::{self, Recorder};
+    use crate::train::Silent;
+
+    #[test]
+    fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
+        let (shape, data) = (toy::shape(), toy::experts(3, 12));
+        let spec = PretrainSpec { checkpoint_every: 3, ..toy::pretrain_spec(8) };
+        let mut straight = Recorder::default();
+        let result = pretrain(&shape, &data, &spec, None, &mut straight).unwrap();
+        let steps: Vec<u64> = straight.checkpoints.iter().map(|(step, _)| *step).collect();
+        assert_eq!(steps, [3, 6]);
+
+        let mut resumed = Recorder::default();
+        let half = &straight.checkpoints[0].1;
+        let again = pretrain(&shape, &data, &spec, Some(half), &mut resumed).unwrap();
+        assert_eq!(straight.losses[3..], resumed.losses);
+        // The checkpoint of step 6 holds weights and optimiser state.
+        assert_eq!(straight.checkpoints[1], resumed.checkpoints[0]);
+        assert_eq!(result, again);
+        let finished = pretrain(&shape, &data, &spec, Some(&result), &mut Silent).unwrap();
+        assert_eq!(result, finished);
+    }
+
+    #[test]
+    fn a_run_that_is_stopped_keeps_every_step() {
+        let (shape, data) = (toy::shape(), toy::experts(3, 12));
+        let spec = PretrainSpec { checkpoint_every: 3, ..toy::pretrain_spec(8) };
+        let straight = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
+        for (after, kept) in [(2, vec![2]), (3, vec![3]), (5, vec![3, 5])] {
+            let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
+            let result = pretrain(&shape, &data, &spec, None, &mut stopped);
+            assert!(matches!(result, Err(LearnError::Cancelled)));
+            assert_eq!(stopped.checkpoints.iter().map(|(step, _)| *step).collect::<Vec<_>>(), kept);
+            let (_, last) = stopped.checkpoints.last().unwrap();
+            assert_eq!(pretrain(&shape, &data, &spec, Some(last), &mut Silent).unwrap(), straight);
+        }
+        // Stopped again before it took a step, it has nothing new to keep.
+        let mut first = Recorder { stop_after: Some(2), ..Recorder::default() };
+        assert!(pretrain(&shape, &data, &spec, None, &mut first).is_err());
+        let mut again = Recorder { stop_after: Some(0), ..Recorder::default() };
+        assert!(pretrain(&shape, &data, &spec, Some(&first.checkpoints[0].1), &mut again).is_err());
+        assert!(again.checkpoints.is_empty());
+    }
+
+    #[test]
+    fn a_checkpoint_of_another_run_is_refused() {
+        let (shape, data) = (toy::shape(), toy::experts(2, 8));
+        let spec = toy::pretrain_spec(2);
+        let bytes = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
+        let other = PretrainSpec { seed: 99, ..spec };
+        let error = pretrain(&shape, &data, &other, Some(&bytes), &mut Silent).unwrap_err();
+        assert!(error.to_string().starts_with("spec: "), "{error}");
+    }
+
+    #[test]
+    fn the_loss_falls_and_the_result_describes_itself() {
+        let (shape, data) = (toy::shape(), toy::experts(6, 12));
+        let mut monitor = Recorder::default();
+        let spec = toy::pretrain_spec(120);
+        let bytes = pretrain(&shape, &data, &spec, None, &mut monitor).unwrap();
+        let mean = |part: &[(u64, f64)]| {
+            part.iter().map(|(_, loss)| loss).sum::<f64>() / f64::from(u32::try_from(part.len()).unwrap())
+        };
+        let (first, last) = (mean(&monitor.losses[..10]), mean(&monitor.losses[110..]));
+        assert!(last < 0.5 * first, "{first} {last}");
+        let info = inspect(&bytes).unwrap();
+        assert_eq!((info.kind, info.step, info.finished), (CheckpointKind::Encoder, 120, true));
+        assert_eq!((info.shape, info.model), (shape, spec.model));
+    }
+
+    #[test]
+    fn each_objective_alone_trains() {
+        let (shape, data) = (toy::shape(), toy::experts(2, 8));
+        for objective in [Objective::Mtp, Objective::Tr, Objective::Aa] {
+            let spec = PretrainSpec { objectives: vec![objective], ..toy::pretrain_spec(2) };
+            assert!(pretrain(&shape, &data, &spec, None, &mut Silent).is_ok());
+        }
+    }
+
+    #[test]
+    fn cancelling_and_diverging_are_told_apart() {
+        let (shape, data) = (toy::shape(), toy::experts(2, 8));
+        let mut monitor = Recorder { stop_after: Some(2), ..Recorder::default() };
+        let result = pretrain(&shape, &data, &toy::pretrain_spec(9), None, &mut monitor);
+        assert!(matches!(result, Err(LearnError::Cancelled)));
+        assert_eq!(monitor.losses.len(), 2);
+
+        let mut spec = toy::pretrain_spec(60);
+        spec.optim.learning_rate = 10.0;
+        spec.optim.clip_norm = 1e12;
+        spec.optim.weight_decay = 10.0;
+        let result = pretrain(&shape, &data, &spec, None, &mut Silent);
+        assert!(matches!(result, Err(LearnError::Diverged { .. })), "{result:?}");
+    }
+}

@@ -1,0 +1,68 @@
+//! What the classifier learns, and from what it may not.
+
+use crate::LearnError;
+use crate::score::Scores;
+use crate::score::tests::score_anew;
+use crate::spec::{ScoreSpec, Scorer};
+use crate::toy;
+use crate::train::Silent;
+use crate::trajectory::Trajectory;
+
+fn failures(count: u64) -> Vec<Trajectory> {
+    (0..count).map(|i| toy::episode(&format!("failure {i}"), 100 + i, 9, false)).collect()
+}
+
+fn classify(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Result<Scores, LearnError> {
+    let spec = ScoreSpec { scorer: Scorer::Classifier, seed, ..ScoreSpec::default() };
+    score_anew(experts, imperfect, &spec, &mut Silent)
+}
+
+#[test]
+fn experts_are_told_from_failures_they_were_not_trained_with_and_nothing_is_matched() {
+    let (experts, imperfect) = (toy::experts(8, 9), failures(8));
+    let scores = classify(&experts, &imperfect, 1).unwrap();
+    let mean = |scores: &[crate::EpisodeScores]| {
+        let all: Vec<f64> = scores.iter().flat_map(|episode| episode.w.clone()).collect();
+        all.iter().sum::<f64>() / f64::from(u32::try_from(all.len()).unwrap())
+    };
+    assert!(mean(&scores.experts) > mean(&scores.imperfect) + 0.5);
+    for (episode, given) in scores.imperfect.iter().zip(&imperfect) {
+        assert_eq!((&episode.id, episode.w.len(), episode.q.len()), (&given.id, 9, 9));
+        assert!(episode.w.iter().all(|w| *w <= 0.0));
+        assert!(episode.match_episode.is_empty() && episode.match_step.is_empty() && episode.distances.is_empty());
+    }
+}
+
+#[test]
+fn the_seed_alone_decides_whatever_the_order() {
+    let (mut experts, mut imperfect) = (toy::experts(4, 6), failures(5));
+    let first = classify(&experts, &imperfect, 7).unwrap();
+    experts.reverse();
+    imperfect.reverse();
+    let mut again = classify(&experts, &imperfect, 7).unwrap();
+    again.experts.reverse();
+    again.imperfect.reverse();
+    assert_eq!(first, again);
+    experts.reverse();
+    assert_ne!(first.experts, classify(&experts, &imperfect, 8).unwrap().experts);
+}
+
+#[test]
+fn an_episode_is_not_scored_by_a_network_that_saw_it() {
+    let (experts, mut imperfect) = (toy::experts(4, 6), failures(4));
+    let before = classify(&experts, &imperfect, 3).unwrap();
+    // Another recording under the first id changes the network that scores the other fold, and
+    // leaves the one that scores its own fold as it was.
+    imperfect[0] = toy::episode("failure 0", 999, 9, false);
+    let after = classify(&experts, &imperfect, 3).unwrap();
+    assert_eq!(before.imperfect[2].w, after.imperfect[2].w);
+    assert_ne!(before.imperfect[1].w, after.imperfect[1].w);
+}
+
+#[test]
+fn too_few_episodes_for_two_folds_are_refused() {
+    let message = classify(&toy::experts(1, 6), &failures(4), 1).unwrap_err().to_string();
+    assert!(message.starts_with("experts: "), "{message}");
+    let message = classify(&toy::experts(4, 6), &failures(1), 1).unwrap_err().to_string();
+    assert!(message.starts_with("imperfect: "), "{message}");
+}

@@ -1,0 +1,153 @@
+//! Features as bytes, for whoever can keep them, so that a later run of the same encoder need not encode again. Knows
+//! nothing of files.
+
+use std::collections::HashMap;
+
+use safetensors::tensor::{Dtype, TensorView};
+use safetensors::{SafeTensors, serialize};
+
+use super::Features;
+use crate::error::LearnError;
+use crate::spec::{Device, ScoreSpec, Scorer};
+
+/// Changes with whatever in this program, or in libtorch, changes features of the same encoder, episode and settings.
+const VERSION: u32 = 1;
+/// The modalities' names in the bytes.
+const NAMES: [&str; 3] = ["o", "m", "a"];
+
+/// Keeps features from one run to the next. One store is for one encoder and one [`ScoreSpec::features_kind`].
+pub trait FeatureStore {
+    /// What was put for the episode of this id; `None` when there is nothing. Bytes that cannot be its features are
+    /// passed over.
+    fn get(&self, episode: &str) -> Option<Vec<u8>>;
+
+    /// Keeps the features of the episode of this id, or does not: they can be made again.
+    fn put(&self, episode: &str, bytes: &[u8]);
+}
+
+/// Keeps nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Forgetful;
+
+impl FeatureStore for Forgetful {
+    fn get(&self, _: &str) -> Option<Vec<u8>> {
+        None
+    }
+
+    fn put(&self, _: &str, _: &[u8]) {}
+}
+
+impl ScoreSpec {
+    /// What, besides the encoder and the episode, decides a segment's features to the last bit; `None` where they cost
+    /// no more to make than to keep.
+    pub fn features_kind(&self) -> Option<String> {
+        // All of them, so that none to come is forgotten; features are the same whatever they are compared by.
+        let Self {
+            yardstick: _,
+            normaliser: _,
+            modality_scale: _,
+            seed: _,
+            scorer,
+            similarity,
+            feature_scale,
+            device,
+            threads,
+        } = self;
+        if *scorer != Scorer::Ssdf {
+            return None;
+        }
+        let steps = if similarity.whole_segment() { "segment" } else { "last" };
+        let device = match device {
+            Device::Cpu => processor(),
+            Device::Cuda => "cuda",
+        };
+        let threads = threads.unwrap_or_default();
+        Some(format!("{VERSION} {} {steps} {device} {threads}", feature_scale.as_str()))
+    }
+}
+
+/// What libtorch chooses its kernels by: others round otherwise.
+fn processor() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    if std::is_x86_feature_detected!("avx512f") {
+        return "cpu avx512";
+    } else if std::is_x86_feature_detected!("avx2") {
+        return "cpu avx2";
+    }
+    "cpu"
+}
+
+impl Features {
+    /// The features as bytes.
+    ///
+    /// # Errors
+    /// [`LearnError::Checkpoint`] when they do not fit the format, which they do.
+    pub(crate) fn to_bytes(&self) -> Result<Vec<u8>, LearnError> {
+        let bytes =
+            self.values.each_ref().map(|values| values.iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>());
+        let views =
+            NAMES.iter().zip(&bytes).zip(self.widths).map(|((name, bytes), width)| {
+                Ok((*name, TensorView::new(Dtype::F32, vec![self.count(), width], bytes)?))
+            });
+        Ok(serialize(views.collect::<Result<Vec<_>, LearnError>>()?, None::<HashMap<String, String>>)?)
+    }
+
+    /// What [`Self::to_bytes`] gave; `None` unless it is `count` sound rows of these widths.
+    pub(crate) fn from_bytes(bytes: &[u8], count: usize, widths: [usize; 3]) -> Option<Self> {
+        let tensors = SafeTensors::deserialize(bytes).ok()?;
+        let mut features = Self::empty(widths);
+        for (modality, name) in NAMES.iter().enumerate() {
+            let view = tensors.tensor(name).ok()?;
+            if view.dtype() != Dtype::F32 || view.shape() != [count, widths[modality]] {
+                return None;
+            }
+            let (floats, _) = view.data().as_chunks::<4>();
+            features.values[modality] = floats.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        }
+        features.sound().then_some(features)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spec::{FeatureScale, Similarity};
+
+    #[test]
+    fn bytes_give_the_features_back_and_others_nothing() {
+        let values = [vec![1.0, -0.0, 1e-40, 3.5], vec![2.0, f32::MIN_POSITIVE], vec![0.1, 0.2, 0.3, 0.4, 0.5, 0.6]];
+        let features = Features::new(values, [2, 1, 3]).unwrap();
+        let bytes = features.to_bytes().unwrap();
+        let read = Features::from_bytes(&bytes, 2, [2, 1, 3]).unwrap();
+        let bits = |features: &Features| features.values.iter().flatten().map(|x| x.to_bits()).collect::<Vec<u32>>();
+        assert_eq!((bits(&read), read.widths), (bits(&features), features.widths));
+        for (count, widths) in [(1, [2, 1, 3]), (2, [2, 3, 1]), (2, [4, 2, 6]), (3, [2, 1, 3])] {
+            assert!(Features::from_bytes(&bytes, count, widths).is_none(), "{count} {widths:?}");
+        }
+        assert!(Features::from_bytes(&bytes[..bytes.len() - 1], 2, [2, 1, 3]).is_none());
+        assert!(Features::from_bytes(b"features", 2, [2, 1, 3]).is_none());
+        let unsound = Features { values: [vec![f32::NAN], vec![0.0], vec![0.0]], widths: [1; 3] };
+        assert!(Features::from_bytes(&unsound.to_bytes().unwrap(), 1, [1; 3]).is_none());
+    }
+
+    #[test]
+    fn whatever_changes_features_is_another_kind() {
+        let kind = |spec: ScoreSpec| spec.features_kind();
+        let usual = kind(ScoreSpec::default()).unwrap();
+        for other in [
+            ScoreSpec { similarity: Similarity::SegmentL2, ..ScoreSpec::default() },
+            ScoreSpec { feature_scale: FeatureScale::Plain, ..ScoreSpec::default() },
+            ScoreSpec { device: Device::Cuda, ..ScoreSpec::default() },
+            ScoreSpec { threads: Some(2), ..ScoreSpec::default() },
+        ] {
+            assert_ne!(kind(other.clone()).unwrap(), usual, "{other:?}");
+        }
+        let compared_otherwise = ScoreSpec {
+            similarity: Similarity::LastCosine,
+            modality_scale: Some([1.0, 2.0, 3.0]),
+            ..ScoreSpec::default()
+        };
+        assert_eq!(kind(compared_otherwise).unwrap(), usual);
+        assert_eq!(kind(ScoreSpec { scorer: Scorer::Raw, ..ScoreSpec::default() }), None);
+    }
+}

@@ -1,0 +1,116 @@
+//! What a segment's features hold and what they may not depend on.
+
+use tch::no_grad_guard;
+
+use super::*;
+use crate::checkpoint::{self, CheckpointKind};
+use crate::score::tests::encoder;
+use crate::spec::Similarity;
+use crate::toy;
+
+const SCORERS: [Scorer; 2] = [Scorer::Ssdf, Scorer::Raw];
+
+fn network() -> Network {
+    let (info, named) = checkpoint::read(&encoder(), CheckpointKind::Encoder).unwrap();
+    Network::from_named(&info.shape, info.model, &named, tch::Device::Cpu).unwrap()
+}
+
+fn features(network: &Network, trajectory: &Trajectory, scorer: Scorer, similarity: Similarity) -> Features {
+    let _no_grad = no_grad_guard();
+    episode_features(
+        Encoder { network, scale: None, view: View::WHOLE },
+        trajectory,
+        &ScoreSpec { scorer, similarity, ..ScoreSpec::default() },
+    )
+}
+
+/// Steps `from..` of `trajectory`, at most `count`.
+fn cut(trajectory: &Trajectory, from: usize, count: usize) -> Trajectory {
+    fn part<T: Clone>(all: &[T], width: usize, (from, count): (usize, usize)) -> Vec<T> {
+        all[from * width..(from + count) * width].to_vec()
+    }
+    let shape = toy::shape();
+    let frames = part(trajectory.frames.as_ref().as_ref(), shape.frame_bytes(), (from, count));
+    let m = part(&trajectory.proprioception, shape.proprioception, (from, count));
+    let a = part(&trajectory.action, shape.action, (from, count));
+    Trajectory::new(&shape, "cut", std::sync::Arc::new(frames), m, a).unwrap()
+}
+
+fn assert_close(a: &[f32], b: &[f32]) {
+    assert_eq!(a.len(), b.len());
+    for (a, b) in a.iter().zip(b) {
+        assert!((a - b).abs() < 1e-4, "{a} {b}");
+    }
+}
+
+#[test]
+fn features_do_not_depend_on_what_comes_after_or_is_in_the_same_pass() {
+    let (network, long) = (network(), toy::episode("long", 5, 20, true));
+    let short = cut(&long, 0, 11);
+    for scorer in SCORERS {
+        for similarity in [Similarity::LastL2, Similarity::SegmentL2] {
+            let of = |trajectory| features(&network, trajectory, scorer, similarity);
+            let (long, short) = (of(&long), of(&short));
+            for modality in 0..3 {
+                (0..11).for_each(|step| assert_close(long.row(modality, step), short.row(modality, step)));
+            }
+        }
+    }
+}
+
+#[test]
+fn features_do_not_depend_on_what_came_before_the_window() {
+    let (network, long) = (network(), toy::episode("long", 5, 20, true));
+    let (window, late) = (network.spec.window(), cut(&long, 6, 14));
+    for scorer in SCORERS {
+        for similarity in [Similarity::LastL2, Similarity::SegmentL2] {
+            let of = |trajectory| features(&network, trajectory, scorer, similarity);
+            let (long, late) = (of(&long), of(&late));
+            for modality in 0..3 {
+                for step in window - 1..14 {
+                    assert_close(long.row(modality, step + 6), late.row(modality, step));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_segment_ends_with_the_last_step_and_its_padding_is_zero() {
+    let (network, episode) = (network(), toy::episode("e", 5, 9, true));
+    let window = network.spec.window();
+    for scorer in SCORERS {
+        let last = features(&network, &episode, scorer, Similarity::LastL2);
+        let whole = features(&network, &episode, scorer, Similarity::SegmentL2);
+        for modality in 0..3 {
+            let width = last.widths()[modality];
+            assert_eq!(whole.widths()[modality], window * width);
+            for step in 0..9 {
+                let row = whole.row(modality, step);
+                assert_close(&row[(window - 1) * width..], last.row(modality, step));
+                let padding = window.saturating_sub(step + 1) * width;
+                assert!(row[..padding].iter().all(|value| *value == 0.0));
+                assert!(row[padding..].iter().any(|value| *value != 0.0));
+            }
+        }
+    }
+}
+
+#[test]
+fn raw_features_are_the_standardised_values_and_weigh_alike() {
+    let (network, episode) = (network(), toy::episode("e", 5, 9, true));
+    let raw = features(&network, &episode, Scorer::Raw, Similarity::LastL2);
+    let standard = network.statistics.action.apply(&crate::batch::rows(&episode.action, 2, tch::Device::Cpu));
+    let expected: Vec<f32> = values(&standard).iter().map(|value| value / 2f32.sqrt()).collect();
+    assert_close(raw.values(2), &expected);
+    assert_eq!((raw.widths(), raw.count()), ([4 * 8 * 8, 3, 2], 9));
+}
+
+#[test]
+fn features_that_cannot_be_compared_are_refused() {
+    let new = |values: [Vec<f32>; 3], widths| Features::new(values, widths).map(|features| features.count());
+    assert_eq!(new([vec![1.0; 4], vec![1.0; 2], vec![1.0; 6]], [2, 1, 3]).unwrap(), 2);
+    assert!(new([vec![1.0; 4], vec![1.0; 2], vec![1.0; 5]], [2, 1, 3]).is_err());
+    assert!(new([vec![1.0; 4], vec![1.0; 2], Vec::new()], [2, 1, 0]).is_err());
+    assert!(new([vec![f32::NAN], vec![1.0], vec![1.0]], [1, 1, 1]).is_err());
+}

@@ -1,0 +1,76 @@
+//! A live score is what the run gives, however it is asked for.
+
+use super::super::tests::encoder;
+use super::*;
+use crate::score::tests::score_anew;
+use crate::spec::{FeatureScale as Scale, NormaliserKind, Similarity};
+use crate::toy;
+use crate::train::Silent;
+
+fn specs() -> Vec<ScoreSpec> {
+    let plain = ScoreSpec { feature_scale: Scale::Plain, yardstick: Yardstick::None, ..ScoreSpec::default() };
+    let quantile = ScoreSpec { normaliser: NormaliserKind::Quantile, ..ScoreSpec::default() };
+    let similarity = |similarity| ScoreSpec { similarity, ..ScoreSpec::default() };
+    vec![plain, quantile, similarity(Similarity::LastCosine), similarity(Similarity::SegmentL2)]
+}
+
+/// Experts in an order that is not that of their ids, and a failure.
+fn episodes() -> (Vec<Trajectory>, Trajectory) {
+    let mut experts = toy::experts(4, 12);
+    experts.reverse();
+    (experts, toy::episode("failure", 50, 14, false))
+}
+
+#[test]
+fn an_episode_scores_bit_for_bit_as_in_the_run() {
+    let (experts, failure) = episodes();
+    for spec in specs() {
+        let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
+        let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
+        assert_eq!(live.score_episode(&failure).unwrap(), run.imperfect[0], "{spec:?}");
+    }
+}
+
+#[test]
+fn a_session_scores_step_by_step_as_the_episode_does() {
+    let (experts, failure) = episodes();
+    let shape = toy::shape();
+    for spec in specs() {
+        let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
+        let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
+        let mut history = History::new(live.segment_length());
+        let frames = failure.frames.as_ref().as_ref();
+        for (step, frame) in frames.chunks(shape.frame_bytes()).enumerate() {
+            let embedding = live.embed(&[frame]).unwrap().remove(0);
+            history.push(embedding, failure.proprioception[step * 3..][..3].to_vec()).unwrap();
+            history.set_executed(failure.action[step * 2..][..2].to_vec()).unwrap();
+            let now = live.score(&[&history, &history]).unwrap();
+            // Alike but for the place in the batch.
+            assert!((now[0].w - now[1].w).abs() < 1e-5 * now[0].w.abs(), "{now:?}");
+            let (w, q) = (run.imperfect[0].w[step], run.imperfect[0].q[step]);
+            assert!((now[0].w - w).abs() < 1e-3 * w.abs().max(1.0), "{spec:?} {step}: {} {w}", now[0].w);
+            assert!((now[0].q - q).abs() < 5e-3, "{spec:?} {step}: {} {q}", now[0].q);
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_scored_is_named() {
+    let (experts, failure) = episodes();
+    let spec = ScoreSpec::default();
+    let run = score_anew(&experts, &[failure], &spec, &mut Silent).unwrap();
+    let load = |experts: &[Trajectory], spec: &ScoreSpec| {
+        LiveScorer::load(&encoder(), experts, spec, run.normaliser.clone()).map(|_| ()).unwrap_err().to_string()
+    };
+    assert!(load(&[], &spec).starts_with("experts: "));
+    for scorer in [Scorer::Raw, Scorer::Classifier] {
+        assert!(load(&experts, &ScoreSpec { scorer, ..spec.clone() }).starts_with("scorer: "));
+    }
+    let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser.clone()).unwrap();
+    let mut history = History::new(live.segment_length());
+    assert!(live.score(&[&history]).is_err());
+    history.push(live.embed(&[&toy::frame(0.1, 0.2)]).unwrap().remove(0), vec![0.0; 3]).unwrap();
+    let said = live.score(&[&history]).unwrap_err().to_string();
+    assert!(said.contains("set what was executed"), "{said}");
+    assert!(live.embed(&[&[0u8; 3][..]]).is_err());
+}

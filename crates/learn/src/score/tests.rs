@@ -1,0 +1,151 @@
+//! Score runs from encoder bytes to qualities.
+
+use std::sync::OnceLock;
+
+use super::*;
+use crate::pretrain::pretrain;
+use crate::spec::{NormaliserKind, Similarity, Yardstick};
+use crate::toy;
+use crate::train::Silent;
+
+const SIMILARITIES: [Similarity; 4] =
+    [Similarity::LastL2, Similarity::LastCosine, Similarity::SegmentL2, Similarity::SegmentCosine];
+
+/// An encoder of the toy task.
+pub(super) fn encoder() -> Vec<u8> {
+    static ENCODER: OnceLock<Vec<u8>> = OnceLock::new();
+    let train = || pretrain(&toy::shape(), &toy::experts(3, 10), &toy::pretrain_spec(3), None, &mut Silent).unwrap();
+    ENCODER.get_or_init(train).clone()
+}
+
+/// Every way to compare: scorer, similarity.
+fn specs() -> Vec<ScoreSpec> {
+    let of = |scorer| SIMILARITIES.map(|similarity| ScoreSpec { scorer, similarity, ..ScoreSpec::default() });
+    [Scorer::Ssdf, Scorer::Raw].into_iter().flat_map(of).collect()
+}
+
+/// Some of them, each scorer and each kind of similarity among them.
+fn some_specs() -> Vec<ScoreSpec> {
+    specs().into_iter().step_by(3).collect()
+}
+
+/// Scores, keeping no features.
+pub(super) fn score_anew(
+    experts: &[Trajectory],
+    imperfect: &[Trajectory],
+    spec: &ScoreSpec,
+    monitor: &mut dyn Monitor,
+) -> Result<Scores, LearnError> {
+    score(ScoreInputs { encoder: &encoder(), experts, imperfect, kept: &Forgetful }, spec, monitor)
+}
+
+fn run(experts: &[Trajectory], imperfect: &[Trajectory], spec: &ScoreSpec) -> Scores {
+    score_anew(experts, imperfect, spec, &mut Silent).unwrap()
+}
+
+#[test]
+fn a_copy_of_an_expert_scores_best_and_the_match_is_told() {
+    let experts = toy::experts(4, 12);
+    let mut copy = experts[2].clone();
+    copy.id = "a lucky failure".into();
+    let imperfect = [toy::episode("failure", 50, 14, false), copy];
+    for normaliser in [NormaliserKind::MinMax, NormaliserKind::Quantile] {
+        for spec in specs() {
+            let spec = ScoreSpec { normaliser, ..spec };
+            let scores = run(&experts, &imperfect, &spec);
+            let lucky = &scores.imperfect[1];
+            assert_eq!(lucky.w, vec![0.0; 12], "{spec:?}");
+            assert!(lucky.w.iter().all(|w| w.is_sign_positive()));
+            assert_eq!(lucky.q, vec![1.0; 12]);
+            if spec.scorer == Scorer::Ssdf {
+                assert_eq!(lucky.match_episode, vec![2; 12]);
+                assert_eq!(lucky.match_step, (0..12).collect::<Vec<u32>>());
+            }
+            let failure = &scores.imperfect[0];
+            assert_eq!((failure.w.len(), failure.q.len()), (14, 14));
+            assert!(failure.w.iter().all(|w| *w < 0.0));
+            assert!(failure.q.contains(&0.0));
+            assert_eq!((scores.normaliser.kind, scores.normaliser.hi), (normaliser, 0.0));
+            for (w, distances) in failure.w.iter().zip(&failure.distances) {
+                let sum: f64 = distances.iter().map(|d| f64::from(*d)).sum();
+                assert!((w + sum).abs() < 1e-5);
+            }
+        }
+    }
+}
+
+#[test]
+fn experts_are_scored_against_the_other_experts() {
+    let experts = toy::experts(3, 8);
+    let imperfect = [toy::episode("failure", 50, 9, false)];
+    let scores = run(&experts, &imperfect, &ScoreSpec::default());
+    assert_eq!(scores.experts.len(), 3);
+    for (at, episode) in (0u32..).zip(&scores.experts) {
+        assert_eq!(episode.id, experts[at as usize].id);
+        assert!(episode.match_episode.iter().all(|matched| *matched != at));
+        assert!(episode.q.iter().all(|q| (0.0..=1.0).contains(q)));
+    }
+    let alone = run(&experts[..1], &imperfect, &ScoreSpec::default());
+    assert!(alone.experts.is_empty());
+    assert_eq!(alone.imperfect[0].w.len(), 9);
+}
+
+#[test]
+fn the_order_of_the_episodes_does_not_matter() {
+    let mut experts = toy::experts(4, 9);
+    // The same steps under two ids: a tie goes to the id that sorts first.
+    experts[3].proprioception = experts[0].proprioception.clone();
+    experts[3].action = experts[0].action.clone();
+    experts[3].frames = experts[0].frames.clone();
+    let mut imperfect: Vec<Trajectory> = (0..3).map(|i| toy::episode(&format!("f{i}"), 60 + i, 7, i == 1)).collect();
+    let mut same = experts[0].clone();
+    same.id = "f9".into();
+    imperfect.push(same);
+    for spec in some_specs() {
+        let mut straight = run(&experts, &imperfect, &spec);
+        assert_eq!(straight.imperfect[3].match_episode, vec![0; 9], "{spec:?}");
+        let reversed = |all: &[Trajectory]| all.iter().rev().cloned().collect::<Vec<_>>();
+        let mut other = run(&reversed(&experts), &reversed(&imperfect), &spec);
+        other.experts.reverse();
+        other.imperfect.reverse();
+        for episode in other.experts.iter_mut().chain(&mut other.imperfect) {
+            episode.match_episode.iter_mut().for_each(|at| *at = 3 - *at);
+        }
+        assert_eq!(straight, other);
+        straight.experts.clear();
+        assert_ne!(straight, other);
+    }
+}
+
+#[test]
+fn bad_input_is_named() {
+    let experts = toy::experts(2, 8);
+    let message = |experts: &[Trajectory], imperfect: &[Trajectory]| {
+        let result = score_anew(experts, imperfect, &ScoreSpec::default(), &mut Silent);
+        result.unwrap_err().to_string()
+    };
+    assert!(message(&[], &experts).starts_with("experts: "));
+    assert!(message(&experts, &[]).starts_with("imperfect: "));
+    assert!(message(&experts[..1], &experts[..1]).contains("never matches itself"));
+    let twice = [experts[0].clone(), experts[0].clone()];
+    assert!(message(&twice, &experts).contains("twice"));
+    assert!(message(&experts, &twice).starts_with("imperfect: "));
+    let mut short = experts[1].clone();
+    short.action.pop();
+    assert!(message(&experts[..1], &[short]).contains("episode expert 1: action"));
+}
+
+#[test]
+fn a_cancelled_run_stops() {
+    let experts = toy::experts(2, 8);
+    for scorer in [Scorer::Ssdf, Scorer::Classifier] {
+        let mut monitor = toy::Recorder { stop_after: Some(1), ..Default::default() };
+        let spec = ScoreSpec { scorer, ..ScoreSpec::default() };
+        let result = score_anew(&experts, &experts, &spec, &mut monitor);
+        assert!(matches!(result, Err(LearnError::Cancelled)));
+        assert_eq!(monitor.losses.len(), 1);
+    }
+}
+
+/// Going on from an earlier run.
+mod extend;

@@ -1,0 +1,72 @@
+//! Tests of the room above.
+
+use image::ImageEncoder;
+
+use super::*;
+
+fn png(bytes: &[u8], height: u32, width: u32, color: ExtendedColorType) -> Vec<u8> {
+    let mut out = Vec::new();
+    image::codecs::png::PngEncoder::new(&mut out).write_image(bytes, width, height, color).unwrap();
+    out
+}
+
+fn gradient(height: u32, width: u32) -> Vec<u8> {
+    (0..height)
+        .flat_map(|y| (0..width).flat_map(move |x| [x * 8, y * 8, 128]))
+        .map(|v| u8::try_from(v).unwrap())
+        .collect()
+}
+
+#[test]
+fn jpeg_round_trip_is_close_and_png_exact() {
+    let rgb = gradient(16, 24);
+    let jpeg = encode_jpeg(&rgb, 16, 24, 92).unwrap();
+    let back = decode_color(&jpeg, PixelFormat::Auto, 16, 24).unwrap();
+    let worst = rgb.iter().zip(&back).map(|(a, b)| a.abs_diff(*b)).max().unwrap();
+    assert!(back.len() == rgb.len() && worst < 12, "{worst}");
+    let png = png(&rgb, 16, 24, ExtendedColorType::Rgb8);
+    assert_eq!(decode_color(&png, PixelFormat::Png, 16, 24).unwrap(), rgb);
+    assert_eq!(decode_color(&rgb, PixelFormat::Auto, 16, 24).unwrap(), rgb);
+}
+
+#[test]
+fn depth_is_exact_raw_and_as_png() {
+    let millimetres: Vec<u16> = vec![0, 1, 999, 65535, 256, 255];
+    let little: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_le_bytes()).collect();
+    let native: Vec<u8> = millimetres.iter().flat_map(|mm| mm.to_ne_bytes()).collect();
+    let png = png(&native, 2, 3, ExtendedColorType::L16);
+    assert_eq!(decode_depth(&little, PixelFormat::Depth16, 2, 3).unwrap(), little);
+    assert_eq!(decode_depth(&png, PixelFormat::Auto, 2, 3).unwrap(), little);
+    let with_prefix = [&[0; 12][..], &png].concat();
+    assert_eq!(decode_depth(&with_prefix, PixelFormat::Auto, 2, 3).unwrap(), little);
+}
+
+#[test]
+fn a_wrong_size_names_both() {
+    let jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
+    let error = decode_color(&jpeg, PixelFormat::Jpeg, 24, 16).unwrap_err();
+    assert!(matches!(error, RecordingError::WrongSize { height: 24, width: 16, found_height: 16, found_width: 24 }));
+    assert!(error.to_string().contains("16×24") && error.to_string().contains("24×16"));
+    assert!(decode_color(&[0; 10], PixelFormat::Rgb8, 2, 2).unwrap_err().to_string().contains("12"));
+}
+
+#[test]
+fn broken_and_mistaken_images_are_errors() {
+    let mut jpeg = encode_jpeg(&gradient(16, 24), 16, 24, 92).unwrap();
+    for length in [jpeg.len() - 20, 30] {
+        jpeg.truncate(length);
+        assert!(matches!(decode_color(&jpeg, PixelFormat::Auto, 16, 24), Err(RecordingError::BrokenImage { .. })));
+    }
+    assert!(decode_color(&[0; 12], PixelFormat::Depth16, 2, 2).is_err());
+    assert!(decode_depth(&[0; 8], PixelFormat::Rgb8, 2, 2).is_err());
+    let color = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
+    assert!(decode_depth(&color, PixelFormat::Auto, 2, 2).unwrap_err().to_string().contains("16-bit gray"));
+    assert!(encode_jpeg(&[0; 3], 2, 2, 90).is_err());
+}
+
+#[test]
+fn a_false_size_in_the_header_reserves_nothing() {
+    let mut png = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
+    png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
+    assert!(decode_color(&png, PixelFormat::Auto, 2, 2).is_err());
+}

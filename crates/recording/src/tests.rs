@@ -1,0 +1,27 @@
+//! Tests of the whole crate: real recordings, each finding, and damaged files.
+
+mod bombs;
+mod corpus;
+mod damage;
+mod findings;
+mod fuzz_corpus;
+mod golden;
+mod images;
+mod integrity;
+mod rollouts;
+mod scene;
+mod steps;
+
+use std::path::{Path, PathBuf};
+
+use crate::spec::TaskSpec;
+
+/// The pick-cube task as the repository's example describes it.
+fn pick_cube() -> TaskSpec {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/pick_cube_maniskill.toml");
+    toml::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
+}
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
+}

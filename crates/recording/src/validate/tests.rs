@@ -1,0 +1,51 @@
+//! Tests of the room above.
+
+use super::*;
+use crate::spec::tests::arm;
+
+fn problem(change: impl FnOnce(&mut TaskSpec)) -> String {
+    let mut spec = arm();
+    change(&mut spec);
+    spec.validate().unwrap_err().to_string()
+}
+
+#[test]
+fn accepts_a_sound_task() {
+    arm().validate().unwrap();
+}
+
+#[test]
+fn names_the_field_that_is_wrong() {
+    assert!(problem(|s| s.rate_hz = f64::NAN).contains("rate_hz"));
+    assert!(problem(|s| s.tolerance = 0.6).contains("tolerance"));
+    assert!(problem(|s| s.name.clear()).contains("name"));
+    assert!(problem(|s| s.action.clear()).contains("action"));
+    assert!(problem(|s| s.cameras[0].height = 0).contains("cameras[0].height"));
+    assert!(problem(|s| s.proprioception[0].name = "timestamp".into()).contains("proprioception[0].name"));
+    assert!(problem(|s| s.action[0].name = "joint_position".into()).contains("action[0].name"));
+    assert!(problem(|s| s.mappings[0].cameras.clear()).contains("`front` has no source"));
+    assert!(problem(|s| s.mappings[0].fields[0].field = "elbow".into()).contains("no field `elbow`"));
+    assert!(problem(|s| s.mappings[0].fields[0].paths = vec!["a[".into()]).contains("fields[0].paths[0]"));
+    assert!(problem(|s| s.mappings[0].fields[0].names = vec!["a".into()]).contains("names"));
+    assert!(problem(|s| s.mappings[0].fields[0].topic = "/a\n".into()).contains("fields[0].topic"));
+    assert!(problem(|s| s.mappings[0].cameras[0].color = "x".repeat(2000)).contains("cameras[0].color"));
+    assert!(problem(|s| s.mappings[0].cameras[0].depth = Some(String::new())).contains("cameras[0].depth"));
+    assert!(problem(|s| s.mappings[0].clock = Some("\u{7}".into())).contains("mappings[0].clock"));
+}
+
+#[test]
+fn lists_end_somewhere() {
+    assert!(problem(|s| s.cameras = vec![s.cameras[0].clone(); 17]).contains("cameras: has 17"));
+    assert!(problem(|s| s.action = vec![s.action[0].clone(); 257]).contains("action: has 257"));
+    assert!(problem(|s| s.mappings = vec![s.mappings[0].clone(); 33]).contains("mappings: has 33"));
+    assert!(problem(|s| s.mappings[0].fields[0].paths = vec!["a".into(); 3]).contains("fields[0].paths: has 3"));
+    assert!(problem(|s| s.mappings[0].fields[0].names = vec!["a".into(); 3]).contains("fields[0].names: has 3"));
+}
+
+#[test]
+fn images_may_be_limited_further() {
+    let limits = |image_pixels| Limits { image_pixels, ..Limits::default() };
+    assert!(arm().validate_within(&limits(8 * 16)).is_ok());
+    let problem = arm().validate_within(&limits(8 * 16 - 1)).unwrap_err().to_string();
+    assert!(problem.contains("cameras[0]: 128 pixels"), "{problem}");
+}

@@ -1,0 +1,163 @@
+//! The agents that drive demonstrations: a scripted expert and imperfect ones, each wrong in its own way.
+//!
+//! They look at the world's true state. Must not know pictures or files.
+
+mod expert;
+mod fault;
+
+use std::fmt;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::SimError;
+
+pub(crate) use expert::Expert;
+pub(crate) use fault::{Fault, Rehearsal};
+
+/// What an agent does wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AgentKind {
+    /// Nothing.
+    Expert,
+    /// Grasps beside the cube, closes on air or an edge and carries nothing on.
+    MissedGrasp,
+    /// Opens the gripper for good during the carry.
+    EarlyRelease,
+    /// Carries the cube to a place beside the goal.
+    WrongGoal,
+    /// Slows down or stops.
+    Freeze,
+    /// Drifts to random points.
+    Wander,
+    /// Shakes: white noise on the displacements and turns.
+    Noise,
+}
+
+impl AgentKind {
+    /// Every kind, the expert first.
+    pub const ALL: [Self; 7] =
+        [Self::Expert, Self::MissedGrasp, Self::EarlyRelease, Self::WrongGoal, Self::Freeze, Self::Wander, Self::Noise];
+
+    /// The kind's name: also the cohort of its episodes.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Expert => "expert",
+            Self::MissedGrasp => "missed_grasp",
+            Self::EarlyRelease => "early_release",
+            Self::WrongGoal => "wrong_goal",
+            Self::Freeze => "freeze",
+            Self::Wander => "wander",
+            Self::Noise => "noise",
+        }
+    }
+}
+
+impl fmt::Display for AgentKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// An agent: what it does wrong and how badly. Written `kind` or `kind:grade`, as in `early_release:0.8`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct AgentSpec {
+    kind: AgentKind,
+    grade: f64,
+}
+
+impl AgentSpec {
+    /// The expert.
+    pub const EXPERT: Self = Self { kind: AgentKind::Expert, grade: 0.0 };
+
+    /// An agent of this kind and grade: 0 is as good as the expert, 1 fails nearly always. The expert's is 0.
+    ///
+    /// # Errors
+    /// [`SimError::Agent`] when the grade is not in [0, 1], or not 0 for the expert.
+    pub fn new(kind: AgentKind, grade: f64) -> Result<Self, SimError> {
+        let wrong = |detail: &str| Err(SimError::Agent { text: format!("{kind}:{grade}"), detail: detail.to_owned() });
+        if kind == AgentKind::Expert && grade != 0.0 {
+            return wrong("the expert has no grade; write \"expert\"");
+        }
+        if !(0.0..=1.0).contains(&grade) {
+            return wrong("the grade must lie between 0 and 1");
+        }
+        Ok(Self { kind, grade })
+    }
+
+    /// What it does wrong.
+    #[must_use]
+    pub fn kind(&self) -> AgentKind {
+        self.kind
+    }
+
+    /// How badly, 0 to 1.
+    #[must_use]
+    pub fn grade(&self) -> f64 {
+        self.grade
+    }
+}
+
+impl fmt::Display for AgentSpec {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.kind {
+            AgentKind::Expert => f.write_str(self.kind.name()),
+            AgentKind::MissedGrasp
+            | AgentKind::EarlyRelease
+            | AgentKind::WrongGoal
+            | AgentKind::Freeze
+            | AgentKind::Wander
+            | AgentKind::Noise => write!(f, "{}:{}", self.kind, self.grade),
+        }
+    }
+}
+
+impl FromStr for AgentSpec {
+    type Err = SimError;
+
+    /// Reads `kind` or `kind:grade`; without a grade an imperfect agent has grade 1.
+    fn from_str(text: &str) -> Result<Self, SimError> {
+        let wrong = |detail: String| SimError::Agent { text: text.to_owned(), detail };
+        let (name, grade) = match text.split_once(':') {
+            Some((name, grade)) => (name, Some(grade)),
+            None => (text, None),
+        };
+        let kind = AgentKind::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
+            let names = AgentKind::ALL.map(AgentKind::name).join(", ");
+            wrong(format!("{name:?} is not known; use one of {names}"))
+        })?;
+        let grade = match grade {
+            Some(grade) => grade
+                .parse()
+                .map_err(|_| wrong(format!("grade {grade:?} is not a number; write one between 0 and 1")))?,
+            None if kind == AgentKind::Expert => 0.0,
+            None => 1.0,
+        };
+        Self::new(kind, grade)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_agent_reads_back_as_written() {
+        for text in ["expert", "early_release:0.8", "noise:1"] {
+            assert_eq!(text.parse::<AgentSpec>().unwrap().to_string(), text);
+        }
+        assert_eq!("freeze".parse::<AgentSpec>().unwrap().grade(), 1.0);
+    }
+
+    #[test]
+    fn a_wrong_agent_is_told_the_mend() {
+        let error = |text: &str| text.parse::<AgentSpec>().unwrap_err().to_string();
+        assert!(error("sleep:1").contains("use one of expert, missed_grasp"));
+        assert!(error("noise:much").contains("is not a number"));
+        assert!(error("noise:1.5").contains("between 0 and 1"));
+        assert!(error("noise:NaN").contains("between 0 and 1"));
+        assert!(error("expert:0.5").contains("the expert has no grade"));
+    }
+}
