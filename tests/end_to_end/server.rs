@@ -96,6 +96,7 @@ impl TestServer {
     /// when it has died before it listened.
     pub async fn start_where_it_was(&mut self, fail_point: Option<&str>) -> bool {
         let address = self.url.strip_prefix("http://").unwrap();
+        free(address).await;
         let mut command = serve(&self.data, &self.flags, address);
         command.envs(fail_point.map(|name| ("GLEANER_FAIL_POINT", name)));
         self.child = command.spawn().unwrap();
@@ -211,6 +212,14 @@ pub async fn listening(child: &mut Child) -> Option<Addresses> {
                 return Some((url.to_owned(), pages));
             }
         }
+    }
+}
+
+/// Returns once the address can be bound: a connection of another test may have been given the port meanwhile.
+async fn free(address: &str) {
+    let mut ticks = tokio::time::interval(std::time::Duration::from_millis(20));
+    while std::net::TcpListener::bind(address).is_err() {
+        ticks.tick().await;
     }
 }
 
