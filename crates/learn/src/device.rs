@@ -73,6 +73,7 @@ impl Drop for Threads {
 
 #[cfg(all(test, target_os = "linux", target_env = "gnu"))]
 mod tests {
+    #![allow(clippy::unwrap_used, reason = "clippy sees a test module only under a plain cfg(test)")]
     use super::*;
 
     const PIECE: usize = 16 << 20;
