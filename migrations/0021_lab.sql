@@ -26,7 +26,7 @@ create trigger episode_uncounted after delete on episodes begin
     update lab set episodes = episodes - 1;
 end;
 
--- Jumps of the clock: time that passed by the clock while the database was not in use. Files and rows are removed by
+-- Jumps of the clock: time that the clock says has passed and the database has not seen. Files and rows are removed by
 -- age only after the jumps within that age are taken off.
 create table clock_jumps (
     elapsed_ms integer not null,           -- `lab.elapsed_ms` at the jump
