@@ -116,6 +116,8 @@ fuzz: .libtorch
 kinds: .libtorch
 	$(CARGO) run --locked -q -p gleaner-learn --example kinds > crates/core/kinds.json.new
 	mv crates/core/kinds.json.new crates/core/kinds.json
+	$(CARGO) run --locked -q -p gleaner-core --example jobs > crates/core/jobs.json.new
+	mv crates/core/jobs.json.new crates/core/jobs.json
 
 # What CI runs.
 check: fmt lint test doc deny

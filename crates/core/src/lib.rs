@@ -21,7 +21,7 @@ pub use schema::{Problem, Setting, Shape, Values};
 pub use settings::{Group, Word, Words};
 pub use spec::{
     Augmentation, Chosen, Device, EvaluateSpec, ModelSpec, NormaliserKind, OptimSpec, Preset, PretrainSpec, RunSpec,
-    ScoreSpec, SizeSpec, TrainSpec, schema_of,
+    ScoreSpec, SizeSpec, TrainSpec, jobs, schema_of,
 };
 
 #[doc(hidden)]

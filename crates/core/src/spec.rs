@@ -15,6 +15,8 @@ pub use pretrain::PretrainSpec;
 pub use score::{NormaliserKind, ScoreSpec};
 pub use train::TrainSpec;
 
+use std::collections::BTreeMap;
+
 use crate::schema::Setting;
 
 /// Every setting that a kind of job may have, with the names of the policies or scorers that alone have it (empty: all).
@@ -29,6 +31,21 @@ pub fn schema_of(job: &str) -> Vec<(Setting, Vec<&'static str>)> {
         "evaluate" => common(EvaluateSpec::schema()).collect(),
         _ => Vec::new(),
     }
+}
+
+/// The settings that every job of a kind has, by kind. Choices of policies, objectives and scorers have no words here:
+/// [`crate::kinds`] lists those.
+#[must_use]
+pub fn jobs() -> BTreeMap<&'static str, Vec<Setting>> {
+    let listed = ["policy", "objectives", "scorer"];
+    let without = |settings: Vec<Setting>| settings.into_iter().filter(|setting| !listed.contains(&setting.name.as_str()));
+    let job = |settings: Vec<Setting>| without(settings).collect();
+    BTreeMap::from([
+        ("pretrain", job(PretrainSpec::schema())),
+        ("score", job(ScoreSpec::schema())),
+        ("train", job(TrainSpec::schema())),
+        ("evaluate", job(EvaluateSpec::schema())),
+    ])
 }
 
 /// Serialises a spec as its flat map, and reads it from that or from the form that earlier versions stored.

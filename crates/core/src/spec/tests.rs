@@ -114,3 +114,11 @@ fn every_default_is_allowed_by_its_own_setting() {
     }
     assert!(Family::Policy.kinds().len() > 3);
 }
+
+/// `make kinds` writes the file.
+#[test]
+fn the_settings_written_for_other_languages_are_these() {
+    let written = serde_json::to_string_pretty(&jobs()).unwrap() + "\n";
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/jobs.json");
+    assert_eq!(std::fs::read_to_string(file).unwrap(), written, "run `make kinds`");
+}
