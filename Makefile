@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz
+.PHONY: demo build test crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -111,6 +111,13 @@ peers-serving: .libtorch
 # Every fuzz target for half a minute; `fuzz/run.sh 1200` is the long form. Needs the nightly toolchain and cargo-fuzz.
 fuzz: .libtorch
 	fuzz/run.sh $(FUZZ_SECONDS)
+
+# Repeats every policy, objective and scorer as data for the crate of values, after one was added or changed.
+kinds: .libtorch
+	$(CARGO) run --locked -q -p gleaner-learn --example kinds > crates/core/kinds.json.new
+	mv crates/core/kinds.json.new crates/core/kinds.json
+	$(CARGO) run --locked -q -p gleaner-core --example jobs > crates/core/jobs.json.new
+	mv crates/core/jobs.json.new crates/core/jobs.json
 
 # What CI runs.
 check: fmt lint test doc deny

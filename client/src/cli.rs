@@ -6,8 +6,8 @@ use clap::{Args, Parser, Subcommand};
 use gleaner_client::Token;
 
 use crate::cmd::{
-    dataset, drive, episodes, evaluate, evaluations, export, jobs, label, pipeline, policies, push, record, schedule,
-    score_recording, scores, snapshot, submit, task, trash, what_if,
+    dataset, drive, episodes, evaluate, evaluations, export, jobs, kinds, label, pipeline, policies, push, record,
+    schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
 };
 use crate::{demo, experiment};
 
@@ -94,6 +94,8 @@ pub(crate) enum Command {
     ReportEvaluation(evaluations::ReportArgs),
     /// Pretrain, score, filter, train and evaluate, one after the other.
     Pipeline(pipeline::PipelineCommand),
+    /// List policies, objectives and scorers, and the settings of each job.
+    Kinds(kinds::KindsArgs),
     /// List jobs.
     Jobs(jobs::JobsArgs),
     /// Show one job.
@@ -166,7 +168,7 @@ mod tests {
             "gleaner experiment a.toml --out x --device cuda --plan",
             "gleaner experiment a.toml --report",
             "gleaner schedule create --name n --after-labels 50 --top 0.1 --until dataset",
-            "gleaner score --encoder enc_1 --feature-scale plain --yardstick none",
+            "gleaner score --encoder enc_1 --feature-scale plain --local-scale false",
             "gleaner rollback pick_cube@prod",
             "gleaner deploy a@b --policy pol_1 --score-run run_1",
             "gleaner score-recording run_1 a.mcap --matches --beta 0.5",

@@ -37,7 +37,7 @@ described! {
     DeleteEpisodesResponse, UndeleteEpisodesResponse,
     CreateSnapshotResponse, GetSnapshotResponse, ListSnapshotsResponse,
     Job, GetJobResponse, ListJobsResponse, CancelJobResponse, SubmitPipelineResponse, WatchJobResponse,
-    CreateScheduleResponse, ListSchedulesResponse, PauseScheduleResponse,
+    ListKindsResponse, CreateScheduleResponse, ListSchedulesResponse, PauseScheduleResponse,
     ListScoreRunsResponse, GetEpisodeScoresResponse, GetHistogramResponse, CountKeptResponse,
     ScoreRecordingResponse,
     CreateDatasetResponse, GetDatasetResponse, ListDatasetsResponse, Segment, ListExportFilesResponse,
@@ -62,6 +62,10 @@ fn object(message: &DynamicMessage) -> Value {
     let descriptor = message.descriptor();
     if descriptor.full_name() == "google.protobuf.Timestamp" {
         return time(message);
+    }
+    if descriptor.full_name() == "google.protobuf.Struct" {
+        let settings = message.transcode_to::<prost_types::Struct>().ok();
+        return Value::Object(gleaner_core::proto::from_struct(settings));
     }
     let mut fields = Map::new();
     for field in descriptor.fields() {
@@ -144,6 +148,9 @@ mod tests {
             spec: Some(v1::JobSpec {
                 spec: Some(v1::job_spec::Spec::Score(v1::ScoreSpec {
                     encoder_id: "enc_1".into(),
+                    settings: json!({"similarity": "last_l2", "seed": 7})
+                        .as_object()
+                        .map(gleaner_core::proto::to_struct),
                     ..v1::ScoreSpec::default()
                 })),
             }),
@@ -154,9 +161,8 @@ mod tests {
             json!({
                 "id": "job_1", "task_id": "", "kind": "score", "state": "running", "priority": 0,
                 "spec": {"score": {
-                    "encoder_id": "enc_1", "snapshot_id": "", "device": null, "scorer": null, "similarity": null,
-                    "normaliser": null, "modality_scale": null, "extends": "", "seed": 0,
-                    "feature_scale": null, "yardstick": null,
+                    "encoder_id": "enc_1", "snapshot_id": "", "extends": "",
+                    "settings": {"similarity": "last_l2", "seed": 7},
                 }},
                 "done": 1_u64 << 60, "total": 0, "message": "", "error": "", "result_id": "", "needs": [],
                 "attempt": 0, "max_attempts": 0, "create_time": "1970-01-01T00:00:00.5Z",

@@ -1,7 +1,6 @@
 //! The `gleaner` command: parse, run, exit code.
 
 mod chart;
-mod choice;
 mod cli;
 mod cmd;
 mod context;

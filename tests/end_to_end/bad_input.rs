@@ -186,7 +186,8 @@ async fn jobs_that_cannot_be() {
     refused(&no_encoder, Code::NotFound, &["enc_01ARZ3NDEKTSV4RRFFQ69G5FAV"]);
     lab::push(&mut api, lab::TASK, &RECORDINGS[6]).await.unwrap();
     let job_spec::Spec::Pretrain(mut spec) = lab::pretrain(2) else { unreachable!() };
-    spec.optim.as_mut().unwrap().learning_rate = Some(f64::NAN);
+    let number = prost_types::Value { kind: Some(prost_types::value::Kind::NumberValue(f64::NAN)) };
+    spec.settings.as_mut().unwrap().fields.insert("learning_rate".into(), number);
     let error = api.submit(lab::TASK, job_spec::Spec::Pretrain(spec)).await.unwrap_err();
     refused(&error, Code::InvalidArgument, &["learning_rate"]);
     refused(&api.watch_unknown().await, Code::NotFound, &["job_01ARZ3NDEKTSV4RRFFQ69G5FAV"]);

@@ -1,6 +1,7 @@
 //! Settings that are wrong: each is refused by its path, with the mend, before anything is queued.
 
 use gleaner_proto::v1::*;
+use serde_json::json;
 use tonic::Code;
 
 use crate::{
@@ -58,45 +59,43 @@ async fn settings_that_cannot_be() {
     }
     let encoder = api.submit(lab::TASK, lab::pretrain(2)).await.unwrap().result_id;
     let base = api.submit(lab::TASK, lab::score(&encoder)).await.unwrap().result_id;
-    let pretrain = |spec| job_spec::Spec::Pretrain(spec);
-    let score = |spec: ScoreSpec| job_spec::Spec::Score(ScoreSpec { encoder_id: encoder.clone(), ..spec });
-    let data = || Some(train_spec::Data::ExpertsOf(encoder.clone()));
-    let train = |spec: TrainSpec| job_spec::Spec::Train(TrainSpec { data: data(), ..spec });
-    let shaken = Some(Augmentation { brightness: -1.0, ..Augmentation::default() });
-    let act = Some(ActSpec { latent_size: Some(0), ..ActSpec::default() });
-    let scale = Some(ModalityScale { image: f64::NAN, ..ModalityScale::default() });
+    let pretrain = |given| lab::with(lab::pretrain(2), given);
+    let score = |given| lab::with(lab::score(&encoder), given);
+    let train = |given| lab::with(lab::train(train_spec::Data::ExpertsOf(encoder.clone()), 2), given);
     let rule = Some(RoleRule { imperfect_per_expert: f64::NAN, ..RoleRule::default() });
-    let evaluate = EvaluateSpec {
-        subject: Some(evaluate_spec::Subject::PolicyId("pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into())),
-        ..EvaluateSpec::default()
+    let subject = Some(evaluate_spec::Subject::PolicyId("pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into()));
+    let evaluate =
+        |given| job_spec::Spec::Evaluate(EvaluateSpec { subject: subject.clone(), settings: lab::settings(given) });
+    let extends = |run: &str| {
+        let (encoder_id, extends) = (encoder.clone(), run.to_owned());
+        job_spec::Spec::Score(ScoreSpec { encoder_id, extends, ..ScoreSpec::default() })
     };
     for (spec, field) in [
-        (pretrain(PretrainSpec { objectives: vec![77], ..Default::default() }), "spec.pretrain.objectives[0]"),
+        (pretrain(json!({"objectives": ["x"]})), "spec.pretrain.settings.objectives"),
+        (pretrain(json!({"brightness": -1.0})), "spec.pretrain.settings.brightness"),
+        (pretrain(json!({"no such setting": 1})), "spec.pretrain.settings.no such setting"),
         (
-            pretrain(PretrainSpec { augmentation: shaken, ..Default::default() }),
-            "spec.pretrain.augmentation.brightness",
+            job_spec::Spec::Pretrain(PretrainSpec { rule, ..Default::default() }),
+            "spec.pretrain.rule.imperfect_per_expert",
         ),
-        (pretrain(PretrainSpec { rule, ..Default::default() }), "spec.pretrain.rule.imperfect_per_expert"),
-        (score(ScoreSpec { scorer: 77, ..Default::default() }), "spec.score.scorer"),
-        (score(ScoreSpec { similarity: 77, ..Default::default() }), "spec.score.similarity"),
-        (score(ScoreSpec { normaliser: 77, ..Default::default() }), "spec.score.normaliser"),
-        (score(ScoreSpec { modality_scale: scale, ..Default::default() }), "spec.score.modality_scale.image"),
-        (score(ScoreSpec { extends: "run_7".into(), ..Default::default() }), "spec.score.extends"),
-        (train(TrainSpec { policy: 77, ..Default::default() }), "spec.train.policy"),
-        (train(TrainSpec { policy: PolicyKind::Act.into(), act, ..Default::default() }), "spec.train.act.latent_size"),
-        (train(TrainSpec { act, ..Default::default() }), "spec.train.act"),
-        (train(TrainSpec { preset: Preset::Base.into(), ..Default::default() }), "spec.train.preset"),
-        (job_spec::Spec::Evaluate(EvaluateSpec { subject: None, ..evaluate.clone() }), "spec.evaluate.subject"),
-        (job_spec::Spec::Evaluate(EvaluateSpec { seeds: vec![1, 1], ..evaluate.clone() }), "spec.evaluate.seeds"),
-        (
-            job_spec::Spec::Evaluate(EvaluateSpec { simulation: "stack_cube".into(), ..evaluate.clone() }),
-            "spec.evaluate.simulation",
-        ),
+        (score(json!({"scorer": "x"})), "spec.score.settings.scorer"),
+        (score(json!({"similarity": 77})), "spec.score.settings.similarity"),
+        (score(json!({"normaliser": "x"})), "spec.score.settings.normaliser"),
+        (score(json!({"scale": [-1, 1, 1]})), "spec.score.settings.scale"),
+        (score(json!({"scale": {"deep": [[[]]]}})), "spec.score.settings.scale"),
+        (extends("run_7"), "spec.score.extends"),
+        (train(json!({"policy": "x"})), "spec.train.settings.policy"),
+        (train(json!({"policy": "act", "latent_size": 0})), "spec.train.settings.latent_size"),
+        (train(json!({"latent_size": 16})), "spec.train.settings.latent_size"),
+        (train(json!({"preset": "base"})), "spec.train.settings.preset"),
+        (job_spec::Spec::Evaluate(EvaluateSpec::default()), "spec.evaluate.subject"),
+        (evaluate(json!({"seeds": [1, 1]})), "spec.evaluate.settings.seeds"),
+        (evaluate(json!({"simulation": "stack_cube"})), "spec.evaluate.settings.simulation"),
     ] {
         refused(&api.submit(lab::TASK, spec).await.unwrap_err(), Code::InvalidArgument, &[&format!("{field}: ")]);
     }
-    let unknown = api.submit(lab::TASK, job_spec::Spec::Evaluate(evaluate)).await.unwrap_err();
+    let unknown = api.submit(lab::TASK, evaluate(json!({}))).await.unwrap_err();
     refused(&unknown, Code::NotFound, &["pol_01ARZ3NDEKTSV4RRFFQ69G5FAV"]);
-    let extension = score(ScoreSpec { extends: base.clone(), ..Default::default() });
+    let extension = extends(&base);
     refused(&api.submit(lab::TASK, extension).await.unwrap_err(), Code::FailedPrecondition, &[&base, "queued"]);
 }

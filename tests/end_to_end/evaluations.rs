@@ -1,6 +1,7 @@
 //! Evaluations: jobs in the embedded simulator, and reports from elsewhere.
 
 use gleaner_proto::v1::*;
+use serde_json::json;
 use tonic::Code;
 
 use crate::{
@@ -12,10 +13,7 @@ use crate::{
 fn evaluate(subject: evaluate_spec::Subject) -> EvaluateSpec {
     EvaluateSpec {
         subject: Some(subject),
-        episodes: Some(34),
-        seeds: vec![0, 5],
-        max_steps: Some(3),
-        ..EvaluateSpec::default()
+        settings: lab::settings(json!({"episodes": 34, "seeds": [0, 5], "max_steps": 3})),
     }
 }
 
@@ -85,8 +83,9 @@ async fn an_evaluation_can_be_cancelled() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let subject = evaluate_spec::Subject::PolicyId(shared.policy.clone());
-    let long = EvaluateSpec { episodes: Some(100_000), max_steps: Some(10_000), ..evaluate(subject) };
-    let job = api.submit(lab::TASK, job_spec::Spec::Evaluate(long)).await.unwrap();
+    let long =
+        lab::with(job_spec::Spec::Evaluate(evaluate(subject)), json!({"episodes": 100_000, "max_steps": 10_000}));
+    let job = api.submit(lab::TASK, long).await.unwrap();
     api.watch_until(&job.id, |job| job.message == "evaluating").await;
     api.jobs.cancel_job(CancelJobRequest { job_id: job.id.clone() }).await.unwrap();
     assert_eq!(api.watch(&job.id).await.state(), JobState::Cancelled);

@@ -1,6 +1,7 @@
 //! The whole way once: recordings in, scores and datasets out, a policy served.
 
 use gleaner_proto::v1::*;
+use serde_json::json;
 
 use crate::{api::Api, lab, server::TestServer};
 
@@ -41,7 +42,8 @@ async fn scores_are_whole(api: &mut Api, run: &str, episodes: &[Episode]) {
         .into_inner()
         .score_run
         .unwrap();
-    assert_eq!((described.similarity.as_str(), described.normaliser.as_str()), ("last_l2", "minmax"));
+    let settings = lab::given(&described.settings);
+    assert_eq!((&settings["similarity"], &settings["normaliser"]), (&json!("last_l2"), &json!("minmax")));
     let mut every_q = Vec::new();
     for episode in episodes {
         let scores = api.episode_scores(run, &episode.id).await;
@@ -151,8 +153,11 @@ async fn a_chain_is_submitted_at_once_and_runs_in_order() {
         beta: Some(0.5),
         top_fraction: None,
         train: Some(TrainSpec { data: None, ..train }),
-        scoring: Some(ScoreSpec { similarity: Similarity::LastCosine.into(), ..ScoreSpec::default() }),
-        evaluate: Some(EvaluateSpec { episodes: Some(2), max_steps: Some(3), ..EvaluateSpec::default() }),
+        scoring: Some(ScoreSpec {
+            settings: lab::settings(json!({"similarity": "last_cosine"})),
+            ..ScoreSpec::default()
+        }),
+        evaluate: Some(EvaluateSpec { subject: None, settings: lab::settings(json!({"episodes": 2, "max_steps": 3})) }),
     };
     let request = SubmitPipelineRequest { task: lab::TASK.into(), pipeline: Some(pipeline), priority: 0 };
     let chain = api.jobs.submit_pipeline(request).await.unwrap().into_inner();

@@ -5,6 +5,7 @@ use std::sync::LazyLock;
 use bytes::Bytes;
 use gleaner_proto::v1::*;
 use gleaner_sim::{AgentSpec, SimConfig, Task as SimTask, demonstrate, task_spec};
+use serde_json::json;
 use tonic::Status;
 
 use crate::api::Api;
@@ -112,16 +113,46 @@ pub async fn finish(api: &mut Api, upload_id: &str) -> Result<Episode, Status> {
     Ok(api.episodes.finish_upload(request).await?.into_inner().episode.unwrap())
 }
 
+/// Settings of a job; what is left out takes its default.
+pub fn settings(given: serde_json::Value) -> Option<prost_types::Struct> {
+    given.as_object().map(gleaner_core::proto::to_struct)
+}
+
+/// The settings of a message as JSON.
+pub fn given(settings: &Option<prost_types::Struct>) -> serde_json::Value {
+    serde_json::Value::Object(gleaner_core::proto::from_struct(settings.clone()))
+}
+
+/// A job with settings changed.
+pub fn with(spec: job_spec::Spec, changed: serde_json::Value) -> job_spec::Spec {
+    let more = |settings: Option<prost_types::Struct>| {
+        let mut all = gleaner_core::proto::from_struct(settings);
+        all.extend(changed.as_object().unwrap().clone());
+        Some(gleaner_core::proto::to_struct(&all))
+    };
+    match spec {
+        job_spec::Spec::Pretrain(spec) => {
+            job_spec::Spec::Pretrain(PretrainSpec { settings: more(spec.settings.clone()), ..spec })
+        }
+        job_spec::Spec::Score(spec) => {
+            job_spec::Spec::Score(ScoreSpec { settings: more(spec.settings.clone()), ..spec })
+        }
+        job_spec::Spec::Train(spec) => {
+            job_spec::Spec::Train(TrainSpec { settings: more(spec.settings.clone()), ..spec })
+        }
+        job_spec::Spec::Evaluate(spec) => {
+            job_spec::Spec::Evaluate(EvaluateSpec { settings: more(spec.settings.clone()), ..spec })
+        }
+        job_spec::Spec::Export(spec) => job_spec::Spec::Export(spec),
+    }
+}
+
 /// A pretraining job that takes a few seconds.
 pub fn pretrain(steps: u32) -> job_spec::Spec {
-    job_spec::Spec::Pretrain(PretrainSpec {
-        preset: Preset::Tiny.into(),
-        segment_length: Some(3),
-        optim: Some(optim(steps)),
-        seed: 7,
-        checkpoint_every: Some(5),
-        ..PretrainSpec::default()
-    })
+    let settings = settings(json!({
+        "segment_length": 3, "steps": steps, "batch": 8, "warmup_steps": 2, "seed": 7, "checkpoint_every": 5,
+    }));
+    job_spec::Spec::Pretrain(PretrainSpec { settings, ..PretrainSpec::default() })
 }
 
 pub fn score(encoder_id: &str) -> job_spec::Spec {
@@ -129,13 +160,8 @@ pub fn score(encoder_id: &str) -> job_spec::Spec {
 }
 
 pub fn train(data: train_spec::Data, steps: u32) -> job_spec::Spec {
-    job_spec::Spec::Train(TrainSpec {
-        data: Some(data),
-        optim: Some(optim(steps)),
-        seed: 7,
-        checkpoint_every: Some(5),
-        ..TrainSpec::default()
-    })
+    let settings = settings(json!({"steps": steps, "batch": 8, "warmup_steps": 2, "seed": 7, "checkpoint_every": 5}));
+    job_spec::Spec::Train(TrainSpec { data: Some(data), settings })
 }
 
 /// q above β.
@@ -146,8 +172,4 @@ pub fn above(beta: f64) -> Selection {
 /// The best part by w.
 pub fn top(fraction: f64) -> Selection {
     Selection { rule: Some(selection::Rule::TopFraction(fraction)) }
-}
-
-fn optim(steps: u32) -> OptimSpec {
-    OptimSpec { steps: Some(steps), batch: Some(8), warmup_steps: Some(2), ..OptimSpec::default() }
 }

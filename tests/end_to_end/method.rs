@@ -1,6 +1,7 @@
 //! The method's choices as jobs: objectives, policies, and where they run.
 
 use gleaner_proto::v1::*;
+use serde_json::json;
 
 use crate::{
     api::Api,
@@ -9,62 +10,54 @@ use crate::{
     shared::shared,
 };
 
-fn pretrain_with(objectives: &[Objective]) -> job_spec::Spec {
-    let job_spec::Spec::Pretrain(spec) = lab::pretrain(2) else { unreachable!() };
-    let objectives = objectives.iter().map(|&objective| objective.into()).collect();
-    let augmentation = Some(Augmentation { shift_pixels: 1, brightness: 0.1, contrast: 0.1 });
-    job_spec::Spec::Pretrain(PretrainSpec { objectives, augmentation, ..spec })
-}
-
-fn train_with(policy: PolicyKind, data: train_spec::Data) -> job_spec::Spec {
-    let job_spec::Spec::Train(spec) = lab::train(data, 2) else { unreachable!() };
-    job_spec::Spec::Train(TrainSpec {
-        policy: policy.into(),
-        preset: Preset::Tiny.into(),
-        segment_length: (policy == PolicyKind::TfBc).then_some(2),
-        act: (policy == PolicyKind::Act).then(|| ActSpec { chunk_length: Some(4), ..ActSpec::default() }),
-        ..spec
-    })
-}
-
 /// Each job reports the losses of its own objectives and no other.
 #[tokio::test]
 async fn objectives_are_chosen_by_the_spec() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    for chosen in [vec![Objective::Tr], vec![Objective::Aa, Objective::Mtp]] {
-        let job = api.succeed(lab::TASK, pretrain_with(&chosen)).await;
-        for (name, objective) in [("loss_mtp", Objective::Mtp), ("loss_tr", Objective::Tr), ("loss_aa", Objective::Aa)]
-        {
-            let values = api.metric(&job.id, name).await;
-            assert_eq!(values.len(), if chosen.contains(&objective) { 2 } else { 0 }, "{name} of {chosen:?}");
+    for chosen in [vec!["tr"], vec!["aa", "mtp"]] {
+        let changed = json!({"objectives": chosen, "shift_pixels": 1, "brightness": 0.1, "contrast": 0.1});
+        let job = api.succeed(lab::TASK, lab::with(lab::pretrain(2), changed)).await;
+        for objective in ["mtp", "tr", "aa"] {
+            let values = api.metric(&job.id, &format!("loss_{objective}")).await;
+            assert_eq!(values.len(), if chosen.contains(&objective) { 2 } else { 0 }, "{objective} of {chosen:?}");
         }
         let Some(job_spec::Spec::Pretrain(spec)) = job.spec.unwrap().spec else { panic!("not pretrain") };
-        let mut expected: Vec<i32> = chosen.iter().map(|&objective| objective.into()).collect();
-        expected.sort_unstable();
-        assert_eq!(spec.objectives, expected);
-        assert_eq!(spec.augmentation.unwrap().shift_pixels, 1);
+        let settings = lab::given(&spec.settings);
+        let listed: Vec<&str> = ["mtp", "tr", "aa"].into_iter().filter(|name| chosen.contains(name)).collect();
+        assert_eq!((&settings["objectives"], &settings["shift_pixels"]), (&json!(listed), &json!(1)));
     }
 }
 
-/// Policies from scratch train on a dataset or on experts alone, and act in sessions; one action at a time, but ACT.
+/// Every policy that the server lists trains and acts in sessions. Those from scratch train on experts alone; ACT's chunk
+/// is as long as its settings say.
 #[tokio::test]
 async fn every_policy_trains_and_is_served() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let request = CreateDatasetRequest { score_run_id: shared.run.clone(), selection: Some(lab::above(0.5)) };
     let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap().id;
-    for (kind, word, data, chunk) in [
-        (PolicyKind::TfBc, "tf_bc", train_spec::Data::DatasetId(dataset.clone()), 1),
-        (PolicyKind::Bc, "bc", train_spec::Data::ExpertsIn(shared.snapshot.clone()), 1),
-        (PolicyKind::Act, "act", train_spec::Data::ExpertsOf(shared.encoder.clone()), 4),
-    ] {
-        let id = api.succeed(lab::TASK, train_with(kind, data)).await.result_id;
+    let kinds = api.jobs.list_kinds(ListKindsRequest {}).await.unwrap().into_inner();
+    for kind in kinds.policies {
+        let data = match kind.name.as_str() {
+            "tf_bc" => train_spec::Data::DatasetId(dataset.clone()),
+            "bc" => train_spec::Data::ExpertsIn(shared.snapshot.clone()),
+            _ => train_spec::Data::ExpertsOf(shared.encoder.clone()),
+        };
+        let mut changed = json!({"policy": kind.name});
+        let mut chunk = 1;
+        for (name, value) in [("segment_length", 2), ("chunk_length", 4)] {
+            if kind.settings.iter().any(|setting| setting.name == name) {
+                changed[name] = value.into();
+                chunk = if name == "chunk_length" { 4 } else { chunk };
+            }
+        }
+        let id = api.succeed(lab::TASK, lab::with(lab::train(data, 2), changed)).await.result_id;
         let listed = api.policies.list_policies(ListPoliciesRequest { task: lab::TASK.into() }).await.unwrap();
         let policy = listed.into_inner().policies.into_iter().find(|policy| policy.id == id).unwrap();
-        assert_eq!((policy.kind.as_str(), policy.encoder_id.as_str()), (word, ""));
+        assert_eq!((&policy.kind, policy.encoder_id.is_empty()), (&kind.name, !kind.needs_encoder));
 
-        let name = format!("{word}@test");
+        let name = format!("{}@test", kind.name);
         api.policies.deploy(DeployRequest { name: name.clone(), policy_id: id, ..Default::default() }).await.unwrap();
         acts(&mut api, &name, chunk).await;
     }
@@ -105,13 +98,13 @@ async fn acts(api: &mut Api, name: &str, chunk: usize) {
 async fn baselines_score_like_the_method() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    for (scorer, word, matches) in [(Scorer::Raw, "raw", true), (Scorer::Classifier, "classifier", false)] {
-        let job_spec::Spec::Score(spec) = lab::score(&shared.encoder) else { unreachable!() };
-        let spec = ScoreSpec { scorer: scorer.into(), normaliser: Normaliser::Quantile.into(), ..spec };
-        let run = api.succeed(lab::TASK, job_spec::Spec::Score(spec)).await.result_id;
+    for (word, matches) in [("raw", true), ("classifier", false)] {
+        let spec = lab::with(lab::score(&shared.encoder), json!({"scorer": word, "normaliser": "quantile"}));
+        let run = api.succeed(lab::TASK, spec).await.result_id;
         let request = GetScoreRunRequest { score_run_id: run.clone() };
         let described = api.scores.get_score_run(request).await.unwrap().into_inner().score_run.unwrap();
-        assert_eq!((described.scorer.as_str(), described.normaliser.as_str()), (word, "quantile"));
+        let settings = lab::given(&described.settings);
+        assert_eq!((&settings["scorer"], &settings["normaliser"]), (&json!(word), &json!("quantile")));
         for episode in &shared.episodes {
             let scores = api.episode_scores(&run, &episode.id).await;
             assert_eq!(scores.q.len() as u64, episode.steps);
@@ -132,8 +125,7 @@ async fn baselines_score_like_the_method() {
 async fn a_device_that_is_not_there() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    let job_spec::Spec::Score(spec) = lab::score(&shared.encoder) else { unreachable!() };
-    let spec = job_spec::Spec::Score(ScoreSpec { device: Device::Cuda.into(), ..spec });
+    let spec = lab::with(lab::score(&shared.encoder), json!({"device": "cuda"}));
     let job = api.submit(lab::TASK, spec).await.unwrap();
     let job = api.watch(&job.id).await;
     if job.state() != JobState::Succeeded {

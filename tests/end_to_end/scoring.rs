@@ -51,9 +51,8 @@ fn steps(folder: &Path, bytes: &[u8]) -> Vec<(Observation, Vec<f32>)> {
 }
 
 async fn raw_run(api: &mut Api, encoder: &str) -> String {
-    let job_spec::Spec::Score(spec) = lab::score(encoder) else { panic!("not score") };
-    let spec = ScoreSpec { scorer: Scorer::Raw.into(), ..spec };
-    api.succeed(lab::TASK, job_spec::Spec::Score(spec)).await.result_id
+    let raw = lab::with(lab::score(encoder), serde_json::json!({"scorer": "raw"}));
+    api.succeed(lab::TASK, raw).await.result_id
 }
 
 #[tokio::test]

@@ -3,6 +3,7 @@
 use std::{collections::BTreeMap, path::Path};
 
 use gleaner_proto::v1::*;
+use serde_json::json;
 
 use crate::{
     api::Api,
@@ -136,9 +137,10 @@ async fn a_run_that_goes_on_equals_a_full_one() {
             encoder_id: if extends.is_empty() { shared.encoder.clone() } else { String::new() },
             snapshot_id: snapshot.into(),
             extends: extends.into(),
-            similarity: if extends.is_empty() { Similarity::SegmentL2.into() } else { 0 },
-            yardstick: if extends.is_empty() { Yardstick::None.into() } else { 0 },
-            ..ScoreSpec::default()
+            settings: extends
+                .is_empty()
+                .then(|| json!({"similarity": "segment_l2", "local_scale": false}))
+                .and_then(lab::settings),
         })
     };
     forget_features(shared.server.data_dir());
@@ -149,8 +151,9 @@ async fn a_run_that_goes_on_equals_a_full_one() {
 
     let (base, grown) = (api.run(&base).await, api.run(&grown).await);
     assert_eq!((grown.lo, grown.hi), (base.lo, base.hi), "the normaliser is frozen");
-    assert_eq!((grown.extends.as_str(), grown.similarity.as_str()), (base.id.as_str(), "segment_l2"));
-    assert_eq!((grown.feature_scale.as_str(), grown.yardstick.as_str()), ("whitened", "none"));
+    let settings = lab::given(&grown.settings);
+    assert_eq!((grown.extends.as_str(), &settings["similarity"]), (base.id.as_str(), &json!("segment_l2")));
+    assert_eq!((&settings["feature_scale"], &settings["local_scale"]), (&json!("whitened"), &json!(false)));
     assert_eq!((grown.imperfect_episodes, base.imperfect_episodes), (6, 3));
     for episode in &shared.episodes {
         let incremental = api.episode_scores(&grown.id, &episode.id).await;

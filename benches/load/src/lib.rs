@@ -17,7 +17,8 @@ use gleaner_bench_serving::{
     process::{Program, allow_open_files},
     report::say,
 };
-use gleaner_proto::v1::{ListEpisodesRequest, Preset};
+use gleaner_core::Preset;
+use gleaner_proto::v1::ListEpisodesRequest;
 use tokio::process::Command;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, interval};

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
-use gleaner_proto::v1::Preset;
+use gleaner_core::Preset;
 use serde::Serialize;
 
 /// Loads a server from this process and says what serving costs.

@@ -4,10 +4,11 @@ use std::fs::File;
 use std::path::Path;
 
 use gleaner_client::{Client, PushItem, UploadLabel, spec as wire};
+use gleaner_core::Preset;
 use gleaner_learn::CheckpointKind;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
-use gleaner_proto::v1::{CreateTaskRequest, DeployRequest, Job, OptimSpec, Outcome, Preset, TrainSpec};
+use gleaner_proto::v1::{CreateTaskRequest, DeployRequest, Job, Outcome, TrainSpec};
 use gleaner_recording::{EpisodeWriter, StepRef, TaskSpec};
 use tokio::process::Command;
 
@@ -15,7 +16,7 @@ use crate::cli::Options;
 use crate::door::Address;
 use crate::process::Program;
 use crate::scene::{self, Step};
-use crate::train::{self, submit};
+use crate::train::{self, settings, submit};
 use crate::{Result, report};
 
 const DEPLOYMENT: &str = "serving@bench";
@@ -107,8 +108,7 @@ pub fn record(spec: &TaskSpec, steps: &[Step], path: &Path) -> Result<()> {
 fn finetuning(encoder: String) -> Spec {
     Spec::Train(TrainSpec {
         data: Some(Data::ExpertsOf(encoder)),
-        optim: Some(OptimSpec { steps: Some(OPTIMISER_STEPS), batch: Some(8), ..OptimSpec::default() }),
-        ..TrainSpec::default()
+        settings: settings(&[("steps", OPTIMISER_STEPS.into()), ("batch", 8.into())]),
     })
 }
 

@@ -1,10 +1,9 @@
 //! Training jobs: the short ones that make a policy, and one without end that keeps the machine busy.
 
 use gleaner_client::Client;
+use gleaner_core::{Preset, Words as _};
 use gleaner_proto::v1::job_spec::Spec;
-use gleaner_proto::v1::{
-    CancelJobRequest, Job, JobSpec, OptimSpec, Preset, PretrainSpec, SubmitJobRequest, WatchJobRequest,
-};
+use gleaner_proto::v1::{CancelJobRequest, Job, JobSpec, PretrainSpec, SubmitJobRequest, WatchJobRequest};
 use gleaner_recording::TaskSpec;
 
 use crate::Result;
@@ -12,10 +11,15 @@ use crate::Result;
 /// More steps than any measurement lasts.
 const ENDLESS: u32 = 1_000_000;
 
+/// Settings of a job; what is left out takes its default.
+pub fn settings(given: &[(&str, serde_json::Value)]) -> Option<prost_types::Struct> {
+    let values = given.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
+    Some(gleaner_core::proto::to_struct(&values))
+}
+
 pub fn pretraining(preset: Preset, steps: u32) -> Spec {
     Spec::Pretrain(PretrainSpec {
-        preset: preset.into(),
-        optim: Some(OptimSpec { steps: Some(steps), batch: Some(16), ..OptimSpec::default() }),
+        settings: settings(&[("preset", preset.as_str().into()), ("steps", steps.into()), ("batch", 16.into())]),
         ..PretrainSpec::default()
     })
 }

@@ -8,6 +8,7 @@ pub(crate) mod evaluations;
 pub(crate) mod export;
 pub(crate) mod follow;
 pub(crate) mod jobs;
+pub(crate) mod kinds;
 pub(crate) mod label;
 pub(crate) mod pipeline;
 mod plan;
@@ -47,6 +48,7 @@ pub(crate) async fn run(command: Command, context: &Context) -> Result<()> {
         Command::Evaluation(args) => args.run(context).await,
         Command::ReportEvaluation(args) => args.run(context).await,
         Command::Pipeline(command) => command.run(context).await,
+        Command::Kinds(args) => args.run(context).await,
         Command::Jobs(args) => args.run(context).await,
         Command::Job(args) => args.run(context).await,
         Command::Watch(args) => args.run(context).await,

@@ -1,10 +1,14 @@
 //! `pipeline`: pretrain, score, filter, train, evaluate as one chain of jobs. Its options are the schedules' too.
 
 use clap::{Args, ValueEnum};
-use gleaner_proto::v1::{Job, PipelineSpec, SubmitPipelineRequest, TrainSpec};
+use gleaner_core::arguments::{Given, Pipeline, TRAIN};
+use gleaner_core::kinds::{Family, Kind};
+use gleaner_core::proto::to_struct;
+use gleaner_core::{Group as _, OptimSpec, Values};
+use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
+use prost_types::Struct;
 
-use super::evaluate::TrialArgs;
-use super::plan::{self, PolicyArgs, PretrainArgs, ScoringArgs};
+use super::plan::SnapshotArgs;
 use super::submit::{SubmitArgs, after, outcome};
 use super::{follow, jobs};
 use crate::context::Context;
@@ -25,57 +29,72 @@ enum Until {
 #[derive(Args, Clone, Debug)]
 pub(crate) struct PipelineArgs {
     #[command(flatten)]
-    pretrain: PretrainArgs,
+    snapshot: SnapshotArgs,
     /// The last stage.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
     /// Keep segments with quality above this.
     #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
     beta: f64,
-    /// Instead: keep so large a part of the segments, the best ones.
+    /// Keep this part of the segments instead, the best ones.
     #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
     top: Option<f64>,
     #[command(flatten)]
-    scoring: ScoringArgs,
-    #[command(flatten)]
-    policy: PolicyArgs,
-    /// Optimiser steps of the training.
-    #[arg(long, value_name = "STEPS")]
-    train_steps: Option<u32>,
-    /// Segments a step of the training.
-    #[arg(long, value_name = "BATCH")]
-    train_batch: Option<u32>,
-    /// Learning rate of the training.
-    #[arg(long, value_name = "LR")]
-    train_lr: Option<f64>,
-    #[command(flatten)]
-    trials: TrialArgs,
+    settings: Given<Pipeline>,
 }
 
 impl PipelineArgs {
-    pub(crate) fn spec(&self) -> Result<PipelineSpec> {
-        let pretrain = self.pretrain.spec();
-        let (seed, device) = (self.pretrain.seed(), self.pretrain.device());
-        let train = || {
-            let optim = plan::optim(self.train_steps, self.train_batch, self.train_lr);
-            TrainSpec {
-                augmentation: self.pretrain.augmentation(),
-                preset: pretrain.preset,
-                segment_length: pretrain.segment_length,
-                ..self.policy.spec(optim, seed, device)
-            }
-        };
+    pub(crate) fn spec(&self) -> PipelineSpec {
         let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
-        Ok(PipelineSpec {
+        PipelineSpec {
             score: scored,
-            scoring: if scored { Some(self.scoring.spec(seed, device)?) } else { None },
+            scoring: scored.then(|| ScoreSpec { settings: self.stage("score"), ..ScoreSpec::default() }),
             beta: (selected && self.top.is_none()).then_some(self.beta),
             top_fraction: self.top.filter(|_| selected),
-            train: (self.until >= Until::Train).then(train),
-            evaluate: (self.until >= Until::Evaluate).then(|| self.trials.spec(device)),
-            pretrain: Some(pretrain),
-        })
+            train: (self.until >= Until::Train).then(|| TrainSpec { data: None, settings: self.training() }),
+            evaluate: (self.until >= Until::Evaluate)
+                .then(|| EvaluateSpec { subject: None, settings: self.stage("evaluate") }),
+            pretrain: Some(self.snapshot.pretrain(&self.settings.of_job("pretrain"))),
+        }
     }
+
+    /// The settings of a stage. A shared one that the chosen scorer does not have is not for this stage.
+    fn stage(&self, job: &str) -> Option<Struct> {
+        let mut settings = self.settings.of_job(job);
+        if job == "score" {
+            let scorer = chosen(&settings, Family::Scorer);
+            settings.retain(|name, _| name != "seed" || scorer.is_some_and(|kind| has(kind, name)));
+        }
+        Some(to_struct(&settings))
+    }
+
+    /// The settings of the training: an optimiser of its own, and the size of the encoder for policies that have a size.
+    fn training(&self) -> Option<Struct> {
+        let mut settings = self.settings.of_job("train");
+        let policy = chosen(&settings, Family::Policy);
+        let optimiser = |name: &str| OptimSpec::schema().iter().any(|setting| setting.name == name);
+        let of_encoder = ["preset", "segment_length"];
+        settings.retain(|name, _| {
+            let foreign = of_encoder.contains(&name.as_str()) && policy.is_some_and(|kind| !has(kind, name));
+            !optimiser(name) && !foreign
+        });
+        for (name, value) in &self.settings.values {
+            if let Some(own) = name.strip_prefix(TRAIN) {
+                settings.insert(own.to_owned(), value.clone());
+            }
+        }
+        Some(to_struct(&settings))
+    }
+}
+
+/// The kind that the settings choose, or the default.
+fn chosen(settings: &Values, family: Family) -> Option<&'static Kind> {
+    let name = settings.get(family.as_str()).and_then(|name| name.as_str()).unwrap_or(family.default_name());
+    family.find(name)
+}
+
+fn has(kind: &Kind, name: &str) -> bool {
+    kind.settings.iter().any(|setting| setting.name == name)
 }
 
 #[derive(Args, Debug)]
@@ -94,7 +113,7 @@ impl PipelineCommand {
         let client = context.client().await?;
         let request = SubmitPipelineRequest {
             task: context.task(&client, self.task.as_deref()).await?,
-            pipeline: Some(self.pipeline.spec()?),
+            pipeline: Some(self.pipeline.spec()),
             priority: self.submit.priority,
         };
         let mut reply = client.jobs().submit_pipeline(request).await?.into_inner();
@@ -129,16 +148,16 @@ fn next(submitted: &[Job], waited: bool) -> String {
 mod tests {
     use super::*;
     use clap::Parser;
-    use gleaner_proto::v1::{Objective, PolicyKind, Preset, Similarity};
+    use serde_json::json;
 
-    #[derive(Parser)]
+    #[derive(Debug, Parser)]
     struct Line {
         #[command(flatten)]
         pipeline: PipelineArgs,
     }
 
     fn spec(options: &str) -> PipelineSpec {
-        Line::try_parse_from(std::iter::once("x").chain(options.split_whitespace())).unwrap().pipeline.spec().unwrap()
+        Line::try_parse_from(std::iter::once("x").chain(options.split_whitespace())).unwrap().pipeline.spec()
     }
 
     #[test]
@@ -156,8 +175,8 @@ mod tests {
 
     #[test]
     fn what_is_not_given_is_left_to_the_server() {
-        let optim = spec("").pretrain.unwrap().optim.unwrap();
-        assert_eq!((optim.steps, optim.batch, optim.learning_rate), (None, None, None));
+        assert!(spec("").pretrain.unwrap().settings.unwrap().fields.is_empty());
+        assert!(spec("").train.unwrap().settings.unwrap().fields.is_empty());
     }
 
     #[test]
@@ -171,8 +190,7 @@ mod tests {
 
     #[test]
     fn a_scale_has_three_factors() {
-        let parsed = Line::try_parse_from(["x", "--scale", "1,2"]).unwrap().pipeline.spec();
-        assert!(parsed.unwrap_err().to_string().contains("three factors"));
+        assert!(Line::try_parse_from(["x", "--scale", "1,2"]).unwrap_err().to_string().contains("3 numbers"));
         assert!(Line::try_parse_from(["x", "--scale", "1,two,3"]).is_err());
     }
 
@@ -183,16 +201,20 @@ mod tests {
              --expert-cohort a --expert-cohort b --imperfect-cohort c --objective mtp,aa --similarity segment_l2 \
              --scale 1,0.5,2 --policy act --chunk-length 4 --shift-pixels 2 --imperfect-per-expert 3",
         );
-        let scoring = spec.scoring.unwrap();
-        assert_eq!(scoring.similarity(), Similarity::SegmentL2);
-        assert_eq!(scoring.modality_scale.map(|scale| (scale.proprioception, scale.action)), Some((0.5, 2.0)));
-        let (pretrain, train) = (spec.pretrain.unwrap(), spec.train.unwrap());
-        assert_eq!((pretrain.preset(), pretrain.seed, train.seed), (Preset::Small, 3, 3));
-        assert_eq!((pretrain.optim.unwrap().steps, train.optim.unwrap().steps), (Some(7), Some(9)));
-        assert_eq!((pretrain.optim.unwrap().learning_rate, train.lambda, spec.beta), (Some(0.5), Some(0.2), Some(0.8)));
-        assert_eq!(pretrain.objectives, [i32::from(Objective::Mtp), i32::from(Objective::Aa)]);
-        assert_eq!(pretrain.augmentation.map(|images| images.shift_pixels), Some(2));
-        assert_eq!((train.policy(), train.act.unwrap().chunk_length), (PolicyKind::Act, Some(4)));
+        let json = |settings: Option<Struct>| serde_json::Value::Object(gleaner_core::proto::from_struct(settings));
+        let scoring = json(spec.scoring.unwrap().settings);
+        assert_eq!(scoring, json!({"similarity": "segment_l2", "scale": [1, 0.5, 2]}));
+        let pretrain = spec.pretrain.unwrap();
+        let expected = json!({
+            "preset": "small", "steps": 7, "learning_rate": 0.5, "seed": 3, "objectives": ["mtp", "aa"],
+            "shift_pixels": 2,
+        });
+        assert_eq!(json(pretrain.settings), expected);
+        let expected = json!({
+            "policy": "act", "preset": "small", "chunk_length": 4, "steps": 9, "lambda": 0.2, "seed": 3,
+            "shift_pixels": 2,
+        });
+        assert_eq!((json(spec.train.unwrap().settings), spec.beta), (expected, Some(0.8)));
         let rule = pretrain.rule.unwrap();
         assert_eq!(rule.imperfect_per_expert, 3.0);
         assert_eq!((rule.expert_cohorts, rule.imperfect_cohorts), (vec!["a".into(), "b".into()], vec!["c".into()]));

@@ -84,7 +84,7 @@ impl CreateArgs {
             task: context.task(&client, self.task.as_deref()).await?,
             name: self.name,
             trigger,
-            pipeline: Some(self.pipeline.spec()?),
+            pipeline: Some(self.pipeline.spec()),
         };
         let reply = client.schedules().create_schedule(request).await?.into_inner();
         let schedule = present(reply.schedule.as_ref(), "a schedule")?;

@@ -42,7 +42,7 @@ impl RunsArgs {
             [
                 run.id.clone(),
                 run.encoder_id.clone(),
-                [&run.scorer, &run.similarity, &run.feature_scale, &run.yardstick].map(String::as_str).join(" "),
+                scored_by(run),
                 run.imperfect_episodes.to_string(),
                 run.imperfect_segments.to_string(),
                 run.expert_segments.to_string(),
@@ -197,6 +197,17 @@ pub(crate) fn histogram(histogram: &GetHistogramResponse, width: usize) -> Strin
     lines.push(String::new());
     lines.push(table(columns, histogram.kept.iter().map(row)));
     lines.join("\n")
+}
+
+/// The scorer and its settings in words.
+fn scored_by(run: &ScoreRun) -> String {
+    let settings = gleaner_core::proto::from_struct(run.settings.clone());
+    let text = |value: &serde_json::Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
+    let other = ["scorer", "normaliser", "device"];
+    let own = settings.iter().filter(|(name, _)| !other.contains(&name.as_str()));
+    let own = own.map(|(name, value)| format!("{name}={}", text(value)));
+    let scorer = settings.get("scorer").map(text).unwrap_or_default();
+    std::iter::once(scorer).chain(own).collect::<Vec<_>>().join(" ")
 }
 
 #[cfg(test)]

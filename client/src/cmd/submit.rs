@@ -2,13 +2,16 @@
 
 use clap::Args;
 use gleaner_client::Client;
+use gleaner_core::arguments::{Given, Pretrain, Score, Train};
+use gleaner_core::proto::to_struct;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
-use gleaner_proto::v1::{GetDatasetRequest, GetSnapshotRequest, Job, JobKind, JobSpec, SubmitJobRequest, TrainSpec};
+use gleaner_proto::v1::{
+    GetDatasetRequest, GetSnapshotRequest, Job, JobKind, JobSpec, ScoreSpec, SubmitJobRequest, TrainSpec,
+};
 
 use super::follow;
-use super::plan::{FromScratchArgs, PolicyArgs, PretrainArgs, RunArgs, ScoringArgs};
-use crate::choice::DeviceWord;
+use super::plan::SnapshotArgs;
 use crate::context::Context;
 use crate::failure::{Result, present};
 use crate::{json, words};
@@ -38,7 +41,9 @@ pub(crate) struct PretrainCommand {
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]
-    pretrain: PretrainArgs,
+    snapshot: SnapshotArgs,
+    #[command(flatten)]
+    settings: Given<Pretrain>,
     #[command(flatten)]
     submit: SubmitArgs,
     #[command(flatten)]
@@ -49,7 +54,8 @@ impl PretrainCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
         let task = context.task(&client, self.task.as_deref()).await?;
-        let submission = Submission { task, spec: Spec::Pretrain(self.pretrain.spec()), key: self.key.key };
+        let submission =
+            Submission { task, spec: Spec::Pretrain(self.snapshot.pretrain(&self.settings.values)), key: self.key.key };
         submission.submit(context, &client, &self.submit).await
     }
 }
@@ -65,17 +71,11 @@ pub(crate) struct ScoreCommand {
     /// The task's name or id; by default the encoder's.
     #[arg(long)]
     task: Option<String>,
-    /// Go on from a finished score run: only what is new is computed, and its normaliser stays.
-    #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale", "feature_scale", "yardstick"])]
+    /// Extend a finished score run: only what is new is computed, and its normaliser stays.
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["scorer", "similarity", "normaliser", "scale", "feature_scale", "local_scale"])]
     extends: Option<String>,
     #[command(flatten)]
-    scoring: ScoringArgs,
-    /// Seed of the classifier.
-    #[arg(long, default_value_t = 0)]
-    seed: u64,
-    /// Where to compute.
-    #[arg(long, value_enum, default_value = "cpu")]
-    device: DeviceWord,
+    settings: Given<Score>,
     #[command(flatten)]
     submit: SubmitArgs,
     #[command(flatten)]
@@ -89,9 +89,8 @@ impl ScoreCommand {
         let extends = self.extends.unwrap_or_default();
         let known = if encoder_id.is_empty() { &extends } else { &encoder_id };
         let task = context.task_of_result(&client, self.task.as_deref(), known).await?;
-        let mut spec = self.scoring.spec(self.seed, self.device)?;
-        (spec.encoder_id, spec.extends) = (encoder_id, extends);
-        spec.snapshot_id = self.snapshot.unwrap_or_default();
+        let settings = Some(to_struct(&self.settings.values));
+        let spec = ScoreSpec { encoder_id, snapshot_id: self.snapshot.unwrap_or_default(), extends, settings };
         let submission = Submission { task, spec: Spec::Score(spec), key: self.key.key };
         submission.submit(context, &client, &self.submit).await
     }
@@ -113,11 +112,7 @@ pub(crate) struct TrainCommand {
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]
-    policy: PolicyArgs,
-    #[command(flatten)]
-    from_scratch: FromScratchArgs,
-    #[command(flatten)]
-    run: RunArgs,
+    settings: Given<Train>,
     #[command(flatten)]
     submit: SubmitArgs,
     #[command(flatten)]
@@ -128,8 +123,7 @@ impl TrainCommand {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
         let client = context.client().await?;
         let (task, data) = self.data(context, &client).await?;
-        let spec = self.policy.spec(self.run.optim(), self.run.seed, self.run.device);
-        let spec = TrainSpec { data: Some(data), ..self.from_scratch.apply(spec) };
+        let spec = TrainSpec { data: Some(data), settings: Some(to_struct(&self.settings.values)) };
         let submission = Submission { task, spec: Spec::Train(spec), key: self.key.key };
         submission.submit(context, &client, &self.submit).await
     }

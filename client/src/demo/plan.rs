@@ -5,9 +5,9 @@ use gleaner_sim::{AgentKind, AgentSpec, Cohort, SimConfig, Task};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-use crate::choice::NormaliserWord;
 use crate::cmd::record::RecordSet;
 use crate::failure::{Failure, Result};
+use gleaner_core::NormaliserKind;
 
 /// Sizes, seeds and thresholds. Chosen by measurement, so that the demo ends well within 10 minutes on 2 cores.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -32,7 +32,7 @@ pub(crate) struct DemoPlan {
     pub(crate) train_steps: u32,
     pub(crate) train_batch: u32,
     /// What q is of w.
-    pub(crate) normaliser: NormaliserWord,
+    pub(crate) normaliser: NormaliserKind,
     /// Weight of the kept segments' loss.
     pub(crate) lambda: f64,
     /// The dataset's threshold.
@@ -61,7 +61,7 @@ impl Default for DemoPlan {
             train_batch: 32,
             // λ and β are the paper's. Under `minmax` one odd segment moves every other q, and with it what β keeps; by
             // quantile β = 0.9 is the best tenth.
-            normaliser: NormaliserWord::Quantile,
+            normaliser: NormaliserKind::Quantile,
             lambda: 0.1,
             beta: 0.9,
             betas: vec![0.5, 0.7, 0.8, 0.9, 0.95],

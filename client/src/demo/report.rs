@@ -6,8 +6,8 @@ use serde::Serialize;
 use serde_json::Value;
 
 use super::plan::DemoPlan;
-use crate::choice::NormaliserWord;
 use crate::quality::{Selected, Separation};
+use gleaner_core::NormaliserKind;
 
 /// Everything the demo found.
 #[derive(Clone, Debug, Serialize)]
@@ -136,8 +136,8 @@ impl Report {
                 self.plan.beta,
                 self.plan.lambda,
                 match self.plan.normaliser {
-                    NormaliserWord::Minmax => "w from its lowest to its highest",
-                    NormaliserWord::Quantile => "the share of segments with a lower w",
+                    NormaliserKind::MinMax => "w from its lowest to its highest",
+                    NormaliserKind::Quantile => "the share of segments with a lower w",
                 }
             ),
         );

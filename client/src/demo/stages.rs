@@ -9,8 +9,11 @@ use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
 use gleaner_proto::v1::{
     CreateDatasetRequest, CreateTaskRequest, DeployRequest, GetEpisodeScoresRequest, GetHistogramRequest, Job, JobSpec,
-    OptimSpec, Preset, PretrainSpec, RoleRule, ScoreSpec, SubmitJobRequest, TrainSpec,
+    PretrainSpec, RoleRule, ScoreSpec, SubmitJobRequest, TrainSpec,
 };
+use prost_types::Struct;
+use serde_json::{Value, json};
+
 use gleaner_sim::{AgentKind, LABELS, RecordedEpisode};
 
 use super::plan::DemoPlan;
@@ -128,9 +131,10 @@ impl<'a> Stages<'a> {
                     imperfect_cohorts: DemoPlan::imperfect_kinds().map(|kind| kind.name().into()).collect(),
                     ..RoleRule::default()
                 }),
-                preset: Preset::Tiny.into(),
-                optim: Some(optim(self.plan.pretrain_steps, self.plan.pretrain_batch)),
-                seed: self.plan.train_seed,
+                settings: settings(json!({
+                    "steps": self.plan.pretrain_steps, "batch": self.plan.pretrain_batch,
+                    "seed": self.plan.train_seed,
+                })),
                 ..PretrainSpec::default()
             }))
             .await?;
@@ -144,7 +148,7 @@ impl<'a> Stages<'a> {
         let job = self
             .job(Spec::Score(ScoreSpec {
                 encoder_id: encoder.to_owned(),
-                normaliser: self.plan.normaliser.into(),
+                settings: settings(json!({"normaliser": self.plan.normaliser})),
                 ..ScoreSpec::default()
             }))
             .await?;
@@ -203,10 +207,10 @@ impl<'a> Stages<'a> {
         let [base, gleaned] = data.map(|data| {
             self.job(Spec::Train(TrainSpec {
                 data: Some(data),
-                optim: Some(optim(self.plan.train_steps, self.plan.train_batch)),
-                lambda: Some(self.plan.lambda),
-                seed: self.plan.train_seed,
-                ..TrainSpec::default()
+                settings: settings(json!({
+                    "steps": self.plan.train_steps, "batch": self.plan.train_batch, "lambda": self.plan.lambda,
+                    "seed": self.plan.train_seed,
+                })),
             }))
         });
         let (base, gleaned) = tokio::try_join!(base, gleaned)?;
@@ -239,8 +243,9 @@ impl<'a> Stages<'a> {
     }
 }
 
-fn optim(steps: u32, batch: u32) -> OptimSpec {
-    OptimSpec { steps: Some(steps), batch: Some(batch), ..OptimSpec::default() }
+/// Settings of a job; what is left out takes the server's default.
+fn settings(given: Value) -> Option<Struct> {
+    given.as_object().map(gleaner_core::proto::to_struct)
 }
 
 fn threshold(episodes: &[MarkedEpisode], beta: f64) -> Threshold {

@@ -1,109 +1,42 @@
 //! One cell of an experiment: everything that is set between the recordings and a success rate.
 //!
-//! Plain settings as they stand in the file; knows no server. What is not given takes the default here, or the
-//! server's where there is none here.
+//! Settings of jobs are data, as on the wire: what is left out takes its default. Must not depend on a server.
 
+use gleaner_core::schema::Problem;
+use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec, Values, schema_of};
 use serde::{Deserialize, Serialize};
 
-use crate::choice::{
-    FeatureScaleWord, NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord, YardstickWord,
-};
+use super::method::Method;
 
-// The server's evaluations take no higher ones, so that no two seeds share an attempt.
+// The server rejects higher ones in evaluations, so that no two seeds share an attempt.
 const HIGHEST_SEED: u64 = u32::MAX as u64 - 1;
-
-/// A method by the paper's name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Method {
-    /// Behaviour cloning without history, on the experts.
-    Bc,
-    /// The transformer from scratch, on the experts.
-    TfBc,
-    /// The pretrained transformer, finetuned on the experts alone.
-    SsdfBase,
-    /// The pretrained transformer, finetuned on the experts and the gleaned segments.
-    #[default]
-    Ssdf,
-    /// Action chunking with transformers, on the experts.
-    Act,
-    /// The same on the experts and the gleaned segments.
-    SsdfAct,
-}
-
-impl Method {
-    pub(crate) const ALL: [Self; 6] = [Self::Bc, Self::TfBc, Self::SsdfBase, Self::Ssdf, Self::Act, Self::SsdfAct];
-
-    /// As the paper writes it.
-    pub(crate) fn title(self) -> &'static str {
-        match self {
-            Self::Bc => "BC",
-            Self::TfBc => "TF-BC",
-            Self::SsdfBase => "SSDF-base",
-            Self::Ssdf => "SSDF",
-            Self::Act => "ACT",
-            Self::SsdfAct => "SSDF+ACT",
-        }
-    }
-
-    pub(crate) fn policy(self) -> PolicyWord {
-        match self {
-            Self::Bc => PolicyWord::Bc,
-            Self::TfBc => PolicyWord::TfBc,
-            Self::SsdfBase | Self::Ssdf => PolicyWord::Finetune,
-            Self::Act | Self::SsdfAct => PolicyWord::Act,
-        }
-    }
-
-    /// Whether it trains on kept segments beside the experts.
-    pub(crate) fn gleans(self) -> bool {
-        match self {
-            Self::Ssdf | Self::SsdfAct => true,
-            Self::Bc | Self::TfBc | Self::SsdfBase | Self::Act => false,
-        }
-    }
-}
+/// Settings that an experiment sets itself.
+const OWN: [&str; 4] = ["seed", "device", "policy", "checkpoint_every"];
 
 /// Settings of one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(default)]
 pub(crate) struct CellSettings {
     pub(crate) method: Method,
     /// Which episodes.
     pub(crate) rule: RuleSettings,
-    /// Size of the encoder, and of policies from scratch.
-    pub(crate) preset: PresetWord,
-    /// The paper's l.
-    pub(crate) segment_length: u32,
-    pub(crate) objectives: Vec<ObjectiveWord>,
-    /// Of the pretraining.
-    pub(crate) pretrain: OptimSettings,
-    pub(crate) scorer: ScorerWord,
-    pub(crate) similarity: SimilarityWord,
-    pub(crate) feature_scale: FeatureScaleWord,
-    pub(crate) yardstick: YardstickWord,
-    pub(crate) normaliser: NormaliserWord,
-    /// Factors of the distances of image, proprioception and action.
-    pub(crate) scale: Option<[f64; 3]>,
+    /// Settings of the pretraining alone.
+    pub(crate) pretrain: Values,
+    /// Settings of the training alone.
+    pub(crate) train: Values,
     /// Keep segments with q above this.
     pub(crate) beta: f64,
-    /// Instead of β: keep so large a part, the best.
+    /// Instead of β: keep this part of the segments, the best.
     pub(crate) top: Option<f64>,
-    /// Of the policy.
-    pub(crate) train: OptimSettings,
-    /// Weight of the kept segments' loss.
-    pub(crate) lambda: f64,
-    /// How often a policy with a history is trained without its past.
-    pub(crate) history_dropout: f64,
-    pub(crate) act: ActSettings,
-    /// Of pretraining and training.
-    pub(crate) augmentation: AugmentationSettings,
     /// Each runs the whole cell, and evaluates on attempts of its own.
     pub(crate) seeds: Vec<u64>,
     /// Whether to train and evaluate; otherwise the cell stops at its scores.
     pub(crate) evaluate: bool,
     /// Simulated episodes for each seed.
     pub(crate) episodes: u32,
+    /// Settings of every job that has them: of pretraining, scoring and training.
+    #[serde(flatten)]
+    pub(crate) settings: Values,
 }
 
 impl Default for CellSettings {
@@ -111,32 +44,25 @@ impl Default for CellSettings {
         Self {
             method: Method::default(),
             rule: RuleSettings::default(),
-            preset: PresetWord::Tiny,
-            segment_length: 6,
-            objectives: vec![ObjectiveWord::Mtp, ObjectiveWord::Tr, ObjectiveWord::Aa],
-            pretrain: OptimSettings::default(),
-            scorer: ScorerWord::default(),
-            similarity: SimilarityWord::default(),
-            feature_scale: FeatureScaleWord::default(),
-            yardstick: YardstickWord::default(),
-            normaliser: NormaliserWord::default(),
-            scale: None,
+            pretrain: Values::new(),
+            train: Values::new(),
             beta: 0.9,
             top: None,
-            train: OptimSettings::default(),
-            lambda: 0.1,
-            history_dropout: 0.5,
-            act: ActSettings::default(),
-            augmentation: AugmentationSettings::default(),
             seeds: vec![0, 1, 2],
             evaluate: true,
             episodes: 200,
+            settings: Values::new(),
         }
     }
 }
 
+/// Whether a job of this kind has such a setting, and an experiment leaves it to its file.
+pub(super) fn has(job: &str, name: &str) -> bool {
+    !OWN.contains(&name) && schema_of(job).iter().any(|(setting, _)| setting.name == name)
+}
+
 impl CellSettings {
-    /// Checks what the server can't: the rest it refuses itself, with the field's name.
+    /// Checks every field.
     pub(crate) fn check(&self, cohorts: &[&str]) -> Result<(), String> {
         if self.seeds.is_empty() {
             return Err("seeds: give at least one".into());
@@ -145,17 +71,14 @@ impl CellSettings {
             return Err("seeds: each may be given once".into());
         }
         if let Some(seed) = self.seeds.iter().find(|seed| **seed > HIGHEST_SEED) {
-            return Err(format!("seeds: {seed} is too high; evaluations take at most {HIGHEST_SEED}"));
-        }
-        if self.objectives.is_empty() {
-            return Err("objectives: give at least one of mtp, tr, aa".into());
+            return Err(format!("seeds: {seed} is too high; evaluations accept at most {HIGHEST_SEED}"));
         }
         if self.evaluate && self.episodes == 0 {
             return Err("episodes: give at least 1, or evaluate = false".into());
         }
-        if !self.evaluate && !self.method.gleans() {
+        if !self.evaluate && !self.method.gleans {
             let method = self.method.title();
-            return Err(format!("evaluate: {method} scores nothing, so nothing is left to do; leave it true"));
+            return Err(format!("evaluate: {method} scores nothing, so no work is left; leave it true"));
         }
         if !(0.0..=1.0).contains(&self.beta) {
             return Err(format!("beta: {} is outside [0, 1]", self.beta));
@@ -163,6 +86,7 @@ impl CellSettings {
         if let Some(top) = self.top.filter(|top| !(*top > 0.0 && *top <= 1.0)) {
             return Err(format!("top: {top} is outside (0, 1]"));
         }
+        self.check_settings()?;
         match self.rule.cohorts.iter().find(|named| !cohorts.contains(&named.as_str())) {
             Some(unknown) => {
                 Err(format!("rule.cohorts: {unknown:?} is not recorded; [data] has {}", cohorts.join(", ")))
@@ -170,15 +94,69 @@ impl CellSettings {
             None => Ok(()),
         }
     }
+
+    fn check_settings(&self) -> Result<(), String> {
+        let anywhere = |name: &str| ["pretrain", "score", "train"].iter().any(|job| has(job, name));
+        if let Some(unknown) = self.settings.keys().find(|name| !anywhere(name)) {
+            return Err(format!("unknown field `{unknown}`"));
+        }
+        for (job, settings) in [("pretrain", &self.pretrain), ("train", &self.train)] {
+            if let Some(unknown) = settings.keys().find(|name| !has(job, name)) {
+                return Err(format!("{job}: unknown field `{unknown}`"));
+            }
+        }
+        self.pretrain_spec(0).map_err(|problem| within("pretrain", &self.pretrain, &problem))?;
+        self.score_spec(0).map_err(|problem| problem.to_string())?;
+        self.train_spec(0).map_err(|problem| within("train", &self.train, &problem))?;
+        Ok(())
+    }
+
+    /// The settings of the pretraining.
+    pub(super) fn pretrain_spec(&self, seed: u64) -> Result<PretrainSpec, Problem> {
+        let mut values = self.shared(|name| has("pretrain", name));
+        values.extend(self.pretrain.clone());
+        values.insert("seed".to_owned(), seed.into());
+        PretrainSpec::from_values(&values)
+    }
+
+    /// The settings of the scoring; the seed matters to scorers with random numbers alone.
+    pub(super) fn score_spec(&self, seed: u64) -> Result<ScoreSpec, Problem> {
+        let used = self.scorer()?;
+        let mut values = self.shared(|name| has("score", name) && used.uses(name));
+        if used.uses("seed") {
+            values.insert("seed".to_owned(), seed.into());
+        }
+        ScoreSpec::from_values(&values)
+    }
+
+    /// The settings of the training.
+    pub(super) fn train_spec(&self, seed: u64) -> Result<TrainSpec, Problem> {
+        let used = self.policy();
+        let mut values = self.shared(|name| has("train", name) && used.uses(name));
+        values.extend(self.train.clone());
+        values.insert("policy".to_owned(), self.method.policy.into());
+        values.insert("seed".to_owned(), seed.into());
+        TrainSpec::from_values(&values)
+    }
+
+    fn shared(&self, wanted: impl Fn(&str) -> bool) -> Values {
+        let settings = self.settings.iter().filter(|(name, _)| wanted(name));
+        settings.map(|(name, value)| (name.clone(), value.clone())).collect()
+    }
+}
+
+/// A problem under the table that holds the setting.
+fn within(table: &str, settings: &Values, problem: &Problem) -> String {
+    if settings.contains_key(&problem.field) { format!("{table}.{problem}") } else { problem.to_string() }
 }
 
 /// Which episodes a cell learns from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(crate) struct RuleSettings {
-    /// At most so many experts; 0: all that are recorded.
+    /// At most this many experts; 0: all that are recorded.
     pub(crate) experts: u32,
-    /// At most so many imperfect episodes for each expert; 0: all.
+    /// At most this many imperfect episodes for each expert; 0: all.
     pub(crate) imperfect_per_expert: f64,
     /// Imperfect cohorts; none named: all.
     pub(crate) cohorts: Vec<String>,
@@ -186,56 +164,40 @@ pub(crate) struct RuleSettings {
     pub(crate) seed: u64,
 }
 
-/// The optimiser; what is not given takes the server's default.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct OptimSettings {
-    pub(crate) steps: Option<u32>,
-    pub(crate) batch: Option<u32>,
-    pub(crate) learning_rate: Option<f64>,
-    pub(crate) weight_decay: Option<f64>,
-    pub(crate) warmup_steps: Option<u32>,
-    pub(crate) clip_norm: Option<f64>,
-}
-
-/// Of ACT; what is not given takes the server's default.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct ActSettings {
-    pub(crate) chunk_length: Option<u32>,
-    pub(crate) kl_weight: Option<f64>,
-    pub(crate) latent_size: Option<u32>,
-}
-
-/// Random changes to images.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(crate) struct AugmentationSettings {
-    pub(crate) shift_pixels: u32,
-    pub(crate) brightness: f64,
-    pub(crate) contrast: f64,
-}
-
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
-    fn what_cannot_work_is_named() {
-        let said = |change: &dyn Fn(&mut CellSettings)| {
+    fn a_wrong_field_is_named() {
+        let text = |change: &dyn Fn(&mut CellSettings)| {
             let mut cell = CellSettings::default();
             change(&mut cell);
             cell.check(&["freeze", "noise"]).unwrap_err()
         };
         assert!(CellSettings::default().check(&["freeze"]).is_ok());
-        assert!(said(&|cell| cell.seeds = vec![1, 2, 1]).starts_with("seeds: "));
-        assert!(said(&|cell| cell.objectives.clear()).starts_with("objectives: "));
-        assert!(said(&|cell| cell.episodes = 0).starts_with("episodes: "));
-        assert!(said(&|cell| cell.top = Some(0.0)).starts_with("top: "));
-        assert!(said(&|cell| cell.beta = f64::NAN).starts_with("beta: "));
-        let unknown = said(&|cell| cell.rule.cohorts = vec!["freese".into()]);
+        assert!(text(&|cell| cell.seeds = vec![1, 2, 1]).starts_with("seeds: "));
+        let set = |name: &'static str, value: serde_json::Value| {
+            move |cell: &mut CellSettings| {
+                cell.settings.insert(name.into(), value.clone());
+            }
+        };
+        assert!(text(&set("objectives", json!([]))).starts_with("objectives: has 0 values"));
+        assert!(text(&set("lambda", json!(-1))).starts_with("lambda: is -1"));
+        assert!(text(&set("lamda", json!(1))).contains("unknown field `lamda`"));
+        assert!(text(&set("seed", json!(1))).contains("unknown field `seed`"));
+        let steps = |cell: &mut CellSettings| {
+            cell.pretrain.insert("steps".into(), json!(0));
+        };
+        assert!(text(&steps).starts_with("pretrain.steps: is 0"));
+        assert!(text(&|cell| cell.episodes = 0).starts_with("episodes: "));
+        assert!(text(&|cell| cell.top = Some(0.0)).starts_with("top: "));
+        assert!(text(&|cell| cell.beta = f64::NAN).starts_with("beta: "));
+        let unknown = text(&|cell| cell.rule.cohorts = vec!["freese".into()]);
         assert!(unknown.contains("\"freese\"") && unknown.contains("freeze, noise"), "{unknown}");
-        let idle = said(&|cell| (cell.method, cell.evaluate) = (Method::Bc, false));
+        let idle = text(&|cell| (cell.method, cell.evaluate) = (Method { policy: "bc", gleans: false }, false));
         assert!(idle.starts_with("evaluate: BC"), "{idle}");
     }
 }

@@ -3,7 +3,6 @@
 
 use std::path::Path;
 
-use clap::ValueEnum as _;
 use gleaner_client::Client;
 
 use super::existing::Existing;
@@ -17,10 +16,10 @@ use super::standing::Progress;
 use super::state::State;
 use super::submit::{Submitted, Submitter};
 use super::{follow, planned};
-use crate::choice::DeviceWord;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use crate::own_server::{Address, ServerProcess};
+use gleaner_core::{Device, Words as _};
 
 const DATA: &str = "data";
 const RECORDINGS: &str = "recordings";
@@ -32,7 +31,7 @@ pub(super) struct Course<'a> {
     pub(super) experiment: &'a Experiment,
     pub(super) graph: &'a Graph,
     pub(super) out: &'a Path,
-    pub(super) device: DeviceWord,
+    pub(super) device: Device,
     /// As the report shows it.
     pub(super) command: String,
     /// Whether only to report what is there.
@@ -125,7 +124,7 @@ impl Course<'_> {
             name: experiment.name.clone(),
             task: experiment.recordings.task.to_string(),
             command: self.command.clone(),
-            device: device.to_possible_value().map(|word| word.get_name().to_owned()).unwrap_or_default(),
+            device: device.as_str().to_owned(),
             cores: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
             recorded: recordings.counts(experiment),
             progress: Progress::default(),

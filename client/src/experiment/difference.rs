@@ -5,19 +5,20 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::cell::{CellSettings, Method};
+use super::cell::CellSettings;
 use super::interval::student;
+use super::method::Method;
 use super::report::CellReport;
 use super::study::TableKind;
 use crate::quality::mean;
 
 /// The pairs that say what a part of the method brings: first what has it, then what lacks it.
 const PAIRS: [(Method, Method); 5] = [
-    (Method::Ssdf, Method::SsdfBase),
-    (Method::Ssdf, Method::TfBc),
-    (Method::Ssdf, Method::Bc),
-    (Method::SsdfBase, Method::TfBc),
-    (Method::SsdfAct, Method::Act),
+    (Method::SSDF, Method::SSDF_BASE),
+    (Method::SSDF, Method::TF_BC),
+    (Method::SSDF, Method::BC),
+    (Method::SSDF_BASE, Method::TF_BC),
+    (Method::SSDF_ACT, Method::ACT),
 ];
 
 /// The success of one cell less that of another, over the seeds that both have.
@@ -75,13 +76,13 @@ mod tests {
 
     fn method(method: Method, successes: [Option<u32>; 3]) -> CellReport {
         let seeds = (0..).zip(successes).map(|(nth, successes)| seed(nth, successes, None)).collect();
-        cell(method.title(), CellSettings { method, ..CellSettings::default() }, seeds)
+        cell(&method.title(), CellSettings { method, ..CellSettings::default() }, seeds)
     }
 
     #[test]
     fn methods_are_compared_seed_by_seed() {
         let cells =
-            [method(Method::Ssdf, [Some(8), Some(6), Some(7)]), method(Method::SsdfBase, [Some(3), Some(2), Some(4)])];
+            [method(Method::SSDF, [Some(8), Some(6), Some(7)]), method(Method::SSDF_BASE, [Some(3), Some(2), Some(4)])];
         let found = differences(TableKind::Methods, &cells);
         assert_eq!(found.len(), 1);
         let [one] = &found[..] else { unreachable!() };
@@ -95,19 +96,19 @@ mod tests {
 
     #[test]
     fn only_seeds_that_both_have_count() {
-        let ssdf = method(Method::Ssdf, [Some(8), None, Some(7)]);
-        let base = method(Method::SsdfBase, [Some(3), Some(2), None]);
+        let ssdf = method(Method::SSDF, [Some(8), None, Some(7)]);
+        let base = method(Method::SSDF_BASE, [Some(3), Some(2), None]);
         let found = differences(TableKind::Methods, &[ssdf, base]);
         assert_eq!(found[0].seeds.iter().map(|seed| seed.seed).collect::<Vec<_>>(), [0]);
         assert_eq!((found[0].mean, found[0].interval), (0.5, None));
-        let nothing = [method(Method::Ssdf, [Some(8), None, None]), method(Method::Bc, [None, Some(2), None])];
+        let nothing = [method(Method::SSDF, [Some(8), None, None]), method(Method::BC, [None, Some(2), None])];
         assert!(differences(TableKind::Methods, &nothing).is_empty());
     }
 
     #[test]
     fn methods_with_other_settings_are_no_pair() {
-        let mut base = method(Method::SsdfBase, [Some(3), Some(2), Some(4)]);
-        base.settings.train.steps = Some(9);
-        assert!(differences(TableKind::Methods, &[method(Method::Ssdf, [Some(8); 3]), base]).is_empty());
+        let mut base = method(Method::SSDF_BASE, [Some(3), Some(2), Some(4)]);
+        base.settings.train.insert("steps".into(), 9.into());
+        assert!(differences(TableKind::Methods, &[method(Method::SSDF, [Some(8); 3]), base]).is_empty());
     }
 }

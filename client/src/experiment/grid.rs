@@ -2,7 +2,7 @@
 
 use toml::{Table, Value};
 
-use super::cell::Method;
+use super::method::Method;
 
 /// One thing that varies.
 #[derive(Clone, Debug, PartialEq)]

@@ -15,6 +15,7 @@ mod gather;
 mod grid;
 mod interval;
 mod markdown;
+mod method;
 mod order;
 mod plots;
 mod pool;
@@ -32,15 +33,14 @@ mod used;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use clap::ValueEnum as _;
 use gleaner_client::ClientError;
 use serde_json::{Value, json};
 
-use crate::choice::DeviceWord;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 use course::Course;
 use file::Experiment;
+use gleaner_core::{Device, Words as _};
 use reporter::document;
 use stage::Graph;
 use standing::Progress;
@@ -54,8 +54,8 @@ pub(crate) struct ExperimentArgs {
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Where jobs compute.
-    #[arg(long, value_enum, default_value = "cpu")]
-    device: DeviceWord,
+    #[arg(long, default_value = "cpu")]
+    device: Device,
     /// The gleaner-server binary, for a server of the experiment's own; by default the one beside this program.
     #[arg(long, value_name = "PATH")]
     server_bin: Option<PathBuf>,
@@ -102,8 +102,8 @@ impl ExperimentArgs {
     }
 
     fn command(&self, out: &Path) -> String {
-        let device = self.device.to_possible_value().map(|word| word.get_name().to_owned()).unwrap_or_default();
-        let device = if self.device == DeviceWord::default() { String::new() } else { format!(" --device {device}") };
+        let device = self.device.as_str().to_owned();
+        let device = if self.device == Device::default() { String::new() } else { format!(" --device {device}") };
         format!("gleaner experiment {} --out {}{device}", self.file.display(), out.display())
     }
 

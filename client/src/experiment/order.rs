@@ -1,16 +1,15 @@
 //! Stages as the server's API takes them.
 
+use gleaner_core::proto::to_struct;
+use gleaner_core::{Device, Values, Words as _};
 use gleaner_proto::v1::evaluate_spec::Subject;
 use gleaner_proto::v1::job_spec::Spec;
 use gleaner_proto::v1::train_spec::Data;
-use gleaner_proto::v1::{
-    ActSpec, Augmentation, EvaluateSpec, ModalityScale, OptimSpec, PretrainSpec, RoleRule, ScoreSpec, TrainSpec,
-};
+use gleaner_proto::v1::{EvaluateSpec, PretrainSpec, RoleRule, ScoreSpec, TrainSpec};
 use gleaner_sim::AgentKind;
 
-use super::cell::{ActSettings, AugmentationSettings, OptimSettings, RuleSettings};
+use super::cell::RuleSettings;
 use super::stage::{Selection, Work};
-use crate::choice::DeviceWord;
 use crate::cmd::what_if;
 
 /// What a stage works on: what kind of result it is, and its id.
@@ -20,75 +19,40 @@ pub(crate) struct Input<'a> {
     pub(crate) id: &'a str,
 }
 
-/// A stage's job, `None` for the stages that are none.
-pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: DeviceWord) -> Option<Spec> {
+/// A stage's job, `None` for the stages without one.
+pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: Device) -> Option<Spec> {
+    let id = || input.id.to_owned();
+    let on = |settings: &Values| {
+        let mut settings = settings.clone();
+        settings.insert("device".to_owned(), device.as_str().into());
+        settings
+    };
     match work {
         Work::Snapshot { .. } | Work::Dataset { .. } => None,
-        Work::Pretrain { preset, segment_length, objectives, optim, augmentation, seed } => {
-            Some(Spec::Pretrain(PretrainSpec {
-                snapshot_id: input.id.to_owned(),
-                preset: (*preset).into(),
-                segment_length: Some(*segment_length),
-                optim: Some(optimiser(optim)),
-                seed: *seed,
-                device: device.into(),
-                objectives: objectives.iter().map(|objective| (*objective).into()).collect(),
-                augmentation: images(augmentation),
-                ..PretrainSpec::default()
-            }))
-        }
-        Work::Score { scorer, similarity, feature_scale, yardstick, normaliser, scale, seed } => {
-            Some(Spec::Score(ScoreSpec {
-                encoder_id: input.id.to_owned(),
-                device: device.into(),
-                scorer: (*scorer).into(),
-                similarity: (*similarity).into(),
-                feature_scale: (*feature_scale).into(),
-                yardstick: (*yardstick).into(),
-                normaliser: (*normaliser).into(),
-                modality_scale: scale.map(|[image, proprioception, action]| ModalityScale {
-                    image,
-                    proprioception,
-                    action,
-                }),
-                seed: *seed,
-                ..ScoreSpec::default()
-            }))
-        }
-        Work::Train { .. } => Some(Spec::Train(training(work, input, device))),
-        Work::Evaluate { episodes, max_steps, seed } => Some(Spec::Evaluate(EvaluateSpec {
-            subject: Some(Subject::PolicyId(input.id.to_owned())),
-            simulation: simulation.to_owned(),
-            episodes: Some(*episodes),
-            seeds: vec![*seed],
-            max_steps: Some(*max_steps),
-            device: device.into(),
+        Work::Pretrain { settings } => Some(Spec::Pretrain(PretrainSpec {
+            snapshot_id: id(),
+            settings: Some(to_struct(&on(settings))),
+            ..PretrainSpec::default()
         })),
-    }
-}
-
-fn training(work: &Work, input: Input<'_>, device: DeviceWord) -> TrainSpec {
-    let Work::Train { policy, from_scratch, act, lambda, history_dropout, optim, augmentation, seed } = work else {
-        return TrainSpec::default();
-    };
-    let id = input.id.to_owned();
-    TrainSpec {
-        data: Some(match input.kind {
-            "dataset" => Data::DatasetId(id),
-            "pretrain" => Data::ExpertsOf(id),
-            _ => Data::ExpertsIn(id),
-        }),
-        optim: Some(optimiser(optim)),
-        lambda: *lambda,
-        history_dropout: *history_dropout,
-        seed: *seed,
-        device: device.into(),
-        policy: (*policy).into(),
-        act: act.as_ref().map(chunks),
-        augmentation: images(augmentation),
-        preset: from_scratch.map(|(preset, _)| preset.into()).unwrap_or_default(),
-        segment_length: from_scratch.map(|(_, length)| length),
-        ..TrainSpec::default()
+        Work::Score { settings } => Some(Spec::Score(ScoreSpec {
+            encoder_id: id(),
+            settings: Some(to_struct(&on(settings))),
+            ..ScoreSpec::default()
+        })),
+        Work::Train { settings } => Some(Spec::Train(TrainSpec {
+            data: Some(match input.kind {
+                "dataset" => Data::DatasetId(id()),
+                "pretrain" => Data::ExpertsOf(id()),
+                _ => Data::ExpertsIn(id()),
+            }),
+            settings: Some(to_struct(&on(settings))),
+        })),
+        Work::Evaluate { settings } => {
+            let mut settings = on(settings);
+            settings.insert("simulation".to_owned(), simulation.into());
+            let subject = Some(Subject::PolicyId(id()));
+            Some(Spec::Evaluate(EvaluateSpec { subject, settings: Some(to_struct(&settings)) }))
+        }
     }
 }
 
@@ -113,48 +77,20 @@ pub(crate) fn selection(selection: Selection) -> gleaner_proto::v1::Selection {
     }
 }
 
-fn optimiser(settings: &OptimSettings) -> OptimSpec {
-    let OptimSettings { steps, batch, learning_rate, weight_decay, warmup_steps, clip_norm } = *settings;
-    OptimSpec { steps, batch, learning_rate, weight_decay, warmup_steps, clip_norm }
-}
-
-fn chunks(settings: &ActSettings) -> ActSpec {
-    let ActSettings { chunk_length, kl_weight, latent_size } = *settings;
-    ActSpec { chunk_length, kl_weight, latent_size }
-}
-
-fn images(settings: &AugmentationSettings) -> Option<Augmentation> {
-    let AugmentationSettings { shift_pixels, brightness, contrast } = *settings;
-    (*settings != AugmentationSettings::default()).then_some(Augmentation { shift_pixels, brightness, contrast })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::choice::{PolicyWord, PresetWord};
-    use gleaner_proto::v1::PolicyKind;
-
-    fn train(policy: PolicyWord, from_scratch: Option<(PresetWord, u32)>) -> Work {
-        Work::Train {
-            policy,
-            from_scratch,
-            act: None,
-            lambda: Some(0.1),
-            history_dropout: None,
-            optim: OptimSettings { steps: Some(9), ..OptimSettings::default() },
-            augmentation: AugmentationSettings::default(),
-            seed: 3,
-        }
-    }
 
     #[test]
-    fn a_training_is_on_what_its_input_is() {
-        let data = |kind| {
+    fn a_policy_learns_from_what_its_stage_works_on() {
+        let data = |kind: &str| {
             let input = Input { kind, id: "x_1" };
-            let spec = job(&train(PolicyWord::Bc, Some((PresetWord::Small, 4))), input, "pick_cube", DeviceWord::Cpu);
-            let Some(Spec::Train(spec)) = spec else { panic!("{spec:?}") };
-            assert_eq!((spec.policy(), spec.segment_length, spec.seed), (PolicyKind::Bc, Some(4), 3));
-            assert_eq!((spec.optim.unwrap().steps, spec.augmentation), (Some(9), None));
+            let work = Work::Train { settings: Values::new() };
+            let Some(Spec::Train(spec)) = job(&work, input, "pick_cube", Device::Cuda) else {
+                panic!("not a training")
+            };
+            let settings = gleaner_core::proto::from_struct(spec.settings);
+            assert_eq!(settings.get("device"), Some(&"cuda".into()));
             spec.data.unwrap()
         };
         assert_eq!(data("dataset"), Data::DatasetId("x_1".into()));

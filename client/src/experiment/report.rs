@@ -155,8 +155,8 @@ impl CellReport {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::experiment::cell::Method;
     use crate::experiment::difference::differences;
+    use crate::experiment::method::Method;
     use crate::experiment::pool::pool;
     use serde_json::json;
 
@@ -192,9 +192,9 @@ pub(super) mod tests {
     pub(crate) fn report() -> Report {
         let with = |method| CellSettings { method, seeds: vec![0, 1], episodes: 10, ..CellSettings::default() };
         let cells = vec![
-            cell("BC", with(Method::Bc), vec![seed(0, Some(2), None), seed(1, Some(4), None)]),
-            cell("SSDF-base", with(Method::SsdfBase), vec![seed(0, Some(5), None), seed(1, Some(6), None)]),
-            cell("SSDF", with(Method::Ssdf), vec![seed(0, Some(8), Some(30)), seed(1, None, Some(32))]),
+            cell("BC", with(Method::BC), vec![seed(0, Some(2), None), seed(1, Some(4), None)]),
+            cell("SSDF-base", with(Method::SSDF_BASE), vec![seed(0, Some(5), None), seed(1, Some(6), None)]),
+            cell("SSDF", with(Method::SSDF), vec![seed(0, Some(8), Some(30)), seed(1, None, Some(32))]),
         ];
         let stage = |kind: &str, seconds, problem: Option<&str>| StageReport {
             kind: kind.into(),

@@ -5,63 +5,26 @@
 
 use std::collections::HashMap;
 
+use gleaner_core::schema::Problem;
+use gleaner_core::{Device, EvaluateSpec, Values};
 use serde::Serialize;
 
-use super::cell::{ActSettings, AugmentationSettings, CellSettings, OptimSettings, RuleSettings};
+use super::cell::{CellSettings, RuleSettings};
 use super::file::Experiment;
-use crate::choice::{
-    DeviceWord, FeatureScaleWord, NormaliserWord, ObjectiveWord, PolicyWord, PresetWord, ScorerWord, SimilarityWord,
-    YardstickWord,
-};
 
 // Changes when a stage's meaning does.
-const FORMAT: &str = "gleaner-experiment/1";
+const FORMAT: &str = "gleaner-experiment/2";
 
-/// What a stage does, with every setting that matters to it and no other.
+/// What a stage does, with every setting that matters to it and no other. Settings are complete but for the device.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(tag = "stage", rename_all = "snake_case")]
 pub(crate) enum Work {
-    Snapshot {
-        task: String,
-        rule: RuleSettings,
-    },
-    Pretrain {
-        preset: PresetWord,
-        segment_length: u32,
-        objectives: Vec<ObjectiveWord>,
-        optim: OptimSettings,
-        augmentation: AugmentationSettings,
-        seed: u64,
-    },
-    Score {
-        scorer: ScorerWord,
-        similarity: SimilarityWord,
-        feature_scale: FeatureScaleWord,
-        yardstick: YardstickWord,
-        normaliser: NormaliserWord,
-        scale: Option<[f64; 3]>,
-        seed: u64,
-    },
-    Dataset {
-        selection: Selection,
-    },
-    Train {
-        policy: PolicyWord,
-        // Of a policy from scratch; one that is finetuned has its encoder's.
-        from_scratch: Option<(PresetWord, u32)>,
-        act: Option<ActSettings>,
-        lambda: Option<f64>,
-        #[serde(skip_serializing_if = "Option::is_none")]
-        history_dropout: Option<f64>,
-        optim: OptimSettings,
-        augmentation: AugmentationSettings,
-        seed: u64,
-    },
-    Evaluate {
-        episodes: u32,
-        max_steps: u32,
-        seed: u64,
-    },
+    Snapshot { task: String, rule: RuleSettings },
+    Pretrain { settings: Values },
+    Score { settings: Values },
+    Dataset { selection: Selection },
+    Train { settings: Values },
+    Evaluate { settings: Values },
 }
 
 impl Work {
@@ -113,11 +76,11 @@ pub(crate) struct Graph {
     /// For each study, for each cell, for each seed.
     pub(crate) chains: Vec<Vec<Vec<Chain>>>,
     by_key: HashMap<String, usize>,
-    device: DeviceWord,
+    device: Device,
 }
 
 impl Graph {
-    pub(crate) fn new(experiment: &Experiment, device: DeviceWord) -> Self {
+    pub(crate) fn new(experiment: &Experiment, device: Device) -> Self {
         let mut graph = Self { device, ..Self::default() };
         let task = experiment.task();
         let max_steps = experiment.recordings.config.max_steps;
@@ -178,53 +141,40 @@ struct Place {
     seed: u64,
 }
 
-// A cell's works, each on the result of the one before.
+// A cell's works, each on the result of the one before. The cell has been checked, so every spec is sound.
 fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work> {
     let cell = &cell.used();
     let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.clone() }];
-    let policy = cell.method.policy();
-    let finetunes = policy == PolicyWord::Finetune;
     if cell.method.pretrains() {
-        works.push(Work::Pretrain {
-            preset: cell.preset,
-            segment_length: cell.segment_length,
-            objectives: cell.objectives.clone(),
-            optim: cell.pretrain.clone(),
-            augmentation: cell.augmentation.clone(),
-            seed,
-        });
+        works.push(Work::Pretrain { settings: complete(cell.pretrain_spec(seed).map(|spec| spec.values())) });
     }
-    if cell.method.gleans() {
-        works.push(Work::Score {
-            scorer: cell.scorer,
-            similarity: cell.similarity,
-            feature_scale: cell.feature_scale,
-            yardstick: cell.yardstick,
-            normaliser: cell.normaliser,
-            scale: cell.scale,
-            // Nothing else in a scoring is random.
-            seed: if cell.scorer == ScorerWord::Classifier { seed } else { 0 },
-        });
+    if cell.method.gleans {
+        works.push(Work::Score { settings: complete(cell.score_spec(seed).map(|spec| spec.values())) });
     }
     if !cell.evaluate {
         return works;
     }
-    if cell.method.gleans() {
+    if cell.method.gleans {
         let selection = cell.top.map_or(Selection::Beta(cell.beta), Selection::Top);
         works.push(Work::Dataset { selection });
     }
-    works.push(Work::Train {
-        policy,
-        from_scratch: (!finetunes).then_some((cell.preset, cell.segment_length)),
-        act: (policy == PolicyWord::Act).then(|| cell.act.clone()),
-        lambda: cell.method.gleans().then_some(cell.lambda),
-        history_dropout: matches!(policy, PolicyWord::Finetune | PolicyWord::TfBc).then_some(cell.history_dropout),
-        optim: cell.train.clone(),
-        augmentation: cell.augmentation.clone(),
-        seed,
-    });
-    works.push(Work::Evaluate { episodes: cell.episodes, max_steps, seed });
+    let mut settings = complete(cell.train_spec(seed).map(|spec| spec.values()));
+    if !cell.method.gleans {
+        settings.remove("lambda");
+    }
+    works.push(Work::Train { settings });
+    let trials = EvaluateSpec { episodes: cell.episodes, max_steps, seeds: vec![seed], ..EvaluateSpec::default() };
+    let mut settings = complete(Ok(trials.values()));
+    settings.remove("simulation");
+    works.push(Work::Evaluate { settings });
     works
+}
+
+// Without the device, which is part of every key by itself.
+fn complete(values: Result<Values, Problem>) -> Values {
+    let mut values = values.unwrap_or_default();
+    values.remove("device");
+    values
 }
 
 #[cfg(test)]

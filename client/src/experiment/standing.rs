@@ -98,8 +98,8 @@ impl Progress {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::choice::DeviceWord;
     use crate::experiment::file::Experiment;
+    use gleaner_core::Device;
     use gleaner_proto::v1::Job;
 
     const FILE: &str = "name = \"x\"\ntask = \"pick_cube\"\n[data]\nexperts = 3\n\
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn a_seed_is_settled_once_all_its_stages_are_or_one_failed() {
-        let graph = Graph::new(&Experiment::parse(FILE).unwrap(), DeviceWord::Cpu);
+        let graph = Graph::new(&Experiment::parse(FILE).unwrap(), Device::Cpu);
         // Snapshot; of each seed an encoder, SSDF's scores and raw ones.
         let kinds: Vec<&str> = graph.stages.iter().map(|stage| stage.work.kind()).collect();
         assert_eq!(kinds, ["snapshot", "pretrain", "score", "score", "pretrain", "score", "score"]);

@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use toml::{Table, Value};
 
-use super::cell::{CellSettings, Method};
+use super::cell::CellSettings;
 use super::grid::{Axis, Draft, flat, grid, merge, set};
+use super::method::Method;
 
 /// Which of the paper's tables a study makes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -66,27 +67,27 @@ impl TableKind {
                 axis("rule.cohorts", cohorts.iter().map(|cohort| list(&&[*cohort][..])).collect()),
             ],
             Self::Methods => {
-                let all = Method::ALL.iter().filter_map(|method| Value::try_from(method).ok());
-                vec![axis("method", all.collect())]
+                vec![axis("method", Method::all().map(|method| Value::from(method.name())).collect())]
             }
             Self::Scoring | Self::Cells => Vec::new(),
         }
     }
 }
 
-// Ours and the paper's to the letter; the nearest neighbour that one would try first, and what our yardstick alone
+// Ours and the paper's to the letter; the nearest neighbour that one would try first, and what the local scale alone
 // does for it; and the classifier.
 fn scorings() -> Vec<Draft> {
     let cell = |label: &str, set: &[(&str, &str)]| {
-        (label.to_owned(), set.iter().map(|(key, value)| ((*key).to_owned(), Value::from(*value))).collect())
+        let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
+        (label.to_owned(), set.iter().map(|(key, value)| ((*key).to_owned(), flag(value))).collect())
     };
     vec![
         cell("ssdf", &[("scorer", "ssdf")]),
-        cell("ssdf to the letter", &[("scorer", "ssdf"), ("feature_scale", "plain"), ("yardstick", "none")]),
-        cell("raw", &[("scorer", "raw"), ("yardstick", "none")]),
-        cell("raw + yardstick", &[("scorer", "raw"), ("yardstick", "local")]),
-        cell("raw segments", &[("scorer", "raw"), ("yardstick", "none"), ("similarity", "segment_l2")]),
-        cell("raw segments + yardstick", &[("scorer", "raw"), ("yardstick", "local"), ("similarity", "segment_l2")]),
+        cell("ssdf to the letter", &[("scorer", "ssdf"), ("feature_scale", "plain"), ("local_scale", "false")]),
+        cell("raw", &[("scorer", "raw"), ("local_scale", "false")]),
+        cell("raw + local scale", &[("scorer", "raw"), ("local_scale", "true")]),
+        cell("raw segments", &[("scorer", "raw"), ("local_scale", "false"), ("similarity", "segment_l2")]),
+        cell("raw segments + local scale", &[("scorer", "raw"), ("local_scale", "true"), ("similarity", "segment_l2")]),
         cell("classifier", &[("scorer", "classifier")]),
     ]
 }
@@ -183,7 +184,6 @@ fn named(cell: &NamedCell) -> Draft {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::choice::{FeatureScaleWord, YardstickWord};
 
     fn cells(study: &str) -> Result<Vec<Cell>, String> {
         let base: Table = toml::from_str("lambda = 0.5\nseeds = [7]\n[rule]\nexperts = 4").unwrap();
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn each_table_has_the_papers_cells_of_itself() {
-        assert_eq!(labels("table = \"methods\""), ["BC", "TF-BC", "SSDF-base", "SSDF", "ACT", "SSDF+ACT"]);
+        assert_eq!(labels("table = \"methods\""), Method::all().map(Method::title).collect::<Vec<_>>());
         assert_eq!(labels("table = \"beta\""), ["0", "0.5", "0.7", "0.8", "0.9", "0.95", "0.99"]);
         assert_eq!(labels("table = \"objectives\"").last().unwrap(), "mtp+tr+aa");
         assert_eq!(labels("table = \"quantity\""), ["1:1 weak", "1:1 strong", "1:3 weak", "1:3 strong"]);
@@ -210,16 +210,19 @@ mod tests {
                 "ssdf",
                 "ssdf to the letter",
                 "raw",
-                "raw + yardstick",
+                "raw + local scale",
                 "raw segments",
-                "raw segments + yardstick",
+                "raw segments + local scale",
                 "classifier"
             ]
         );
-        let yardsticks = |index: usize| (scoring[index].settings.yardstick, scoring[index].settings.feature_scale);
-        assert_eq!(yardsticks(0), (YardstickWord::Local, FeatureScaleWord::Whitened));
-        assert_eq!(yardsticks(1), (YardstickWord::None, FeatureScaleWord::Plain));
-        assert_eq!((yardsticks(2).0, yardsticks(3).0), (YardstickWord::None, YardstickWord::Local));
+        let scales = |index: usize| {
+            let set = &scoring[index].settings.settings;
+            (set.get("local_scale").cloned(), set.get("feature_scale").cloned())
+        };
+        assert_eq!(scales(0), (None, None));
+        assert_eq!(scales(1), (Some(false.into()), Some("plain".into())));
+        assert_eq!((scales(2).0, scales(3).0), (Some(false.into()), Some(true.into())));
     }
 
     #[test]
@@ -227,7 +230,7 @@ mod tests {
         let study = "table = \"cells\"\nset = { lambda = 0.2 }\n[axes]\nbeta = [0.5]\nrule.cohorts = [[\"weak\"], []]";
         let cells = cells(study).unwrap();
         let settings = &cells[0].settings;
-        assert_eq!((cells.len(), settings.lambda, settings.beta), (2, 0.2, 0.5));
+        assert_eq!((cells.len(), &settings.settings["lambda"], settings.beta), (2, &0.2.into(), 0.5));
         assert_eq!(
             (settings.rule.experts, &settings.rule.cohorts, &settings.seeds),
             (4, &vec!["weak".into()], &vec![7])

@@ -12,8 +12,8 @@ use super::order::{self, Input};
 use super::stage::{Graph, Stage, Work};
 use super::standing::Gap;
 use super::state::State;
-use crate::choice::DeviceWord;
 use crate::failure::{Failure, Result, present};
+use gleaner_core::Device;
 
 /// What a stage is on the server.
 #[derive(Clone, Debug)]
@@ -32,16 +32,11 @@ pub(crate) struct Submitter<'a> {
     client: &'a Client,
     state: &'a mut State,
     experiment: &'a Experiment,
-    device: DeviceWord,
+    device: Device,
 }
 
 impl<'a> Submitter<'a> {
-    pub(crate) fn new(
-        client: &'a Client,
-        state: &'a mut State,
-        experiment: &'a Experiment,
-        device: DeviceWord,
-    ) -> Self {
+    pub(crate) fn new(client: &'a Client, state: &'a mut State, experiment: &'a Experiment, device: Device) -> Self {
         Self { client, state, experiment, device }
     }
 

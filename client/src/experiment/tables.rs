@@ -1,14 +1,22 @@
 //! A study's tables in Markdown, in the paper's form: a column for each cell, a row for each measure.
 
+use gleaner_core::kinds::Family;
 use gleaner_sim::AgentSpec;
+use serde_json::Value;
 
 use super::report::{CellReport, PooledAuroc, Report, SeedReport, StudyReport};
 use super::study::TableKind;
-use crate::choice::ObjectiveWord;
 use crate::quality::ALL;
 use crate::words;
 
 const GAP: &str = "-";
+
+/// Whether a cell pretrains by this objective; all of them when none is named.
+fn trains_by(cell: &CellReport, objective: &str) -> bool {
+    let settings = &cell.settings;
+    let named = settings.pretrain.get("objectives").or_else(|| settings.settings.get("objectives"));
+    named.and_then(Value::as_array).is_none_or(|named| named.iter().any(|name| name == objective))
+}
 
 /// The study's own table.
 pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
@@ -20,9 +28,9 @@ pub(crate) fn summary(report: &Report, study: &StudyReport) -> String {
         }
     };
     if study.table == TableKind::Objectives {
-        for (name, objective) in [("MTP", ObjectiveWord::Mtp), ("TR", ObjectiveWord::Tr), ("AA", ObjectiveWord::Aa)] {
-            row(name, &|cell| {
-                Some(if cell.settings.objectives.contains(&objective) { "✓".into() } else { String::new() })
+        for objective in Family::Objective.kinds() {
+            row(&objective.title, &|cell| {
+                Some(if trains_by(cell, &objective.name) { "✓".into() } else { String::new() })
             });
         }
     }
@@ -208,11 +216,13 @@ mod tests {
 
     #[test]
     fn objectives_are_ticked_as_in_the_paper() {
-        let with =
-            |objectives: &[ObjectiveWord]| CellSettings { objectives: objectives.to_vec(), ..CellSettings::default() };
+        let with = |objectives: &[&str]| {
+            let settings = gleaner_core::Values::from_iter([("objectives".to_owned(), objectives.to_vec().into())]);
+            CellSettings { settings, ..CellSettings::default() }
+        };
         let cells = vec![
-            cell("1", with(&[ObjectiveWord::Mtp]), vec![seed(0, Some(5), None)]),
-            cell("2", with(&[ObjectiveWord::Mtp, ObjectiveWord::Aa]), vec![seed(0, Some(6), None)]),
+            cell("1", with(&["mtp"]), vec![seed(0, Some(5), None)]),
+            cell("2", with(&["mtp", "aa"]), vec![seed(0, Some(6), None)]),
         ];
         let text = summary(&report(), &study(TableKind::Objectives, cells));
         let lines: Vec<&str> = text.lines().collect();

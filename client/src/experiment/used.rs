@@ -1,52 +1,57 @@
-//! Which settings a cell really uses: its method, policy and scorer look at no others.
+//! Which settings a cell really uses: its method, policy and scorer read no others.
 //!
-//! So two cells that differ only in a setting that neither uses share their stages, and a study that varies one is
-//! told so. Knows no server.
+//! So two cells that differ only in a setting that neither uses share their stages, and a study that varies such a
+//! setting is rejected. Must not depend on a server.
 
+use gleaner_core::kinds::{Family, Kind};
+use gleaner_core::schema::Problem;
+use gleaner_core::{Setting, schema_of};
 use serde_json::Value;
 
-use super::cell::{CellSettings, Method};
-use crate::choice::{PolicyWord, ScorerWord};
+use super::cell::{CellSettings, has};
+
+/// What a chosen policy or scorer uses.
+pub(super) struct Used {
+    job: &'static str,
+    kind: Option<&'static Kind>,
+}
+
+impl Used {
+    /// Whether it uses the setting: one of its job, or its own.
+    pub(super) fn uses(&self, name: &str) -> bool {
+        let common = schema_of(self.job).into_iter().any(|(setting, kinds)| setting.name == name && kinds.is_empty());
+        common && name != "seed" || self.kind.is_some_and(|kind| kind.settings.iter().any(|own| own.name == name))
+    }
+}
 
 impl CellSettings {
-    /// The same cell, with everything that has no effect in it as by default.
+    /// What the policy of its method uses.
+    pub(super) fn policy(&self) -> Used {
+        Used { job: "train", kind: Family::Policy.find(self.method.policy) }
+    }
+
+    /// What its scorer uses.
+    pub(super) fn scorer(&self) -> Result<Used, Problem> {
+        let name = self.settings.get("scorer").and_then(Value::as_str).unwrap_or(Family::Scorer.default_name());
+        Ok(Used { job: "score", kind: Some(Family::Scorer.kind(name)?) })
+    }
+
+    /// The same cell without everything that has no effect in it.
     pub(crate) fn used(&self) -> Self {
         let default = Self::default();
         let mut used = self.clone();
-        if !self.method.gleans() {
-            used = Self {
-                scorer: default.scorer,
-                similarity: default.similarity,
-                feature_scale: default.feature_scale,
-                yardstick: default.yardstick,
-                normaliser: default.normaliser,
-                scale: default.scale,
-                beta: default.beta,
-                top: default.top,
-                lambda: default.lambda,
-                ..used
-            };
+        let scorer = self.scorer().ok().filter(|_| self.method.gleans);
+        let policy = self.policy();
+        used.settings.retain(|name, _| {
+            (self.method.pretrains() && has("pretrain", name))
+                || scorer.as_ref().is_some_and(|scorer| has("score", name) && scorer.uses(name))
+                || (has("train", name) && policy.uses(name) && (self.method.gleans || name != "lambda"))
+        });
+        if !self.method.gleans {
+            (used.beta, used.top) = (default.beta, default.top);
         }
-        match used.scorer {
-            ScorerWord::Ssdf => {}
-            ScorerWord::Raw => used.feature_scale = default.feature_scale,
-            ScorerWord::Classifier => {
-                (used.similarity, used.feature_scale) = (default.similarity, default.feature_scale);
-                (used.yardstick, used.scale) = (default.yardstick, default.scale);
-            }
-        }
-        let has_history = matches!(self.method.policy(), PolicyWord::Finetune | PolicyWord::TfBc);
         if !self.method.pretrains() {
-            (used.objectives, used.pretrain) = (default.objectives, default.pretrain);
-            if !has_history {
-                used.segment_length = default.segment_length;
-            }
-        }
-        if !has_history {
-            used.history_dropout = default.history_dropout;
-        }
-        if self.method.policy() != PolicyWord::Act {
-            used.act = default.act;
+            used.pretrain = default.pretrain;
         }
         used
     }
@@ -56,9 +61,12 @@ impl CellSettings {
         let values = |cell: &Self| serde_json::to_value(cell).map_err(|error| error.to_string());
         let (given, used) = (values(self)?, values(&self.used())?);
         for key in keys {
-            if at(&given, key) != at(&used, key) {
-                let scorer =
-                    if self.method.gleans() { format!(" scored by {}", word(&given, "scorer")) } else { String::new() };
+            let value = at(&given, key);
+            if value != at(&used, key) && value != default_of(key).as_ref() {
+                let scorer = match self.settings.get("scorer").and_then(Value::as_str) {
+                    Some(scorer) if self.method.gleans => format!(" scored by {scorer}"),
+                    _ => String::new(),
+                };
                 let method = self.method.title();
                 return Err(format!("{key}: has no effect on {method}{scorer}; leave it out of this cell"));
             }
@@ -67,79 +75,77 @@ impl CellSettings {
     }
 }
 
-impl Method {
-    /// Whether it needs an encoder, to begin from or to score with.
-    pub(crate) fn pretrains(self) -> bool {
-        self.policy() == PolicyWord::Finetune || self.gleans()
-    }
+/// The default of a job's setting.
+fn default_of(name: &str) -> Option<Value> {
+    let settings = ["pretrain", "score", "train"].into_iter().flat_map(schema_of);
+    settings.map(|(setting, _): (Setting, _)| setting).find(|setting| setting.name == name).map(|found| found.default)
 }
 
-// What a key with dots names.
+// The value under a key with dots.
 fn at<'a>(value: &'a Value, key: &str) -> Option<&'a Value> {
     key.split('.').try_fold(value, |value, part| value.get(part))
 }
 
-fn word<'a>(value: &'a Value, key: &str) -> &'a str {
-    value[key].as_str().unwrap_or_default()
-}
-
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::choice::{FeatureScaleWord, ObjectiveWord, SimilarityWord, YardstickWord};
+    use serde_json::json;
 
-    fn cell(method: Method) -> CellSettings {
+    use super::*;
+    use crate::experiment::method::Method;
+
+    fn cell(method: &str) -> CellSettings {
+        let settings = json!({
+            "segment_length": 3, "objectives": ["tr"], "similarity": "segment_l2", "feature_scale": "plain",
+            "local_scale": false, "scale": [1.0, 2.0, 3.0], "lambda": 0.7, "history_dropout": 0.1, "chunk_length": 3,
+        });
         CellSettings {
-            method,
-            segment_length: 3,
-            objectives: vec![ObjectiveWord::Tr],
-            similarity: SimilarityWord::SegmentL2,
-            feature_scale: FeatureScaleWord::Plain,
-            yardstick: YardstickWord::None,
-            scale: Some([1.0, 2.0, 3.0]),
+            method: Method::try_from(method.to_owned()).unwrap(),
             beta: 0.5,
-            lambda: 0.7,
-            history_dropout: 0.1,
+            settings: settings.as_object().unwrap().clone(),
             ..CellSettings::default()
         }
     }
 
+    fn names(cell: &CellSettings) -> Vec<&str> {
+        cell.settings.keys().map(String::as_str).collect()
+    }
+
     #[test]
-    fn a_method_uses_what_it_looks_at() {
-        assert_eq!(cell(Method::Ssdf).used(), cell(Method::Ssdf));
-        let plain = CellSettings { method: Method::Bc, ..CellSettings::default() };
-        assert_eq!(cell(Method::Bc).used(), plain);
-        let from_scratch = cell(Method::TfBc).used();
-        assert_eq!((from_scratch.segment_length, from_scratch.history_dropout, from_scratch.beta), (3, 0.1, 0.9));
-        let base = cell(Method::SsdfBase).used();
-        assert_eq!((base.objectives, base.lambda), (vec![ObjectiveWord::Tr], 0.1));
+    fn a_method_uses_the_settings_of_its_stages() {
+        let scoring = ["feature_scale", "history_dropout", "lambda", "local_scale", "objectives", "scale"];
+        assert_eq!(names(&cell("ssdf").used()), [&scoring[..], &["segment_length", "similarity"]].concat());
+        assert_eq!((names(&cell("bc").used()), cell("bc").used().beta), (Vec::new(), 0.9));
+        assert_eq!(names(&cell("tf_bc").used()), ["history_dropout", "segment_length"]);
+        assert_eq!(names(&cell("ssdf_base").used()), ["history_dropout", "objectives", "segment_length"]);
         // Its scores come from an encoder, its policy has no history.
-        let chunks = cell(Method::SsdfAct).used();
-        assert_eq!((chunks.segment_length, chunks.history_dropout, chunks.beta), (3, 0.5, 0.5));
+        let chunks = cell("ssdf_act").used();
+        assert!(names(&chunks).contains(&"chunk_length") && !names(&chunks).contains(&"history_dropout"));
+        assert!(names(&chunks).contains(&"segment_length"));
     }
 
     #[test]
-    fn a_scorer_uses_what_it_looks_at() {
-        let raw = CellSettings { scorer: ScorerWord::Raw, ..cell(Method::Ssdf) };
-        assert_eq!(raw.used(), CellSettings { feature_scale: FeatureScaleWord::Whitened, ..raw.clone() });
-        let classifier = CellSettings { scorer: ScorerWord::Classifier, ..cell(Method::Ssdf) }.used();
-        let plain = CellSettings::default();
-        assert_eq!(
-            (classifier.similarity, classifier.feature_scale, classifier.yardstick, classifier.scale),
-            (plain.similarity, plain.feature_scale, plain.yardstick, plain.scale)
-        );
+    fn a_scorer_uses_its_own_settings() {
+        let scored_by = |scorer: &str| {
+            let mut cell = cell("ssdf");
+            cell.settings.insert("scorer".into(), scorer.into());
+            cell.used()
+        };
+        assert!(!names(&scored_by("raw")).contains(&"feature_scale") && names(&scored_by("raw")).contains(&"scale"));
+        let classifier = scored_by("classifier");
+        assert_eq!(names(&classifier), ["history_dropout", "lambda", "objectives", "scorer", "segment_length"]);
     }
 
     #[test]
-    fn what_has_no_effect_is_named_where_it_varies() {
-        let raw = CellSettings { scorer: ScorerWord::Raw, ..cell(Method::Ssdf) };
-        let said = raw.check_varied(["similarity", "feature_scale"].into_iter()).unwrap_err();
-        assert_eq!(said, "feature_scale: has no effect on SSDF scored by raw; leave it out of this cell");
+    fn a_setting_without_effect_is_named_where_it_varies() {
+        let mut raw = cell("ssdf");
+        raw.settings.insert("scorer".into(), "raw".into());
+        let text = raw.check_varied(["similarity", "feature_scale"].into_iter()).unwrap_err();
+        assert_eq!(text, "feature_scale: has no effect on SSDF scored by raw; leave it out of this cell");
         assert!(raw.check_varied(["similarity", "rule.experts"].into_iter()).is_ok());
-        let said = cell(Method::Bc).check_varied(["segment_length"].into_iter()).unwrap_err();
-        assert!(said.starts_with("segment_length: has no effect on BC;"), "{said}");
-        let mut pretrained = cell(Method::TfBc);
-        pretrained.pretrain.steps = Some(3);
+        let text = cell("bc").check_varied(["segment_length"].into_iter()).unwrap_err();
+        assert!(text.starts_with("segment_length: has no effect on BC;"), "{text}");
+        let mut pretrained = cell("tf_bc");
+        pretrained.pretrain.insert("steps".into(), json!(3));
         assert!(pretrained.check_varied(["pretrain.steps"].into_iter()).is_err());
     }
 }

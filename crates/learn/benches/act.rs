@@ -8,7 +8,8 @@ mod episodes;
 use std::time::Duration;
 
 use criterion::{BatchSize, BenchmarkId, Criterion};
-use gleaner_learn::{History, OptimSpec, Policy, PolicyKind, Preset, Silent, TrainSpec, set_threads, train_policy};
+use gleaner_core::{OptimSpec, Preset, TrainSpec};
+use gleaner_learn::{History, Policy, Silent, set_threads, train_policy};
 
 fn main() {
     let mut criterion = Criterion::default().configure_from_args();
@@ -16,9 +17,9 @@ fn main() {
     let data = episodes::noise(&shape, 1);
     let mut group = criterion.benchmark_group("act");
     group.sample_size(30).measurement_time(Duration::from_secs(3));
-    for policy in [PolicyKind::Act, PolicyKind::TfBc] {
+    for policy in ["act", "tf_bc"] {
         let optim = OptimSpec { steps: 1, batch: 1, ..OptimSpec::default() };
-        let spec = TrainSpec { policy, model, optim, ..TrainSpec::default() };
+        let spec = TrainSpec { policy: episodes::policy(policy, model), optim, ..TrainSpec::default() };
         let bytes = train_policy(&shape, None, &data, &[], &spec, None, &mut Silent).unwrap();
         let policy = Policy::load(&bytes).unwrap();
         set_threads(1);
@@ -32,7 +33,7 @@ fn main() {
                 }
                 policy.act(&histories.iter().collect::<Vec<_>>()).unwrap()
             };
-            group.bench_function(BenchmarkId::new(policy.kind().as_str(), sessions), |bencher| {
+            group.bench_function(BenchmarkId::new(policy.kind(), sessions), |bencher| {
                 bencher.iter_batched(|| histories.clone(), step, BatchSize::SmallInput);
             });
         }

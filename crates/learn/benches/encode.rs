@@ -7,7 +7,8 @@ mod episodes;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, Throughput};
-use gleaner_learn::{OptimSpec, Policy, PolicyKind, Preset, Silent, TrainSpec, set_threads, train_policy};
+use gleaner_core::{OptimSpec, Preset, TrainSpec};
+use gleaner_learn::{Policy, Silent, set_threads, train_policy};
 
 const FRAMES: usize = 32;
 
@@ -21,7 +22,7 @@ fn main() {
         let (model, shape) = episodes::sizes(preset, side, depth);
         let data = episodes::noise(&shape, 1);
         let optim = OptimSpec { steps: 1, batch: 1, ..OptimSpec::default() };
-        let spec = TrainSpec { policy: PolicyKind::TfBc, model, optim, ..TrainSpec::default() };
+        let spec = TrainSpec { policy: episodes::policy("tf_bc", model), optim, ..TrainSpec::default() };
         let bytes = train_policy(&shape, None, &data, &[], &spec, None, &mut Silent).unwrap();
         let policy = Policy::load(&bytes).unwrap();
         set_threads(1);

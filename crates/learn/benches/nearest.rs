@@ -8,8 +8,8 @@
 
 use std::time::Instant;
 
+use gleaner_learn::Similarity;
 use gleaner_learn::nearest::{Features, Match, Metric, Reference};
-use gleaner_learn::{ScoreSpec, Similarity};
 use tch::{Device, Kind, Tensor};
 
 /// Every time is the best of so many, taken in turn, so that what else runs disturbs all alike.
@@ -178,8 +178,8 @@ fn measure(data: Data, (count, many, width): (usize, usize, usize), checked: usi
     let own = |values: &[Vec<f32>; 3]| Features::new(values.clone(), [width; 3]).unwrap();
     let more = own(&features(data, 3, (many / 100).max(1), width));
     let (own_experts, own_queries) = (own(&experts), own(&queries));
-    let last_l2 = Metric::new(&ScoreSpec::default());
-    let cosine = Metric::new(&ScoreSpec { similarity: Similarity::LastCosine, ..ScoreSpec::default() });
+    let last_l2 = Metric::new(Similarity::LastL2, [1.0; 3]);
+    let cosine = Metric::new(Similarity::LastCosine, [1.0; 3]);
     compare_speed((&queries, &experts, width), (&own_queries, &own_experts, &more), last_l2);
     for (name, metric, angular) in [("last_l2", last_l2, false), ("last_cosine", cosine, true)] {
         let matches = Reference::new(&[(0, &own_experts)], metric).nearest(&own_queries, None).unwrap();

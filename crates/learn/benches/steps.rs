@@ -12,9 +12,8 @@ use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use gleaner_learn::{
-    LearnError, Monitor, Objective, OptimSpec, Preset, PretrainSpec, TaskShape, Trajectory, pretrain, set_threads,
-};
+use gleaner_core::{OptimSpec, Preset, PretrainSpec, RunSpec};
+use gleaner_learn::{LearnError, Monitor, TaskShape, Trajectory, pretrain, set_threads};
 use serde::Deserialize;
 use serde_json::json;
 
@@ -33,7 +32,7 @@ struct Job {
     side: u32,
     depth: bool,
     episodes: u64,
-    objectives: Vec<Objective>,
+    objectives: Vec<String>,
     batch: u32,
     stretch: u32,
     threads: u32,
@@ -160,8 +159,8 @@ fn main() {
     let (model, shape) = episodes::sizes(job.preset, job.side, job.depth);
     let data = episodes::noise(&shape, job.episodes);
     let optim = OptimSpec { steps: ENDLESS, batch: job.batch, stretch: job.stretch, ..OptimSpec::default() };
-    let once =
-        PretrainSpec { model, objectives: job.objectives, optim, checkpoint_every: 1, ..PretrainSpec::default() };
+    let run_of = |checkpoint_every| RunSpec { checkpoint_every, ..RunSpec::default() };
+    let once = PretrainSpec { model, objectives: job.objectives, optim, run: run_of(1), ..PretrainSpec::default() };
     set_threads(job.threads);
     let mut first = First::default();
     let ended = pretrain(&shape, &data, &once, None, &mut first);
@@ -172,7 +171,7 @@ fn main() {
         fs::write(folder.join("checkpoint"), &checkpoint).unwrap();
     }
     let size = parameters(&checkpoint);
-    let spec = PretrainSpec { checkpoint_every: u32::MAX, ..once };
+    let spec = PretrainSpec { run: run_of(u32::MAX), ..once };
     if given.is_some() {
         say(&json!({"parameters": size}));
         let mut pace = |block: &Block| {

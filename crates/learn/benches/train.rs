@@ -8,10 +8,9 @@ mod episodes;
 use std::time::Duration;
 
 use criterion::{BenchmarkId, Criterion, SamplingMode};
-use gleaner_learn::{
-    Monitor, Objective, OptimSpec, PolicyKind, Preset, PretrainSpec, Silent, TaskShape, TrainSpec, Trajectory,
-    WeightedSegments, pretrain, train_policy,
-};
+use gleaner_core::kinds::Family;
+use gleaner_core::{OptimSpec, Preset, PretrainSpec, TrainSpec};
+use gleaner_learn::{Monitor, Silent, TaskShape, Trajectory, WeightedSegments, pretrain, train_policy};
 
 const THREADS: Option<u32> = Some(1);
 
@@ -46,8 +45,7 @@ fn optim(steps: u64) -> OptimSpec {
 fn pretrain_step(criterion: &mut Criterion, shape: &TaskShape, data: &[Trajectory], spec: &PretrainSpec) {
     let mut group = criterion.benchmark_group("pretrain_step");
     group.sample_size(10).sampling_mode(SamplingMode::Flat).measurement_time(Duration::from_secs(4));
-    let all = [Objective::Mtp, Objective::Tr, Objective::Aa];
-    for (name, objectives) in [("mtp+tr+aa", all.to_vec()), ("aa", vec![Objective::Aa])] {
+    for (name, objectives) in [("all", PretrainSpec::default().objectives), ("aa", vec!["aa".to_owned()])] {
         group.bench_function(BenchmarkId::from_parameter(name), |bencher| {
             bencher.iter_custom(|steps| {
                 let spec = PretrainSpec { objectives: objectives.clone(), optim: optim(steps), ..spec.clone() };
@@ -64,12 +62,11 @@ fn policy_step(criterion: &mut Criterion, shape: &TaskShape, data: &[Trajectory]
     let kept = [WeightedSegments { trajectory: data[0].clone(), steps: (0..100).map(|step| (step, 0.95)).collect() }];
     let mut group = criterion.benchmark_group("policy_step");
     group.sample_size(10).sampling_mode(SamplingMode::Flat).measurement_time(Duration::from_secs(4));
-    for policy in [PolicyKind::Finetune, PolicyKind::TfBc, PolicyKind::Bc, PolicyKind::Act] {
-        group.bench_function(BenchmarkId::from_parameter(policy.as_str()), |bencher| {
+    for kind in Family::Policy.kinds() {
+        group.bench_function(BenchmarkId::from_parameter(&kind.name), |bencher| {
             bencher.iter_custom(|steps| {
                 let spec = TrainSpec {
-                    policy,
-                    model: spec.model,
+                    policy: episodes::policy(&kind.name, spec.model),
                     optim: optim(steps),
                     threads: THREADS,
                     ..Default::default()

@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use gleaner_core::{Group, ModelSpec, Values};
 use safetensors::tensor::{Dtype, TensorView};
 use safetensors::{SafeTensors, serialize};
 use serde::{Deserialize, Serialize};
@@ -10,7 +11,7 @@ use tch::{Kind, Tensor};
 
 use crate::batch::{int, values};
 use crate::error::LearnError;
-use crate::spec::{ActSpec, ModelSpec, PolicyKind, TaskShape};
+use crate::shape::TaskShape;
 
 /// The version this program writes, and the only one it reads.
 pub const FORMAT_VERSION: u32 = 1;
@@ -18,6 +19,9 @@ pub const FORMAT_VERSION: u32 = 1;
 /// The header's key among the file's metadata. One key only: with several their order, and so the
 /// file's hash, would change from run to run.
 const HEADER: &str = "gleaner";
+
+/// The policy of headers that name none.
+const FIRST_POLICY: &str = "finetune";
 
 /// What a checkpoint holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,13 +50,21 @@ pub struct CheckpointInfo {
     pub model: ModelSpec,
     /// Which policy; `None` in an encoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub policy: Option<PolicyKind>,
-    /// Settings of an ACT policy; `None` in all else.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub act: Option<ActSpec>,
+    pub policy: Option<String>,
+    /// The policy's own settings; empty in an encoder.
+    // Earlier versions had settings for ACT alone.
+    #[serde(default, alias = "act", skip_serializing_if = "Values::is_empty")]
+    pub settings: Values,
     /// The job's settings as a JSON text, less those that only say how it is carried out (device,
     /// threads, checkpoint_every). A run resumes only under the same text.
     pub spec: String,
+}
+
+impl CheckpointInfo {
+    /// The policy's own settings, typed.
+    pub(crate) fn settings<G: Group>(&self) -> Result<G, LearnError> {
+        G::read(&self.settings).map_err(|problem| LearnError::Checkpoint(format!("header: {problem}")))
+    }
 }
 
 /// Reads only what every version has.
@@ -80,11 +92,9 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     }
     let mut info: CheckpointInfo = serde_json::from_str(header).map_err(unreadable)?;
     info.shape.validate()?;
-    info.model.validate()?;
-    info.act.unwrap_or_default().validate()?;
     if info.kind == CheckpointKind::Policy {
         // The first policies had one kind, and their headers do not say it.
-        info.policy.get_or_insert_default();
+        info.policy.get_or_insert_with(|| FIRST_POLICY.to_owned());
     }
     Ok(info)
 }
@@ -132,7 +142,7 @@ pub(crate) fn write(info: &CheckpointInfo, named: &[(String, Tensor)]) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::CameraShape;
+    use crate::shape::CameraShape;
 
     fn info() -> CheckpointInfo {
         CheckpointInfo {
@@ -147,7 +157,7 @@ mod tests {
             },
             model: ModelSpec::default(),
             policy: None,
-            act: None,
+            settings: Values::new(),
             spec: r#"{"seed":1}"#.into(),
         }
     }
@@ -186,7 +196,7 @@ mod tests {
         let old = CheckpointInfo { kind: CheckpointKind::Policy, ..info() };
         let bytes = write(&old, &tensors()).unwrap();
         assert!(!String::from_utf8_lossy(&bytes).contains("finetune"));
-        assert_eq!(inspect(&bytes).unwrap().policy, Some(PolicyKind::Finetune));
+        assert_eq!(inspect(&bytes).unwrap().policy, Some("finetune".to_owned()));
         assert_eq!(inspect(&write(&info(), &tensors()).unwrap()).unwrap().policy, None);
     }
 

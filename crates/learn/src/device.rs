@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::sync::Once;
 
 use crate::error::LearnError;
-use crate::spec::Device;
+use gleaner_core::Device;
 
 /// Just under the most that glibc's threshold grows to.
 const KEPT: usize = (32 << 20) - (64 << 10);

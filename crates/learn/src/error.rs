@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use gleaner_core::Problem;
 use safetensors::SafeTensorError;
 use tch::TchError;
 
@@ -12,7 +13,7 @@ pub enum LearnError {
     /// The caller's input is wrong; `field` names it and `message` says how to mend it.
     #[error("{field}: {message}")]
     Invalid {
-        /// Path of the field, such as `optim.learning_rate` or `episode ep_1: action`.
+        /// Path of the field, such as `learning_rate` or `episode ep_1: action`.
         field: String,
         /// What is wrong and what would be right.
         message: String,
@@ -35,7 +36,7 @@ pub enum LearnError {
     #[error("cancelled")]
     Cancelled,
     /// The loss stopped being a number.
-    #[error("the loss is not finite at step {step}; use a lower optim.learning_rate")]
+    #[error("the loss is not finite at step {step}; use a lower learning_rate")]
     Diverged {
         /// The step (from 0) whose loss was not finite.
         step: u64,
@@ -58,6 +59,20 @@ impl LearnError {
     pub(crate) fn invalid(field: impl Into<String>, message: impl Into<String>) -> Self {
         Self::Invalid { field: field.into(), message: message.into() }
     }
+}
+
+impl From<Problem> for LearnError {
+    fn from(Problem { field, message }: Problem) -> Self {
+        Self::Invalid { field, message }
+    }
+}
+
+/// Fails with `field` unless `low <= value <= high`; a value that is not a number fails too.
+pub(crate) fn within(field: &str, value: f64, low: f64, high: f64) -> Result<(), LearnError> {
+    if (low..=high).contains(&value) {
+        return Ok(());
+    }
+    Err(LearnError::invalid(field, format!("is {value}, must be between {low} and {high}")))
 }
 
 impl From<TchError> for LearnError {

@@ -11,6 +11,7 @@ mod checkpoint;
 mod device;
 mod error;
 mod history;
+mod kinds;
 mod model;
 mod normalize;
 mod objective;
@@ -19,7 +20,7 @@ mod policy;
 mod pretrain;
 mod random;
 mod score;
-mod spec;
+mod shape;
 #[cfg(test)]
 mod toy;
 mod train;
@@ -29,16 +30,14 @@ pub use checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION, inspect};
 pub use device::set_threads;
 pub use error::LearnError;
 pub use history::{Embedding, History};
+pub use kinds::kinds;
 pub use policy::{Ensemble, Policy, train_policy};
 pub use pretrain::pretrain;
 pub use score::{
-    EpisodeScores, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores, SegmentScore,
-    extend_scores, score,
+    EpisodeScores, FeatureScale, FeatureStore, Forgetful, LiveScorer, Normaliser, ScoreBase, ScoreInputs, Scores,
+    SegmentScore, Similarity, extend_scores, features_kind, score,
 };
-pub use spec::{
-    ActSpec, Augmentation, CameraShape, Device, FeatureScale, ModelSpec, NormaliserKind, Objective, OptimSpec,
-    PolicyKind, Preset, PretrainSpec, ScoreSpec, Scorer, Similarity, TaskShape, TrainSpec, Yardstick,
-};
+pub use shape::{CameraShape, TaskShape};
 pub use train::{Monitor, Silent};
 pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};
 

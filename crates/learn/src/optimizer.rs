@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use tch::{Kind, Tensor, no_grad_guard};
 
 use crate::error::LearnError;
-use crate::spec::OptimSpec;
+use gleaner_core::OptimSpec;
 
 const BETA: [f64; 2] = [0.9, 0.999];
 const EPSILON: f64 = 1e-8;

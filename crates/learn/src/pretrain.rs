@@ -5,18 +5,19 @@
 use rand::seq::SliceRandom;
 use tch::{Tensor, no_grad_guard};
 
-use crate::batch::{Batch, Segments, Windows};
+use crate::batch::{Batch, Segments};
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
-use crate::model::{Attention, Network, Size, View};
+use crate::model::{Network, Size};
 use crate::normalize::{FeatureScale, Statistics};
-use crate::objective::{Targets, action_autoregression, masked_transition, masking, reconstruction};
+use crate::objective::{self, Objective, Passes, features_view};
 use crate::random::{Purpose, generator};
-use crate::score::{last_steps, view};
-use crate::spec::{Objective, PretrainSpec, TaskShape};
+use crate::score::last_steps;
+use crate::shape::{self, TaskShape};
 use crate::train::{Loss, Monitor, Resumed, Training};
 use crate::trajectory::Trajectory;
+use gleaner_core::{PretrainSpec, Values};
 
 /// Segments on which the scale of features is measured, in whole episodes: many more than features have dimensions.
 const SCALE_SEGMENTS: usize = 4096;
@@ -38,8 +39,8 @@ pub fn pretrain(
     monitor: &mut dyn Monitor,
 ) -> Result<Vec<u8>, LearnError> {
     shape.validate()?;
-    spec.validate()?;
-    spec.augmentation.fits(shape)?;
+    let objectives = objective::find(&spec.objectives)?;
+    shape::augmentation_fits(&spec.augmentation, shape)?;
     if data.is_empty() {
         return Err(LearnError::invalid("data", "has no episode to learn from"));
     }
@@ -55,28 +56,28 @@ pub fn pretrain(
         let segments = Segments::every(shape, &data);
         let loss = |network: &Network, step| {
             let batch = draw(network, &data, &segments, spec, step);
-            pretrain_loss(network, &batch, spec, step)
+            pretrain_loss(&objectives, network, &batch, spec, step)
         };
-        let finished = training.run(&spec.optim, spec.checkpoint_every, &loss, monitor)?;
+        let finished = training.run(&spec.optim, spec.run.checkpoint_every, &loss, monitor)?;
         with_feature_scale(&finished, &data, spec)
     })
 }
 
 /// Adds the scale of the features over D_u, on some of its episodes, to a finished encoder.
 fn with_feature_scale(finished: &[u8], data: &[&Trajectory], spec: &PretrainSpec) -> Result<Vec<u8>, LearnError> {
-    let device = device::open(spec.device, spec.threads)?;
+    let device = device::open(spec.run.device, spec.threads)?;
     let (info, named) = checkpoint::read(finished, CheckpointKind::Encoder)?;
     let network = Network::from_named(&info.shape, info.model, &named, device)?;
     let _no_grad = no_grad_guard();
     let mut order: Vec<usize> = (0..data.len()).collect();
-    order.shuffle(&mut generator(spec.seed, Purpose::FeatureScale, 0));
+    order.shuffle(&mut generator(spec.run.seed, Purpose::FeatureScale, 0));
     let (mut parts, mut segments) = ([const { Vec::new() }; 3], 0);
     for episode in order {
         if segments >= SCALE_SEGMENTS {
             break;
         }
         segments += data[episode].steps(&info.shape);
-        for (all, part) in parts.iter_mut().zip(last_steps(&network, view(&spec.objectives), data[episode])) {
+        for (all, part) in parts.iter_mut().zip(last_steps(&network, features_view(&spec.objectives), data[episode])) {
             all.push(part);
         }
     }
@@ -92,7 +93,7 @@ fn begin(
     spec: &PretrainSpec,
     resume: Option<&[u8]>,
 ) -> Result<Resumed, LearnError> {
-    let device = device::open(spec.device, spec.threads)?;
+    let device = device::open(spec.run.device, spec.threads)?;
     let info = CheckpointInfo {
         format_version: FORMAT_VERSION,
         kind: CheckpointKind::Encoder,
@@ -101,7 +102,7 @@ fn begin(
         shape: shape.clone(),
         model: spec.model,
         policy: None,
-        act: None,
+        settings: Values::new(),
         spec: spec.identity(),
     };
     if let Some(bytes) = resume {
@@ -109,56 +110,32 @@ fn begin(
     }
     let target = Size::of(spec.model.preset).target;
     let statistics = Statistics::measure(shape, data, target, device);
-    let network = Network::new(shape, spec.model, statistics, spec.seed, device);
+    let network = Network::new(shape, spec.model, statistics, spec.run.seed, device);
     Ok(Resumed::Unfinished(Box::new(Training::start(network, info))))
 }
 
 fn draw(network: &Network, data: &[&Trajectory], segments: &Segments, spec: &PretrainSpec, step: u64) -> Batch {
-    let mut rng = generator(spec.seed, Purpose::Batch, step);
+    let mut rng = generator(spec.run.seed, Purpose::Batch, step);
     let drawn = segments.draw(&mut rng, spec.optim.batch, spec.optim.stretch);
     let window = spec.model.window();
     let mut batch = Batch::collect(&network.shape, data, &drawn, window, network.device());
-    batch.augment(&spec.augmentation, &mut generator(spec.seed, Purpose::Augmentation, step));
+    batch.augment(&spec.augmentation, &mut generator(spec.run.seed, Purpose::Augmentation, step));
     batch
 }
 
-/// The sum of the objectives asked for. MTP and TR share one bidirectional pass over M(τ).
-pub(crate) fn pretrain_loss(network: &Network, batch: &Batch, spec: &PretrainSpec, step: u64) -> Loss {
-    let wants = |objective| spec.objectives.contains(&objective);
-    let steps = network.batch_steps(batch);
-    let targets = Targets::new(network, batch);
-    let windows = &batch.windows;
-    let mut losses = Vec::new();
-    if wants(Objective::Mtp) || wants(Objective::Tr) {
-        let masked = mask(windows, spec.seed, step, network.device());
-        let view = View { attention: Attention::Bidirectional, hidden: Some(&masked) };
-        let features = network.features(&steps, windows, view, windows.length);
-        let errors = targets.errors(network, &features);
-        if wants(Objective::Mtp) {
-            losses.push(("loss_mtp", masked_transition::loss(&errors, &masked)));
-        }
-        if wants(Objective::Tr) {
-            let loss = reconstruction::loss(&errors, &masked, &windows.valid);
-            losses.push(("loss_tr", loss));
-        }
-    }
-    if wants(Objective::Aa) {
-        let features = network.features(&steps, windows, View::CAUSAL, windows.length);
-        let prediction = action_autoregression::predict(network, &features);
-        let loss = action_autoregression::loss(&prediction, &targets.action, &windows.valid);
-        losses.push(("loss_aa", loss));
-    }
+/// The sum of the objectives' losses.
+pub(crate) fn pretrain_loss(
+    objectives: &[&Objective],
+    network: &Network,
+    batch: &Batch,
+    spec: &PretrainSpec,
+    step: u64,
+) -> Loss {
+    let passes = Passes::new(network, batch, spec.run.seed, step);
+    let losses: Vec<(&str, Tensor)> = objectives.iter().map(|each| (each.metric, (each.loss)(&passes))).collect();
     let total: Tensor = losses.iter().map(|(_, loss)| loss).sum();
     let parts = losses.iter().map(|(name, loss)| (*name, loss.double_value(&[])));
     Loss { parts: parts.collect(), total }
-}
-
-/// The indicator I(e_t) of one step's batch, `[W, L, 3]`.
-fn mask(windows: &Windows, seed: u64, step: u64, device: tch::Device) -> Tensor {
-    let mut rng = generator(seed, Purpose::Mask, step);
-    let masked = masking::draw(&mut rng, &windows.valid_places, windows.length);
-    let length = crate::batch::int(windows.length);
-    Windows::grid(&masked, &[-1, length, 3], device)
 }
 
 #[cfg(test)]
@@ -171,7 +148,7 @@ mod tests {
     #[test]
     fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
         let (shape, data) = (toy::shape(), toy::experts(3, 12));
-        let spec = PretrainSpec { checkpoint_every: 3, ..toy::pretrain_spec(8) };
+        let spec = toy::every(3, toy::pretrain_spec(8));
         let mut straight = Recorder::default();
         let result = pretrain(&shape, &data, &spec, None, &mut straight).unwrap();
         let steps: Vec<u64> = straight.checkpoints.iter().map(|(step, _)| *step).collect();
@@ -191,7 +168,7 @@ mod tests {
     #[test]
     fn a_run_that_is_stopped_keeps_every_step() {
         let (shape, data) = (toy::shape(), toy::experts(3, 12));
-        let spec = PretrainSpec { checkpoint_every: 3, ..toy::pretrain_spec(8) };
+        let spec = toy::every(3, toy::pretrain_spec(8));
         let straight = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
         for (after, kept) in [(2, vec![2]), (3, vec![3]), (5, vec![3, 5])] {
             let mut stopped = Recorder { stop_after: Some(after), ..Recorder::default() };
@@ -214,7 +191,11 @@ mod tests {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
         let spec = toy::pretrain_spec(2);
         let bytes = pretrain(&shape, &data, &spec, None, &mut Silent).unwrap();
-        let other = PretrainSpec { seed: 99, ..spec };
+        let other = {
+            let mut other = spec.clone();
+            other.run.seed = 99;
+            other
+        };
         let error = pretrain(&shape, &data, &other, Some(&bytes), &mut Silent).unwrap_err();
         assert!(error.to_string().starts_with("spec: "), "{error}");
     }
@@ -238,8 +219,8 @@ mod tests {
     #[test]
     fn each_objective_alone_trains() {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
-        for objective in [Objective::Mtp, Objective::Tr, Objective::Aa] {
-            let spec = PretrainSpec { objectives: vec![objective], ..toy::pretrain_spec(2) };
+        for objective in ["mtp", "tr", "aa"] {
+            let spec = PretrainSpec { objectives: vec![objective.to_owned()], ..toy::pretrain_spec(2) };
             assert!(pretrain(&shape, &data, &spec, None, &mut Silent).is_ok());
         }
     }

@@ -9,8 +9,9 @@ use std::sync::Arc;
 use rand::RngExt;
 
 use crate::random::{Purpose, generator};
-use crate::spec::{CameraShape, ModelSpec, OptimSpec, Preset, PretrainSpec, TaskShape, TrainSpec};
+use crate::shape::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
+use gleaner_core::{ModelSpec, OptimSpec, Preset, PretrainSpec, RunSpec, TrainSpec};
 
 pub(crate) const SIDE: u32 = 16;
 
@@ -72,13 +73,19 @@ pub(crate) fn pretrain_spec(steps: u64) -> PretrainSpec {
     PretrainSpec {
         model: ModelSpec { preset: Preset::Tiny, segment_length: 3 },
         optim: optim(steps),
-        seed: 11,
+        run: RunSpec { seed: 11, ..RunSpec::default() },
         ..PretrainSpec::default()
     }
 }
 
 pub(crate) fn train_spec(steps: u64) -> TrainSpec {
-    TrainSpec { optim: optim(steps), seed: 12, ..TrainSpec::default() }
+    TrainSpec { optim: optim(steps), run: RunSpec { seed: 12, ..RunSpec::default() }, ..TrainSpec::default() }
+}
+
+/// The same with a checkpoint every so many steps.
+pub(crate) fn every(steps: u32, mut spec: PretrainSpec) -> PretrainSpec {
+    spec.run.checkpoint_every = steps;
+    spec
 }
 
 /// Keeps everything a job reports, and may stop it after some steps.

@@ -10,7 +10,7 @@ use crate::checkpoint::{self, CheckpointInfo};
 use crate::error::LearnError;
 use crate::model::Network;
 use crate::optimizer::AdamW;
-use crate::spec::OptimSpec;
+use gleaner_core::OptimSpec;
 
 /// Whoever watches a job: takes progress and checkpoints, and may ask it to stop.
 pub trait Monitor {

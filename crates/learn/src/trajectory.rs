@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use crate::error::LearnError;
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 
 /// Images of all steps of one episode, one after the other; a vector or a mapped file.
 ///
@@ -146,7 +146,7 @@ impl WeightedSegments {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::CameraShape;
+    use crate::shape::CameraShape;
 
     fn shape() -> TaskShape {
         TaskShape {

@@ -71,6 +71,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::JobServiceListJobs
         | Rpc::JobServiceWatchJob
         | Rpc::JobServiceListMetrics
+        | Rpc::JobServiceListKinds
         | Rpc::ScheduleServiceListSchedules
         | Rpc::ScoreServiceGetScoreRun
         | Rpc::ScoreServiceListScoreRuns

@@ -1,9 +1,8 @@
 //! Jobs: their kinds, specs and legal moves.
 
-use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
-    evaluation::EvaluateSpec,
     id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     time::Millis,
 };

@@ -1,10 +1,9 @@
 //! Orders: what a caller asks for, before the server has chosen inputs and ids.
 
-use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 
 use super::{
     dataset::Dataset,
-    evaluation::EvaluateSpec,
     id::{DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     job::{JobKind, JobSpec, JobState},
     schedule::ScheduleStart,
@@ -100,6 +99,11 @@ pub enum TrainData {
     ExpertsOf(EncoderId),
     /// The experts of a snapshot alone, for policies that begin from scratch.
     ExpertsIn(SnapshotId),
+}
+
+/// Whether the policy of a training starts from a pretrained encoder.
+pub fn needs_encoder(spec: &TrainSpec) -> bool {
+    Family::Policy.find(&spec.policy.name).is_some_and(|kind| kind.needs.encoder)
 }
 
 /// How an ordered job is queued.

@@ -1,10 +1,9 @@
 //! Schedules: pipelines that start by themselves.
 
 use croner::parser::{CronParser, Seconds, Year};
-use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
-    evaluation::EvaluateSpec,
     id::{ScheduleId, SnapshotId, TaskId},
     selection::Selection,
     snapshot::RoleRule,

@@ -1,5 +1,7 @@
 //! Score runs: w and q of every segment under one encoder, one snapshot, one normaliser.
 
+use gleaner_core::ScoreSpec;
+
 use super::{
     id::{EncoderId, EpisodeId, JobId, ScoreRunId, SnapshotId, TaskId},
     selection::Filter,
@@ -37,19 +39,9 @@ pub struct ScoreRun {
     pub encoder_id: EncoderId,
     /// The experts and imperfect episodes.
     pub snapshot_id: SnapshotId,
-    /// For example `ssdf`.
-    pub scorer: String,
-    /// For example `last_l2`.
-    pub similarity: String,
-    /// For example `whitened`.
-    pub feature_scale: String,
-    /// For example `local`.
-    pub yardstick: String,
-    /// Factors of the distances of o, m and a; `None` is 1, 1, 1.
-    pub modality_scale: Option<[f64; 3]>,
-    /// For example `minmax`.
-    pub normaliser: String,
-    /// w, measured against the yardstick, that maps to q = 0, frozen.
+    /// How it was scored: scorer, normaliser, and their settings.
+    pub spec: ScoreSpec,
+    /// w, on the local scale if the scorer has one, that maps to q = 0, frozen.
     pub lo: f64,
     /// Likewise to q = 1.
     pub hi: f64,

@@ -96,10 +96,6 @@ pub enum Made {
     },
     /// By a score job.
     Scores {
-        /// For example `last_l2`.
-        similarity: String,
-        /// For example `minmax`.
-        normaliser: String,
         /// w that maps to q = 0.
         lo: f64,
         /// w that maps to q = 1.

@@ -1,13 +1,13 @@
 //! Pipelines as linked jobs.
 
-use gleaner_learn::{PolicyKind, ScoreSpec};
+use gleaner_core::ScoreSpec;
 
 use super::submit::MAX_ATTEMPTS;
 use crate::domain::{
     dataset::Dataset,
     id::{DatasetId, EncoderId, EvaluationId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
     job::JobSpec,
-    order::{NewJob, Plan},
+    order::{NewJob, Plan, needs_encoder},
     schedule::PipelineSpec,
     time::Millis,
 };
@@ -23,7 +23,7 @@ pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId
     };
     let (encoder, run) = (EncoderId::new(), ScoreRunId::new());
     let selection = pipeline.selection();
-    let device = pipeline.pretrain.device;
+    let device = pipeline.pretrain.run.device;
     add(JobSpec::Pretrain { snapshot_id: snapshot.clone(), spec: pipeline.pretrain }, encoder.clone().into());
     if !pipeline.score {
         return plan;
@@ -41,7 +41,7 @@ pub(super) fn chain(task: &TaskId, pipeline: PipelineSpec, snapshot: &SnapshotId
     };
     if let Some(spec) = pipeline.train {
         let policy_id = PolicyId::new();
-        let encoder_id = (spec.policy == PolicyKind::Finetune).then_some(encoder);
+        let encoder_id = needs_encoder(&spec).then_some(encoder);
         let dataset_id = Some(dataset.id.clone());
         let train = JobSpec::Train { encoder_id, snapshot_id: snapshot.clone(), dataset_id, spec };
         add(train, policy_id.clone().into());

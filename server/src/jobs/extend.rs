@@ -2,7 +2,8 @@
 
 use std::collections::HashSet;
 
-use gleaner_learn::{ScoreSpec, Scorer};
+use gleaner_core::{ScoreSpec, kinds::Family};
+use serde_json::Value;
 
 use super::{Jobs, resolve::same_task};
 use crate::{
@@ -63,27 +64,25 @@ impl Jobs {
 
 /// The run's settings, run where and with what was asked. A setting that is the default means the run's.
 fn settings(asked: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
-    if [asked.scorer, frozen.scorer].contains(&Scorer::Classifier) {
+    let needs_all =
+        |spec: &ScoreSpec| Family::Scorer.find(&spec.scorer.name).is_some_and(|kind| kind.needs.all_episodes);
+    if let Some(spec) = [asked, &frozen].into_iter().find(|spec| needs_all(spec)) {
         return Err(Error::invalid(
             "spec.score.extends",
-            "cannot be with the scorer classifier, which learns from all episodes at once; score without extends",
+            format!(
+                "does not fit the scorer {}, which learns from all episodes at once; score without extends",
+                spec.scorer.name
+            ),
         ));
     }
-    let default = ScoreSpec::default();
-    for (name, differs) in [
-        ("scorer", asked.scorer != default.scorer && asked.scorer != frozen.scorer),
-        ("similarity", asked.similarity != default.similarity && asked.similarity != frozen.similarity),
-        ("feature_scale", asked.feature_scale != default.feature_scale && asked.feature_scale != frozen.feature_scale),
-        ("yardstick", asked.yardstick != default.yardstick && asked.yardstick != frozen.yardstick),
-        ("normaliser", asked.normaliser != default.normaliser && asked.normaliser != frozen.normaliser),
-        ("modality_scale", asked.modality_scale.is_some() && asked.modality_scale != frozen.modality_scale),
-    ] {
-        if differs {
-            return Err(Error::invalid(
-                &format!("spec.score.{name}"),
-                "is another than that of the run to extend, which is frozen; leave it out",
-            ));
-        }
+    let (default, fixed) = (ScoreSpec::default().values(), frozen.values());
+    let differs = |name: &str, value: &Value| default.get(name) != Some(value) && fixed.get(name) != Some(value);
+    let free = |name: &str| name == "device";
+    if let Some((name, _)) = asked.values().iter().find(|(name, value)| !free(name) && differs(name, value)) {
+        return Err(Error::invalid(
+            &format!("spec.score.settings.{name}"),
+            "differs from that of the run to extend, which is frozen; leave it out",
+        ));
     }
-    Ok(ScoreSpec { device: asked.device, seed: asked.seed, threads: asked.threads, ..frozen })
+    Ok(ScoreSpec { device: asked.device, threads: asked.threads, ..frozen })
 }

@@ -1,14 +1,14 @@
 //! Orders resolved: what they name is looked up, and what they leave out is chosen.
 
-use gleaner_learn::PolicyKind;
+use gleaner_core::EvaluateSpec;
 
 use super::Jobs;
 use crate::{
     domain::{
-        evaluation::{self, EvaluateSpec},
+        evaluation,
         id::{DatasetId, EncoderId, EvaluationId, ExportId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
         job::{Job, JobSpec},
-        order::{JobOrder, Subject, TrainData},
+        order::{JobOrder, Subject, TrainData, needs_encoder},
         snapshot::RoleRule,
     },
     error::{Error, Result},
@@ -44,7 +44,7 @@ impl Jobs {
                 Ok(Resolved { spec, result_id: ScoreRunId::new().into(), maker: Some(maker) })
             }
             JobOrder::Train { data, spec } => {
-                let scratch = spec.policy != PolicyKind::Finetune;
+                let scratch = !needs_encoder(&spec);
                 let (maker, encoder_id, snapshot_id, dataset_id) = self.learned_from(task, data, scratch).await?;
                 let spec = JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec };
                 Ok(Resolved { spec, result_id: PolicyId::new().into(), maker })
@@ -55,7 +55,7 @@ impl Jobs {
                 Ok(Resolved { spec, result_id: ExportId::new().into(), maker: Some(maker) })
             }
             JobOrder::Evaluate { subject, spec } => {
-                let spec = self.simulated(task, "spec.evaluate.simulation", spec).await?;
+                let spec = self.simulated(task, "spec.evaluate.settings.simulation", spec).await?;
                 let (maker, policy_id) = self.subject(task, subject).await?;
                 let spec = JobSpec::Evaluate { policy_id, spec };
                 Ok(Resolved { spec, result_id: EvaluationId::new().into(), maker: Some(maker) })

@@ -43,7 +43,7 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
         })),
         (
             JobSpec::Score { encoder_id, snapshot_id, extends, spec },
-            Made::Scores { similarity, normaliser, lo, hi, quantiles, expert_ids, mut episodes },
+            Made::Scores { lo, hi, quantiles, expert_ids, mut episodes },
         ) => {
             check_scores(store, snapshot_id, &expert_ids, &mut episodes).await?;
             let run = ScoreRun {
@@ -52,12 +52,7 @@ pub(super) async fn of(store: &Store, job: &Job, made: Made) -> Result<JobResult
                 job_id,
                 encoder_id: encoder_id.clone(),
                 snapshot_id: snapshot_id.clone(),
-                scorer: spec.scorer.as_str().to_owned(),
-                similarity,
-                feature_scale: spec.feature_scale.as_str().to_owned(),
-                yardstick: spec.yardstick.as_str().to_owned(),
-                modality_scale: spec.modality_scale,
-                normaliser,
+                spec: spec.clone(),
                 lo,
                 hi,
                 quantiles,

@@ -78,7 +78,7 @@ impl Jobs {
         self.0.blobs.expect_room(0)?;
         let mut pipeline = pipeline.clone();
         if let Some(evaluate) = pipeline.evaluate.take() {
-            pipeline.evaluate = Some(self.simulated(task, "pipeline.evaluate.simulation", evaluate).await?);
+            pipeline.evaluate = Some(self.simulated(task, "pipeline.evaluate.settings.simulation", evaluate).await?);
         }
         let named = pipeline.snapshot_id.clone();
         let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &pipeline.rule).await?;

@@ -1,7 +1,7 @@
 //! The queue as its callers see it: orders resolved, pipelines linked, results kept, watchers told.
 
 use futures::{StreamExt as _, TryStreamExt as _};
-use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
     Jobs,
@@ -143,8 +143,6 @@ async fn results_end_jobs_and_give_the_next_their_input() {
     assert_eq!(inputs.encoder, Some(checkpoint));
     let (expert, imperfect) = (inputs.experts[0].id.clone(), inputs.imperfect[0].id.clone());
     let made = |episodes| Made::Scores {
-        similarity: "last_l2".into(),
-        normaliser: "minmax".into(),
         lo: -2.0,
         hi: -0.5,
         quantiles: Vec::new(),

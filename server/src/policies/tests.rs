@@ -5,10 +5,8 @@ mod score_run;
 
 use clap::Parser as _;
 use futures::channel::mpsc::{UnboundedSender, unbounded};
-use gleaner_learn::{
-    CameraShape, FrameBytes, ModelSpec, OptimSpec, Preset, PretrainSpec, Silent, TaskShape, TrainSpec, Trajectory,
-    pretrain, train_policy,
-};
+use gleaner_core::{ModelSpec, OptimSpec, Preset, PretrainSpec, RunSpec, TrainSpec};
+use gleaner_learn::{CameraShape, FrameBytes, Silent, TaskShape, Trajectory, pretrain, train_policy};
 use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
 
@@ -84,9 +82,10 @@ fn trained(seed: u64) -> Vec<u8> {
     let episode = Trajectory::new(&shape(), "ep", frames, rising(2 * steps), rising(steps)).unwrap();
     let optim = OptimSpec { steps: 1, batch: 2, stretch: 2, ..OptimSpec::default() };
     let model = ModelSpec { preset: Preset::Tiny, segment_length: 2 };
-    let spec = PretrainSpec { model, optim: optim.clone(), seed, ..PretrainSpec::default() };
+    let run = RunSpec { seed, ..RunSpec::default() };
+    let spec = PretrainSpec { model, optim, run, ..PretrainSpec::default() };
     let encoder = pretrain(&shape(), std::slice::from_ref(&episode), &spec, None, &mut Silent).unwrap();
-    let spec = TrainSpec { optim, seed, ..TrainSpec::default() };
+    let spec = TrainSpec { optim, run, ..TrainSpec::default() };
     train_policy(&shape(), Some(&encoder), &[episode], &[], &spec, None, &mut Silent).unwrap()
 }
 

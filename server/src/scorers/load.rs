@@ -2,7 +2,8 @@
 
 use std::{collections::HashMap, sync::Weak};
 
-use gleaner_learn::{LiveScorer, Normaliser, ScoreSpec, Scorer as Kind, Trajectory};
+use gleaner_core::{Device, ScoreSpec};
+use gleaner_learn::{LiveScorer, Normaliser, Trajectory, features_kind};
 
 use super::{Ready, engine::Engine, shelf::Shelf, trajectory};
 use crate::{
@@ -59,15 +60,15 @@ async fn settings(store: &Store, run: &ScoreRun) -> Result<ScoreSpec> {
     let JobSpec::Score { spec, .. } = store.job(&run.job_id).await?.spec else {
         return Err(Error::internal("reading a score run's settings", "its job is no scoring"));
     };
-    if spec.scorer != Kind::Ssdf {
+    let features = features_kind(&spec).map_err(|error| Error::learned("reading a score run's settings", error))?;
+    if features.is_none() {
         return Err(Error::precondition(format!(
-            "{} is a run of the {} scorer, which cannot score what is not stored; use a run of {}",
-            run.id,
-            spec.scorer.as_str(),
-            Kind::Ssdf.as_str()
+            "{} is a run of the {} scorer, which cannot score what is not stored; use a run of a scorer that compares \
+             features, such as ssdf",
+            run.id, spec.scorer.name
         )));
     }
-    Ok(ScoreSpec { device: gleaner_learn::Device::Cpu, threads: Some(1), ..spec })
+    Ok(ScoreSpec { device: Device::Cpu, threads: Some(1), ..spec })
 }
 
 /// The run's experts, in its order.

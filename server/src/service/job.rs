@@ -106,4 +106,8 @@ impl JobService for JobsFace {
     ) -> tonic::Result<Response<v1::ListMetricsResponse>> {
         self.metrics(&request.into_inner().job_id).await.map(Response::new).map_err(from_error)
     }
+
+    async fn list_kinds(&self, _: Request<v1::ListKindsRequest>) -> tonic::Result<Response<v1::ListKindsResponse>> {
+        Ok(Response::new(wire::kinds::list()))
+    }
 }

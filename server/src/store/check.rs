@@ -1,6 +1,7 @@
 //! What `check` asks of rows: that documents read back, that what a row says of other rows is so. Only reads.
 
 use futures::TryStreamExt as _;
+use gleaner_core::ScoreSpec;
 use gleaner_recording::{Report, TaskSpec};
 use serde::de::DeserializeOwned;
 
@@ -24,11 +25,7 @@ const DOCUMENTS: [Document; 9] = [
     ("its spec", "select id, spec from jobs", unreadable::<JobSpec>),
     ("its order", "select id, ordered from jobs where ordered <> ''", unreadable::<JobOrder>),
     ("its experts", "select id, expert_ids from score_runs", unreadable::<Vec<EpisodeId>>),
-    (
-        "its modality scale",
-        "select id, modality_scale from score_runs where modality_scale is not null",
-        unreadable::<[f64; 3]>,
-    ),
+    ("its settings", "select id, settings from score_runs", unreadable::<ScoreSpec>),
     ("its pipeline", "select id, pipeline from schedules", unreadable::<PipelineSpec>),
     ("its trials", "select id, seeds from evaluations", unreadable::<Vec<SeedResult>>),
 ];

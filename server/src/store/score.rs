@@ -27,18 +27,13 @@ struct RunRow {
     job_id: String,
     encoder_id: String,
     snapshot_id: String,
-    similarity: String,
-    normaliser: String,
     lo: f64,
     hi: f64,
     expert_ids: String,
     created_at: i64,
-    scorer: String,
-    modality_scale: Option<String>,
     extends: Option<String>,
     quantiles: Vec<u8>,
-    feature_scale: String,
-    yardstick: String,
+    settings: String,
 }
 
 impl RunRow {
@@ -49,15 +44,7 @@ impl RunRow {
             job_id: row::id("score_runs.job_id", self.job_id)?,
             encoder_id: row::id("score_runs.encoder_id", self.encoder_id)?,
             snapshot_id: row::id("score_runs.snapshot_id", self.snapshot_id)?,
-            scorer: self.scorer,
-            similarity: self.similarity,
-            feature_scale: self.feature_scale,
-            yardstick: self.yardstick,
-            modality_scale: self
-                .modality_scale
-                .map(|scale| row::json("score_runs.modality_scale", &scale))
-                .transpose()?,
-            normaliser: self.normaliser,
+            spec: row::json("score_runs.settings", &self.settings)?,
             lo: self.lo,
             hi: self.hi,
             quantiles: unpack("score_runs.quantiles", &self.quantiles)?.collect(),
@@ -105,27 +92,21 @@ pub(super) async fn insert_run(
     scores: &[EpisodeScores],
 ) -> Result<()> {
     sqlx::query(
-        "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, similarity, normaliser, lo, hi, \
-         expert_ids, created_at, scorer, modality_scale, extends, quantiles, feature_scale, yardstick) \
-         values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        "insert into score_runs (id, task_id, job_id, encoder_id, snapshot_id, settings, lo, hi, expert_ids, \
+         created_at, extends, quantiles) values (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
     )
     .bind(run.id.as_str())
     .bind(run.task_id.as_str())
     .bind(run.job_id.as_str())
     .bind(run.encoder_id.as_str())
     .bind(run.snapshot_id.as_str())
-    .bind(&run.similarity)
-    .bind(&run.normaliser)
+    .bind(row::to_json(&run.spec)?)
     .bind(run.lo)
     .bind(run.hi)
     .bind(row::to_json(&run.expert_ids)?)
     .bind(run.created_at.0)
-    .bind(&run.scorer)
-    .bind(run.modality_scale.as_ref().map(row::to_json).transpose()?)
     .bind(run.extends.as_ref().map(|id| id.as_str()))
     .bind(pack(run.quantiles.iter().copied()))
-    .bind(&run.feature_scale)
-    .bind(&run.yardstick)
     .execute(&mut **tx)
     .await
     .map_err(fault("adding a score run"))?;

@@ -5,8 +5,6 @@ mod pages;
 
 mod samples;
 
-use gleaner_learn::{FeatureScale, Yardstick};
-
 use super::*;
 use crate::domain::{
     id::{DatasetId, JobId, PolicyId, ScoreRunId, TaskId},
@@ -74,13 +72,16 @@ async fn rows_of_an_earlier_version_are_kept() {
     let JobSpec::Score { extends: None, spec: score, .. } = store.job(&job).await.unwrap().spec else {
         panic!("not score")
     };
-    assert_eq!((score.feature_scale, score.yardstick), (FeatureScale::Plain, Yardstick::None), "as it was made");
+    let plain = |spec: &gleaner_core::ScoreSpec| {
+        let set = &spec.scorer.settings;
+        (spec.scorer.name.clone(), set["feature_scale"].clone(), set["local_scale"].clone())
+    };
+    assert_eq!(plain(&score), ("ssdf".to_owned(), "plain".into(), false.into()), "as it was made");
     let train = store.job(&second).await.unwrap();
     assert_eq!((train.needs, train.key.as_str()), (vec![job], ""));
     assert!(matches!(train.spec, JobSpec::Train { encoder_id: Some(_), ref spec, .. } if spec.lambda == 0.3));
     let read = store.score_run(&run).await.unwrap();
-    assert_eq!((read.scorer.as_str(), read.extends, read.quantiles.len()), ("ssdf", None, 0));
-    assert_eq!((read.feature_scale.as_str(), read.yardstick.as_str()), ("plain", "none"));
+    assert_eq!((read.spec, read.extends, read.quantiles.len()), (score, None, 0));
     assert_eq!(store.dataset(&dataset).await.unwrap().selection, Selection::Beta(0.5));
     assert!(store.policy(&policy).await.unwrap().encoder_id.is_some());
     assert_eq!(store.deployment("arm@prod").await.unwrap().policy_id(), Some(&policy));

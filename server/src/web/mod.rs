@@ -24,6 +24,7 @@ mod refusal;
 mod routes;
 mod runs;
 mod say;
+mod settings;
 mod sheet;
 mod shell;
 mod sign_in;

@@ -10,6 +10,7 @@ pub(crate) mod field;
 pub mod fuzzing;
 pub(crate) mod inference;
 pub(crate) mod job;
+pub(crate) mod kinds;
 pub(crate) mod order;
 pub(crate) mod policy;
 pub(crate) mod schedule;

@@ -9,10 +9,7 @@ mod train;
 
 use gleaner_proto::v1;
 
-pub(crate) use self::{
-    pipeline::{pipeline, pipeline_to_proto},
-    score::modality_scale_to_proto,
-};
+pub(crate) use self::pipeline::{pipeline, pipeline_to_proto};
 use super::field;
 use crate::{
     domain::{
@@ -39,7 +36,7 @@ pub(crate) fn order(spec: Option<v1::JobSpec>) -> Result<JobOrder> {
         v1::job_spec::Spec::Export(v1::ExportSpec { dataset_id, format }) => {
             match v1::ExportFormat::try_from(format) {
                 Ok(v1::ExportFormat::Unspecified | v1::ExportFormat::Mcap) => {}
-                Err(_) => return Err(Error::invalid("spec.export.format", "is none that this server knows; use MCAP")),
+                Err(_) => return Err(Error::invalid("spec.export.format", "unknown value; supported: MCAP")),
             }
             Ok(JobOrder::Export { dataset_id: DatasetId::parse("spec.export.dataset_id", &dataset_id)? })
         }
@@ -51,13 +48,13 @@ pub(crate) fn order(spec: Option<v1::JobSpec>) -> Result<JobOrder> {
 pub(crate) fn spec_to_proto(spec: JobSpec) -> v1::JobSpec {
     let spec = match spec {
         JobSpec::Pretrain { snapshot_id, spec } => {
-            v1::job_spec::Spec::Pretrain(pretrain::to_proto(spec, snapshot_id.into(), None))
+            v1::job_spec::Spec::Pretrain(pretrain::to_proto(&spec, snapshot_id.into(), None))
         }
         JobSpec::Score { encoder_id, snapshot_id, extends, spec } => v1::job_spec::Spec::Score(v1::ScoreSpec {
             encoder_id: encoder_id.into(),
             snapshot_id: snapshot_id.into(),
             extends: extends.map(String::from).unwrap_or_default(),
-            ..score::to_proto(spec)
+            ..score::to_proto(&spec)
         }),
         JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec } => {
             let data = match (dataset_id, encoder_id) {
@@ -65,14 +62,14 @@ pub(crate) fn spec_to_proto(spec: JobSpec) -> v1::JobSpec {
                 (None, Some(encoder)) => v1::train_spec::Data::ExpertsOf(encoder.into()),
                 (None, None) => v1::train_spec::Data::ExpertsIn(snapshot_id.into()),
             };
-            v1::job_spec::Spec::Train(train::to_proto(spec, Some(data)))
+            v1::job_spec::Spec::Train(train::to_proto(&spec, Some(data)))
         }
         JobSpec::Export { dataset_id } => v1::job_spec::Spec::Export(v1::ExportSpec {
             dataset_id: dataset_id.into(),
             format: v1::ExportFormat::Mcap.into(),
         }),
         JobSpec::Evaluate { policy_id, spec } => {
-            v1::job_spec::Spec::Evaluate(evaluate::to_proto(spec, Some(Subject::Policy(policy_id))))
+            v1::job_spec::Spec::Evaluate(evaluate::to_proto(&spec, Some(Subject::Policy(policy_id))))
         }
     };
     v1::JobSpec { spec: Some(spec) }

@@ -2,7 +2,7 @@
 
 use gleaner_proto::v1;
 
-use super::{field, order, snapshot};
+use super::{field, snapshot};
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
@@ -80,12 +80,7 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         job_id: _,
         encoder_id,
         snapshot_id,
-        scorer,
-        similarity,
-        feature_scale,
-        yardstick,
-        modality_scale,
-        normaliser,
+        spec,
         lo,
         hi,
         quantiles: _,
@@ -99,19 +94,14 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         task_id: task_id.into(),
         encoder_id: encoder_id.into(),
         snapshot_id: snapshot_id.into(),
-        similarity,
-        normaliser,
+        settings: Some(gleaner_core::proto::to_struct(&spec.values())),
         lo,
         hi,
         imperfect_episodes,
         imperfect_segments,
         expert_segments,
         create_time: Some(field::timestamp(created_at)),
-        scorer,
-        modality_scale: modality_scale.map(order::modality_scale_to_proto),
         extends: extends.map(String::from).unwrap_or_default(),
-        feature_scale,
-        yardstick,
     }
 }
 

@@ -1,11 +1,12 @@
 //! Evaluation: a policy drives the embedded simulator in closed loop, many attempts at a time in one pass.
 
+use gleaner_core::EvaluateSpec;
 use gleaner_learn::{Ensemble, History, Monitor as _, Policy};
 use gleaner_recording::TaskSpec;
 use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task};
 
 use super::{failure::Failure, monitor::Watcher};
-use crate::domain::evaluation::{EvaluateSpec, SeedResult, simulated};
+use crate::domain::evaluation::{SeedResult, simulated};
 
 /// Attempts that run side by side.
 const SIDE_BY_SIDE: usize = 32;

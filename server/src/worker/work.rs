@@ -2,15 +2,15 @@
 
 use std::path::PathBuf;
 
-use gleaner_learn::{Normaliser, PolicyKind, PretrainSpec, ScoreBase, ScoreInputs, ScoreSpec, TrainSpec};
+use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_learn::{Normaliser, ScoreBase, ScoreInputs};
 
 use super::{episodes::Episodes, evaluate, export, failure::Failure, features::KeptFeatures, monitor::Watcher};
 use crate::{
     blobs::Blobs,
     domain::{
-        evaluation::EvaluateSpec,
         id::{BlobId, EpisodeId},
-        order::JobOrder,
+        order::{JobOrder, needs_encoder},
         score::EpisodeScores,
         snapshot::Role,
         work::{FrozenRun, Inputs, Made},
@@ -94,7 +94,7 @@ impl Work {
         let experts = self.episodes().trajectories(&self.inputs.experts)?;
         let imperfect = self.episodes().trajectories(&self.inputs.imperfect)?;
         self.monitor.phase("scoring");
-        let kind = spec.features_kind().unwrap_or_default();
+        let kind = gleaner_learn::features_kind(&spec)?.unwrap_or_default();
         let kept = KeptFeatures::new(&self.data_dir, &self.blobs, &self.inputs, &kind);
         let inputs = ScoreInputs { encoder: &encoder, experts: &experts, imperfect: &imperfect, kept: &kept };
         let scores = match self.base.take() {
@@ -106,8 +106,6 @@ impl Work {
         };
         let episodes = of_role(scores.imperfect, Role::Imperfect).chain(of_role(scores.experts, Role::Expert));
         Ok(Made::Scores {
-            similarity: spec.similarity.as_str().to_owned(),
-            normaliser: spec.normaliser.as_str().to_owned(),
             lo: scores.normaliser.lo,
             hi: scores.normaliser.hi,
             quantiles: scores.normaliser.quantiles,
@@ -120,13 +118,13 @@ impl Work {
     fn train(&mut self, spec: TrainSpec) -> Result<Made, Failure> {
         let spec = TrainSpec { threads: Some(self.threads), ..spec };
         let (shape, resume) = (self.episodes().shape(), self.resume()?);
-        let encoder = if spec.policy == PolicyKind::Finetune { Some(self.encoder()?) } else { None };
+        let encoder = if needs_encoder(&spec) { Some(self.encoder()?) } else { None };
         let experts = self.episodes().trajectories(&self.inputs.experts)?;
         let kept = self.episodes().weighted(&self.inputs.kept)?;
         self.monitor.phase("training");
         let (resume, monitor) = (resume.as_deref(), &mut self.monitor);
         let bytes = gleaner_learn::train_policy(&shape, encoder.as_deref(), &experts, &kept, &spec, resume, monitor)?;
-        Ok(Made::Policy { checkpoint: self.keep(&bytes)?, kind: spec.policy.as_str().to_owned() })
+        Ok(Made::Policy { checkpoint: self.keep(&bytes)?, kind: spec.policy.name.clone() })
     }
 
     fn evaluate(&mut self, spec: &EvaluateSpec) -> Result<Made, Failure> {

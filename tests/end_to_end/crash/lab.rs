@@ -70,8 +70,9 @@ impl Lab {
 
     /// Pretraining on the core, however many episodes there are by now.
     pub fn pretrain(&self, steps: u32) -> job_spec::Spec {
-        let job_spec::Spec::Pretrain(spec) = lab::pretrain(steps) else { panic!("not pretrain") };
-        job_spec::Spec::Pretrain(PretrainSpec { snapshot_id: self.snapshot.clone(), checkpoint_every: Some(2), ..spec })
+        let often = lab::with(lab::pretrain(steps), serde_json::json!({"checkpoint_every": 2}));
+        let job_spec::Spec::Pretrain(spec) = often else { panic!("not pretrain") };
+        job_spec::Spec::Pretrain(PretrainSpec { snapshot_id: self.snapshot.clone(), ..spec })
     }
 }
 

@@ -49,8 +49,7 @@ async fn metrics(api: &mut Api, job: &str) -> Vec<(u64, String, u64)> {
 }
 
 fn spec(steps: u32) -> job_spec::Spec {
-    let job_spec::Spec::Pretrain(spec) = lab::pretrain(steps) else { panic!("not pretrain") };
-    job_spec::Spec::Pretrain(PretrainSpec { checkpoint_every: Some(4), ..spec })
+    lab::with(lab::pretrain(steps), serde_json::json!({"checkpoint_every": 4}))
 }
 
 async fn submit(api: &mut Api, steps: u32) -> Job {

@@ -88,6 +88,11 @@ async fn inputs_that_are_not_there() {
     alive(&mut api).await;
 }
 
+/// A setting that no job has.
+fn unknown() -> Option<prost_types::Struct> {
+    lab::settings(serde_json::json!({"unheard": 1}))
+}
+
 #[tokio::test]
 async fn pipelines_that_have_gaps() {
     let shared = shared().await;
@@ -117,13 +122,13 @@ async fn pipelines_that_have_gaps() {
         submit_pipeline(submit("nobody", |_| {})) => NotFound ["nobody"];
         submit_pipeline(SubmitPipelineRequest { task: lab::TASK.into(), ..Default::default() }) => InvalidArgument ["pipeline: "];
         submit_pipeline(submit(lab::TASK, |r| r.pretrain = None)) => InvalidArgument ["pipeline.pretrain: "];
-        submit_pipeline(submit(lab::TASK, |r| r.pretrain.as_mut().unwrap().preset = 77)) => InvalidArgument ["pipeline.pretrain.preset: "];
+        submit_pipeline(submit(lab::TASK, |r| r.pretrain.as_mut().unwrap().settings = unknown())) => InvalidArgument ["pipeline.pretrain.settings.unheard: "];
         submit_pipeline(submit(lab::TASK, |r| r.score = false)) => InvalidArgument ["pipeline.beta: "];
         submit_pipeline(submit(lab::TASK, |r| r.beta = Some(2.0))) => InvalidArgument ["pipeline.beta: "];
         submit_pipeline(submit(lab::TASK, |r| r.beta = None)) => InvalidArgument ["pipeline.train: "];
         submit_pipeline(submit(lab::TASK, |r| r.top_fraction = Some(0.5))) => InvalidArgument ["pipeline.top_fraction: "];
         submit_pipeline(submit(lab::TASK, |r| (r.beta, r.top_fraction) = (None, Some(0.0)))) => InvalidArgument ["pipeline.top_fraction: "];
-        submit_pipeline(submit(lab::TASK, |r| r.train.as_mut().unwrap().policy = 77)) => InvalidArgument ["pipeline.train.policy: "];
+        submit_pipeline(submit(lab::TASK, |r| r.train.as_mut().unwrap().settings = unknown())) => InvalidArgument ["pipeline.train.settings.unheard: "];
         submit_pipeline(submit(lab::TASK, data)) => InvalidArgument ["pipeline.train.data: "];
         submit_pipeline(submit(lab::TASK, named)) => InvalidArgument ["pipeline.scoring.encoder_id: "];
         submit_pipeline(submit(lab::TASK, subject)) => InvalidArgument ["pipeline.evaluate.subject: "];

@@ -64,18 +64,18 @@ def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleane
         client,
         plan,
         "pretrain",
-        {"rule": rule, "seed": plan.seed, "optim": {"steps": plan.pretrain_steps, "batch": plan.pretrain_batch}},
+        {"rule": rule, "seed": plan.seed, "steps": plan.pretrain_steps, "batch": plan.pretrain_batch},
     )
     score = _job(client, plan, "score", {"encoder_id": pretrain.result_id})
     dataset = client.datasets.create(score.result_id, top_fraction=plan.keep)
     learnt_from: dict[str, dict[str, Any]] = {
         WITHOUT: {"experts_of": pretrain.result_id},
-        WITH: {"dataset_id": dataset.id, "lambda": plan.weight},
+        WITH: {"dataset_id": dataset.id, "lambda_": plan.weight},
     }
     policies = {}
     for name, data in learnt_from.items():
-        optim = {"steps": plan.train_steps, "batch": plan.train_batch}
-        job = _job(client, plan, "train", {**data, "seed": plan.seed, "optim": optim}, name)
+        settings = {**data, "seed": plan.seed, "steps": plan.train_steps, "batch": plan.train_batch}
+        job = _job(client, plan, "train", settings, name)
         policies[name] = _deploy(client, f"{plan.server_task}@{name.split()[0]}", job.result_id, score.result_id)
     return Gleaned(pretrain.result_id, score.result_id, client.datasets.get(dataset.id), episodes, policies)
 
@@ -83,7 +83,7 @@ def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleane
 def _job(client: gleaner.Client, plan: Plan, kind: str, spec: dict[str, Any], name: str = "") -> Job:
     # The key names the work: ordered again, by a run that was stopped too, the first job is the answer.
     digest = hashlib.sha256(json.dumps(spec, sort_keys=True).encode()).hexdigest()[:16]
-    job = client.jobs.submit(plan.server_task, {kind: spec}, key=f"metaworld {kind} {digest}")
+    job = getattr(client.jobs, kind)(plan.server_task, key=f"metaworld {kind} {digest}", **spec)
     with Progress(f"{kind} {name}".strip()) as progress:
         for event in client.jobs.watch(job):
             progress.at(event.job.done, event.job.total, event.job.message)

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from google.protobuf.descriptor import EnumDescriptor, FieldDescriptor
 from google.protobuf.message import Message
+from google.protobuf.struct_pb2 import Struct
 
 from gleaner.errors import invalid
 
@@ -55,8 +56,16 @@ def _value(field: FieldDescriptor, value: Any, path: str) -> Any:
     if field.enum_type is not None and isinstance(value, str):
         return _choice(field.enum_type, value, path)
     if field.message_type is not None and isinstance(value, Mapping):
+        if field.message_type.full_name == Struct.DESCRIPTOR.full_name:
+            return _struct(value)
         return _plain(field.message_type, value, f"{path}.")
     return value
+
+
+def _struct(values: Mapping[str, Any]) -> Struct:
+    struct = Struct()
+    struct.update({name: list(value) if isinstance(value, (tuple, set)) else value for name, value in values.items()})
+    return struct
 
 
 def _choice(descriptor: EnumDescriptor, text: str, path: str) -> int:

@@ -14,7 +14,7 @@ from gleaner._messages import build, number
 from gleaner._proto.v1 import job_pb2 as pb
 from gleaner._retry import Patience
 from gleaner._rpc import Rpc
-from gleaner.errors import DeadlineExceeded, JobFailed, Unavailable
+from gleaner.errors import DeadlineExceeded, JobFailed, Unavailable, invalid
 from gleaner.types import Job, JobSpec, Metric
 
 if TYPE_CHECKING:
@@ -60,22 +60,19 @@ class Jobs:
 
     def pretrain(self, task: str, **given: Unpack[settings.PretrainSettings]) -> Job:
         """Queues the pretraining of an encoder over experts and imperfect episodes."""
-        return self._submit("pretrain", task, dict(given))
+        return self._submit("pretrain", task, dict(given), settings.PretrainSettings)
 
     def score(self, task: str, encoder_id: str, **given: Unpack[settings.ScoreSettings]) -> Job:
         """Queues the scoring of every imperfect segment with an encoder."""
-        return self._submit("score", task, {"encoder_id": encoder_id, **given})
+        return self._submit("score", task, {"encoder_id": encoder_id, **given}, settings.ScoreSettings)
 
     def train(self, task: str, **given: Unpack[settings.TrainSettings]) -> Job:
         """Queues the training of a policy."""
-        settings: dict[str, Any] = dict(given)
-        # A word of Python's own cannot be a keyword.
-        settings["lambda"] = settings.pop("lambda_", None)
-        return self._submit("train", task, settings)
+        return self._submit("train", task, dict(given), settings.TrainSettings)
 
     def evaluate(self, task: str, **given: Unpack[settings.EvaluateSettings]) -> Job:
         """Queues closed-loop trials of a policy in the server's own simulator."""
-        return self._submit("evaluate", task, dict(given))
+        return self._submit("evaluate", task, dict(given), settings.EvaluateSettings)
 
     def get(self, job: str | Job) -> Job:
         """Looks a job up. Raises `NotFound`."""
@@ -146,12 +143,16 @@ class Jobs:
                 return
             request.page_token = reply.next_page_token
 
-    def _submit(self, kind: str, task: str, given: dict[str, Any]) -> Job:
+    def _submit(self, kind: str, task: str, given: dict[str, Any], known: type) -> Job:
+        unknown = given.keys() - {"encoder_id"} - known.__annotations__.keys()
+        if unknown:
+            raise invalid(f"{kind}.{min(unknown)}", f"is not known; there are {', '.join(sorted(known.__annotations__))}")
         order = {name: given.pop(name) for name in settings.Order.__annotations__ if name in given}
-        if kind in ("pretrain", "train"):
-            optim = {name: given.pop(name) for name in settings.Optim.__annotations__ if name in given}
-            given["optim"] = optim or None
-        return self.submit(task, {kind: given}, **order)
+        fields = JobSpec.DESCRIPTOR.fields_by_name[kind].message_type.fields_by_name
+        spec = {name: given.pop(name) for name in [*given] if name in fields}
+        # A word of Python's own cannot be a keyword.
+        values = {name.removesuffix("_"): value for name, value in given.items() if value is not None}
+        return self.submit(task, {kind: {**spec, "settings": values}}, **order)
 
 
 def _id(job: str | Job) -> str:

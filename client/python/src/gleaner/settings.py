@@ -1,12 +1,14 @@
-"""What jobs can be told, as typed keywords. Choices are words: `preset="tiny"`; what is left out takes the default.
+"""Settings of jobs, as typed keywords. Choices are words: `preset="tiny"`; what is left out takes the default.
 
-The .proto files (job.proto) say what each setting means.
+The settings themselves are generated from the server's schema (`gleaner._proto.kinds`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TypedDict
+
+from gleaner._proto.kinds import EvaluateValues, PretrainValues, ScoreValues, TrainValues
 
 
 class Order(TypedDict, total=False):
@@ -16,17 +18,6 @@ class Order(TypedDict, total=False):
     priority: int  # higher runs first
     needs: Sequence[str]  # further jobs to wait for
     max_attempts: int
-
-
-class Optim(TypedDict, total=False):
-    """The optimiser (AdamW)."""
-
-    steps: int
-    batch: int
-    learning_rate: float
-    weight_decay: float
-    warmup_steps: int
-    clip_norm: float
 
 
 class RoleRule(TypedDict, total=False):
@@ -39,84 +30,30 @@ class RoleRule(TypedDict, total=False):
     seed: int
 
 
-class Augmentation(TypedDict, total=False):
-    """Random changes to the images of a training batch."""
-
-    shift_pixels: int
-    brightness: float
-    contrast: float
-
-
-class Act(TypedDict, total=False):
-    """Settings of ACT."""
-
-    chunk_length: int
-    kl_weight: float
-    latent_size: int
-
-
-class ModalityScale(TypedDict):
-    """Factors of the distances of o, m and a."""
-
-    image: float
-    proprioception: float
-    action: float
-
-
-class PretrainSettings(Order, Optim, total=False):
+class PretrainSettings(Order, PretrainValues, total=False):
     """Settings of a pretraining job."""
 
     snapshot_id: str
     rule: RoleRule
-    preset: str  # tiny, small, base
-    segment_length: int
-    seed: int
-    device: str  # cpu, cuda
-    checkpoint_every: int
-    objectives: Sequence[str]  # mtp, tr, aa
-    augmentation: Augmentation
 
 
-class ScoreSettings(Order, total=False):
+class ScoreSettings(Order, ScoreValues, total=False):
     """Settings of a scoring job."""
 
     snapshot_id: str
-    device: str
-    scorer: str  # ssdf, raw, classifier
-    similarity: str  # last_l2, last_cosine, segment_l2, segment_cosine
-    normaliser: str  # minmax, quantile
-    modality_scale: ModalityScale
     extends: str
-    seed: int
-    feature_scale: str  # whitened, plain
-    yardstick: str  # local, none
 
 
-class TrainSettings(Order, Optim, total=False):
+class TrainSettings(Order, TrainValues, total=False):
     """Settings of a training job; exactly one of dataset_id, experts_of and experts_in."""
 
     dataset_id: str
     experts_of: str
     experts_in: str
-    lambda_: float  # weight of the kept segments' loss
-    policy: str  # finetune, tf_bc, bc, act
-    seed: int
-    device: str
-    checkpoint_every: int
-    act: Act
-    augmentation: Augmentation
-    preset: str
-    segment_length: int
-    history_dropout: float
 
 
-class EvaluateSettings(Order, total=False):
+class EvaluateSettings(Order, EvaluateValues, total=False):
     """Settings of an evaluation in the embedded simulator; exactly one of policy_id and deployment."""
 
     policy_id: str
     deployment: str
-    simulation: str
-    episodes: int
-    seeds: Sequence[int]
-    max_steps: int
-    device: str

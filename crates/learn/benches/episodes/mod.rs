@@ -2,7 +2,8 @@
 
 use std::sync::Arc;
 
-use gleaner_learn::{CameraShape, FrameBytes, ModelSpec, Preset, TaskShape, Trajectory};
+use gleaner_core::{Chosen, ModelSpec, Preset, Words as _, kinds::Family};
+use gleaner_learn::{CameraShape, FrameBytes, TaskShape, Trajectory};
 
 /// Steps of an episode.
 const STEPS: usize = 100;
@@ -30,4 +31,14 @@ fn episode(shape: &TaskShape, seed: u64) -> Trajectory {
     let mut floats = |width: usize| (0..STEPS * width).map(|_| f32::from(byte()) / 128.0 - 1.0).collect();
     let (m, a) = (floats(shape.proprioception), floats(shape.action));
     Trajectory::new(shape, format!("episode {seed}"), frames, m, a).unwrap()
+}
+
+/// A policy with the size of a model, where it has one.
+#[allow(dead_code, reason = "each bench is a crate of its own")]
+pub(crate) fn policy(name: &str, model: ModelSpec) -> Chosen {
+    let chosen = Chosen::new(Family::Policy, name).unwrap();
+    match chosen.settings.contains_key("preset") {
+        true => chosen.with(Family::Policy, "preset", model.preset.as_str()).unwrap(),
+        false => chosen,
+    }
 }

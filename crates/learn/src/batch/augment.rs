@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
 use super::{Batch, int};
-use crate::spec::Augmentation;
+use gleaner_core::Augmentation;
 
 const COLOURS: i64 = 3;
 
@@ -27,7 +27,7 @@ impl Batch {
     /// Changes the images as `augmentation` says. One draw for each episode of the batch: each frame
     /// is there once for all windows that hold it, and the motion within a window stays as it was.
     pub(crate) fn augment(&mut self, augmentation: &Augmentation, rng: &mut ChaCha8Rng) {
-        if augmentation.is_none() {
+        if *augmentation == Augmentation::default() {
             return;
         }
         let mut drawn = HashMap::new();

@@ -3,7 +3,7 @@
 use tch::{Device, Tensor};
 
 use super::{Segment, Windows, int};
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
 /// The chunks a_t … a_{t+k−1} of W segments that end at their t.

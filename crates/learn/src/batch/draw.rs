@@ -5,7 +5,7 @@
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 use crate::trajectory::{Trajectory, WeightedSegments};
 
 /// One segment: the window that ends at `step` of episode number `trajectory`.

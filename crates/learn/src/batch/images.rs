@@ -3,7 +3,7 @@
 use tch::{Device, Kind, Tensor};
 
 use super::int;
-use crate::spec::{CameraShape, TaskShape};
+use crate::shape::{CameraShape, TaskShape};
 
 /// Per camera `[N, C, H, W]` of the N `frames`, each `shape.frame_bytes()` long.
 pub(crate) fn images(shape: &TaskShape, frames: &[&[u8]], device: Device) -> Vec<Tensor> {

@@ -14,7 +14,7 @@ pub(crate) use windows::Windows;
 
 use tch::{Device, Tensor};
 
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
 /// The tensors of some segments. Each of the N steps they touch is there once.

@@ -6,7 +6,7 @@ use tch::{Device, Tensor, no_grad_guard};
 use super::{Embedding, History, Step};
 use crate::batch::{Windows, rows, values};
 use crate::error::{LearnError, guard};
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 
 /// Frames encoded in one pass; bounds memory, whatever is asked.
 const CHUNK: usize = 64;

@@ -6,7 +6,7 @@ use tch::nn::{self, Module};
 use super::Size;
 use crate::batch::int;
 use crate::normalize::target_size;
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 
 /// One hidden layer.
 struct Head {

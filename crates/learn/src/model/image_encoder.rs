@@ -5,7 +5,7 @@ use tch::nn::{self, ModuleT};
 use tch::{Kind, Tensor, nn::Module};
 
 use super::Size;
-use crate::spec::{CameraShape, TaskShape};
+use crate::shape::{CameraShape, TaskShape};
 
 /// Stages halve an image until at most this many places are left.
 const PLACES: i64 = 256;
@@ -107,7 +107,7 @@ mod tests {
     use tch::Device;
 
     use super::*;
-    use crate::spec::Preset;
+    use gleaner_core::Preset;
 
     #[test]
     fn any_image_size_is_taken() {

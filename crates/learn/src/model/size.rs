@@ -1,6 +1,6 @@
 //! The sizes behind each preset.
 
-use crate::spec::Preset;
+use gleaner_core::Preset;
 
 /// Sizes of the network's parts.
 #[derive(Debug, Clone, Copy)]

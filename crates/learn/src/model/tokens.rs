@@ -5,7 +5,7 @@ use tch::Tensor;
 use tch::nn::{self, Module};
 
 use crate::batch::{Windows, int};
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 
 /// A modality's place among the three tokens of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use tch::{Device, Kind, Tensor};
 use super::Standard;
 use super::frames::Lookup;
 use crate::batch::images;
-use crate::spec::{CameraShape, TaskShape};
+use crate::shape::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
 
 /// Images looked at for the image statistics; an even sample of the steps when there are more.

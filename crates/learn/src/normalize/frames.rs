@@ -7,7 +7,7 @@ use tch::{Device, Tensor};
 
 use super::{Standard, Statistics};
 use crate::batch::{int, squash, values};
-use crate::spec::{CameraShape, TaskShape};
+use crate::shape::{CameraShape, TaskShape};
 
 /// What each value of a byte becomes, for each colour.
 type Colours = [[f32; 256]; 3];

@@ -14,7 +14,7 @@ use tch::{Device, Kind, Tensor};
 
 use crate::batch::{int, rows};
 use crate::error::LearnError;
-use crate::spec::{CameraShape, TaskShape};
+use crate::shape::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
 use cameras::CameraStandard;
 use frames::Lookup;

@@ -6,8 +6,20 @@
 
 use tch::Tensor;
 
-use super::squared_error;
+use super::{Objective, squared_error};
 use crate::model::{Modality, Network};
+
+pub(super) const OBJECTIVE: Objective = Objective {
+    name: "aa",
+    title: "AA",
+    about: "Action autoregression: predicts each action from the history before it.",
+    metric: "loss_aa",
+    bidirectional: false,
+    loss: |passes| {
+        let prediction = predict(passes.network, &passes.causal());
+        loss(&prediction, &passes.targets.action, &passes.windows.valid)
+    },
+};
 
 /// The standardised action each step's history calls for, `[W, K, A]`, from the causal pass's
 /// features `[W, K, 3, d]`.

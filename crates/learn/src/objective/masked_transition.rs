@@ -5,7 +5,16 @@
 
 use tch::Tensor;
 
-use super::modality_mean;
+use super::{Objective, modality_mean};
+
+pub(super) const OBJECTIVE: Objective = Objective {
+    name: "mtp",
+    title: "MTP",
+    about: "Masked transition prediction: predicts the elements of a segment that are masked.",
+    metric: "loss_mtp",
+    bidirectional: true,
+    loss: |passes| loss(&passes.masked().errors, &passes.masked().masked),
+};
 
 /// `errors` `[W, L, 3]` of a pass over M(τ), `masked` `[W, L, 3]` the indicator; a scalar.
 pub(crate) fn loss(errors: &Tensor, masked: &Tensor) -> Tensor {

@@ -7,9 +7,16 @@
 //! o, m and a weigh the same whatever their sizes.
 
 pub(crate) mod action_autoregression;
-pub(crate) mod masked_transition;
-pub(crate) mod masking;
-pub(crate) mod reconstruction;
+mod kind;
+mod list;
+mod masked_transition;
+mod masking;
+mod passes;
+mod reconstruction;
+
+pub(crate) use kind::Objective;
+pub(crate) use list::{describe, features_view, find};
+pub(crate) use passes::Passes;
 
 use tch::Tensor;
 

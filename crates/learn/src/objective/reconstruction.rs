@@ -5,7 +5,16 @@
 
 use tch::Tensor;
 
-use super::modality_mean;
+use super::{Objective, modality_mean};
+
+pub(super) const OBJECTIVE: Objective = Objective {
+    name: "tr",
+    title: "TR",
+    about: "Transition reconstruction: gives back the elements of a masked segment that are not masked.",
+    metric: "loss_tr",
+    bidirectional: true,
+    loss: |passes| loss(&passes.masked().errors, &passes.masked().masked, &passes.windows.valid),
+};
 
 /// `errors` and `masked` as in MTP; `valid` `[W, L]` leaves padding out, which is not masked
 /// either; a scalar.

@@ -15,29 +15,51 @@ mod layers;
 
 use std::collections::BTreeMap;
 
+use gleaner_core::kinds::Needs;
+use gleaner_core::schema::{integer_in, number_in};
+use gleaner_core::{Group as _, SizeSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Kind, Tensor};
 
-use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
+use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use super::scratch::{self, Scratch};
 use crate::batch::Chunks;
 use crate::checkpoint::CheckpointInfo;
-use crate::error::LearnError;
 use crate::random::normal;
-use crate::spec::ActSpec;
 use layers::{ChunkDecoder, StyleEncoder};
 
-pub(super) const ENTRY: Entry = Entry { model: scratch::model, begin, load };
+pub(super) const KIND: PolicyKind = PolicyKind {
+    name: "act",
+    title: "ACT",
+    about: "Action chunking with transformers, from scratch: a conditional VAE that predicts chunks of actions.",
+    needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
+    settings: || [SizeSpec::schema(), ActSpec::schema()].concat(),
+    model: scratch::model,
+    init,
+    load,
+};
 
-fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
-    let policy = Act::new(Scratch::begin(start, info), start.spec.act);
-    policy.scratch.draw(start.spec.seed);
+gleaner_core::settings! {
+    /// Settings of ACT.
+    #[derive(Copy)]
+    pub(super) struct ActSpec {
+        /// Actions predicted at once (k); a longer chunk is smoother and reacts later.
+        pub(super) chunk_length: u32 = 10, integer_in(1, 256);
+        /// Weight of the divergence of the style z from N(0, 1).
+        pub(super) kl_weight: f64 = 10.0, number_in(0.0, 1e6);
+        /// Values of the style z.
+        pub(super) latent_size: u32 = 16, integer_in(1, 1024);
+    }
+}
+
+fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
+    let policy = Act::new(Scratch::init(from, info)?, from.chosen().read()?);
+    policy.scratch.draw(from.spec.run.seed);
     Ok(Box::new(policy))
 }
 
-fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Made {
-    let act = info.act.ok_or_else(|| LearnError::Checkpoint("header: an ACT policy without its settings".into()))?;
-    let policy = Act::new(Scratch::load(info, named, device)?, act);
+fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
+    let policy = Act::new(Scratch::load(info, named, device)?, info.settings()?);
     policy.scratch.take(named)?;
     Ok(Box::new(policy))
 }
@@ -59,14 +81,14 @@ impl Act {
     }
 
     /// Standardised m_t, `[W, M]`.
-    fn proprioception(&self, seen: &Seen) -> Tensor {
-        self.scratch.statistics.proprioception.apply(&seen.newest(&seen.proprioception))
+    fn proprioception(&self, input: &PolicyInput) -> Tensor {
+        self.scratch.statistics.proprioception.apply(&input.newest(&input.proprioception))
     }
 }
 
-impl Method for Act {
-    fn about(&self) -> About<'_> {
-        self.scratch.about(self.spec.chunk_length as usize)
+impl PolicyModel for Act {
+    fn info(&self) -> PolicyInfo<'_> {
+        self.scratch.info(self.spec.chunk_length as usize)
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {
@@ -77,8 +99,8 @@ impl Method for Act {
         self.scratch.encode(images)
     }
 
-    fn losses(&self, seen: &Seen, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
-        let (o, m) = (seen.newest(&seen.embedded), self.proprioception(seen));
+    fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses {
+        let (o, m) = (input.newest(&input.embedded), self.proprioception(input));
         let target = self.scratch.statistics.action.apply(&wanted.action);
         let (mean, log_variance) = self.style.forward(&m, &target, &wanted.counted);
         let noise = Tensor::from_slice(&normal(rng, mean.numel())).view_as(&mean).to_device(mean.device());
@@ -92,8 +114,8 @@ impl Method for Act {
         }
     }
 
-    fn act(&self, seen: &Seen) -> Tensor {
-        let (o, m) = (seen.newest(&seen.embedded), self.proprioception(seen));
+    fn act(&self, input: &PolicyInput) -> Tensor {
+        let (o, m) = (input.newest(&input.embedded), self.proprioception(input));
         let z = Tensor::zeros([o.size()[0], i64::from(self.spec.latent_size)], (Kind::Float, o.device()));
         self.decoder.forward(&o, &m, &z)
     }

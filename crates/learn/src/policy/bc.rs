@@ -5,28 +5,39 @@
 
 use std::collections::BTreeMap;
 
+use gleaner_core::kinds::Needs;
+use gleaner_core::{Group as _, SizeSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::nn::{self, Module};
 use tch::{Device, Tensor};
 
-use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
+use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use super::scratch::{self, Scratch};
 use crate::batch::{Chunks, int};
 use crate::checkpoint::CheckpointInfo;
 use crate::objective::squared_error;
 
-pub(super) const ENTRY: Entry = Entry { model: scratch::model, begin, load };
+pub(super) const KIND: PolicyKind = PolicyKind {
+    name: "bc",
+    title: "BC",
+    about: "Behaviour cloning from scratch without history: one step's images and proprioception to its action.",
+    needs: Needs { encoder: false, history: false, images: true, all_episodes: false },
+    settings: SizeSpec::schema,
+    model: scratch::model,
+    init,
+    load,
+};
 
 /// Width of the hidden layers in widths of the image embedding.
 const HIDDEN: i64 = 4;
 
-fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
-    let policy = Bc::new(Scratch::begin(start, info));
-    policy.scratch.draw(start.spec.seed);
+fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
+    let policy = Bc::new(Scratch::init(from, info)?);
+    policy.scratch.draw(from.spec.run.seed);
     Ok(Box::new(policy))
 }
 
-fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Made {
+fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
     let policy = Bc::new(Scratch::load(info, named, device)?);
     policy.scratch.take(named)?;
     Ok(Box::new(policy))
@@ -48,9 +59,9 @@ impl Bc {
     }
 
     /// The standardised a_t, `[W, 1, A]`.
-    fn predict(&self, seen: &Seen) -> Tensor {
-        let m = self.scratch.statistics.proprioception.apply(&seen.newest(&seen.proprioception));
-        let mut x = Tensor::cat(&[seen.newest(&seen.embedded), m], 1);
+    fn predict(&self, input: &PolicyInput) -> Tensor {
+        let m = self.scratch.statistics.proprioception.apply(&input.newest(&input.proprioception));
+        let mut x = Tensor::cat(&[input.newest(&input.embedded), m], 1);
         for hidden in &self.hidden {
             x = hidden.forward(&x).gelu("none");
         }
@@ -58,9 +69,9 @@ impl Bc {
     }
 }
 
-impl Method for Bc {
-    fn about(&self) -> About<'_> {
-        self.scratch.about(1)
+impl PolicyModel for Bc {
+    fn info(&self) -> PolicyInfo<'_> {
+        self.scratch.info(1)
     }
 
     fn parameters(&self) -> Vec<(String, Tensor)> {
@@ -71,12 +82,12 @@ impl Method for Bc {
         self.scratch.encode(images)
     }
 
-    fn losses(&self, seen: &Seen, wanted: &Chunks, _: &mut ChaCha8Rng) -> Losses {
+    fn losses(&self, input: &PolicyInput, wanted: &Chunks, _: &mut ChaCha8Rng) -> Losses {
         let target = self.scratch.statistics.action.apply(&wanted.action);
-        Losses { each: squared_error(&self.predict(seen), &target).squeeze_dim(1), parts: Vec::new() }
+        Losses { each: squared_error(&self.predict(input), &target).squeeze_dim(1), parts: Vec::new() }
     }
 
-    fn act(&self, seen: &Seen) -> Tensor {
-        self.predict(seen)
+    fn act(&self, input: &PolicyInput) -> Tensor {
+        self.predict(input)
     }
 }

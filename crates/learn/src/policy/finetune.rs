@@ -8,83 +8,112 @@
 
 use std::collections::BTreeMap;
 
+use gleaner_core::kinds::Needs;
+use gleaner_core::schema::number_in;
+use gleaner_core::{Group as _, ModelSpec};
 use rand_chacha::ChaCha8Rng;
 use tch::{Device, Tensor};
 
-use super::method::{About, Entry, Losses, Made, Method, Seen, Start};
+use super::kind::{Losses, NewPolicy, PolicyInfo, PolicyInit, PolicyInput, PolicyKind, PolicyModel};
 use crate::batch::Chunks;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::error::LearnError;
 use crate::model::{Attention, Network, View};
 use crate::objective::{action_autoregression, squared_error};
-use crate::spec::ModelSpec;
 
-pub(super) const ENTRY: Entry = Entry { model, begin, load };
+pub(super) const KIND: PolicyKind = PolicyKind {
+    name: "finetune",
+    title: "SSDF",
+    about: "The pretrained transformer, finetuned: a causal pass, the action read from the newest proprioception token.",
+    needs: Needs { encoder: true, history: true, images: true, all_episodes: false },
+    settings: HistorySpec::schema,
+    model,
+    init,
+    load,
+};
 
-fn model(start: &Start<'_>) -> Result<ModelSpec, LearnError> {
-    Ok(checkpoint::inspect(encoder(start)?)?.model)
+gleaner_core::settings! {
+    /// Settings of a policy that sees its history.
+    #[derive(Copy)]
+    pub(super) struct HistorySpec {
+        /// Chance of hiding a training window's past (0: never). A policy that always sees its past continues it, which
+        /// predicts an expert's next action well and fails in closed loop.
+        pub(super) history_dropout: f64 = 0.5, number_in(0.0, 1.0);
+    }
 }
 
-fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
-    let (stored, named) = checkpoint::read(encoder(start)?, CheckpointKind::Encoder)?;
+fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
+    Ok(checkpoint::inspect(encoder(from)?)?.model)
+}
+
+fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
+    let (stored, named) = checkpoint::read(encoder(from)?, CheckpointKind::Encoder)?;
     if stored.shape != info.shape {
         return Err(LearnError::invalid(
             "shape",
             "differs from the shape the encoder was pretrained on; use that or pretrain again",
         ));
     }
-    load(info, &named, start.device)
+    load(info, &named, from.device)
 }
 
-fn encoder<'a>(start: &Start<'a>) -> Result<&'a [u8], LearnError> {
-    start.encoder.ok_or_else(|| {
+fn encoder<'a>(from: &PolicyInit<'a>) -> Result<&'a [u8], LearnError> {
+    from.encoder.ok_or_else(|| {
         LearnError::invalid("encoder", "is missing; finetune goes on from one, the other policies need none")
     })
 }
 
-pub(super) fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Made {
-    Ok(Box::new(CausalTransformer(Network::from_named(&info.shape, info.model, named, device)?)))
+pub(super) fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> NewPolicy {
+    let network = Network::from_named(&info.shape, info.model, named, device)?;
+    Ok(Box::new(CausalTransformer { network, history: info.settings()? }))
 }
 
 /// The transformer as a policy, wherever its first weights come from.
-pub(super) struct CausalTransformer(pub(super) Network);
+pub(super) struct CausalTransformer {
+    pub(super) network: Network,
+    pub(super) history: HistorySpec,
+}
 
 impl CausalTransformer {
     /// The standardised a_t of each window, `[W, 1, A]`. The last layer works on step t alone.
-    fn predict(&self, seen: &Seen) -> Tensor {
-        let steps = self.0.steps(&seen.embedded, &seen.proprioception, &seen.action);
-        let view = View { attention: Attention::Causal, hidden: seen.hidden.as_ref() };
-        let features = self.0.features(&steps, &seen.windows, view, 1);
-        action_autoregression::predict(&self.0, &features)
+    fn predict(&self, input: &PolicyInput) -> Tensor {
+        let steps = self.network.steps(&input.embedded, &input.proprioception, &input.action);
+        let view = View { attention: Attention::Causal, hidden: input.hidden.as_ref() };
+        let features = self.network.features(&steps, &input.windows, view, 1);
+        action_autoregression::predict(&self.network, &features)
     }
 }
 
-impl Method for CausalTransformer {
-    fn about(&self) -> About<'_> {
-        About {
-            shape: &self.0.shape,
-            statistics: &self.0.statistics,
-            device: self.0.device(),
-            window: self.0.spec.window(),
+impl PolicyModel for CausalTransformer {
+    fn info(&self) -> PolicyInfo<'_> {
+        PolicyInfo {
+            shape: &self.network.shape,
+            statistics: &self.network.statistics,
+            device: self.network.device(),
+            window: self.network.spec.window(),
             chunk: 1,
-            width: self.0.width(),
+            width: self.network.width(),
         }
     }
 
+    fn history_dropout(&self) -> f64 {
+        self.history.history_dropout
+    }
+
     fn parameters(&self) -> Vec<(String, Tensor)> {
-        self.0.parameters()
+        self.network.parameters()
     }
 
     fn encode(&self, images: &[Tensor]) -> Tensor {
-        self.0.encode(images)
+        self.network.encode(images)
     }
 
-    fn losses(&self, seen: &Seen, wanted: &Chunks, _: &mut ChaCha8Rng) -> Losses {
-        let target = self.0.statistics.action.apply(&wanted.action);
-        Losses { each: squared_error(&self.predict(seen), &target).squeeze_dim(1), parts: Vec::new() }
+    fn losses(&self, input: &PolicyInput, wanted: &Chunks, _: &mut ChaCha8Rng) -> Losses {
+        let target = self.network.statistics.action.apply(&wanted.action);
+        Losses { each: squared_error(&self.predict(input), &target).squeeze_dim(1), parts: Vec::new() }
     }
 
-    fn act(&self, seen: &Seen) -> Tensor {
-        self.predict(seen)
+    fn act(&self, input: &PolicyInput) -> Tensor {
+        self.predict(input)
     }
 }

@@ -3,15 +3,16 @@
 
 use std::collections::BTreeMap;
 
+use gleaner_core::{ModelSpec, SizeSpec};
 use tch::nn::{self, VarStore};
 use tch::{Device, Tensor};
 
-use super::method::{About, Start};
+use super::kind::{PolicyInfo, PolicyInit};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::model::{ImageEncoder, Size, weights};
 use crate::normalize::Statistics;
-use crate::spec::{ModelSpec, TaskShape};
+use crate::shape::TaskShape;
 
 /// The parts every such policy has; its own go into `store` under [`Scratch::root`].
 pub(super) struct Scratch {
@@ -23,16 +24,17 @@ pub(super) struct Scratch {
 }
 
 /// The model of a policy that sees one step: a history of l = 0.
-pub(super) fn model(start: &Start<'_>) -> Result<ModelSpec, LearnError> {
-    Ok(ModelSpec { segment_length: 0, ..start.spec.model })
+pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
+    let SizeSpec { preset } = from.chosen().read()?;
+    Ok(ModelSpec { preset, segment_length: 0 })
 }
 
 impl Scratch {
-    /// For what `start` learns from; nothing is drawn yet.
-    pub(super) fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Self {
+    /// With statistics of the training's episodes; no weight is drawn yet.
+    pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let target = Size::of(info.model.preset).target;
-        let statistics = Statistics::measure(start.shape, start.data, target, start.device);
-        Self::build(info, statistics, start.device)
+        let statistics = Statistics::measure(from.shape, from.data, target, from.device);
+        Ok(Self::build(info, statistics, from.device))
     }
 
     /// With the statistics in `named`; no weight is loaded yet.
@@ -76,8 +78,8 @@ impl Scratch {
     }
 
     /// What a policy that gives `chunk` actions at once was made for.
-    pub(super) fn about(&self, chunk: usize) -> About<'_> {
-        About {
+    pub(super) fn info(&self, chunk: usize) -> PolicyInfo<'_> {
+        PolicyInfo {
             shape: &self.shape,
             statistics: &self.statistics,
             device: self.store.device(),

@@ -3,21 +3,22 @@
 
 use std::fmt;
 
+use gleaner_core::Device;
 use tch::no_grad_guard;
 
-use super::method::{About, Method, Seen};
+use super::kind::{PolicyInfo, PolicyInput, PolicyModel};
 use crate::batch::values;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout, Stacked};
-use crate::spec::{Device, PolicyKind, TaskShape};
+use crate::shape::TaskShape;
 use crate::train::Learner;
 
 /// A policy ready to act. `Send`: give it a thread of its own.
 pub struct Policy {
     info: CheckpointInfo,
-    method: Box<dyn Method>,
+    model: Box<dyn PolicyModel>,
 }
 
 impl fmt::Debug for Policy {
@@ -43,13 +44,13 @@ impl Policy {
         guard(|| {
             let device = device::open(device, None)?;
             let (info, named) = checkpoint::read(bytes, CheckpointKind::Policy)?;
-            Ok(Self { method: Learner::from_named(&info, &named, device)?, info })
+            Ok(Self { model: Learner::from_named(&info, &named, device)?, info })
         })
     }
 
-    /// Which policy it is.
-    pub fn kind(&self) -> PolicyKind {
-        self.info.policy.unwrap_or_default()
+    /// The name of its kind.
+    pub fn kind(&self) -> &str {
+        self.info.policy.as_deref().unwrap_or_default()
     }
 
     /// The task's shape.
@@ -64,7 +65,7 @@ impl Policy {
 
     /// Actions that [`Policy::act`] gives at once, k; 1 but for ACT.
     pub fn chunk_length(&self) -> u32 {
-        self.info.act.map_or(1, |act| act.chunk_length)
+        u32::try_from(self.model.info().chunk).unwrap_or(u32::MAX)
     }
 
     /// Encodes frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes).
@@ -72,9 +73,9 @@ impl Policy {
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
     pub fn embed(&self, frames: &[&[u8]]) -> Result<Vec<Embedding>, LearnError> {
-        let about = self.method.about();
+        let about = self.model.info();
         let images = |frames: &[&[u8]]| about.statistics.frames(about.shape, frames, about.device);
-        layout(&about).embed(frames, |frames| self.method.encode(&images(frames)))
+        layout(&about).embed(frames, |frames| self.model.encode(&images(frames)))
     }
 
     /// The next k actions of each history, the first for now, in physical units; one pass for all.
@@ -84,7 +85,7 @@ impl Policy {
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, or holds values
     /// that do not fit the shape or are not finite.
     pub fn act(&self, histories: &[&History]) -> Result<Vec<Vec<Vec<f32>>>, LearnError> {
-        let about = self.method.about();
+        let about = self.model.info();
         layout(&about).check(histories)?;
         if histories.is_empty() {
             return Ok(Vec::new());
@@ -93,8 +94,8 @@ impl Policy {
             let _no_grad = no_grad_guard();
             // The newest action is not known yet, and no policy looks at it.
             let Stacked { embedded, proprioception, action, windows } = layout(&about).stack(histories);
-            let seen = Seen { embedded, proprioception, action, windows, hidden: None };
-            let chunks = self.method.act(&seen);
+            let input = PolicyInput { embedded, proprioception, action, windows, hidden: None };
+            let chunks = self.model.act(&input);
             let chunks = values(&about.statistics.action.invert(&chunks));
             let chunks = chunks.chunks(about.chunk * about.shape.action);
             Ok(chunks.map(|chunk| chunk.chunks(about.shape.action).map(<[f32]>::to_vec).collect()).collect())
@@ -103,6 +104,6 @@ impl Policy {
 }
 
 /// What histories must look like for a policy.
-fn layout<'a>(about: &About<'a>) -> Layout<'a> {
+fn layout<'a>(about: &PolicyInfo<'a>) -> Layout<'a> {
     Layout { shape: about.shape, window: about.window, width: about.width, device: about.device }
 }

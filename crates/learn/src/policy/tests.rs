@@ -8,18 +8,34 @@ mod identity;
 
 use tch::Device;
 
-use super::method::{Method, Start, entry};
+use super::kind::{PolicyInit, PolicyModel};
+use super::list::find;
 use super::{Ensemble, Policy, train_policy};
 use crate::History;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::error::LearnError;
 use crate::pretrain::pretrain;
-use crate::spec::{ActSpec, PolicyKind, TrainSpec};
 use crate::toy::{self, Recorder};
 use crate::train::Silent;
 use crate::trajectory::{Trajectory, WeightedSegments};
+use gleaner_core::kinds::Family;
+use gleaner_core::{Chosen, TrainSpec};
 
-const KINDS: [PolicyKind; 4] = [PolicyKind::Finetune, PolicyKind::TfBc, PolicyKind::Bc, PolicyKind::Act];
+/// The names of all policies.
+fn kinds() -> impl Iterator<Item = &'static str> {
+    Family::Policy.kinds().iter().map(|kind| kind.name.as_str())
+}
+
+/// A policy with small settings.
+fn chosen(policy: &str) -> Chosen {
+    let small = |chosen: Chosen, name: &str, value: u32| match chosen.settings.contains_key(name) {
+        true => chosen.with(Family::Policy, name, value).unwrap(),
+        false => chosen,
+    };
+    let smaller = [("segment_length", 3), ("chunk_length", 4), ("latent_size", 4)];
+    let chosen = Chosen::new(Family::Policy, policy).unwrap();
+    smaller.into_iter().fold(chosen, |chosen, (name, value)| small(chosen, name, value))
+}
 
 fn encoder(steps: u64) -> Vec<u8> {
     let data = toy::experts(4, 12);
@@ -35,28 +51,27 @@ fn kept(weight: f32) -> Vec<WeightedSegments> {
     }]
 }
 
-fn spec(policy: PolicyKind, steps: u64) -> TrainSpec {
-    let act = ActSpec { chunk_length: 4, latent_size: 4, ..ActSpec::default() };
-    TrainSpec { policy, model: toy::pretrain_spec(1).model, act, ..toy::train_spec(steps) }
+fn spec(policy: &str, steps: u64) -> TrainSpec {
+    TrainSpec { policy: chosen(policy), ..toy::train_spec(steps) }
 }
 
 /// A policy of `kind` before its first step.
-fn untrained(kind: PolicyKind, data: &[&Trajectory]) -> Box<dyn Method> {
+fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
     let (encoder, spec, shape) = (encoder(1), spec(kind, 1), toy::shape());
-    let start = Start { shape: &shape, encoder: Some(&encoder), data, spec: &spec, device: Device::Cpu };
-    let entry = entry(kind);
+    let from = PolicyInit { shape: &shape, encoder: Some(&encoder), data, spec: &spec, device: Device::Cpu };
+    let kind = find(kind).unwrap();
     let info = CheckpointInfo {
         format_version: FORMAT_VERSION,
         kind: CheckpointKind::Policy,
         step: 0,
         finished: false,
         shape: shape.clone(),
-        model: (entry.model)(&start).unwrap(),
-        policy: Some(kind),
-        act: Some(spec.act),
+        model: (kind.model)(&from).unwrap(),
+        policy: Some(kind.name.to_owned()),
+        settings: spec.policy.settings.clone(),
         spec: String::new(),
     };
-    (entry.begin)(&start, &info).unwrap()
+    (kind.init)(&from, &info).unwrap()
 }
 
 /// Runs `policy` on an unseen square: how far the hand is from it after `steps`.

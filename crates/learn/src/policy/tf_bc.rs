@@ -1,23 +1,34 @@
 //! The policy `tf_bc`: the transformer of `finetune` and its loss, but from scratch, its statistics
 //! measured on what it learns from. What pretraining is worth shows against it.
 
-use super::finetune::{self, CausalTransformer};
-use super::method::{Entry, Made, Start};
+use gleaner_core::kinds::Needs;
+use gleaner_core::{Group as _, ModelSpec};
+
+use super::finetune::{self, CausalTransformer, HistorySpec};
+use super::kind::{NewPolicy, PolicyInit, PolicyKind};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::model::{Network, Size};
 use crate::normalize::Statistics;
-use crate::spec::ModelSpec;
 
-pub(super) const ENTRY: Entry = Entry { model, begin, load: finetune::load };
+pub(super) const KIND: PolicyKind = PolicyKind {
+    name: "tf_bc",
+    title: "TF-BC",
+    about: "The transformer of finetune from scratch, without pretraining.",
+    needs: Needs { encoder: false, history: true, images: true, all_episodes: false },
+    settings: || [ModelSpec::schema(), HistorySpec::schema()].concat(),
+    model,
+    init,
+    load: finetune::load,
+};
 
-fn model(start: &Start<'_>) -> Result<ModelSpec, LearnError> {
-    Ok(start.spec.model)
+fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
+    Ok(from.chosen().read()?)
 }
 
-fn begin(start: &Start<'_>, info: &CheckpointInfo) -> Made {
+fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
     let target = Size::of(info.model.preset).target;
-    let statistics = Statistics::measure(start.shape, start.data, target, start.device);
-    let network = Network::new(start.shape, info.model, statistics, start.spec.seed, start.device);
-    Ok(Box::new(CausalTransformer(network)))
+    let statistics = Statistics::measure(from.shape, from.data, target, from.device);
+    let network = Network::new(from.shape, info.model, statistics, from.spec.run.seed, from.device);
+    Ok(Box::new(CausalTransformer { network, history: from.chosen().read()? }))
 }

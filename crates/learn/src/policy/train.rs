@@ -2,21 +2,23 @@
 //!
 //! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−q(τ) log P_θ′(a | τ)].
 
+use gleaner_core::TrainSpec;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
-use super::method::{Losses, Method, Seen, Start, entry};
+use super::kind::{Losses, PolicyInit, PolicyInput, PolicyModel};
+use super::list::find;
 use crate::batch::{Batch, Chunks, Segment, Segments, Windows, int};
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::random::{Purpose, generator};
-use crate::spec::{PolicyKind, TaskShape, TrainSpec};
+use crate::shape::{self, TaskShape};
 use crate::train::{Loss, Monitor, Resumed, Training};
 use crate::trajectory::{Trajectory, WeightedSegments};
 
-type Policy = Box<dyn Method>;
+type Policy = Box<dyn PolicyModel>;
 
 /// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and gives its checkpoint.
 /// `finetune` goes on from the pretrained `encoder`, and with nothing kept it is SSDF-base; the other
@@ -41,8 +43,7 @@ pub fn train_policy(
     monitor: &mut dyn Monitor,
 ) -> Result<Vec<u8>, LearnError> {
     shape.validate()?;
-    spec.validate()?;
-    spec.augmentation.fits(shape)?;
+    shape::augmentation_fits(&spec.augmentation, shape)?;
     if experts.is_empty() {
         return Err(LearnError::invalid("experts", "has no episode to learn from"));
     }
@@ -55,35 +56,35 @@ pub fn train_policy(
     guard(|| {
         let sources = Sources::new(shape, experts, kept, spec);
         let data = [sources.experts.data.as_slice(), &sources.kept.data].concat();
-        let device = device::open(spec.device, spec.threads)?;
-        let start = Start { shape, encoder, data: &data, spec, device };
-        let training = match begin(&start, resume)? {
+        let device = device::open(spec.run.device, spec.threads)?;
+        let from = PolicyInit { shape, encoder, data: &data, spec, device };
+        let training = match begin(&from, resume)? {
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,
         };
         let loss = |policy: &Policy, step| sources.loss(policy.as_ref(), spec, step);
-        training.run(&spec.optim, spec.checkpoint_every, &loss, monitor)
+        training.run(&spec.optim, spec.run.checkpoint_every, &loss, monitor)
     })
 }
 
-fn begin(start: &Start<'_>, resume: Option<&[u8]>) -> Result<Resumed<Policy>, LearnError> {
-    let spec = start.spec;
-    let entry = entry(spec.policy);
+fn begin(from: &PolicyInit<'_>, resume: Option<&[u8]>) -> Result<Resumed<Policy>, LearnError> {
+    let spec = from.spec;
+    let kind = find(&spec.policy.name)?;
     let info = CheckpointInfo {
         format_version: FORMAT_VERSION,
         kind: CheckpointKind::Policy,
         step: 0,
         finished: false,
-        shape: start.shape.clone(),
-        model: (entry.model)(start)?,
-        policy: Some(spec.policy),
-        act: (spec.policy == PolicyKind::Act).then_some(spec.act),
+        shape: from.shape.clone(),
+        model: (kind.model)(from)?,
+        policy: Some(kind.name.to_owned()),
+        settings: spec.policy.settings.clone(),
         spec: spec.identity(),
     };
     if let Some(bytes) = resume {
-        return Training::resume(bytes, &info, start.device);
+        return Training::resume(bytes, &info, from.device);
     }
-    Ok(Resumed::Unfinished(Box::new(Training::start((entry.begin)(start, &info)?, info))))
+    Ok(Resumed::Unfinished(Box::new(Training::start((kind.init)(from, &info)?, info))))
 }
 
 /// Episodes and which of their segments count.
@@ -122,8 +123,8 @@ impl<'a> Sources<'a> {
         }
     }
 
-    fn loss(&self, policy: &dyn Method, spec: &TrainSpec, step: u64) -> Loss {
-        let draw = |purposes| Draw { seed: spec.seed, step, purposes };
+    fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, step: u64) -> Loss {
+        let draw = |purposes| Draw { seed: spec.run.seed, step, purposes };
         let (expert, losses) = self.experts.loss(policy, spec, &draw(EXPERT));
         let mut parts = vec![("loss_expert", expert.double_value(&[]))];
         let of_expert = losses.parts.iter().map(|(name, each)| (*name, each.mean(None).double_value(&[])));
@@ -139,23 +140,23 @@ impl<'a> Sources<'a> {
 
 impl Source<'_> {
     /// Mean of weight · −log P over a batch drawn from here, and the losses it is made of.
-    fn loss(&self, policy: &dyn Method, spec: &TrainSpec, draw: &Draw) -> (Tensor, Losses) {
+    fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, draw: &Draw) -> (Tensor, Losses) {
         let [mut segments, mut images, mut noise] =
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.step));
         let drawn = self.segments.draw(&mut segments, spec.optim.batch, spec.optim.stretch);
         let (mut batch, wanted) = self.collect(policy, &drawn);
         batch.augment(&spec.augmentation, &mut images);
-        let hidden = hide_past(&batch.windows, spec.history_dropout, &mut noise);
+        let hidden = hide_past(&batch.windows, policy.history_dropout(), &mut noise);
         mean_loss(policy, batch, hidden, &wanted, &mut noise)
     }
 
     /// What `policy` sees of `drawn` segments, and what it should do.
-    pub(super) fn collect(&self, policy: &dyn Method, drawn: &[Segment]) -> (Batch, Chunks) {
-        let about = policy.about();
-        let batch = Batch::collect(about.shape, &self.data, drawn, about.window, about.device);
-        let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, about.chunk)));
+    pub(super) fn collect(&self, policy: &dyn PolicyModel, drawn: &[Segment]) -> (Batch, Chunks) {
+        let info = policy.info();
+        let batch = Batch::collect(info.shape, &self.data, drawn, info.window, info.device);
+        let runs = drawn.iter().map(|segment| (*segment, self.segments.run(segment, info.chunk)));
         let runs: Vec<(Segment, usize)> = runs.collect();
-        let wanted = Chunks::collect(about.shape, &self.data, &runs, about.chunk, about.device);
+        let wanted = Chunks::collect(info.shape, &self.data, &runs, info.chunk, info.device);
         (batch, wanted)
     }
 }
@@ -178,15 +179,15 @@ fn hide_past(windows: &Windows, dropout: f64, rng: &mut ChaCha8Rng) -> Option<Te
 
 /// Mean of weight · −log P over `batch`; each of its frames is encoded once.
 pub(super) fn mean_loss(
-    policy: &dyn Method,
+    policy: &dyn PolicyModel,
     batch: Batch,
     hidden: Option<Tensor>,
     wanted: &Chunks,
     noise: &mut ChaCha8Rng,
 ) -> (Tensor, Losses) {
     let Batch { images, proprioception, action, windows, weight, .. } = batch;
-    let seen = Seen { embedded: policy.embed_images(&images), proprioception, action, windows, hidden };
-    let losses = policy.losses(&seen, wanted, noise);
+    let input = PolicyInput { embedded: policy.embed_images(&images), proprioception, action, windows, hidden };
+    let losses = policy.losses(&input, wanted, noise);
     ((&losses.each * weight).mean(None), losses)
 }
 

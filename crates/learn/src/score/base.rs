@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet};
 use super::nearest::Match;
 use super::{EpisodeScores, ScoreBase};
 use crate::error::LearnError;
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
 /// What is known before the search begins.

@@ -6,17 +6,19 @@ use std::fmt;
 
 use tch::no_grad_guard;
 
+use super::comparison::{Comparison, Source};
 use super::features::{Features, episode_features, newest_features};
 use super::local::Neighbourhoods;
 use super::nearest::{Match, Reference};
 use super::normaliser::Normaliser;
 use super::run::sound;
 use super::similarity::Metric;
-use super::{EpisodeScores, Opened};
+use super::{EpisodeScores, Opened, scorer};
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout};
-use crate::spec::{ScoreSpec, Scorer, TaskShape, Yardstick};
+use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
+use gleaner_core::ScoreSpec;
 
 /// The score of one segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,7 +38,7 @@ pub struct SegmentScore {
 /// A finished run of [`score`](fn@crate::score), ready for more. `Send`: give it a thread of its own.
 pub struct LiveScorer {
     opened: Opened,
-    spec: ScoreSpec,
+    comparison: Comparison,
     reference: Reference,
     /// For every number that matches count in, the expert's place in the order given.
     places: Vec<u32>,
@@ -47,7 +49,7 @@ pub struct LiveScorer {
 
 impl fmt::Debug for LiveScorer {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("LiveScorer").field("spec", &self.spec).finish_non_exhaustive()
+        f.debug_struct("LiveScorer").field("comparison", &self.comparison).finish_non_exhaustive()
     }
 }
 
@@ -64,34 +66,33 @@ impl LiveScorer {
         spec: &ScoreSpec,
         normaliser: Normaliser,
     ) -> Result<Self, LearnError> {
-        spec.validate()?;
         normaliser.validate("normaliser")?;
-        if spec.scorer != Scorer::Ssdf {
-            let message = format!("is {}; only runs of ssdf score what is not stored", spec.scorer.as_str());
-            return Err(LearnError::invalid("scorer", message));
-        }
+        let scorer = scorer::open(&spec.scorer)?;
+        let compares_features = |found: &&Comparison| matches!(found.source, Source::Features(_));
+        let comparison = *scorer.comparison().filter(compares_features).ok_or_else(|| {
+            let message = format!("is {}; only runs that compare features can score live", spec.scorer.name);
+            LearnError::invalid("scorer", message)
+        })?;
         let mut ids = HashSet::new();
         if experts.is_empty() || !experts.iter().all(|expert| ids.insert(&expert.id)) {
             return Err(LearnError::invalid("experts", "must be at least one, each once"));
         }
         guard(|| {
             let _no_grad = no_grad_guard();
-            let opened = Opened::read(encoder, spec)?;
+            let opened = Opened::read(encoder, spec, Some(&comparison))?;
             let mut sorted: Vec<(u32, &Trajectory)> = (0..).zip(experts).collect();
             sorted.sort_by(|a, b| a.1.id.cmp(&b.1.id));
             let mut features = Vec::with_capacity(sorted.len());
             for (_, expert) in &sorted {
                 expert.validate(&opened.network.shape)?;
-                features.push(sound(episode_features(opened.encoder(), expert, spec), &expert.id)?);
+                features.push(sound(episode_features(opened.encoder(), expert, &comparison), &expert.id)?);
             }
+            let metric = Metric::new(comparison.similarity, comparison.scale);
             let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
-            let reference = Reference::new(&numbered, Metric::new(spec));
-            let local = match spec.yardstick {
-                Yardstick::Local => yardstick(&features, &reference, spec)?,
-                Yardstick::None => None,
-            };
+            let reference = Reference::new(&numbered, metric);
+            let local = if comparison.local_scale { local_scale(&features, &reference, metric)? } else { None };
             let places = sorted.into_iter().map(|(place, _)| place).collect();
-            Ok(Self { opened, spec: spec.clone(), reference, places, local, normaliser })
+            Ok(Self { opened, comparison, reference, places, local, normaliser })
         })
     }
 
@@ -133,7 +134,7 @@ impl LiveScorer {
         guard(|| {
             let _no_grad = no_grad_guard();
             let stacked = self.layout().stack(histories);
-            let features = newest_features(self.opened.encoder(), &stacked, &self.spec);
+            let features = newest_features(self.opened.encoder(), &stacked, &self.comparison);
             self.judge(&sound(features, "now running")?)
         })
     }
@@ -146,7 +147,7 @@ impl LiveScorer {
         episode.validate(&self.opened.network.shape)?;
         guard(|| {
             let _no_grad = no_grad_guard();
-            let features = episode_features(self.opened.encoder(), episode, &self.spec);
+            let features = episode_features(self.opened.encoder(), episode, &self.comparison);
             let scores = self.judge(&sound(features, &episode.id)?)?;
             Ok(EpisodeScores {
                 id: episode.id.clone(),
@@ -190,10 +191,10 @@ impl LiveScorer {
 }
 
 /// How near experts are to one another around each of their segments; `None` if there is only one.
-fn yardstick(
+fn local_scale(
     experts: &[Features],
     reference: &Reference,
-    spec: &ScoreSpec,
+    metric: Metric,
 ) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
     let alone = |(number, features): (u32, &Features)| {
         let matches = reference.nearest(features, Some(number))?;
@@ -201,7 +202,7 @@ fn yardstick(
     };
     let Some(alone) = (0..).zip(experts).map(alone).collect::<Option<Vec<_>>>() else { return Ok(None) };
     let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-    Neighbourhoods::new(experts, Metric::new(spec)).means(&alone, || Ok(())).map(Some)
+    Neighbourhoods::new(experts, metric).means(&alone, || Ok(())).map(Some)
 }
 
 #[cfg(test)]

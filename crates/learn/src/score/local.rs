@@ -127,7 +127,7 @@ fn mean(places: &[i64], distances: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::ScoreSpec;
+    use crate::score::comparison::Similarity;
 
     /// Experts on a line: dense near 0, sparse near 100.
     fn line() -> Vec<Features> {
@@ -153,7 +153,8 @@ mod tests {
         let experts = line();
         let alone = alone(&experts);
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-        let means = Neighbourhoods::new(&experts, Metric::new(&ScoreSpec::default())).means(&alone, || Ok(())).unwrap();
+        let means =
+            Neighbourhoods::new(&experts, Metric::new(Similarity::LastL2, [1.0; 3])).means(&alone, || Ok(())).unwrap();
         for expert in &means {
             let (dense, sparse) = expert.split_at(8);
             let (longest, shortest) =
@@ -167,7 +168,8 @@ mod tests {
         let twice = vec![line()[0].clone(), line()[0].clone(), line()[2].clone()];
         let alone = alone(&twice);
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-        let means = Neighbourhoods::new(&twice, Metric::new(&ScoreSpec::default())).means(&alone, || Ok(())).unwrap();
+        let means =
+            Neighbourhoods::new(&twice, Metric::new(Similarity::LastL2, [1.0; 3])).means(&alone, || Ok(())).unwrap();
         assert!(means.iter().flatten().all(|mean| *mean > 0.0));
     }
 
@@ -176,7 +178,7 @@ mod tests {
         let experts = line();
         let alone = alone(&experts);
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-        let stopped = Neighbourhoods::new(&experts, Metric::new(&ScoreSpec::default()))
+        let stopped = Neighbourhoods::new(&experts, Metric::new(Similarity::LastL2, [1.0; 3]))
             .means(&alone, || Err(LearnError::Cancelled));
         assert!(matches!(stopped, Err(LearnError::Cancelled)));
     }

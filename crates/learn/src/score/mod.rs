@@ -6,16 +6,19 @@
 
 mod base;
 mod classifier;
+mod comparison;
 mod features;
 mod live;
 mod local;
 mod nearest;
 mod normaliser;
 mod run;
+pub(crate) mod scorer;
 mod similarity;
 
-pub use features::{FeatureStore, Features, Forgetful};
-pub(crate) use features::{last_steps, view};
+pub use comparison::{FeatureScale, Similarity};
+pub(crate) use features::last_steps;
+pub use features::{FeatureStore, Features, Forgetful, features_kind};
 pub use live::{LiveScorer, SegmentScore};
 pub use nearest::{Match, Reference};
 pub use normaliser::Normaliser;
@@ -30,12 +33,15 @@ use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::{Network, View};
 use crate::normalize::FeatureScale as Scale;
-use crate::spec::{FeatureScale, PretrainSpec, ScoreSpec, Scorer, Yardstick};
+use crate::objective::features_view;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use base::Known;
+use comparison::{Comparison, Source};
 use features::Encoder;
+use gleaner_core::{PretrainSpec, ScoreSpec};
 use run::{Found, Progress, Run, count};
+use scorer::Scorer;
 
 /// The scores of one episode's segments; place t is the segment that ends at step t.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,7 +93,7 @@ pub struct ScoreInputs<'a> {
     pub experts: &'a [Trajectory],
     /// D_i.
     pub imperfect: &'a [Trajectory],
-    /// Features of these episodes under this encoder and [`ScoreSpec::features_kind`]: what it has is not encoded again.
+    /// Features of these episodes under this encoder and [`features_kind`]: what it has is not encoded again.
     pub kept: &'a dyn FeatureStore,
 }
 
@@ -103,13 +109,13 @@ pub struct ScoreInputs<'a> {
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for
 /// an encoder that cannot be used, [`LearnError::Cancelled`], and what the tensor library may give.
 pub fn score(inputs: ScoreInputs<'_>, spec: &ScoreSpec, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
-    Call { inputs, spec }.run(None, monitor)
+    Call { inputs, spec, scorer: scorer::open(&spec.scorer)? }.run(None, monitor)
 }
 
 /// Goes on from an earlier run of the same encoder and settings with more experts, more imperfect
 /// episodes, or both. Episodes the earlier run scored are compared only with the experts it did not
 /// have, and not even encoded if there are none. The result is bit for bit what [`score`] gives
-/// for the same episodes under the earlier run's normaliser. The yardstick is measured on the experts
+/// for the same episodes under the earlier run's normaliser. The local scale is measured on the experts
 /// there are, so with new experts q may change where w does not.
 ///
 /// # Errors
@@ -121,15 +127,17 @@ pub fn extend_scores(
     spec: &ScoreSpec,
     monitor: &mut dyn Monitor,
 ) -> Result<Scores, LearnError> {
-    if spec.scorer == Scorer::Classifier {
-        let message = "is classifier, whose every score depends on all episodes; score anew instead of extending";
+    let scorer = scorer::open(&spec.scorer)?;
+    let Some(comparison) = scorer.comparison() else {
+        let name = &spec.scorer.name;
+        let message = format!("is {name}, whose every score depends on all episodes; score anew instead of extending");
         return Err(LearnError::invalid("scorer", message));
-    }
-    if spec.yardstick == Yardstick::Local && base.experts.len() == 1 {
-        let message = "is one alone, so its run had no yardstick that the normaliser could go with; score anew";
+    };
+    if comparison.local_scale && base.experts.len() == 1 {
+        let message = "is one alone, so its run had no local scale that its normaliser was fitted to; score anew";
         return Err(LearnError::invalid("base.experts", message));
     }
-    Call { inputs, spec }.run(Some(base), monitor)
+    Call { inputs, spec, scorer }.run(Some(base), monitor)
 }
 
 /// A pretrained encoder, opened.
@@ -140,17 +148,17 @@ struct Opened {
 }
 
 impl Opened {
-    fn read(encoder: &[u8], spec: &ScoreSpec) -> Result<Self, LearnError> {
+    fn read(encoder: &[u8], spec: &ScoreSpec, comparison: Option<&Comparison>) -> Result<Self, LearnError> {
         let device = device::open(spec.device, spec.threads)?;
         let (info, named) = checkpoint::read(encoder, CheckpointKind::Encoder)?;
         let network = Network::from_named(&info.shape, info.model, &named, device)?;
-        let scale = match (spec.scorer, spec.feature_scale) {
-            (Scorer::Ssdf, FeatureScale::Whitened) => Some(Scale::from_named(&named, network.width(), device)?),
-            (Scorer::Ssdf, FeatureScale::Plain) | (Scorer::Raw | Scorer::Classifier, _) => None,
+        let scale = match comparison.map(|comparison| comparison.source) {
+            Some(Source::Features(FeatureScale::Whitened)) => Some(Scale::from_named(&named, network.width(), device)?),
+            Some(Source::Features(FeatureScale::Plain) | Source::Observations) | None => None,
         };
         let made = serde_json::from_str::<PretrainSpec>(&info.spec);
         let made = made.map_err(|error| LearnError::Checkpoint(format!("its settings: {error}")))?;
-        Ok(Self { network, scale, view: features::view(&made.objectives) })
+        Ok(Self { network, scale, view: features_view(&made.objectives) })
     }
 
     fn encoder(&self) -> Encoder<'_> {
@@ -162,22 +170,23 @@ impl Opened {
 struct Call<'a> {
     inputs: ScoreInputs<'a>,
     spec: &'a ScoreSpec,
+    scorer: Scorer,
 }
 
 impl Call<'_> {
     fn run(&self, base: Option<&ScoreBase>, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
         self.validate()?;
         guard(|| {
-            let opened = Opened::read(self.inputs.encoder, self.spec)?;
+            let opened = Opened::read(self.inputs.encoder, self.spec, self.scorer.comparison())?;
             let network = &opened.network;
             for trajectory in self.inputs.experts.iter().chain(self.inputs.imperfect) {
                 trajectory.validate(&network.shape)?;
             }
-            let Found { mut imperfect, mut experts, local } = match self.spec.scorer {
-                Scorer::Ssdf | Scorer::Raw => self.by_nearest(opened.encoder(), base, monitor)?,
-                Scorer::Classifier => {
+            let Found { mut imperfect, mut experts, local } = match &self.scorer {
+                Scorer::Nearest(comparison) => self.by_nearest(opened.encoder(), comparison, base, monitor)?,
+                Scorer::Trained(scores) => {
                     let episodes = (self.inputs.experts, self.inputs.imperfect);
-                    let (imperfect, experts) = classifier::scores(network, episodes, self.spec.seed, monitor)?;
+                    let (imperfect, experts) = scores(network, episodes, monitor)?;
                     Found { imperfect, experts, local: None }
                 }
             };
@@ -193,7 +202,6 @@ impl Call<'_> {
     }
 
     fn validate(&self) -> Result<(), LearnError> {
-        self.spec.validate()?;
         for (field, episodes) in [("experts", self.inputs.experts), ("imperfect", self.inputs.imperfect)] {
             if episodes.is_empty() {
                 return Err(LearnError::invalid(field, "has no episode to score with"));
@@ -211,6 +219,7 @@ impl Call<'_> {
     fn by_nearest(
         &self,
         encoder: Encoder<'_>,
+        comparison: &Comparison,
         base: Option<&ScoreBase>,
         monitor: &mut dyn Monitor,
     ) -> Result<Found, LearnError> {
@@ -226,9 +235,9 @@ impl Call<'_> {
             None => Known::default(),
         };
         let progress = Progress::new(monitor, total);
-        let kept = self.spec.features_kind().map(|_| kept);
-        let (spec, experts, places, known) = (self.spec, &experts, &places, &known);
-        let run = Run { encoder, spec, experts, places, known, kept, progress };
+        let kept = features_kind(self.spec)?.map(|_| kept);
+        let (experts, places, known) = (&experts, &places, &known);
+        let run = Run { encoder, comparison, experts, places, known, kept, progress };
         let Found { imperfect, experts, local } = run.scores(imperfect)?;
         Ok(Found { imperfect, experts: placed(places, experts), local: local.map(|all| placed(places, all)) })
     }

@@ -1,7 +1,7 @@
 //! Similarities to quality scores.
 
 use crate::error::LearnError;
-use crate::spec::NormaliserKind;
+use gleaner_core::NormaliserKind;
 
 /// Quantiles kept: evenly spaced from the smallest to the largest similarity.
 const QUANTILES: usize = 1001;

@@ -4,13 +4,13 @@ use std::time::Instant;
 
 use super::EpisodeScores;
 use super::base::Known;
+use super::comparison::Comparison;
 use super::features::{Encoder, FeatureStore, Features, episode_features, widths};
 use super::local::Neighbourhoods;
 use super::nearest::{Match, Reference};
 use super::similarity::Metric;
 use crate::error::LearnError;
 use crate::model::Network;
-use crate::spec::{ScoreSpec, Yardstick};
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
@@ -56,7 +56,7 @@ pub(super) fn sound(features: Features, of: &str) -> Result<Features, LearnError
 /// A run under way.
 pub(super) struct Run<'a> {
     pub(super) encoder: Encoder<'a>,
-    pub(super) spec: &'a ScoreSpec,
+    pub(super) comparison: &'a Comparison,
     /// In the order of their numbers.
     pub(super) experts: &'a [&'a Trajectory],
     /// For every number, the expert's place in the order given.
@@ -92,7 +92,7 @@ impl Run<'_> {
         let had = self.known.had();
         let news = self.places.len() > had.len();
         let known = |episode: &Trajectory| self.known.matches(&episode.id).is_some();
-        let plain = self.spec.yardstick == Yardstick::None;
+        let plain = !self.comparison.local_scale;
         if plain
             && !news
             && imperfect.iter().all(known)
@@ -105,7 +105,7 @@ impl Run<'_> {
         for expert in self.experts {
             features.push(self.features(expert)?);
         }
-        let metric = Metric::new(self.spec);
+        let metric = Metric::new(self.comparison.similarity, self.comparison.scale);
         let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
         let new: Vec<(u32, &Features)> = numbered.iter().filter(|(number, _)| !had.contains(number)).copied().collect();
         let references = References {
@@ -205,11 +205,11 @@ impl Run<'_> {
     fn kept_features(&self, trajectory: &Trajectory) -> Option<Features> {
         let network = self.encoder.network;
         let bytes = self.kept?.get(&trajectory.id)?;
-        Features::from_bytes(&bytes, trajectory.steps(&network.shape), widths(network, self.spec))
+        Features::from_bytes(&bytes, trajectory.steps(&network.shape), widths(network, self.comparison))
     }
 
     fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
-        let features = sound(episode_features(self.encoder, trajectory, self.spec), &trajectory.id)?;
+        let features = sound(episode_features(self.encoder, trajectory, self.comparison), &trajectory.id)?;
         if let (Some(kept), Ok(bytes)) = (self.kept, features.to_bytes()) {
             kept.put(&trajectory.id, &bytes);
         }

@@ -3,8 +3,8 @@
 //! `last_*` and `segment_*` differ in the features, not here: z of the last step, or of all the
 //! segment's steps one after the other. Similarities are kept as distances, their negatives.
 
+use super::comparison::Similarity;
 use super::features::Features;
-use crate::spec::{ScoreSpec, Similarity};
 
 /// What a modality's distance is made of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,13 +26,13 @@ pub struct Metric {
 }
 
 impl Metric {
-    /// The one `spec` asks for.
-    pub fn new(spec: &ScoreSpec) -> Self {
-        let kind = match spec.similarity {
+    /// With factors of the distances of o, m and a.
+    pub fn new(similarity: Similarity, scale: [f64; 3]) -> Self {
+        let kind = match similarity {
             Similarity::LastL2 | Similarity::SegmentL2 => Kind::Euclidean,
             Similarity::LastCosine | Similarity::SegmentCosine => Kind::Angular,
         };
-        Self { kind, scale: spec.scale() }
+        Self { kind, scale }
     }
 
     /// Distances of o, m and a between row `i` of `a` and row `j` of `b`.
@@ -87,7 +87,7 @@ mod tests {
     }
 
     fn parts(similarity: Similarity, a: &Features, b: &Features) -> [f64; 3] {
-        let metric = Metric::new(&ScoreSpec { similarity, ..ScoreSpec::default() });
+        let metric = Metric::new(similarity, [1.0; 3]);
         assert_eq!(metric.parts((a, 0), (b, 0)), metric.parts((b, 0), (a, 0)));
         metric.parts((a, 0), (b, 0))
     }
@@ -96,7 +96,7 @@ mod tests {
     fn euclidean_parts_are_the_distances_of_each_modality() {
         let (a, b) = (features([1.0, 1.0], [0.0, 2.0], [5.0]), features([4.0, 5.0], [0.0, 2.0], [3.0]));
         assert_eq!(parts(Similarity::LastL2, &a, &b), [5.0, 0.0, 2.0]);
-        let metric = Metric::new(&ScoreSpec { modality_scale: Some([2.0, 1.0, 0.5]), ..ScoreSpec::default() });
+        let metric = Metric::new(Similarity::LastL2, [2.0, 1.0, 0.5]);
         assert_eq!(metric.distance([5.0, 0.0, 2.0]), 11.0);
     }
 

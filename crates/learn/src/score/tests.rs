@@ -4,12 +4,17 @@ use std::sync::OnceLock;
 
 use super::*;
 use crate::pretrain::pretrain;
-use crate::spec::{NormaliserKind, Similarity, Yardstick};
 use crate::toy;
 use crate::train::Silent;
+use gleaner_core::{NormaliserKind, Words as _};
 
-const SIMILARITIES: [Similarity; 4] =
-    [Similarity::LastL2, Similarity::LastCosine, Similarity::SegmentL2, Similarity::SegmentCosine];
+/// A score run's settings: a scorer with some settings changed.
+pub(super) fn spec_of(scorer: &str, changed: &[(&str, serde_json::Value)]) -> ScoreSpec {
+    let mut values = gleaner_core::Values::new();
+    values.insert("scorer".to_owned(), scorer.into());
+    values.extend(changed.iter().map(|(name, value)| ((*name).to_owned(), value.clone())));
+    ScoreSpec::from_values(&values).unwrap()
+}
 
 /// An encoder of the toy task.
 pub(super) fn encoder() -> Vec<u8> {
@@ -20,8 +25,11 @@ pub(super) fn encoder() -> Vec<u8> {
 
 /// Every way to compare: scorer, similarity.
 fn specs() -> Vec<ScoreSpec> {
-    let of = |scorer| SIMILARITIES.map(|similarity| ScoreSpec { scorer, similarity, ..ScoreSpec::default() });
-    [Scorer::Ssdf, Scorer::Raw].into_iter().flat_map(of).collect()
+    let similarities = Similarity::ALL.iter().map(|word| word.value.as_str());
+    let of = |scorer: &'static str| {
+        similarities.clone().map(move |similarity| spec_of(scorer, &[("similarity", similarity.into())]))
+    };
+    ["ssdf", "raw"].into_iter().flat_map(of).collect()
 }
 
 /// Some of them, each scorer and each kind of similarity among them.
@@ -57,7 +65,7 @@ fn a_copy_of_an_expert_scores_best_and_the_match_is_told() {
             assert_eq!(lucky.w, vec![0.0; 12], "{spec:?}");
             assert!(lucky.w.iter().all(|w| w.is_sign_positive()));
             assert_eq!(lucky.q, vec![1.0; 12]);
-            if spec.scorer == Scorer::Ssdf {
+            if spec.scorer.name == "ssdf" {
                 assert_eq!(lucky.match_episode, vec![2; 12]);
                 assert_eq!(lucky.match_step, (0..12).collect::<Vec<u32>>());
             }
@@ -138,9 +146,9 @@ fn bad_input_is_named() {
 #[test]
 fn a_cancelled_run_stops() {
     let experts = toy::experts(2, 8);
-    for scorer in [Scorer::Ssdf, Scorer::Classifier] {
+    for scorer in ["ssdf", "classifier"] {
         let mut monitor = toy::Recorder { stop_after: Some(1), ..Default::default() };
-        let spec = ScoreSpec { scorer, ..ScoreSpec::default() };
+        let spec = spec_of(scorer, &[]);
         let result = score_anew(&experts, &experts, &spec, &mut monitor);
         assert!(matches!(result, Err(LearnError::Cancelled)));
         assert_eq!(monitor.losses.len(), 1);

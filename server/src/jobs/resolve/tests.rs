@@ -1,6 +1,7 @@
 //! Orders of every kind as the queue takes them: keys, extensions, policies from scratch, evaluations.
 
-use gleaner_learn::{NormaliserKind, PretrainSpec, ScoreSpec, Scorer, Similarity, TrainSpec};
+use gleaner_core::{Chosen, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
+use serde_json::json;
 
 use super::*;
 use crate::{
@@ -16,12 +17,19 @@ use crate::{
 };
 
 fn pretrain(seed: u64) -> JobOrder {
-    let spec = PretrainSpec { seed, ..PretrainSpec::default() };
+    let mut spec = PretrainSpec::default();
+    spec.run.seed = seed;
     JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec }
 }
 
+/// The settings of a scoring: a scorer with some settings changed.
+fn scoring(settings: serde_json::Value) -> ScoreSpec {
+    ScoreSpec::from_values(settings.as_object().unwrap()).unwrap()
+}
+
 fn scratch(data: TrainData) -> JobOrder {
-    JobOrder::Train { data, spec: TrainSpec { policy: PolicyKind::Bc, ..TrainSpec::default() } }
+    let policy = Chosen::new(Family::Policy, "bc").unwrap();
+    JobOrder::Train { data, spec: TrainSpec { policy, ..TrainSpec::default() } }
 }
 
 fn evaluate(subject: Subject, simulation: &str) -> JobOrder {
@@ -30,7 +38,7 @@ fn evaluate(subject: Subject, simulation: &str) -> JobOrder {
         episodes: 2,
         seeds: vec![0, 1],
         max_steps: 5,
-        device: gleaner_learn::Device::Cpu,
+        device: gleaner_core::Device::Cpu,
     };
     JobOrder::Evaluate { subject, spec }
 }
@@ -81,15 +89,14 @@ fn extend(run: &ScoreRun, snapshot_id: Option<SnapshotId>, spec: ScoreSpec) -> J
 #[tokio::test]
 async fn an_extension_has_the_settings_of_its_base() {
     let bench = Bench::new().await;
-    let frozen =
-        ScoreSpec { similarity: Similarity::SegmentL2, normaliser: NormaliserKind::Quantile, ..ScoreSpec::default() };
-    let base = run(&bench, frozen).await;
+    let frozen = scoring(json!({"similarity": "segment_l2", "normaliser": "quantile"}));
+    let base = run(&bench, frozen.clone()).await;
     testing::episode(&bench.store, &bench.task, crate::domain::episode::Outcome::Success, "").await;
     let grown = bench.store.create_snapshot(&bench.task.id, &RoleRule::default()).await.unwrap().id;
     let job = submit(&bench, extend(&base, Some(grown.clone()), ScoreSpec::default())).await.unwrap();
     let JobSpec::Score { encoder_id, snapshot_id, extends, spec } = &job.spec else { panic!("not score") };
     assert_eq!((encoder_id, snapshot_id, extends.as_ref()), (&base.encoder_id, &grown, Some(&base.id)));
-    assert_eq!((spec.similarity, spec.normaliser), (Similarity::SegmentL2, NormaliserKind::Quantile));
+    assert_eq!(*spec, frozen);
 
     let inputs = bench.jobs.inputs(&job).await.unwrap();
     let FrozenRun { lo, hi, quantiles, expert_ids } = inputs.base.unwrap();
@@ -102,10 +109,10 @@ async fn an_extension_that_cannot_be_is_refused() {
     let bench = Bench::new().await;
     let base = run(&bench, ScoreSpec::default()).await;
     let refused = async |order| submit(&bench, order).await.unwrap_err();
-    let cosine = ScoreSpec { similarity: Similarity::LastCosine, ..ScoreSpec::default() };
+    let cosine = scoring(json!({"similarity": "last_cosine"}));
     let error = refused(extend(&base, None, cosine)).await;
-    assert!(error.message().starts_with("spec.score.similarity: "), "{error}");
-    let classifier = ScoreSpec { scorer: Scorer::Classifier, ..ScoreSpec::default() };
+    assert!(error.message().starts_with("spec.score.settings.similarity: "), "{error}");
+    let classifier = scoring(json!({"scorer": "classifier"}));
     let error = refused(extend(&base, None, classifier)).await;
     assert!(error.message().starts_with("spec.score.extends: "), "{error}");
     let other = JobOrder::Score {
@@ -162,7 +169,7 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     let policy = results::policy(&bench.store, &bench.task, &encoder, blake3::hash(b"policy").into()).await;
     for simulation in ["", "stack_cube", "juggle"] {
         let error = submit(&bench, evaluate(Subject::Policy(policy.id.clone()), simulation)).await.unwrap_err();
-        assert!(error.message().starts_with("spec.evaluate.simulation: "), "{error}");
+        assert!(error.message().starts_with("spec.evaluate.settings.simulation: "), "{error}");
     }
 
     let spec = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &gleaner_sim::SimConfig::default());

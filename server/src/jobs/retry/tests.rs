@@ -1,12 +1,11 @@
 //! Retries on a queue without workers.
 
-use gleaner_learn::{Device, PretrainSpec, TrainSpec};
+use gleaner_core::{Device, EvaluateSpec, PretrainSpec, TrainSpec};
 
 use super::*;
 use crate::{
     domain::{
         attempt::AttemptEnd,
-        evaluation::EvaluateSpec,
         job::JobSpec,
         order::{JobFilter, JobOrder, Queueing, Subject, TrainData},
         schedule::PipelineSpec,
@@ -32,7 +31,8 @@ fn pipeline() -> PipelineSpec {
 }
 
 fn pretrain(seed: u64) -> JobOrder {
-    let spec = PretrainSpec { seed, ..PretrainSpec::default() };
+    let mut spec = PretrainSpec::default();
+    spec.run.seed = seed;
     JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec }
 }
 

@@ -1,6 +1,6 @@
 //! Schedules start when due, once, and say why they could not.
 
-use gleaner_learn::{PretrainSpec, TrainSpec};
+use gleaner_core::{PretrainSpec, TrainSpec};
 
 use super::*;
 use crate::{

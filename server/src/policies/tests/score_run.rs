@@ -15,7 +15,10 @@ async fn a_run_that_cannot_score_a_deployment_leaves_it_as_it_was() {
     testing::episode(&lab.store, &other, Outcome::Failure, "").await;
     let foreign = results::encoder(&lab.store, &other).await;
     let foreign = results::run(&lab.store, &other, &foreign, &[]).await.id;
-    let raw = gleaner_learn::ScoreSpec { scorer: gleaner_learn::Scorer::Raw, ..Default::default() };
+    let raw = gleaner_core::ScoreSpec {
+        scorer: gleaner_core::Chosen::new(gleaner_core::kinds::Family::Scorer, "raw").unwrap(),
+        ..Default::default()
+    };
     let raw = results::run_of(&lab.store, &lab.task, &lab.encoder, raw, &[]).await.id;
     let (_, unfinished) = results::scoring(&lab.store, &lab.task, &lab.encoder).await;
 

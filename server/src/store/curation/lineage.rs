@@ -74,7 +74,7 @@ mod tests {
             encoder_id: Some(encoder.id.clone()),
             snapshot_id: encoder.snapshot_id.clone(),
             dataset_id: Some(dataset.id.clone()),
-            spec: gleaner_learn::TrainSpec::default(),
+            spec: gleaner_core::TrainSpec::default(),
         };
         let training = results::job(&store, &task, spec, "pol_later").await;
         let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;

@@ -1,6 +1,6 @@
 //! Counting labels, moving on, pausing.
 
-use gleaner_learn::PretrainSpec;
+use gleaner_core::PretrainSpec;
 
 use super::*;
 use crate::{

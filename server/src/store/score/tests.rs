@@ -29,12 +29,12 @@ async fn scores_come_back_as_they_went() {
     assert_eq!(store.episode_scores(&run.id, &expert.id).await.unwrap(), all[1]);
     let read = store.score_run(&run.id).await.unwrap();
     assert_eq!(read.expert_ids, [expert.id]);
-    assert_eq!((read.modality_scale, read.quantiles), (run.modality_scale, run.quantiles.clone()));
+    assert_eq!((&read.spec, &read.quantiles), (&run.spec, &run.quantiles));
     let counts = store.run_counts(&run).await.unwrap();
     let expected = RunCounts { imperfect_episodes: 1, imperfect_segments: 3, expert_segments: 20 };
     assert_eq!(counts, expected);
     let segment_length = store.segment_length(&encoder.id).await.unwrap();
-    assert_eq!(segment_length, gleaner_learn::PretrainSpec::default().model.segment_length);
+    assert_eq!(segment_length, gleaner_core::PretrainSpec::default().model.segment_length);
     let stranger = EpisodeId::new();
     assert_eq!(store.episode_scores(&run.id, &stranger).await.unwrap_err().kind(), Kind::NotFound);
 }

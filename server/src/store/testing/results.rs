@@ -1,6 +1,6 @@
 //! Results of jobs as fixtures: rows as if a worker had made them.
 
-use gleaner_learn::{PretrainSpec, ScoreSpec, TrainSpec};
+use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::super::{Store, encoder as encoders, policy as policies, score};
 use crate::domain::{
@@ -92,7 +92,7 @@ pub(crate) async fn run_of(
     spec: ScoreSpec,
     scores: &[EpisodeScores],
 ) -> ScoreRun {
-    let (job_id, id) = scoring_with(store, task, encoder, spec).await;
+    let (job_id, id) = scoring_with(store, task, encoder, spec.clone()).await;
     let (_, members) = store.snapshot(&encoder.snapshot_id).await.unwrap();
     let experts = members.into_iter().filter(|member| member.role == Role::Expert);
     let run = ScoreRun {
@@ -101,12 +101,7 @@ pub(crate) async fn run_of(
         job_id,
         encoder_id: encoder.id.clone(),
         snapshot_id: encoder.snapshot_id.clone(),
-        scorer: "ssdf".into(),
-        similarity: "last_l2".into(),
-        feature_scale: "whitened".into(),
-        yardstick: "local".into(),
-        modality_scale: Some([1.0, 0.5, 1.0]),
-        normaliser: "minmax".into(),
+        spec,
         lo: -2.0,
         hi: -0.25,
         quantiles: vec![-2.0, -0.25],

@@ -73,7 +73,7 @@ fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
 
 /// A run as a list names it.
 pub(in crate::web) fn said(run: &ScoreRun) -> String {
-    format!("{} UTC · {} · {}", say::time(run.created_at), run.scorer, link::short(run.id.as_str()))
+    format!("{} UTC · {} · {}", say::time(run.created_at), run.spec.scorer.name, link::short(run.id.as_str()))
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use axum::http::{
     StatusCode,
     header::{CONTENT_TYPE, LOCATION},
 };
-use gleaner_learn::PretrainSpec;
+use gleaner_core::PretrainSpec;
 use serde_json::Value;
 
 use crate::{

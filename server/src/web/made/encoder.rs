@@ -1,7 +1,7 @@
 //! One encoder: how it was pretrained, on what, and what was made with it.
 
 use axum::{extract::Path, response::IntoResponse as _};
-use gleaner_learn::{Objective, Preset, PretrainSpec};
+use gleaner_core::{PretrainSpec, Words as _, kinds::Family};
 use maud::{Markup, html};
 
 use super::{episodes, link, of_job};
@@ -26,7 +26,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     let snapshot = store.frozen(&encoder.snapshot_id).await?;
     let body = html! {
         h1 { "Encoder " (link::tail(encoder.id.as_str())) }
-        p.lead { (preset(spec.model.preset)) ", pretrained for " (say::counted(spec.optim.steps, "step")) " on all episodes of a snapshot of "
+        p.lead { (spec.model.preset.as_str()) ", pretrained for " (say::counted(spec.optim.steps, "step")) " on all episodes of a snapshot of "
             (task.spec.name) ", " (say::time(encoder.created_at)) " UTC" }
         h2 { "Lineage" }
         (of_job(store, &job).await?)
@@ -38,12 +38,12 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
 }
 
 fn facts(encoder: &Encoder, spec: &PretrainSpec, snapshot: &Snapshot) -> Markup {
-    let objectives: Vec<&str> = spec.objectives.iter().copied().map(objective).collect();
+    let objectives: Vec<String> = spec.objectives.iter().map(objective).collect();
     html! {
         dl.facts.panel {
             dt { "Encoder" } dd.id { (encoder.id) }
             dt { "Objectives" } dd { (objectives.join(", ")) }
-            dt { "Preset" } dd { (preset(spec.model.preset)) }
+            dt { "Preset" } dd { (spec.model.preset.as_str()) }
             dt { "Segments" } dd { (say::counted(u64::from(spec.model.segment_length) + 1, "step")) }
             dt { "Steps" } dd { (say::count(spec.optim.steps)) }
             dt { "Episodes" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
@@ -53,18 +53,8 @@ fn facts(encoder: &Encoder, spec: &PretrainSpec, snapshot: &Snapshot) -> Markup 
     }
 }
 
-fn objective(objective: Objective) -> &'static str {
-    match objective {
-        Objective::Mtp => "masked transition prediction",
-        Objective::Tr => "transition reconstruction",
-        Objective::Aa => "action autoregression",
-    }
-}
-
-fn preset(preset: Preset) -> &'static str {
-    match preset {
-        Preset::Tiny => "tiny",
-        Preset::Small => "small",
-        Preset::Base => "base",
-    }
+/// The objective's name in full, as its description begins.
+fn objective(name: &String) -> String {
+    let full = Family::Objective.find(name).and_then(|kind| kind.about.split_once(':'));
+    full.map_or_else(|| name.clone(), |(full, _)| full.to_lowercase())
 }

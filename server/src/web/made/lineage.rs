@@ -138,11 +138,9 @@ fn of_result(job: &Job) -> Card {
     let own = link::page(&job.result_id).filter(|_| job.state == JobState::Succeeded).or_else(|| made_by.clone());
     let (stage, to, says) = match &job.spec {
         JobSpec::Pretrain { spec, .. } => (Stage::Encoder, own, say::counted(spec.optim.steps, "step")),
-        JobSpec::Score { spec, .. } => {
-            (Stage::Scores, own, format!("{}, {}", spec.scorer.as_str(), spec.similarity.as_str()))
-        }
+        JobSpec::Score { spec, .. } => (Stage::Scores, own, spec.scorer.name.clone()),
         JobSpec::Train { spec, .. } => {
-            let says = format!("{}, {}", spec.policy.as_str(), say::counted(spec.optim.steps, "step"));
+            let says = format!("{}, {}", spec.policy.name, say::counted(spec.optim.steps, "step"));
             (Stage::Policy, own, says)
         }
         JobSpec::Export { .. } => (Stage::Use, made_by, "export".to_owned()),

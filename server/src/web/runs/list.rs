@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 
 use axum::{extract::Path, response::IntoResponse as _};
+use gleaner_core::Words as _;
 use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::json;
@@ -147,8 +148,8 @@ impl Made {
             td.when { (say::time(run.created_at)) }
             td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.expert_episodes)) } }
             td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.imperfect_episodes)) } }
-            td.when { (run.scorer) span.soft { ", " (run.similarity) } }
-            td { (run.normaliser) }
+            td.when { (run.spec.scorer.name) }
+            td { (run.spec.normaliser.as_str()) }
             td { (link::brief(run.encoder_id.as_str(), Some(&format!("/encoders/{}", run.encoder_id)))) }
             td { @for dataset in self.datasets_of(run) {
                 a.tag.kept href=(format!("/datasets/{}", dataset.id)) { (link::selection(dataset.selection)) } " "
@@ -185,9 +186,9 @@ impl Made {
                 json!(run.snapshot_id),
                 json!(snapshot.map(|snapshot| snapshot.expert_episodes)),
                 json!(snapshot.map(|snapshot| snapshot.imperfect_episodes)),
-                json!(run.scorer),
-                json!(run.similarity),
-                json!(run.normaliser),
+                json!(run.spec.scorer.name),
+                json!(serde_json::Value::Object(run.spec.scorer.settings.clone()).to_string()),
+                json!(run.spec.normaliser.as_str()),
                 json!(run.encoder_id),
                 json!(run.job_id),
                 json!(datasets.join(" ")),
@@ -200,7 +201,7 @@ impl Made {
             "expert_episodes",
             "imperfect_episodes",
             "scorer",
-            "similarity",
+            "settings",
             "normaliser",
             "encoder_id",
             "job_id",

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use axum::{extract::Path, response::IntoResponse as _};
+use gleaner_core::Words as _;
 use maud::{Markup, html};
 
 use super::{
@@ -23,7 +24,7 @@ use crate::{
         made::{self, link},
         page::Page,
         refusal::Answer,
-        say,
+        say, settings,
         sheet::Format,
         shell::{self, Head, Tab},
         visit::Visit,
@@ -43,7 +44,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     let task = store.task_by_id(&run.task_id).await?;
     let body = html! {
         h1 { "Score run " (link::tail(run.id.as_str())) }
-        p.lead { (run.scorer) " over " (say::counted(what.total.of_episodes, "imperfect episode")) ", against "
+        p.lead { (run.spec.scorer.name) " over " (say::counted(what.total.of_episodes, "imperfect episode")) ", against "
             (say::counted(run.expert_ids.len() as u64, "expert")) ", " (say::time(run.created_at)) " UTC" }
         (threshold(&visit, &summary, &what).await?)
         (following(&summary, &what, order))
@@ -140,18 +141,14 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
     html! {
         dl.facts.panel {
             dt { "Score run" } dd.id { (run.id) }
-            dt { "Scorer" } dd { (run.scorer) }
-            dt { "Similarity" } dd { (run.similarity) }
-            dt { "Features" } dd { (run.feature_scale) }
-            dt { "Yardstick" } dd { (run.yardstick) }
-            dt { "Factors of o, m, a" }
-            dd { @match run.modality_scale { Some([o, m, a]) => { (o) ", " (m) ", " (a) }, None => "1, 1, 1" } }
+            dt { "Scorer" } dd { (run.spec.scorer.name) }
+            @for (name, value) in settings::rows(&run.spec.scorer.settings) { dt { (name) } dd { (value) } }
             dt { "Normaliser" }
-            dd { (run.normaliser) "; measured by the yardstick, " (format!("{:.3}", run.lo)) " is q = 0 and "
+            dd { (run.spec.normaliser.as_str()) "; on the scale of the scorer, " (format!("{:.3}", run.lo)) " is q = 0 and "
                 (format!("{:.3}", run.hi)) " is q = 1" }
             dt { "Episodes" } dd { (made::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
             dt { "Encoder" } dd { (link::whole(run.encoder_id.as_str())) }
-            @if let Some(base) = &run.extends { dt { "Goes on from" } dd { (link::whole(base.as_str())) } }
+            @if let Some(base) = &run.extends { dt { "Extends" } dd { (link::whole(base.as_str())) } }
             dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }
         }
     }

@@ -1,16 +1,16 @@
 //! Evaluating on the wire.
 
+use gleaner_core::EvaluateSpec;
 use gleaner_proto::v1;
 
-use super::settings::{device_from, device_to};
+use super::settings;
 use crate::{
     domain::{
-        evaluation::{EPISODES, EvaluateSpec, MAX_STEPS},
         id::PolicyId,
         order::{JobOrder, Subject},
     },
     error::{Error, Result},
-    wire::{field, policy},
+    wire::policy,
 };
 
 pub(super) fn order(at: &str, spec: v1::EvaluateSpec) -> Result<JobOrder> {
@@ -31,29 +31,14 @@ pub(super) fn from_proto(
     at: &str,
     spec: v1::EvaluateSpec,
 ) -> Result<(Option<v1::evaluate_spec::Subject>, EvaluateSpec)> {
-    let v1::EvaluateSpec { subject, simulation, episodes, seeds, max_steps, device } = spec;
-    let spec = EvaluateSpec {
-        simulation: field::tag(&format!("{at}.simulation"), simulation)?,
-        episodes: episodes.unwrap_or(EPISODES),
-        seeds: if seeds.is_empty() { vec![0] } else { seeds },
-        max_steps: max_steps.unwrap_or(MAX_STEPS),
-        device: device_from(at, device)?,
-    };
-    spec.validate().map_err(|(name, mend)| Error::invalid(&format!("{at}.{name}"), mend))?;
-    Ok((subject, spec))
+    let v1::EvaluateSpec { subject, settings } = spec;
+    Ok((subject, settings::from_proto(at, settings, EvaluateSpec::from_values)?))
 }
 
-pub(super) fn to_proto(spec: EvaluateSpec, subject: Option<Subject>) -> v1::EvaluateSpec {
-    let EvaluateSpec { simulation, episodes, seeds, max_steps, device } = spec;
-    v1::EvaluateSpec {
-        subject: subject.map(|subject| match subject {
-            Subject::Policy(id) => v1::evaluate_spec::Subject::PolicyId(id.into()),
-            Subject::Deployment(name) => v1::evaluate_spec::Subject::Deployment(name),
-        }),
-        simulation,
-        episodes: Some(episodes),
-        seeds,
-        max_steps: Some(max_steps),
-        device: device_to(device),
-    }
+pub(super) fn to_proto(spec: &EvaluateSpec, subject: Option<Subject>) -> v1::EvaluateSpec {
+    let subject = subject.map(|subject| match subject {
+        Subject::Policy(id) => v1::evaluate_spec::Subject::PolicyId(id.into()),
+        Subject::Deployment(name) => v1::evaluate_spec::Subject::Deployment(name),
+    });
+    v1::EvaluateSpec { subject, settings: settings::to_proto(&spec.values()) }
 }

@@ -51,7 +51,7 @@ pub(crate) fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpe
         rule,
         pretrain: first,
         score: scores,
-        scoring: scoring.map(|spec| score::of_pipeline("pipeline.scoring", &spec)).transpose()?,
+        scoring: scoring.map(|spec| score::of_pipeline("pipeline.scoring", spec)).transpose()?,
         beta,
         top_fraction,
         train: policy.map(|spec| filled("train.data", train::from_proto("pipeline.train", spec)?)).transpose()?,
@@ -84,12 +84,12 @@ pub(crate) fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
     } = pipeline;
     let snapshot_id = snapshot_id.map(String::from).unwrap_or_default();
     v1::PipelineSpec {
-        pretrain: Some(pretrain::to_proto(first, snapshot_id, Some(rule))),
+        pretrain: Some(pretrain::to_proto(&first, snapshot_id, Some(rule))),
         score: scores,
         beta,
         top_fraction,
-        train: policy.map(|spec| train::to_proto(spec, None)),
-        scoring: scoring.map(score::to_proto),
-        evaluate: trials.map(|spec| evaluate::to_proto(spec, None)),
+        train: policy.map(|spec| train::to_proto(&spec, None)),
+        scoring: scoring.as_ref().map(score::to_proto),
+        evaluate: trials.map(|spec| evaluate::to_proto(&spec, None)),
     }
 }

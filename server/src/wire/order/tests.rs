@@ -1,13 +1,10 @@
 //! Orders and pipelines survive the wire, get their defaults, and are refused by field.
 
-use gleaner_learn::{
-    ActSpec, Augmentation, Device, FeatureScale, ModelSpec, NormaliserKind, Objective, OptimSpec, PolicyKind, Preset,
-    PretrainSpec, ScoreSpec, Scorer, Similarity, TrainSpec, Yardstick,
-};
+use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, Values, proto};
+use serde_json::{Value, json};
 
 use super::*;
 use crate::domain::{
-    evaluation::EvaluateSpec,
     id::{EncoderId, PolicyId, ScoreRunId, SnapshotId},
     order::TrainData,
     selection::Selection,
@@ -24,6 +21,14 @@ fn refusal(spec: v1::job_spec::Spec) -> String {
     order(sent(spec)).unwrap_err().message().to_owned()
 }
 
+fn values(settings: Value) -> Values {
+    settings.as_object().unwrap().clone()
+}
+
+fn on_the_wire(settings: Value) -> Option<prost_types::Struct> {
+    Some(proto::to_struct(&values(settings)))
+}
+
 fn pretrain_with(change: impl FnOnce(&mut v1::PretrainSpec)) -> v1::job_spec::Spec {
     let mut spec = v1::PretrainSpec::default();
     change(&mut spec);
@@ -35,58 +40,34 @@ fn an_empty_spec_means_the_defaults() {
     let JobOrder::Pretrain { snapshot_id, rule, spec } = order(sent(pretrain_with(|_| {}))).unwrap() else {
         panic!("not pretrain");
     };
-    let model = ModelSpec { preset: Preset::Tiny, ..ModelSpec::default() };
     assert_eq!((snapshot_id, rule), (None, RoleRule::default()));
-    assert_eq!(spec, PretrainSpec { model, ..PretrainSpec::default() });
-    assert_eq!(spec.objectives, [Objective::Mtp, Objective::Tr, Objective::Aa]);
+    assert_eq!(spec, PretrainSpec::default());
 
     let data = Some(v1::train_spec::Data::ExpertsOf(EncoderId::new().into()));
     let train = v1::job_spec::Spec::Train(v1::TrainSpec { data, ..v1::TrainSpec::default() });
     let JobOrder::Train { spec, .. } = order(sent(train)).unwrap() else { panic!("not train") };
-    assert_eq!(spec, TrainSpec { model, ..TrainSpec::default() });
+    assert_eq!(spec, TrainSpec::default());
 
     let subject = Some(v1::evaluate_spec::Subject::Deployment("pick_cube@prod".into()));
     let evaluate = v1::job_spec::Spec::Evaluate(v1::EvaluateSpec { subject, ..v1::EvaluateSpec::default() });
     let JobOrder::Evaluate { subject, spec } = order(sent(evaluate)).unwrap() else { panic!("not evaluate") };
     assert_eq!(subject, Subject::Deployment("pick_cube@prod".into()));
-    assert_eq!(
-        spec,
-        EvaluateSpec { simulation: String::new(), episodes: 200, seeds: vec![0], max_steps: 60, device: Device::Cpu }
-    );
+    assert_eq!(spec, EvaluateSpec::default());
 }
 
 #[test]
 fn a_complete_spec_survives_the_wire() {
-    let optim = OptimSpec {
-        steps: 7,
-        batch: 3,
-        learning_rate: 0.25,
-        weight_decay: 0.5,
-        warmup_steps: 2,
-        clip_norm: 4.0,
-        ..OptimSpec::default()
-    };
-    let pretrain = PretrainSpec {
-        model: ModelSpec { preset: Preset::Base, segment_length: 9 },
-        optim: optim.clone(),
-        seed: 5,
-        checkpoint_every: 11,
-        device: Device::Cuda,
-        objectives: vec![Objective::Mtp, Objective::Aa],
-        augmentation: Augmentation { shift_pixels: 4, brightness: 0.1, contrast: 0.2 },
-        ..PretrainSpec::default()
-    };
-    let train = TrainSpec {
-        policy: PolicyKind::Act,
-        model: ModelSpec { preset: Preset::Small, ..ModelSpec::default() },
-        act: ActSpec { chunk_length: 5, kl_weight: 1.5, latent_size: 8 },
-        augmentation: Augmentation { shift_pixels: 1, ..Augmentation::default() },
-        optim,
-        lambda: 0.3,
-        seed: 6,
-        checkpoint_every: 13,
-        ..TrainSpec::default()
-    };
+    let pretrain = PretrainSpec::from_values(&values(json!({
+        "preset": "base", "segment_length": 9, "steps": 7, "batch": 3, "stretch": 2, "learning_rate": 0.25,
+        "weight_decay": 0.5, "warmup_steps": 2, "clip_norm": 4.0, "seed": 5, "checkpoint_every": 11, "device": "cuda",
+        "objectives": ["mtp", "aa"], "shift_pixels": 4, "brightness": 0.1, "contrast": 0.2,
+    })))
+    .unwrap();
+    let train = TrainSpec::from_values(&values(json!({
+        "policy": "act", "preset": "small", "chunk_length": 5, "kl_weight": 1.5, "latent_size": 8, "shift_pixels": 1,
+        "lambda": 0.3, "seed": 6, "checkpoint_every": 13, "steps": 7,
+    })))
+    .unwrap();
     let (encoder_id, snapshot_id, dataset_id) = (EncoderId::new(), SnapshotId::new(), DatasetId::new());
 
     let spec = JobSpec::Pretrain { snapshot_id: snapshot_id.clone(), spec: pretrain.clone() };
@@ -94,21 +75,15 @@ fn a_complete_spec_survives_the_wire() {
         JobOrder::Pretrain { snapshot_id: Some(snapshot_id.clone()), rule: RoleRule::default(), spec: pretrain };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
 
-    let score = ScoreSpec {
-        scorer: Scorer::Ssdf,
-        similarity: Similarity::SegmentCosine,
-        feature_scale: FeatureScale::Plain,
-        yardstick: Yardstick::None,
-        normaliser: NormaliserKind::Quantile,
-        modality_scale: Some([0.0, 2.0, 0.5]),
-        seed: 4,
-        device: Device::Cuda,
-        ..ScoreSpec::default()
-    };
-    let raw = ScoreSpec { scorer: Scorer::Raw, feature_scale: FeatureScale::default(), ..score.clone() };
+    let score = |settings: Value| ScoreSpec::from_values(&values(settings)).unwrap();
+    let ssdf = score(json!({
+        "similarity": "segment_cosine", "feature_scale": "plain", "local_scale": false, "normaliser": "quantile",
+        "scale": [0.0, 2.0, 0.5], "device": "cuda",
+    }));
+    let raw = score(json!({"scorer": "raw", "similarity": "segment_l2"}));
     let extends = Some(ScoreRunId::new());
     let (encoder, snapshot) = (Some(encoder_id.clone()), Some(snapshot_id.clone()));
-    for score in [score, raw] {
+    for score in [ssdf, raw] {
         let spec = JobSpec::Score {
             encoder_id: encoder_id.clone(),
             snapshot_id: snapshot_id.clone(),
@@ -124,12 +99,7 @@ fn a_complete_spec_survives_the_wire() {
         assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
     }
 
-    let finetune = TrainSpec {
-        policy: PolicyKind::Finetune,
-        act: ActSpec::default(),
-        model: ModelSpec { preset: Preset::Tiny, ..ModelSpec::default() },
-        ..train.clone()
-    };
+    let finetune = TrainSpec::from_values(&values(json!({"lambda": 0.5}))).unwrap();
     for (encoder_id, dataset_id, data, train) in [
         (None, Some(dataset_id.clone()), TrainData::Dataset(dataset_id.clone()), &train),
         (Some(encoder_id.clone()), None, TrainData::ExpertsOf(encoder_id.clone()), &finetune),
@@ -142,13 +112,10 @@ fn a_complete_spec_survives_the_wire() {
     }
 
     let policy_id = PolicyId::new();
-    let evaluate = EvaluateSpec {
-        simulation: "pick_cube".into(),
-        episodes: 7,
-        seeds: vec![3, 1],
-        max_steps: 90,
-        device: Device::Cuda,
-    };
+    let evaluate = EvaluateSpec::from_values(&values(json!({
+        "simulation": "pick_cube", "episodes": 7, "seeds": [3, 1], "max_steps": 90, "device": "cuda",
+    })))
+    .unwrap();
     let spec = JobSpec::Evaluate { policy_id: policy_id.clone(), spec: evaluate.clone() };
     let expected = JobOrder::Evaluate { subject: Subject::Policy(policy_id), spec: evaluate };
     assert_eq!(order(Some(spec_to_proto(spec))).unwrap(), expected);
@@ -165,15 +132,21 @@ fn a_pipeline_has_no_gaps() {
         beta: Some(0.9),
         top_fraction: None,
         train: Some(v1::TrainSpec::default()),
-        scoring: Some(v1::ScoreSpec { similarity: v1::Similarity::LastCosine.into(), ..Default::default() }),
-        evaluate: Some(v1::EvaluateSpec { episodes: Some(5), ..v1::EvaluateSpec::default() }),
+        scoring: Some(v1::ScoreSpec {
+            settings: on_the_wire(json!({"similarity": "last_cosine"})),
+            ..Default::default()
+        }),
+        evaluate: Some(v1::EvaluateSpec { settings: on_the_wire(json!({"episodes": 5})), ..Default::default() }),
     };
     let read = pipeline(Some(full.clone())).unwrap();
     assert_eq!(pipeline(Some(pipeline_to_proto(read.clone()))).unwrap(), read);
 
     let repeated = v1::PipelineSpec {
-        pretrain: Some(v1::PretrainSpec { preset: v1::Preset::Small.into(), ..Default::default() }),
-        train: Some(v1::TrainSpec { preset: v1::Preset::Small.into(), segment_length: Some(6), ..Default::default() }),
+        pretrain: Some(v1::PretrainSpec { settings: on_the_wire(json!({"preset": "small"})), ..Default::default() }),
+        train: Some(v1::TrainSpec {
+            settings: on_the_wire(json!({"preset": "small", "segment_length": 6})),
+            ..Default::default()
+        }),
         ..full.clone()
     };
     assert_eq!(pipeline(Some(repeated)).unwrap().train, read.train, "finetune may repeat the encoder's size");

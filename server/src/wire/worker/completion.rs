@@ -65,14 +65,12 @@ fn first(message: v1::complete_job_request::Message) -> Result<Made> {
             files.into_iter().map(file_from).collect::<Result<_>>().map(Made::Files)
         }
         v1::complete_job_request::Message::Score(result) => {
-            let v1::ScoreResult { similarity, normaliser, lo, hi, expert_ids, quantiles } = result;
+            let v1::ScoreResult { lo, hi, expert_ids, quantiles } = result;
             if [lo, hi].iter().chain(&quantiles).any(|w| !w.is_finite()) || !quantiles.is_sorted() {
                 return Err(Error::invalid("message.score", "lo, hi and quantiles must be finite, quantiles sorted"));
             }
             let expert = |id: &String| EpisodeId::parse("message.score.expert_ids", id);
             Ok(Made::Scores {
-                similarity: field::text("message.score.similarity", similarity)?,
-                normaliser: field::text("message.score.normaliser", normaliser)?,
                 lo,
                 hi,
                 quantiles,
@@ -144,9 +142,9 @@ pub(crate) fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
             let seeds = seeds.into_iter().map(evaluation::seed_to_proto).collect();
             vec![wrap(Message::Evaluation(v1::EvaluationResult { seeds }))]
         }
-        Made::Scores { similarity, normaliser, lo, hi, quantiles, expert_ids, episodes } => {
+        Made::Scores { lo, hi, quantiles, expert_ids, episodes } => {
             let expert_ids = expert_ids.into_iter().map(Into::into).collect();
-            let result = v1::ScoreResult { similarity, normaliser, lo, hi, expert_ids, quantiles };
+            let result = v1::ScoreResult { lo, hi, expert_ids, quantiles };
             let episode = |scores| wrap(Message::EpisodeScores(score::episode_scores(scores, Vec::new())));
             std::iter::once(wrap(Message::Score(result))).chain(episodes.into_iter().map(episode)).collect()
         }
@@ -160,8 +158,6 @@ mod tests {
 
     fn scores() -> Made {
         Made::Scores {
-            similarity: "last_l2".into(),
-            normaliser: "minmax".into(),
             lo: -3.0,
             hi: -0.5,
             quantiles: vec![-3.0, -0.5],

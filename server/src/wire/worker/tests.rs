@@ -150,7 +150,7 @@ fn every_wrong_field_of_a_worker_is_named() {
     let file = |name: &str, blob: String| {
         Message::Export(v1::ExportResult { files: vec![v1::ExportedFile { name: name.into(), blob, size_bytes: 1 }] })
     };
-    let right = v1::ScoreResult { similarity: "last_l2".into(), normaliser: "minmax".into(), ..Default::default() };
+    let right = v1::ScoreResult::default();
     let score = |spoil: fn(&mut v1::ScoreResult)| {
         let mut result = right.clone();
         spoil(&mut result);
@@ -166,8 +166,6 @@ fn every_wrong_field_of_a_worker_is_named() {
         (score(|r| r.hi = f64::INFINITY), "message.score: "),
         (score(|r| r.quantiles = vec![1.0, 0.0]), "message.score: "),
         (score(|r| r.expert_ids = vec!["x".into()]), "message.score.expert_ids: "),
-        (score(|r| r.similarity.clear()), "message.score.similarity: "),
-        (score(|r| r.normaliser = "\0".into()), "message.score.normaliser: "),
         (Message::Evaluation(v1::EvaluationResult { seeds: Vec::new() }), "message.evaluation.seeds: "),
         (Message::EpisodeScores(v1::EpisodeScores::default()), "message.episode_scores: must follow"),
     ] {

@@ -3,9 +3,10 @@
 use tch::nn::{self, Module};
 use tch::{Kind, Tensor};
 
+use super::ActSpec;
 use crate::batch::int;
 use crate::model::{Size, Transformer};
-use crate::spec::{ActSpec, TaskShape};
+use crate::shape::TaskShape;
 
 /// Tokens the decoder remembers: o, m and z.
 const MEMORY: i64 = 3;
@@ -36,7 +37,7 @@ impl StyleEncoder {
     }
 
     /// Standardised m `[W, M]` and chunk `[W, k, A]`, of which only what is `counted` `[W, k]` is
-    /// seen, to the mean and the logarithm of the variance of z, `[W, Z]` each.
+    /// input, to the mean and the logarithm of the variance of z, `[W, Z]` each.
     pub(super) fn forward(&self, m: &Tensor, chunk: &Tensor, counted: &Tensor) -> (Tensor, Tensor) {
         let m = self.proprioception.forward(m).unsqueeze(1);
         let summary = self.summary.expand_as(&m);
@@ -45,8 +46,8 @@ impl StyleEncoder {
         let keys = Tensor::cat(&[&always, counted, &always], 1);
         let (windows, length) = (keys.size()[0], keys.size()[1]);
         let mask = keys.view([windows, 1, 1, length]).expand([windows, 1, length, length], false);
-        let seen = self.transformer.last_tokens(&tokens, &mask, 1).squeeze_dim(1);
-        let halves = self.out.forward(&seen).chunk(2, -1);
+        let input = self.transformer.last_tokens(&tokens, &mask, 1).squeeze_dim(1);
+        let halves = self.out.forward(&input).chunk(2, -1);
         (halves[0].shallow_clone(), halves[1].shallow_clone())
     }
 }

@@ -6,7 +6,7 @@ use crate::policy::train::{Source, mean_loss};
 use crate::random::{Purpose, generator};
 
 /// The loss of ACT on the segments 2 … 4 of an episode of ten steps, kept with 6 … 9.
-fn act_loss(policy: &dyn Method, trajectory: &Trajectory) -> f32 {
+fn act_loss(policy: &dyn PolicyModel, trajectory: &Trajectory) -> f32 {
     let kept = [2, 3, 4, 6, 7, 8, 9].map(|step| (step, 1.0)).to_vec();
     let kept = [WeightedSegments { trajectory: trajectory.clone(), steps: kept }];
     let source = Source { data: vec![&kept[0].trajectory], segments: Segments::kept(&kept) };
@@ -18,7 +18,7 @@ fn act_loss(policy: &dyn Method, trajectory: &Trajectory) -> f32 {
 #[test]
 fn actions_after_a_step_that_was_not_kept_change_nothing() {
     let trajectory = toy::episode("failure", 40, 10, false);
-    let policy = untrained(PolicyKind::Act, &[&trajectory]);
+    let policy = untrained("act", &[&trajectory]);
     let plain = act_loss(policy.as_ref(), &trajectory);
     let with = |step: usize| {
         let mut changed = trajectory.clone();
@@ -38,7 +38,7 @@ fn a_chunk_reaches_to_the_end_of_an_expert_episode_and_no_further() {
     let data = [toy::episode("a", 1, 6, true), toy::episode("b", 2, 6, true)];
     let data: Vec<&Trajectory> = data.iter().collect();
     let source = Source { segments: Segments::every(&toy::shape(), &data), data };
-    let policy = untrained(PolicyKind::Act, &source.data);
+    let policy = untrained("act", &source.data);
     let (batch, wanted) = source.collect(policy.as_ref(), &source.segments.all()[2..6]);
     assert_eq!(batch.images[0].size()[0], 4, "no frame of a later action is encoded");
     let counted: Vec<i64> = Vec::try_from(wanted.counted.sum_dim_intlist([1i64].as_slice(), false, None)).unwrap();

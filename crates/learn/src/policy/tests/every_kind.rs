@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 
 use super::*;
 use crate::checkpoint::{self, inspect};
-use crate::spec::Augmentation;
 use crate::train::Monitor;
+use gleaner_core::Augmentation;
 
 /// Keeps every metric of every step.
 #[derive(Default)]
@@ -26,7 +26,7 @@ impl Monitor for Metrics {
 }
 
 fn train(spec: &TrainSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
-    let encoder = (spec.policy == PolicyKind::Finetune).then(|| encoder(2));
+    let encoder = (spec.policy.name == "finetune").then(|| encoder(2));
     let mut monitor = Recorder::default();
     let (experts, kept) = (toy::experts(4, 12), kept(0.9));
     let bytes = train_policy(&toy::shape(), encoder.as_deref(), &experts, &kept, spec, resume, &mut monitor);
@@ -35,9 +35,10 @@ fn train(spec: &TrainSpec, resume: Option<&[u8]>) -> (Vec<u8>, Recorder) {
 
 #[test]
 fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
-    for kind in KINDS {
+    for kind in kinds() {
         let augmentation = Augmentation { shift_pixels: 2, brightness: 0.1, contrast: 0.1 };
-        let spec = TrainSpec { checkpoint_every: 2, augmentation, ..spec(kind, 6) };
+        let mut spec = TrainSpec { augmentation, ..spec(kind, 6) };
+        spec.run.checkpoint_every = 2;
         let (result, straight) = train(&spec, None);
         let (again, resumed) = train(&spec, Some(&straight.checkpoints[0].1));
         assert_eq!(straight.losses[2..], resumed.losses, "{kind:?}");
@@ -51,37 +52,39 @@ fn a_resumed_run_equals_a_straight_one_bit_for_bit() {
 
 #[test]
 fn a_checkpoint_describes_its_policy_and_its_round_trip_is_exact() {
-    for kind in KINDS {
+    for kind in kinds() {
         let (bytes, _) = train(&spec(kind, 2), None);
         let info = inspect(&bytes).unwrap();
-        assert_eq!((info.policy, info.finished), (Some(kind), true));
-        assert_eq!(info.act.is_some(), kind == PolicyKind::Act);
+        assert_eq!((info.policy.as_deref(), info.finished), (Some(kind), true));
+        assert_eq!(info.settings, chosen(kind).settings);
         let policy = Policy::load(&bytes).unwrap();
         let (window, chunk) = match kind {
-            PolicyKind::Finetune | PolicyKind::TfBc => (3, 1),
-            PolicyKind::Bc => (0, 1),
-            PolicyKind::Act => (0, 4),
+            "finetune" | "tf_bc" => (3, 1),
+            "act" => (0, 4),
+            _ => (0, 1),
         };
         assert_eq!((policy.kind(), policy.segment_length(), policy.chunk_length()), (kind, window, chunk));
         let (_, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
-        let loaded: Box<dyn Method> = crate::train::Learner::from_named(&info, &named, Device::Cpu).unwrap();
+        let loaded: Box<dyn PolicyModel> = crate::train::Learner::from_named(&info, &named, Device::Cpu).unwrap();
         assert_eq!(checkpoint::write(&info, &crate::train::Learner::named(&loaded)).unwrap(), bytes, "{kind:?}");
     }
 }
 
 #[test]
 fn a_checkpoint_of_another_policy_or_size_is_refused() {
-    let (bytes, _) = train(&spec(PolicyKind::Bc, 1), None);
+    let (bytes, _) = train(&spec("bc", 1), None);
     let (info, named) = checkpoint::read(&bytes, CheckpointKind::Policy).unwrap();
     let named: Vec<_> = named.into_iter().collect();
-    for policy in [PolicyKind::Finetune, PolicyKind::TfBc, PolicyKind::Act] {
-        let lying = CheckpointInfo { policy: Some(policy), act: Some(ActSpec::default()), ..info.clone() };
+    for policy in ["finetune", "tf_bc", "act"] {
+        let lying = CheckpointInfo { policy: Some(policy.to_owned()), ..info.clone() };
         let error = Policy::load(&checkpoint::write(&lying, &named).unwrap()).unwrap_err();
         assert!(matches!(error, LearnError::Checkpoint(_)), "{error}");
     }
-    let (bytes, straight) = train(&TrainSpec { checkpoint_every: 1, ..spec(PolicyKind::Act, 2) }, None);
-    let longer = ActSpec { chunk_length: 5, ..spec(PolicyKind::Act, 2).act };
-    let longer = TrainSpec { act: longer, checkpoint_every: 1, ..spec(PolicyKind::Act, 2) };
+    let mut often = spec("act", 2);
+    often.run.checkpoint_every = 1;
+    let (bytes, straight) = train(&often, None);
+    let policy = chosen("act").with(Family::Policy, "chunk_length", 5).unwrap();
+    let longer = TrainSpec { policy, ..often };
     let unfinished = &straight.checkpoints[0].1;
     let error = train_policy(&toy::shape(), None, &toy::experts(4, 12), &[], &longer, Some(unfinished), &mut Silent);
     assert!(error.unwrap_err().to_string().starts_with("spec: "));
@@ -90,7 +93,7 @@ fn a_checkpoint_of_another_policy_or_size_is_refused() {
 
 #[test]
 fn sessions_in_one_pass_get_what_each_gets_alone() {
-    for kind in KINDS {
+    for kind in kinds() {
         let policy = Policy::load(&train(&spec(kind, 2), None).0).unwrap();
         let data = toy::episode("session", 77, 6, true);
         let mut history = History::new(policy.segment_length());
@@ -113,7 +116,8 @@ fn sessions_in_one_pass_get_what_each_gets_alone() {
 fn every_policy_learns_to_look_at_the_image() {
     let (shape, experts) = (toy::shape(), toy::experts(80, 6));
     let encoder = pretrain(&shape, &experts, &toy::pretrain_spec(40), None, &mut Silent).unwrap();
-    for kind in KINDS {
+    let looks = |name: &&str| Family::Policy.find(name).is_some_and(|kind| kind.needs.images);
+    for kind in kinds().filter(looks) {
         let run = |steps| {
             let mut metrics = Metrics::default();
             let spec = spec(kind, steps);
@@ -128,9 +132,9 @@ fn every_policy_learns_to_look_at_the_image() {
         assert!(last["loss"] < 0.5 * first["loss"], "{kind:?}: {first:?} {last:?}");
         assert!(trained.iter().all(|distance| *distance < 0.15), "{kind:?}: {untrained:?} {trained:?}");
         // An encoder has learnt to act from AA before it is finetuned.
-        let from_scratch = kind != PolicyKind::Finetune;
+        let from_scratch = kind != "finetune";
         assert!(!from_scratch || untrained.iter().any(|distance| *distance > 0.25), "{kind:?}: {untrained:?}");
-        if kind == PolicyKind::Act {
+        if kind == "act" {
             assert!(last["loss_kl"] < 0.2 * first["loss_kl"] && last["loss_l1"] < 0.5 * first["loss_l1"]);
         }
     }

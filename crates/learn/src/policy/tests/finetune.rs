@@ -5,7 +5,7 @@ use crate::batch::{Batch, Segments};
 use crate::checkpoint;
 use crate::model::{Network, View};
 use crate::objective::action_autoregression;
-use crate::spec::TaskShape;
+use crate::shape::TaskShape;
 
 fn finetune(encoder: &[u8], kept: &[WeightedSegments], spec: &TrainSpec) -> (Vec<u8>, Recorder) {
     let mut monitor = Recorder::default();

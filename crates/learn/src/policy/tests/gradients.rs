@@ -1,4 +1,4 @@
-//! What gradients say: the action to be predicted is never seen, and autograd agrees with finite
+//! What gradients say: the action to be predicted is never input, and autograd agrees with finite
 //! differences in double precision.
 
 use tch::{Kind, Tensor, no_grad_guard};
@@ -8,11 +8,11 @@ use crate::batch::{Batch, Segment, Segments, values};
 use crate::model::{Modality, Network, View};
 use crate::normalize::Statistics;
 use crate::objective::action_autoregression;
-use crate::policy::method::Seen;
+use crate::policy::kind::PolicyInput;
 use crate::policy::train::{Source, mean_loss};
 use crate::pretrain::pretrain_loss;
 use crate::random::{Purpose, generator};
-use crate::spec::{Augmentation, PretrainSpec};
+use gleaner_core::{Augmentation, PretrainSpec};
 
 const STEP: f64 = 1e-5;
 
@@ -47,7 +47,7 @@ fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
         assert!(moved[place..].iter().all(|gradient| *gradient == 0.0), "{place}: {moved:?}");
         assert!(moved[..place].iter().all(|gradient| *gradient > 1e-7), "{place}: {moved:?}");
     }
-    // In the other pass an action is seen by its neighbours.
+    // In the other pass an action is input by its neighbours.
     let batch = window(&data);
     let action = batch.action.set_requires_grad(true);
     let steps = network.steps(&network.embed_images(&batch.images), &batch.proprioception, &action);
@@ -59,20 +59,20 @@ fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
 #[test]
 fn no_policy_looks_at_the_action_it_is_asked_for() {
     let data = toy::episode("e", 1, 6, true);
-    for kind in KINDS {
+    for kind in kinds() {
         let policy = untrained(kind, &[&data]);
-        let length = policy.about().window;
+        let length = policy.info().window;
         let end = Segment { trajectory: 0, step: 5, weight: 1.0 };
         let batch = Batch::collect(&toy::shape(), &[&data], &[end], length, Device::Cpu);
         let action = batch.action.set_requires_grad(true);
-        let seen = Seen {
+        let input = PolicyInput {
             embedded: policy.embed_images(&batch.images),
             proprioception: batch.proprioception,
             action: action.shallow_clone(),
             windows: batch.windows,
             hidden: None,
         };
-        policy.act(&seen).square().sum(None).backward();
+        policy.act(&input).square().sum(None).backward();
         if length == 1 {
             assert!(!action.grad().defined(), "{kind:?} looks at no action at all");
         } else {
@@ -129,7 +129,8 @@ fn pretrainings_gradients_agree_with_finite_differences() {
     to_double(&network.parameters());
     let spec = PretrainSpec { augmentation: Augmentation::default(), ..toy::pretrain_spec(1) };
     let loss = || {
-        let total = pretrain_loss(&network, &double(window(&data)), &spec, 0).total;
+        let objectives = crate::objective::find(&spec.objectives).unwrap();
+        let total = pretrain_loss(&objectives, &network, &double(window(&data)), &spec, 0).total;
         assert_eq!(total.kind(), Kind::Double);
         total
     };
@@ -140,7 +141,7 @@ fn pretrainings_gradients_agree_with_finite_differences() {
 fn every_policys_gradients_agree_with_finite_differences() {
     let data = toy::episode("e", 1, 6, true);
     let source = Source { segments: Segments::every(&toy::shape(), &[&data]), data: vec![&data] };
-    for kind in KINDS {
+    for kind in kinds() {
         let policy = untrained(kind, &[&data]);
         to_double(&policy.parameters());
         let loss = || {

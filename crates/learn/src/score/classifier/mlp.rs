@@ -9,7 +9,7 @@ use crate::error::LearnError;
 use crate::optimizer::AdamW;
 use crate::random::{Purpose, generator};
 use crate::score::run::Progress;
-use crate::spec::OptimSpec;
+use gleaner_core::OptimSpec;
 
 /// Gradient steps.
 pub(super) const STEPS: u64 = 300;

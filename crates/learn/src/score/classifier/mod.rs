@@ -8,17 +8,41 @@ mod mlp;
 
 use std::collections::HashMap;
 
+use gleaner_core::Group as _;
+use gleaner_core::kinds::Needs;
+use gleaner_core::schema::{LARGEST, integer_in};
 use tch::Tensor;
 
 use super::EpisodeScores;
 use super::features::{Features, raw};
 use super::run::{Progress, count};
+use super::scorer::{Scorer, ScorerKind};
 use crate::batch::rows;
 use crate::error::LearnError;
 use crate::model::Network;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 use mlp::{BATCH, Mlp, STEPS};
+
+pub(super) const KIND: ScorerKind = ScorerKind {
+    name: "classifier",
+    title: "Classifier",
+    about: "A baseline: a small network that separates the experts' steps from the imperfect ones.",
+    needs: Needs { encoder: true, history: false, images: true, all_episodes: true },
+    settings: ClassifierSpec::schema,
+    open: |chosen| {
+        let ClassifierSpec { seed } = chosen.read()?;
+        Ok(Scorer::Trained(Box::new(move |network, episodes, monitor| scores(network, episodes, seed, monitor))))
+    },
+};
+
+gleaner_core::settings! {
+    /// Settings of the classifier.
+    struct ClassifierSpec {
+        /// Seed of the classifier's random numbers.
+        seed: u64 = 0, integer_in(0, LARGEST);
+    }
+}
 
 /// One episode's steps, ready for the network.
 struct Episode<'a> {

@@ -2,8 +2,7 @@
 
 use crate::LearnError;
 use crate::score::Scores;
-use crate::score::tests::score_anew;
-use crate::spec::{ScoreSpec, Scorer};
+use crate::score::tests::{score_anew, spec_of};
 use crate::toy;
 use crate::train::Silent;
 use crate::trajectory::Trajectory;
@@ -13,7 +12,7 @@ fn failures(count: u64) -> Vec<Trajectory> {
 }
 
 fn classify(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Result<Scores, LearnError> {
-    let spec = ScoreSpec { scorer: Scorer::Classifier, seed, ..ScoreSpec::default() };
+    let spec = spec_of("classifier", &[("seed", seed.into())]);
     score_anew(experts, imperfect, &spec, &mut Silent)
 }
 

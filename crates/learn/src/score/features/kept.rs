@@ -8,14 +8,16 @@ use safetensors::{SafeTensors, serialize};
 
 use super::Features;
 use crate::error::LearnError;
-use crate::spec::{Device, ScoreSpec, Scorer};
+use crate::score::comparison::{Comparison, Source};
+use crate::score::scorer;
+use gleaner_core::{Device, ScoreSpec, Words as _};
 
 /// Changes with whatever in this program, or in libtorch, changes features of the same encoder, episode and settings.
 const VERSION: u32 = 1;
 /// The modalities' names in the bytes.
 const NAMES: [&str; 3] = ["o", "m", "a"];
 
-/// Keeps features from one run to the next. One store is for one encoder and one [`ScoreSpec::features_kind`].
+/// Keeps features from one run to the next. One store is for one encoder and one [`features_kind`].
 pub trait FeatureStore {
     /// What was put for the episode of this id; `None` when there is nothing. Bytes that cannot be its features are
     /// passed over.
@@ -37,33 +39,27 @@ impl FeatureStore for Forgetful {
     fn put(&self, _: &str, _: &[u8]) {}
 }
 
-impl ScoreSpec {
-    /// What, besides the encoder and the episode, decides a segment's features to the last bit; `None` where they cost
-    /// no more to make than to keep.
-    pub fn features_kind(&self) -> Option<String> {
-        // All of them, so that none to come is forgotten; features are the same whatever they are compared by.
-        let Self {
-            yardstick: _,
-            normaliser: _,
-            modality_scale: _,
-            seed: _,
-            scorer,
-            similarity,
-            feature_scale,
-            device,
-            threads,
-        } = self;
-        if *scorer != Scorer::Ssdf {
-            return None;
-        }
-        let steps = if similarity.whole_segment() { "segment" } else { "last" };
-        let device = match device {
-            Device::Cpu => processor(),
-            Device::Cuda => "cuda",
-        };
-        let threads = threads.unwrap_or_default();
-        Some(format!("{VERSION} {} {steps} {device} {threads}", feature_scale.as_str()))
-    }
+/// What, besides the encoder and the episode, decides a segment's features to the last bit; `None` where features cost
+/// no more to make than to keep.
+///
+/// # Errors
+/// [`LearnError::Invalid`] for a scorer that this program does not have.
+pub fn features_kind(spec: &ScoreSpec) -> Result<Option<String>, LearnError> {
+    // All settings, so that none to come is forgotten; features are the same whatever they are compared by.
+    let ScoreSpec { scorer, normaliser: _, device, threads } = spec;
+    let scorer = scorer::open(scorer)?;
+    let Some(Comparison { source: Source::Features(scale), similarity, local_scale: _, scale: _ }) =
+        scorer.comparison()
+    else {
+        return Ok(None);
+    };
+    let steps = if similarity.whole_segment() { "segment" } else { "last" };
+    let device = match device {
+        Device::Cpu => processor(),
+        Device::Cuda => "cuda",
+    };
+    let threads = threads.unwrap_or_default();
+    Ok(Some(format!("{VERSION} {} {steps} {device} {threads}", scale.as_str())))
 }
 
 /// What libtorch chooses its kernels by: others round otherwise.
@@ -111,7 +107,7 @@ impl Features {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spec::{FeatureScale, Similarity};
+    use crate::score::tests::spec_of;
 
     #[test]
     fn bytes_give_the_features_back_and_others_nothing() {
@@ -132,22 +128,19 @@ mod tests {
 
     #[test]
     fn whatever_changes_features_is_another_kind() {
-        let kind = |spec: ScoreSpec| spec.features_kind();
+        let kind = |spec: ScoreSpec| features_kind(&spec).unwrap();
         let usual = kind(ScoreSpec::default()).unwrap();
         for other in [
-            ScoreSpec { similarity: Similarity::SegmentL2, ..ScoreSpec::default() },
-            ScoreSpec { feature_scale: FeatureScale::Plain, ..ScoreSpec::default() },
+            spec_of("ssdf", &[("similarity", "segment_l2".into())]),
+            spec_of("ssdf", &[("feature_scale", "plain".into())]),
             ScoreSpec { device: Device::Cuda, ..ScoreSpec::default() },
             ScoreSpec { threads: Some(2), ..ScoreSpec::default() },
         ] {
             assert_ne!(kind(other.clone()).unwrap(), usual, "{other:?}");
         }
-        let compared_otherwise = ScoreSpec {
-            similarity: Similarity::LastCosine,
-            modality_scale: Some([1.0, 2.0, 3.0]),
-            ..ScoreSpec::default()
-        };
+        let compared_otherwise =
+            spec_of("ssdf", &[("similarity", "last_cosine".into()), ("scale", vec![1.0, 2.0, 3.0].into())]);
         assert_eq!(kind(compared_otherwise).unwrap(), usual);
-        assert_eq!(kind(ScoreSpec { scorer: Scorer::Raw, ..ScoreSpec::default() }), None);
+        assert_eq!(kind(spec_of("raw", &[])), None);
     }
 }

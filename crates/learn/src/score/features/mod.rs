@@ -10,11 +10,11 @@ use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::{Network, View};
 use crate::normalize::FeatureScale;
-use crate::spec::{Objective, ScoreSpec, Scorer};
+use crate::score::comparison::{Comparison, Source};
 use crate::trajectory::Trajectory;
 use tch::Tensor;
 
-pub use kept::{FeatureStore, Forgetful};
+pub use kept::{FeatureStore, Forgetful, features_kind};
 
 /// Steps encoded, and windows passed, at a time: bounds memory, and being fixed it gives an
 /// episode the same features whatever it is scored with.
@@ -103,31 +103,25 @@ pub(super) struct Encoder<'a> {
     pub(super) view: View<'static>,
 }
 
-/// The pass that features come from: the paper's, in which all elements see each other; of an encoder that only AA
-/// trained the causal one, because it never learned the other.
-pub(crate) fn view(objectives: &[Objective]) -> View<'static> {
-    if objectives.iter().all(|objective| *objective == Objective::Aa) { View::CAUSAL } else { View::WHOLE }
-}
-
-/// The features of the newest segment of each history in `stacked`, that `spec` compares, as [`episode_features`] gives
+/// The features of the newest segment of each history in `stacked`, that are compared, as [`episode_features`] gives
 /// those of an episode. Of the encoder only: raw observations are not kept in histories.
-pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, spec: &ScoreSpec) -> Features {
+pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, comparison: &Comparison) -> Features {
     let network = encoder.network;
-    let keep = keep(network, spec);
+    let keep = keep(network, comparison);
     let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
-    let mut features = Features::empty(widths(network, spec));
+    let mut features = Features::empty(widths(network, comparison));
     features.extend(&learned::pass(encoder, &steps, &stacked.windows, keep));
     features
 }
 
 /// How many steps of a segment are compared.
-fn keep(network: &Network, spec: &ScoreSpec) -> usize {
-    if spec.similarity.whole_segment() { network.spec.window() } else { 1 }
+fn keep(network: &Network, comparison: &Comparison) -> usize {
+    if comparison.similarity.whole_segment() { network.spec.window() } else { 1 }
 }
 
 /// How many values the features of a segment have that the encoder gives, per modality.
-pub(super) fn widths(network: &Network, spec: &ScoreSpec) -> [usize; 3] {
-    [keep(network, spec) * network.width(); 3]
+pub(super) fn widths(network: &Network, comparison: &Comparison) -> [usize; 3] {
+    [keep(network, comparison) * network.width(); 3]
 }
 
 /// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the transformer gives them, each `[T, d]`.
@@ -136,11 +130,11 @@ pub(crate) fn last_steps(network: &Network, view: View<'static>, trajectory: &Tr
     [0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device()))
 }
 
-/// The features of every segment of `trajectory` that `spec` compares.
-pub(super) fn episode_features(encoder: Encoder<'_>, trajectory: &Trajectory, spec: &ScoreSpec) -> Features {
-    match spec.scorer {
-        Scorer::Ssdf => learned::features(encoder, trajectory, keep(encoder.network, spec)),
-        Scorer::Raw | Scorer::Classifier => raw::features(encoder.network, trajectory, spec.similarity.whole_segment()),
+/// The features of every segment of `trajectory` that are compared.
+pub(super) fn episode_features(encoder: Encoder<'_>, trajectory: &Trajectory, comparison: &Comparison) -> Features {
+    match comparison.source {
+        Source::Features(_) => learned::features(encoder, trajectory, keep(encoder.network, comparison)),
+        Source::Observations => raw::features(encoder.network, trajectory, comparison.similarity.whole_segment()),
     }
 }
 

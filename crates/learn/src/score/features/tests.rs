@@ -4,23 +4,23 @@ use tch::no_grad_guard;
 
 use super::*;
 use crate::checkpoint::{self, CheckpointKind};
+use crate::score::comparison::{FeatureScale, NearestSpec, Similarity};
 use crate::score::tests::encoder;
-use crate::spec::Similarity;
 use crate::toy;
 
-const SCORERS: [Scorer; 2] = [Scorer::Ssdf, Scorer::Raw];
+const SOURCES: [Source; 2] = [Source::Features(FeatureScale::Plain), Source::Observations];
 
 fn network() -> Network {
     let (info, named) = checkpoint::read(&encoder(), CheckpointKind::Encoder).unwrap();
     Network::from_named(&info.shape, info.model, &named, tch::Device::Cpu).unwrap()
 }
 
-fn features(network: &Network, trajectory: &Trajectory, scorer: Scorer, similarity: Similarity) -> Features {
+fn features(network: &Network, trajectory: &Trajectory, source: Source, similarity: Similarity) -> Features {
     let _no_grad = no_grad_guard();
     episode_features(
         Encoder { network, scale: None, view: View::WHOLE },
         trajectory,
-        &ScoreSpec { scorer, similarity, ..ScoreSpec::default() },
+        &Comparison::new(source, NearestSpec { similarity, ..NearestSpec::default() }),
     )
 }
 
@@ -47,9 +47,9 @@ fn assert_close(a: &[f32], b: &[f32]) {
 fn features_do_not_depend_on_what_comes_after_or_is_in_the_same_pass() {
     let (network, long) = (network(), toy::episode("long", 5, 20, true));
     let short = cut(&long, 0, 11);
-    for scorer in SCORERS {
+    for source in SOURCES {
         for similarity in [Similarity::LastL2, Similarity::SegmentL2] {
-            let of = |trajectory| features(&network, trajectory, scorer, similarity);
+            let of = |trajectory| features(&network, trajectory, source, similarity);
             let (long, short) = (of(&long), of(&short));
             for modality in 0..3 {
                 (0..11).for_each(|step| assert_close(long.row(modality, step), short.row(modality, step)));
@@ -62,9 +62,9 @@ fn features_do_not_depend_on_what_comes_after_or_is_in_the_same_pass() {
 fn features_do_not_depend_on_what_came_before_the_window() {
     let (network, long) = (network(), toy::episode("long", 5, 20, true));
     let (window, late) = (network.spec.window(), cut(&long, 6, 14));
-    for scorer in SCORERS {
+    for source in SOURCES {
         for similarity in [Similarity::LastL2, Similarity::SegmentL2] {
-            let of = |trajectory| features(&network, trajectory, scorer, similarity);
+            let of = |trajectory| features(&network, trajectory, source, similarity);
             let (long, late) = (of(&long), of(&late));
             for modality in 0..3 {
                 for step in window - 1..14 {
@@ -79,9 +79,9 @@ fn features_do_not_depend_on_what_came_before_the_window() {
 fn a_segment_ends_with_the_last_step_and_its_padding_is_zero() {
     let (network, episode) = (network(), toy::episode("e", 5, 9, true));
     let window = network.spec.window();
-    for scorer in SCORERS {
-        let last = features(&network, &episode, scorer, Similarity::LastL2);
-        let whole = features(&network, &episode, scorer, Similarity::SegmentL2);
+    for source in SOURCES {
+        let last = features(&network, &episode, source, Similarity::LastL2);
+        let whole = features(&network, &episode, source, Similarity::SegmentL2);
         for modality in 0..3 {
             let width = last.widths()[modality];
             assert_eq!(whole.widths()[modality], window * width);
@@ -99,7 +99,7 @@ fn a_segment_ends_with_the_last_step_and_its_padding_is_zero() {
 #[test]
 fn raw_features_are_the_standardised_values_and_weigh_alike() {
     let (network, episode) = (network(), toy::episode("e", 5, 9, true));
-    let raw = features(&network, &episode, Scorer::Raw, Similarity::LastL2);
+    let raw = features(&network, &episode, Source::Observations, Similarity::LastL2);
     let standard = network.statistics.action.apply(&crate::batch::rows(&episode.action, 2, tch::Device::Cpu));
     let expected: Vec<f32> = values(&standard).iter().map(|value| value / 2f32.sqrt()).collect();
     assert_close(raw.values(2), &expected);

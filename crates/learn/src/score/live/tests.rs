@@ -2,16 +2,16 @@
 
 use super::super::tests::encoder;
 use super::*;
-use crate::score::tests::score_anew;
-use crate::spec::{FeatureScale as Scale, NormaliserKind, Similarity};
+use crate::score::tests::{score_anew, spec_of};
 use crate::toy;
 use crate::train::Silent;
+use gleaner_core::{NormaliserKind, ScoreSpec};
 
 fn specs() -> Vec<ScoreSpec> {
-    let plain = ScoreSpec { feature_scale: Scale::Plain, yardstick: Yardstick::None, ..ScoreSpec::default() };
+    let plain = spec_of("ssdf", &[("feature_scale", "plain".into()), ("local_scale", false.into())]);
     let quantile = ScoreSpec { normaliser: NormaliserKind::Quantile, ..ScoreSpec::default() };
-    let similarity = |similarity| ScoreSpec { similarity, ..ScoreSpec::default() };
-    vec![plain, quantile, similarity(Similarity::LastCosine), similarity(Similarity::SegmentL2)]
+    let similarity = |word: &str| spec_of("ssdf", &[("similarity", word.into())]);
+    vec![plain, quantile, similarity("last_cosine"), similarity("segment_l2")]
 }
 
 /// Experts in an order that is not that of their ids, and a failure.
@@ -63,8 +63,8 @@ fn what_cannot_be_scored_is_named() {
         LiveScorer::load(&encoder(), experts, spec, run.normaliser.clone()).map(|_| ()).unwrap_err().to_string()
     };
     assert!(load(&[], &spec).starts_with("experts: "));
-    for scorer in [Scorer::Raw, Scorer::Classifier] {
-        assert!(load(&experts, &ScoreSpec { scorer, ..spec.clone() }).starts_with("scorer: "));
+    for scorer in ["raw", "classifier"] {
+        assert!(load(&experts, &spec_of(scorer, &[])).starts_with("scorer: "));
     }
     let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser.clone()).unwrap();
     let mut history = History::new(live.segment_length());

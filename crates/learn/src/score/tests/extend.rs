@@ -84,7 +84,7 @@ fn more_experts_more_imperfect_or_both_give_the_bits_of_a_full_run() {
 fn a_lone_expert_and_an_episode_that_changed_its_role_are_scored_as_in_a_full_run() {
     let (experts, imperfect) = (toy::experts(2, 8), failures(3));
     let normaliser = NormaliserKind::Quantile;
-    let spec = ScoreSpec { normaliser, yardstick: Yardstick::None, ..ScoreSpec::default() };
+    let spec = ScoreSpec { normaliser, ..spec_of("ssdf", &[("local_scale", false.into())]) };
     let first = run(&experts[..1], &imperfect, &spec);
     let base = base(first.clone(), &experts[..1]);
     // The last failure turns out to have been a success.
@@ -100,7 +100,7 @@ fn a_lone_expert_and_an_episode_that_changed_its_role_are_scored_as_in_a_full_ru
 }
 
 #[test]
-fn a_lone_expert_gives_no_yardstick_to_go_on_with() {
+fn a_run_with_one_expert_has_no_local_scale_and_is_not_extended() {
     let (experts, imperfect) = (toy::experts(2, 8), failures(2));
     let spec = ScoreSpec::default();
     let base = base(run(&experts[..1], &imperfect, &spec), &experts[..1]);
@@ -133,7 +133,7 @@ fn a_base_that_does_not_fit_is_named() {
     };
     let missing = message(&experts[1..], &good, &spec);
     assert!(missing.starts_with("base.experts: ") && missing.contains("expert 0"), "{missing}");
-    let classifier = ScoreSpec { scorer: Scorer::Classifier, ..ScoreSpec::default() };
+    let classifier = spec_of("classifier", &[]);
     assert!(message(&experts, &good, &classifier).starts_with("scorer: "));
     let with = |change: fn(&mut EpisodeScores)| {
         let mut base = good.clone();
@@ -176,7 +176,7 @@ fn kept_features_give_the_same_bits_and_are_not_encoded_again() {
         let first = score(inputs, &spec, &mut Silent).unwrap();
         assert_eq!(bits(&first), bits(&run(&experts[..3], &imperfect, &spec)));
         let of_all = kept.0.borrow().len();
-        if spec.scorer == Scorer::Raw {
+        if spec.scorer.name == "raw" {
             assert_eq!(of_all, 0, "observations are not kept twice");
             continue;
         }

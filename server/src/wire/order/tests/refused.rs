@@ -2,110 +2,11 @@
 
 use super::*;
 
-#[test]
-fn a_wrong_field_is_named_by_its_path() {
-    assert_eq!(order(None).unwrap_err().message(), "spec: must be set");
-    let experts_in = || Some(v1::train_spec::Data::ExpertsIn(SnapshotId::new().into()));
-    let train = |change: fn(&mut v1::TrainSpec)| {
-        let mut spec = v1::TrainSpec { data: experts_in(), policy: v1::PolicyKind::Act.into(), ..Default::default() };
-        change(&mut spec);
-        v1::job_spec::Spec::Train(spec)
-    };
-    let score = |change: fn(&mut v1::ScoreSpec)| {
-        let mut spec = v1::ScoreSpec { encoder_id: EncoderId::new().into(), ..v1::ScoreSpec::default() };
-        change(&mut spec);
-        v1::job_spec::Spec::Score(spec)
-    };
-    let evaluate = |change: fn(&mut v1::EvaluateSpec)| {
-        let subject = Some(v1::evaluate_spec::Subject::PolicyId(PolicyId::new().into()));
-        let mut spec = v1::EvaluateSpec { subject, ..v1::EvaluateSpec::default() };
-        change(&mut spec);
-        v1::job_spec::Spec::Evaluate(spec)
-    };
-    let steps = |steps| Some(v1::OptimSpec { steps: Some(steps), ..v1::OptimSpec::default() });
-    let cases = [
-        (pretrain_with(|spec| spec.optim = steps(0)), "spec.pretrain.optim.steps: "),
-        (pretrain_with(|spec| spec.segment_length = Some(64)), "spec.pretrain.segment_length: "),
-        (pretrain_with(|spec| spec.checkpoint_every = Some(0)), "spec.pretrain.checkpoint_every: "),
-        (pretrain_with(|spec| spec.preset = 77), "spec.pretrain.preset: "),
-        (pretrain_with(|spec| spec.device = 77), "spec.pretrain.device: "),
-        (pretrain_with(|spec| spec.snapshot_id = "../x".into()), "spec.pretrain.snapshot_id: "),
-        (pretrain_with(|spec| spec.objectives = vec![1, 0]), "spec.pretrain.objectives[1]: "),
-        (pretrain_with(|spec| spec.objectives = vec![1, 9]), "spec.pretrain.objectives[1]: "),
-        (pretrain_with(|spec| spec.objectives = vec![3, 1, 3]), "spec.pretrain.objectives[2]: "),
-        (
-            pretrain_with(|spec| {
-                spec.augmentation = Some(v1::Augmentation { contrast: f64::NAN, ..Default::default() });
-            }),
-            "spec.pretrain.augmentation.contrast: ",
-        ),
-        (
-            pretrain_with(|spec| {
-                spec.rule = Some(v1::RoleRule { imperfect_per_expert: -1.0, ..Default::default() });
-            }),
-            "spec.pretrain.rule.imperfect_per_expert: ",
-        ),
-        (v1::job_spec::Spec::Score(v1::ScoreSpec::default()), "spec.score.encoder_id: "),
-        (score(|spec| spec.scorer = 9), "spec.score.scorer: "),
-        (score(|spec| spec.similarity = 9), "spec.score.similarity: "),
-        (score(|spec| spec.normaliser = 9), "spec.score.normaliser: "),
-        (score(|spec| spec.feature_scale = 9), "spec.score.feature_scale: "),
-        (score(|spec| spec.yardstick = 9), "spec.score.yardstick: "),
-        (score(|spec| spec.extends = "enc_7".into()), "spec.score.extends: "),
-        (
-            score(|spec| (spec.scorer, spec.feature_scale) = (v1::Scorer::Raw.into(), v1::FeatureScale::Plain.into())),
-            "spec.score.feature_scale: has no effect",
-        ),
-        (
-            score(|spec| {
-                spec.scorer = v1::Scorer::Classifier.into();
-                spec.modality_scale = Some(v1::ModalityScale { image: 2.0, ..Default::default() });
-            }),
-            "spec.score.modality_scale: has no effect",
-        ),
-        (
-            score(|spec| spec.modality_scale = Some(v1::ModalityScale { action: -1.0, ..Default::default() })),
-            "spec.score.modality_scale.action: ",
-        ),
-        (score(|spec| spec.modality_scale = Some(v1::ModalityScale::default())), "spec.score.modality_scale: "),
-        (train(|spec| spec.policy = 9), "spec.train.policy: "),
-        (train(|spec| spec.policy = 0), "spec.train.experts_in: "),
-        (train(|spec| spec.preset = 9), "spec.train.preset: "),
-        (train(|spec| spec.segment_length = Some(64)), "spec.train.segment_length: "),
-        (train(|spec| spec.segment_length = Some(3)), "spec.train.segment_length: is for policies with a history"),
-        (
-            train(|spec| spec.act = Some(v1::ActSpec { chunk_length: Some(0), ..Default::default() })),
-            "spec.train.act.chunk_length: ",
-        ),
-        (
-            train(|spec| (spec.policy, spec.act) = (v1::PolicyKind::Bc.into(), Some(v1::ActSpec::default()))),
-            "spec.train.act: ",
-        ),
-        (train(|spec| (spec.policy, spec.preset) = (0, v1::Preset::Small.into())), "spec.train.preset: "),
-        (train(|spec| (spec.policy, spec.segment_length) = (0, Some(3))), "spec.train.segment_length: "),
-        (train(|spec| spec.history_dropout = Some(1.5)), "spec.train.history_dropout: "),
-        (evaluate(|spec| spec.subject = None), "spec.evaluate.subject: "),
-        (evaluate(|spec| spec.episodes = Some(0)), "spec.evaluate.episodes: "),
-        (evaluate(|spec| spec.max_steps = Some(0)), "spec.evaluate.max_steps: "),
-        (evaluate(|spec| spec.seeds = vec![4, 4]), "spec.evaluate.seeds: "),
-        (evaluate(|spec| spec.device = 9), "spec.evaluate.device: "),
-        (v1::job_spec::Spec::Train(v1::TrainSpec::default()), "spec.train.data: "),
-        (
-            v1::job_spec::Spec::Train(v1::TrainSpec { lambda: Some(f64::NAN), ..v1::TrainSpec::default() }),
-            "spec.train.lambda: ",
-        ),
-        (
-            v1::job_spec::Spec::Export(v1::ExportSpec { dataset_id: DatasetId::new().into(), format: 9 }),
-            "spec.export.format: ",
-        ),
-    ];
-    for (spec, field) in cases {
-        let message = refusal(spec);
-        assert!(message.starts_with(field), "{field} expected in {message:?}");
-    }
-}
-
 type Sent = v1::job_spec::Spec;
+
+fn pretrain_of(settings: Value) -> Sent {
+    pretrain_with(|spec| spec.settings = on_the_wire(settings))
+}
 
 fn score_with(change: impl FnOnce(&mut v1::ScoreSpec)) -> Sent {
     let mut spec = v1::ScoreSpec { encoder_id: EncoderId::new().into(), ..v1::ScoreSpec::default() };
@@ -113,11 +14,22 @@ fn score_with(change: impl FnOnce(&mut v1::ScoreSpec)) -> Sent {
     Sent::Score(spec)
 }
 
-fn train_with(change: impl FnOnce(&mut v1::TrainSpec)) -> Sent {
+fn score_of(settings: Value) -> Sent {
+    score_with(|spec| spec.settings = on_the_wire(settings))
+}
+
+fn train_with(settings: Value, change: impl FnOnce(&mut v1::TrainSpec)) -> Sent {
     let data = Some(v1::train_spec::Data::ExpertsIn(SnapshotId::new().into()));
-    let mut spec = v1::TrainSpec { data, policy: v1::PolicyKind::Act.into(), ..v1::TrainSpec::default() };
+    let mut spec = v1::TrainSpec { data, settings: on_the_wire(settings) };
     change(&mut spec);
     Sent::Train(spec)
+}
+
+/// A training of ACT, which starts from scratch.
+fn act_of(settings: Value) -> Sent {
+    let mut all = values(json!({"policy": "act"}));
+    all.extend(values(settings));
+    train_with(Value::Object(all), |_| {})
 }
 
 fn evaluate_with(change: impl FnOnce(&mut v1::EvaluateSpec)) -> Sent {
@@ -127,70 +39,130 @@ fn evaluate_with(change: impl FnOnce(&mut v1::EvaluateSpec)) -> Sent {
     Sent::Evaluate(spec)
 }
 
-#[test]
-fn every_enum_of_a_spec_is_checked() {
-    for wrong in [-1, 77] {
-        for (spec, field) in [
-            (pretrain_with(|spec| spec.preset = wrong), "spec.pretrain.preset: "),
-            (pretrain_with(|spec| spec.device = wrong), "spec.pretrain.device: "),
-            (score_with(|spec| spec.device = wrong), "spec.score.device: "),
-            (train_with(|spec| spec.preset = wrong), "spec.train.preset: "),
-            (train_with(|spec| spec.device = wrong), "spec.train.device: "),
-            (train_with(|spec| spec.policy = wrong), "spec.train.policy: "),
-            (evaluate_with(|spec| spec.device = wrong), "spec.evaluate.device: "),
-        ] {
-            let message = refusal(spec);
-            assert!(message.starts_with(field), "{field} expected in {message:?}");
-        }
+fn evaluate_of(settings: Value) -> Sent {
+    evaluate_with(|spec| spec.settings = on_the_wire(settings))
+}
+
+fn each_is_rejected<const N: usize>(cases: [(Sent, &str); N]) {
+    for (spec, field) in cases {
+        let message = refusal(spec);
+        assert!(message.starts_with(field), "{field} expected in {message:?}");
     }
 }
 
 #[test]
-fn every_number_of_a_spec_is_checked() {
-    type Optim = fn(&mut v1::OptimSpec);
-    let optims: [(Optim, &str); 8] = [
-        (|optim| optim.steps = Some(0), "optim.steps: "),
-        (|optim| optim.batch = Some(0), "optim.batch: "),
-        (|optim| optim.batch = Some(u32::MAX), "optim.batch: "),
-        (|optim| optim.learning_rate = Some(0.0), "optim.learning_rate: "),
-        (|optim| optim.learning_rate = Some(f64::INFINITY), "optim.learning_rate: "),
-        (|optim| optim.weight_decay = Some(-0.1), "optim.weight_decay: "),
-        (|optim| optim.clip_norm = Some(0.0), "optim.clip_norm: "),
-        (|optim| optim.clip_norm = Some(f64::NAN), "optim.clip_norm: "),
-    ];
-    for (change, field) in optims {
-        let mut optim = v1::OptimSpec::default();
-        change(&mut optim);
-        let message = refusal(pretrain_with(|spec| spec.optim = Some(optim)));
-        assert!(message.starts_with(&format!("spec.pretrain.{field}")), "{field} expected in {message:?}");
-        let message = refusal(train_with(|spec| spec.optim = Some(optim)));
-        assert!(message.starts_with(&format!("spec.train.{field}")), "{field} expected in {message:?}");
-    }
-    let shaken = |shift_pixels, brightness, contrast| Some(v1::Augmentation { shift_pixels, brightness, contrast });
-    let act = |chunk, kl, latent| Some(v1::ActSpec { chunk_length: chunk, kl_weight: kl, latent_size: latent });
-    let scale = |image, proprioception, action| Some(v1::ModalityScale { image, proprioception, action });
-    for (spec, field) in [
-        (pretrain_with(|spec| spec.augmentation = shaken(1025, 0.0, 0.0)), "spec.pretrain.augmentation.shift_pixels: "),
-        (pretrain_with(|spec| spec.augmentation = shaken(0, 1.1, 0.0)), "spec.pretrain.augmentation.brightness: "),
-        (train_with(|spec| spec.augmentation = shaken(0, 0.0, -0.1)), "spec.train.augmentation.contrast: "),
-        (train_with(|spec| spec.checkpoint_every = Some(0)), "spec.train.checkpoint_every: "),
-        (train_with(|spec| spec.act = act(Some(257), None, None)), "spec.train.act.chunk_length: "),
-        (train_with(|spec| spec.act = act(None, Some(f64::NAN), None)), "spec.train.act.kl_weight: "),
-        (train_with(|spec| spec.act = act(None, None, Some(0))), "spec.train.act.latent_size: "),
-        (train_with(|spec| spec.lambda = Some(-1.0)), "spec.train.lambda: "),
-        (train_with(|spec| spec.lambda = Some(f64::INFINITY)), "spec.train.lambda: "),
-        (score_with(|spec| spec.modality_scale = scale(-1.0, 1.0, 1.0)), "spec.score.modality_scale.image: "),
+fn a_wrong_field_is_named_by_its_path() {
+    assert_eq!(order(None).unwrap_err().message(), "spec: must be set");
+    let negative = || Some(v1::RoleRule { imperfect_per_expert: -1.0, ..Default::default() });
+    each_is_rejected([
+        (pretrain_with(|spec| spec.snapshot_id = "../x".into()), "spec.pretrain.snapshot_id: "),
+        (pretrain_with(|spec| spec.rule = negative()), "spec.pretrain.rule.imperfect_per_expert: "),
+        (Sent::Score(v1::ScoreSpec::default()), "spec.score.encoder_id: "),
+        (score_with(|spec| spec.extends = "enc_7".into()), "spec.score.extends: "),
+        (train_with(json!({"policy": "act"}), |spec| spec.data = None), "spec.train.data: must be set"),
+        (train_with(json!({}), |_| {}), "spec.train.experts_in: names no encoder, which finetune starts from"),
+        (evaluate_with(|spec| spec.subject = None), "spec.evaluate.subject: must be set"),
         (
-            score_with(|spec| spec.modality_scale = scale(1.0, f64::NAN, 1.0)),
-            "spec.score.modality_scale.proprioception: ",
+            evaluate_with(|spec| spec.subject = Some(v1::evaluate_spec::Subject::Deployment("a b".into()))),
+            "spec.evaluate.deployment: ",
         ),
-        (score_with(|spec| spec.modality_scale = scale(1.0, 1.0, 1e7)), "spec.score.modality_scale.action: "),
-        (evaluate_with(|spec| spec.episodes = Some(1_000_001)), "spec.evaluate.episodes: "),
-        (evaluate_with(|spec| spec.max_steps = Some(10_001)), "spec.evaluate.max_steps: "),
-        (evaluate_with(|spec| spec.seeds = (0..1001).collect()), "spec.evaluate.seeds: "),
-        (evaluate_with(|spec| spec.seeds = vec![u64::MAX]), "spec.evaluate.seeds: "),
+        (
+            Sent::Export(v1::ExportSpec { dataset_id: DatasetId::new().into(), format: 9 }),
+            "spec.export.format: unknown value",
+        ),
+    ]);
+}
+
+#[test]
+fn a_setting_that_has_no_effect_is_rejected() {
+    each_is_rejected([
+        (
+            score_of(json!({"scorer": "raw", "feature_scale": "plain"})),
+            "spec.score.settings.feature_scale: has no effect",
+        ),
+        (score_of(json!({"scorer": "classifier", "scale": [2, 0, 0]})), "spec.score.settings.scale: has no effect"),
+        (
+            train_with(json!({"policy": "bc", "chunk_length": 3}), |_| {}),
+            "spec.train.settings.chunk_length: has no effect",
+        ),
+        (act_of(json!({"history_dropout": 0.1})), "spec.train.settings.history_dropout: has no effect"),
+        (act_of(json!({"segment_length": 3})), "spec.train.settings.segment_length: has no effect"),
+        (train_with(json!({"preset": "base"}), |_| {}), "spec.train.settings.preset: has no effect"),
+    ]);
+}
+
+#[test]
+fn an_unknown_setting_or_word_is_rejected() {
+    each_is_rejected([
+        (pretrain_of(json!({"stepps": 1})), "spec.pretrain.settings.stepps: unknown setting; supported: preset, "),
+        (
+            pretrain_of(json!({"preset": "huge"})),
+            "spec.pretrain.settings.preset: unknown value \"huge\"; supported: tiny, ",
+        ),
+        (pretrain_of(json!({"device": 77})), "spec.pretrain.settings.device: expected cpu, cuda, got 77"),
+        (pretrain_of(json!({"objectives": ["mtp", "x"]})), "spec.pretrain.settings.objectives: [1] unknown value"),
+        (pretrain_of(json!({"objectives": ["mtp", "mtp"]})), "spec.pretrain.settings.objectives: [1] is \"mtp\" again"),
+        (score_of(json!({"scorer": "x"})), "spec.score.settings.scorer: unknown value"),
+        (score_of(json!({"similarity": "x"})), "spec.score.settings.similarity: unknown value"),
+        (score_of(json!({"normaliser": "x"})), "spec.score.settings.normaliser: unknown value"),
+        (score_of(json!({"feature_scale": "x"})), "spec.score.settings.feature_scale: unknown value"),
+        (score_of(json!({"local_scale": "local"})), "spec.score.settings.local_scale: expected true or false"),
+        (score_of(json!({"device": "tpu"})), "spec.score.settings.device: unknown value"),
+        (act_of(json!({"preset": 1})), "spec.train.settings.preset: expected tiny, "),
+        (act_of(json!({"policy": {}})), "spec.train.settings.policy: expected finetune, "),
+        (evaluate_of(json!({"device": "x"})), "spec.evaluate.settings.device: unknown value"),
+    ]);
+}
+
+#[test]
+fn every_number_of_a_spec_is_checked() {
+    for (settings, field) in [
+        (json!({"steps": 0}), "steps: is 0"),
+        (json!({"steps": 1.5}), "steps: expected a whole number"),
+        (json!({"batch": 0}), "batch: is 0"),
+        (json!({"batch": 4294967295u32}), "batch: is 4294967295, must be between 1 and 65536"),
+        (json!({"stretch": 0}), "stretch: is 0"),
+        (json!({"learning_rate": 0.0}), "learning_rate: is 0"),
+        (json!({"learning_rate": "1"}), "learning_rate: expected a number"),
+        (json!({"weight_decay": -0.1}), "weight_decay: is -0.1"),
+        (json!({"clip_norm": 0.0}), "clip_norm: is 0"),
+        (json!({"checkpoint_every": 0}), "checkpoint_every: is 0"),
+        (json!({"seed": -1}), "seed: expected a whole number"),
+        (json!({"shift_pixels": 1025}), "shift_pixels: is 1025"),
+        (json!({"brightness": 1.1}), "brightness: is 1.1"),
+        (json!({"contrast": -0.1}), "contrast: is -0.1"),
     ] {
-        let message = refusal(spec);
-        assert!(message.starts_with(field), "{field} expected in {message:?}");
+        let message = refusal(pretrain_of(settings.clone()));
+        assert!(message.starts_with(&format!("spec.pretrain.settings.{field}")), "{field} expected in {message:?}");
+        let message = refusal(act_of(settings));
+        assert!(message.starts_with(&format!("spec.train.settings.{field}")), "{field} expected in {message:?}");
+    }
+    each_is_rejected([
+        (pretrain_of(json!({"segment_length": 64})), "spec.pretrain.settings.segment_length: is 64"),
+        (act_of(json!({"chunk_length": 257})), "spec.train.settings.chunk_length: is 257"),
+        (act_of(json!({"kl_weight": -1})), "spec.train.settings.kl_weight: is -1"),
+        (act_of(json!({"latent_size": 0})), "spec.train.settings.latent_size: is 0"),
+        (act_of(json!({"lambda": -1.0})), "spec.train.settings.lambda: is -1"),
+        (train_with(json!({"history_dropout": 1.5}), |_| {}), "spec.train.settings.history_dropout: is 1.5"),
+        (score_of(json!({"scale": [-1, 1, 1]})), "spec.score.settings.scale: image is -1"),
+        (score_of(json!({"scale": [0, 0, 0]})), "spec.score.settings.scale: is 0 for image, "),
+        (score_of(json!({"scale": [1, 1]})), "spec.score.settings.scale: expected 3 numbers"),
+        (evaluate_of(json!({"episodes": 1_000_001})), "spec.evaluate.settings.episodes: is 1000001"),
+        (evaluate_of(json!({"episodes": 500_001, "seeds": [1, 2]})), "spec.evaluate.settings.episodes: make 1000002"),
+        (evaluate_of(json!({"max_steps": 10_001})), "spec.evaluate.settings.max_steps: is 10001"),
+        (evaluate_of(json!({"seeds": (0..1001).collect::<Vec<u32>>()})), "spec.evaluate.settings.seeds: has 1001"),
+        (evaluate_of(json!({"seeds": [4_294_967_295_u32]})), "spec.evaluate.settings.seeds: [0] is 4294967295"),
+        (evaluate_of(json!({"simulation": "a\nb"})), "spec.evaluate.settings.simulation: "),
+    ]);
+}
+
+/// The wire's numbers are doubles, which JSON cannot hold all of.
+#[test]
+fn numbers_that_are_none_are_rejected() {
+    for wrong in [f64::NAN, f64::INFINITY] {
+        let value = prost_types::Value { kind: Some(prost_types::value::Kind::NumberValue(wrong)) };
+        let fields = [("learning_rate".to_owned(), value)].into();
+        let message = refusal(pretrain_with(|spec| spec.settings = Some(prost_types::Struct { fields })));
+        assert!(message.starts_with("spec.pretrain.settings.learning_rate: expected a number"), "{message}");
     }
 }

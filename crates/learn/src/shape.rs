@@ -1,9 +1,9 @@
 //! The shape of one step of a task: its cameras, proprioception and action.
 
+use gleaner_core::Augmentation;
 use serde::{Deserialize, Serialize};
 
-use super::within;
-use crate::error::LearnError;
+use crate::error::{LearnError, within};
 
 const MAX_CAMERAS: usize = 16;
 const MAX_DIMENSIONS: usize = 4096;
@@ -51,6 +51,13 @@ impl CameraShape {
     pub fn bytes(&self) -> usize {
         self.pixels() * if self.depth { 5 } else { 3 }
     }
+}
+
+/// Fails if a shift could push a whole image out of sight.
+pub(crate) fn augmentation_fits(augmentation: &Augmentation, shape: &TaskShape) -> Result<(), LearnError> {
+    let sides = shape.cameras.iter().flat_map(|camera| [camera.height, camera.width]);
+    let most = sides.min().unwrap_or(1).saturating_sub(1);
+    within("shift_pixels", f64::from(augmentation.shift_pixels), 0.0, f64::from(most))
 }
 
 impl TaskShape {

@@ -1,0 +1,175 @@
+//! The kinds of each family: policies, objectives and scorers, with the settings that only they have.
+//!
+//! A kind is written in one file of the learning crate, which cannot be linked by clients. `kinds.json` repeats what its
+//! files state (`make kinds` writes it, a test there compares), so that client and server know every kind as data.
+
+use std::sync::LazyLock;
+
+use serde::{Deserialize, Serialize};
+
+use crate::schema::{Problem, Setting, WordAbout};
+
+/// Every kind of every family.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Kinds {
+    /// What a training makes.
+    pub policies: Vec<Kind>,
+    /// What a pretraining adds up.
+    pub objectives: Vec<Kind>,
+    /// What gives segments their scores.
+    pub scorers: Vec<Kind>,
+}
+
+/// One policy, objective or scorer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Kind {
+    /// Its word, such as `tf_bc`.
+    pub name: String,
+    /// Its name for people, such as `TF-BC`.
+    pub title: String,
+    /// What it is, in one sentence.
+    pub about: String,
+    /// What it cannot do without.
+    #[serde(default, skip_serializing_if = "Needs::is_none")]
+    pub needs: Needs,
+    /// The settings that it has besides those of its job.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub settings: Vec<Setting>,
+}
+
+/// What a kind cannot do without.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Needs {
+    /// A pretrained encoder: a policy starts from its weights, a scorer compares its features.
+    pub encoder: bool,
+    /// Steps before the newest one.
+    pub history: bool,
+    /// Camera images.
+    pub images: bool,
+    /// All episodes at once: such scores cannot be extended, nor given for a single recording.
+    pub all_episodes: bool,
+}
+
+impl Needs {
+    fn is_none(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// A group of kinds of which a job chooses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Family {
+    /// What a training makes.
+    Policy,
+    /// What a pretraining adds up.
+    Objective,
+    /// What gives segments their scores.
+    Scorer,
+}
+
+impl Family {
+    /// Its word, which is also the setting that chooses a kind.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Policy => "policy",
+            Self::Objective => "objective",
+            Self::Scorer => "scorer",
+        }
+    }
+
+    /// Its kinds; the first is the default.
+    #[must_use]
+    pub fn kinds(self) -> &'static [Kind] {
+        match self {
+            Self::Policy => &KINDS.policies,
+            Self::Objective => &KINDS.objectives,
+            Self::Scorer => &KINDS.scorers,
+        }
+    }
+
+    /// The kind of that name.
+    #[must_use]
+    pub fn find(self, name: &str) -> Option<&'static Kind> {
+        self.kinds().iter().find(|kind| kind.name == name)
+    }
+
+    /// The kind of that name.
+    ///
+    /// # Errors
+    /// There is none; the message names those there are.
+    pub fn kind(self, name: &str) -> Result<&'static Kind, Problem> {
+        self.find(name).ok_or_else(|| {
+            let known: Vec<&str> = self.kinds().iter().map(|kind| kind.name.as_str()).collect();
+            Problem::new(self.as_str(), format!("unknown value {name:?}; supported: {}", known.join(", ")))
+        })
+    }
+
+    /// The name of the default kind.
+    #[must_use]
+    pub fn default_name(self) -> &'static str {
+        self.kinds().first().map_or("", |kind| kind.name.as_str())
+    }
+
+    /// Its kinds as words that a setting chooses from.
+    #[must_use]
+    pub fn words(self) -> Vec<WordAbout> {
+        let word = |kind: &Kind| WordAbout { word: kind.name.clone(), about: kind.about.clone() };
+        self.kinds().iter().map(word).collect()
+    }
+
+    /// Every setting of its kinds, once, with the names of the kinds that have it.
+    #[must_use]
+    pub fn settings(self) -> Vec<(Setting, Vec<&'static str>)> {
+        let mut all: Vec<(Setting, Vec<&'static str>)> = Vec::new();
+        for kind in self.kinds() {
+            for setting in &kind.settings {
+                match all.iter_mut().find(|(known, _)| known.name == setting.name) {
+                    Some((_, kinds)) => kinds.push(&kind.name),
+                    None => all.push((setting.clone(), vec![&kind.name])),
+                }
+            }
+        }
+        all
+    }
+}
+
+static KINDS: LazyLock<Kinds> = LazyLock::new(|| {
+    // A test reads the same text, so what is built in is sound.
+    serde_json::from_str(include_str!("../kinds.json")).unwrap_or_default()
+});
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_embedded_kinds_are_readable_and_have_unique_names() {
+        let read: Kinds = serde_json::from_str(include_str!("../kinds.json")).unwrap();
+        assert_eq!(*KINDS, read);
+        for family in [Family::Policy, Family::Objective, Family::Scorer] {
+            let names: Vec<&str> = family.kinds().iter().map(|kind| kind.name.as_str()).collect();
+            assert!(!names.is_empty());
+            assert!((1..names.len()).all(|at| !names[..at].contains(&names[at])), "{names:?}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_kind_is_rejected_with_the_known_ones() {
+        let message = Family::Policy.kind("diffusion").unwrap_err().to_string();
+        assert!(message.starts_with("policy: unknown value \"diffusion\"; supported: finetune, "), "{message}");
+    }
+
+    #[test]
+    fn kinds_that_share_a_setting_agree_on_it() {
+        for family in [Family::Policy, Family::Objective, Family::Scorer] {
+            for (setting, _) in family.settings() {
+                for kind in family.kinds() {
+                    let own = kind.settings.iter().find(|own| own.name == setting.name);
+                    assert!(own.is_none_or(|own| *own == setting), "{}: {}", kind.name, setting.name);
+                }
+            }
+        }
+    }
+}

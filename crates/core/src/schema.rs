@@ -1,0 +1,250 @@
+//! What a setting is: its name, documentation, allowed values and default; and the check of a map of settings.
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Number, Value};
+
+/// Settings by name, as JSON values.
+pub type Values = Map<String, Value>;
+
+/// Largest integer that a setting may hold: every integer up to it has an exact double, which the wire uses.
+pub const LARGEST: u64 = (1 << 53) - 1;
+
+/// A setting that cannot be used: its name, what is wrong, and what would be right.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{field}: {message}")]
+pub struct Problem {
+    /// The setting, such as `learning_rate`.
+    pub field: String,
+    /// What is wrong, and what would be right.
+    pub message: String,
+}
+
+impl Problem {
+    /// A problem of one setting.
+    pub fn new(field: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { field: field.into(), message: message.into() }
+    }
+}
+
+/// One setting of a kind of job, a policy, an objective or a scorer.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Setting {
+    /// Its name, in snake case; unique among all settings of one kind of job.
+    pub name: String,
+    /// What it does, its unit, its trade-off.
+    pub about: String,
+    /// Which values are allowed.
+    pub shape: Shape,
+    /// Its value when it is left out.
+    pub default: Value,
+}
+
+/// Which values a setting may have.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "type", rename_all = "snake_case")]
+pub enum Shape {
+    /// A whole number.
+    Integer {
+        /// The smallest allowed.
+        least: u64,
+        /// The largest allowed.
+        most: u64,
+    },
+    /// A number.
+    Number {
+        /// The smallest allowed.
+        least: f64,
+        /// The largest allowed.
+        most: f64,
+    },
+    /// True or false.
+    Flag,
+    /// One of several words.
+    Word {
+        /// The words.
+        words: Vec<WordAbout>,
+    },
+    /// Several of several words, each at most once, at least one.
+    Words {
+        /// The words.
+        words: Vec<WordAbout>,
+    },
+    /// As many numbers as there are names, not all of them zero.
+    Numbers {
+        /// What each number is for.
+        names: Vec<String>,
+        /// The smallest allowed.
+        least: f64,
+        /// The largest allowed.
+        most: f64,
+    },
+    /// Whole numbers, each at most once, at least one.
+    Integers {
+        /// The largest allowed.
+        most: u64,
+        /// How many are allowed.
+        count: usize,
+    },
+    /// A text.
+    Text,
+}
+
+/// A word that a setting may have.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct WordAbout {
+    /// The word.
+    pub word: String,
+    /// What it means.
+    pub about: String,
+}
+
+impl Setting {
+    /// The value in its own form (`3.0` for a whole number becomes `3`).
+    ///
+    /// # Errors
+    /// The value is of another type, or outside the allowed range.
+    pub fn check(&self, value: &Value) -> Result<Value, Problem> {
+        self.shape.check(value).map_err(|message| Problem::new(&self.name, message))
+    }
+}
+
+impl Shape {
+    fn check(&self, value: &Value) -> Result<Value, String> {
+        match self {
+            Self::Integer { least, most } => integer(value, *least, *most),
+            Self::Number { least, most } => number(value, *least, *most),
+            Self::Flag => value.as_bool().map(Value::Bool).ok_or_else(|| expected(value, "true or false")),
+            Self::Word { words } => word(value, words),
+            Self::Words { words } => several(value, |one| word(one, words), words.len(), &names(words)),
+            Self::Numbers { names, least, most } => {
+                let given = value.as_array().filter(|given| given.len() == names.len());
+                let given =
+                    given.ok_or_else(|| expected(value, &format!("{} numbers: {}", names.len(), names.join(", "))))?;
+                let checked = given
+                    .iter()
+                    .zip(names)
+                    .map(|(one, name)| number(one, *least, *most).map_err(|message| format!("{name} {message}")));
+                let checked = checked.collect::<Result<Vec<_>, _>>()?;
+                if checked.iter().all(|one| one.as_f64() == Some(0.0)) {
+                    return Err(format!("is 0 for {}; at least one must be above 0", names.join(", ")));
+                }
+                Ok(Value::Array(checked))
+            }
+            Self::Integers { most, count } => several(value, |one| integer(one, 0, *most), *count, "whole numbers"),
+            Self::Text => value.as_str().map(Value::from).ok_or_else(|| expected(value, "a text")),
+        }
+    }
+
+    /// The words it chooses from; empty for other shapes.
+    #[must_use]
+    pub fn words(&self) -> &[WordAbout] {
+        match self {
+            Self::Word { words } | Self::Words { words } => words,
+            Self::Integer { .. }
+            | Self::Number { .. }
+            | Self::Flag
+            | Self::Numbers { .. }
+            | Self::Integers { .. }
+            | Self::Text => &[],
+        }
+    }
+}
+
+/// A whole number of at least `least` and at most `most`.
+#[must_use]
+pub fn integer_in(least: u64, most: u64) -> Shape {
+    Shape::Integer { least, most }
+}
+
+/// A number of at least `least` and at most `most`.
+#[must_use]
+pub fn number_in(least: f64, most: f64) -> Shape {
+    Shape::Number { least, most }
+}
+
+fn integer(value: &Value, least: u64, most: u64) -> Result<Value, String> {
+    let whole = value.as_u64().or_else(|| value.as_f64().and_then(whole));
+    let whole = whole.ok_or_else(|| expected(value, &format!("a whole number between {least} and {most}")))?;
+    if (least..=most).contains(&whole) {
+        return Ok(whole.into());
+    }
+    Err(format!("is {whole}, must be between {least} and {most}"))
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be whole and in range")]
+#[expect(clippy::cast_precision_loss, reason = "LARGEST has an exact double")]
+pub(crate) fn whole(value: f64) -> Option<u64> {
+    (value.fract() == 0.0 && (0.0..=LARGEST as f64).contains(&value)).then_some(value as u64)
+}
+
+fn number(value: &Value, least: f64, most: f64) -> Result<Value, String> {
+    let real = value.as_f64().ok_or_else(|| expected(value, &format!("a number between {least} and {most}")))?;
+    if !(least..=most).contains(&real) {
+        return Err(format!("is {real}, must be between {least} and {most}"));
+    }
+    Number::from_f64(real).map(Value::Number).ok_or_else(|| expected(value, "a finite number"))
+}
+
+fn word(value: &Value, words: &[WordAbout]) -> Result<Value, String> {
+    let text = value.as_str().ok_or_else(|| expected(value, &names(words)))?;
+    if words.iter().any(|known| known.word == text) {
+        return Ok(text.into());
+    }
+    Err(format!("unknown value {text:?}; supported: {}", names(words)))
+}
+
+fn names(words: &[WordAbout]) -> String {
+    words.iter().map(|known| known.word.as_str()).collect::<Vec<_>>().join(", ")
+}
+
+fn several(
+    value: &Value,
+    one: impl Fn(&Value) -> Result<Value, String>,
+    most: usize,
+    of: &str,
+) -> Result<Value, String> {
+    let given = value.as_array().ok_or_else(|| expected(value, &format!("a list of {of}")))?;
+    let mut checked = Vec::with_capacity(given.len().min(most));
+    for (place, each) in given.iter().enumerate() {
+        let each = one(each).map_err(|message| format!("[{place}] {message}"))?;
+        if checked.contains(&each) {
+            return Err(format!("[{place}] is {each} again; name each value once"));
+        }
+        checked.push(each);
+    }
+    if checked.is_empty() || checked.len() > most {
+        return Err(format!("has {} values, must have between 1 and {most}", checked.len()));
+    }
+    Ok(Value::Array(checked))
+}
+
+fn expected(value: &Value, what: &str) -> String {
+    format!("expected {what}, got {value}")
+}
+
+/// The settings of `schema`, complete: each value checked, defaults filled in. `others` names settings that exist
+/// elsewhere, for the error text alone: what has them.
+///
+/// # Errors
+/// An unknown setting, or a value that its setting does not allow.
+pub fn complete(
+    schema: &[Setting],
+    values: &Values,
+    others: impl Fn(&str) -> Option<String>,
+) -> Result<Values, Problem> {
+    if let Some(unknown) = values.keys().find(|name| schema.iter().all(|setting| setting.name != **name)) {
+        let message = others(unknown).unwrap_or_else(|| {
+            let known: Vec<&str> = schema.iter().map(|setting| setting.name.as_str()).collect();
+            format!("unknown setting; supported: {}", known.join(", "))
+        });
+        return Err(Problem::new(unknown, message));
+    }
+    let value = |setting: &Setting| match values.get(&setting.name) {
+        None | Some(Value::Null) => Ok((setting.name.clone(), setting.default.clone())),
+        Some(given) => Ok((setting.name.clone(), setting.check(given)?)),
+    };
+    schema.iter().map(value).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,71 @@
+//! The settings of each kind of job, typed. Each is read from and written as a flat map of settings.
+
+mod chosen;
+mod evaluate;
+mod groups;
+mod pretrain;
+mod score;
+mod stored;
+mod train;
+
+pub use chosen::Chosen;
+pub use evaluate::EvaluateSpec;
+pub use groups::{Augmentation, Device, ModelSpec, OptimSpec, Preset, RunSpec, SizeSpec};
+pub use pretrain::PretrainSpec;
+pub use score::{NormaliserKind, ScoreSpec};
+pub use train::TrainSpec;
+
+use std::collections::BTreeMap;
+
+use crate::schema::Setting;
+
+/// Every setting that a kind of job may have, with the names of the policies or scorers that alone have it (empty: all).
+/// `job` is `pretrain`, `score`, `train` or `evaluate`; another job has no settings.
+#[must_use]
+pub fn schema_of(job: &str) -> Vec<(Setting, Vec<&'static str>)> {
+    let common = |settings: Vec<Setting>| settings.into_iter().map(|setting| (setting, Vec::new()));
+    match job {
+        "pretrain" => common(PretrainSpec::schema()).collect(),
+        "score" => common(ScoreSpec::schema()).chain(crate::kinds::Family::Scorer.settings()).collect(),
+        "train" => common(TrainSpec::schema()).chain(crate::kinds::Family::Policy.settings()).collect(),
+        "evaluate" => common(EvaluateSpec::schema()).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// The settings that every job of a kind has, by kind. Choices of policies, objectives and scorers have no words here:
+/// [`crate::kinds`] lists those.
+#[must_use]
+pub fn jobs() -> BTreeMap<&'static str, Vec<Setting>> {
+    let listed = ["policy", "objectives", "scorer"];
+    let without = |settings: Vec<Setting>| settings.into_iter().filter(|setting| !listed.contains(&setting.name.as_str()));
+    let job = |settings: Vec<Setting>| without(settings).collect();
+    BTreeMap::from([
+        ("pretrain", job(PretrainSpec::schema())),
+        ("score", job(ScoreSpec::schema())),
+        ("train", job(TrainSpec::schema())),
+        ("evaluate", job(EvaluateSpec::schema())),
+    ])
+}
+
+/// Serialises a spec as its flat map, and reads it from that or from the form that earlier versions stored.
+macro_rules! stored_as_values {
+    ($name:ident, $stored:expr) => {
+        impl serde::Serialize for $name {
+            fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                self.values().serialize(serializer)
+            }
+        }
+
+        impl<'de> serde::Deserialize<'de> for $name {
+            fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let values = <crate::Values as serde::Deserialize>::deserialize(deserializer)?;
+                Self::from_values(&$stored(values)).map_err(serde::de::Error::custom)
+            }
+        }
+    };
+}
+use stored_as_values;
+
+#[cfg(test)]
+mod tests;

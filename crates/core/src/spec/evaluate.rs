@@ -1,0 +1,63 @@
+//! The settings of closed-loop trials in the embedded simulator.
+
+use super::groups::Device;
+use crate::schema::{Problem, Setting, Shape, Values, complete, integer_in};
+use crate::settings::{Group as _, Words as _};
+
+/// Seeds are below this, so that none shares an attempt with another.
+const SEED_LIMIT: u64 = u32::MAX as u64;
+
+crate::settings! {
+    /// Settings of an evaluation job.
+    pub struct EvaluateSpec {
+        /// The simulator's task, such as `pick_cube`; empty: the task's own name.
+        pub simulation: String = String::new(), Shape::Text;
+        /// Attempts of each seed; more give a narrower interval.
+        pub episodes: u32 = 200, integer_in(1, 1_000_000);
+        /// Seeds, each with attempts of its own: no two seeds share one.
+        pub seeds: Vec<u64> = vec![0], Shape::Integers { most: SEED_LIMIT - 1, count: 1000 };
+        /// Steps after which an attempt has failed.
+        pub max_steps: u32 = 60, integer_in(1, 10_000);
+        /// Where the policy runs.
+        pub device: Device = Device::Cpu, Device::shape();
+    }
+}
+
+impl EvaluateSpec {
+    /// Every setting.
+    #[must_use]
+    pub fn schema() -> Vec<Setting> {
+        <Self as crate::Group>::schema()
+    }
+
+    /// Reads the settings; one that is left out takes its default.
+    ///
+    /// # Errors
+    /// An unknown setting, a value that is not allowed, or more than a million attempts in all.
+    pub fn from_values(values: &Values) -> Result<Self, Problem> {
+        let spec = Self::read(&complete(&Self::schema(), values, |_| None)?)?;
+        let total = u64::from(spec.episodes) * spec.seeds.len() as u64;
+        if total > 1_000_000 {
+            return Err(Problem::new("episodes", format!("make {total} attempts in all, must be at most 1000000")));
+        }
+        if spec.simulation.len() > 255 || spec.simulation.chars().any(char::is_control) {
+            return Err(Problem::new("simulation", "must be at most 255 bytes without control characters"));
+        }
+        Ok(spec)
+    }
+
+    /// Every setting with its value.
+    #[must_use]
+    pub fn values(&self) -> Values {
+        let mut values = Values::new();
+        self.write(&mut values);
+        values
+    }
+
+    /// The simulator's seeds of a seed's attempts, 2³² · (seed + 1) and on: no two seeds share one, and none is that of
+    /// a small recorded set.
+    pub fn attempts(&self, seed: u64) -> impl Iterator<Item = u64> + use<> {
+        let first = seed.saturating_add(1).saturating_mul(1 << 32);
+        (0..u64::from(self.episodes)).map(move |attempt| first.saturating_add(attempt))
+    }
+}

@@ -1,0 +1,93 @@
+//! The settings of pretraining.
+
+use super::groups::{Augmentation, ModelSpec, OptimSpec, RunSpec};
+use super::{stored, stored_as_values};
+use crate::kinds::Family;
+use crate::schema::{Problem, Setting, Shape, Values, complete};
+use crate::settings::{Group as _, take};
+
+/// Settings of a pretraining job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PretrainSpec {
+    /// The encoder to train.
+    pub model: ModelSpec,
+    /// The objectives whose losses are added up, in the order of their list; all by default, as in the paper.
+    pub objectives: Vec<String>,
+    /// Random changes to images.
+    pub augmentation: Augmentation,
+    /// Optimiser and batches.
+    pub optim: OptimSpec,
+    /// How the run is carried out.
+    pub run: RunSpec,
+    /// Intra-op threads, set by the worker; `None` leaves the process as it is. Numbers repeat bit for bit only
+    /// between runs with the same number of threads.
+    pub threads: Option<u32>,
+}
+
+impl Default for PretrainSpec {
+    fn default() -> Self {
+        Self {
+            model: ModelSpec::default(),
+            objectives: Family::Objective.kinds().iter().map(|kind| kind.name.clone()).collect(),
+            augmentation: Augmentation::default(),
+            optim: OptimSpec::default(),
+            run: RunSpec::default(),
+            threads: None,
+        }
+    }
+}
+
+impl PretrainSpec {
+    /// Every setting.
+    #[must_use]
+    pub fn schema() -> Vec<Setting> {
+        [ModelSpec::schema(), vec![objectives()], Augmentation::schema(), OptimSpec::schema(), RunSpec::schema()]
+            .concat()
+    }
+
+    /// Reads the settings; one that is left out takes its default.
+    ///
+    /// # Errors
+    /// An unknown setting, or a value that is not allowed.
+    pub fn from_values(values: &Values) -> Result<Self, Problem> {
+        let values = complete(&Self::schema(), values, |_| None)?;
+        let chosen: Vec<String> = take(&values, &objectives())?;
+        let listed = Family::Objective.kinds().iter().map(|kind| kind.name.clone());
+        Ok(Self {
+            model: ModelSpec::read(&values)?,
+            objectives: listed.filter(|name| chosen.contains(name)).collect(),
+            augmentation: Augmentation::read(&values)?,
+            optim: OptimSpec::read(&values)?,
+            run: RunSpec::read(&values)?,
+            threads: None,
+        })
+    }
+
+    /// Every setting with its value.
+    #[must_use]
+    pub fn values(&self) -> Values {
+        let Self { model, objectives, augmentation, optim, run, threads: _ } = self;
+        let mut values = Values::new();
+        model.write(&mut values);
+        values.insert("objectives".to_owned(), objectives.clone().into());
+        augmentation.write(&mut values);
+        optim.write(&mut values);
+        run.write(&mut values);
+        values
+    }
+
+    /// The settings that a resumed run must share with the run that wrote the checkpoint, as JSON.
+    #[must_use]
+    pub fn identity(&self) -> String {
+        stored::identity(self.values())
+    }
+}
+
+fn objectives() -> Setting {
+    let words = Family::Objective.words();
+    let default = words.iter().map(|known| known.word.clone()).collect::<Vec<_>>().into();
+    let about = "Self-supervised objectives whose losses are added up; all of them by default.".to_owned();
+    Setting { name: "objectives".to_owned(), about, shape: Shape::Words { words }, default }
+}
+
+stored_as_values!(PretrainSpec, stored::pretrain);

@@ -1,0 +1,77 @@
+//! The settings of a score run.
+
+use super::chosen::{Chosen, choice};
+use super::groups::Device;
+use super::{stored, stored_as_values};
+use crate::kinds::Family;
+use crate::schema::{Problem, Setting, Values};
+use crate::settings::{Group as _, Words as _};
+
+crate::words! {
+    /// How similarities become quality scores.
+    pub enum NormaliserKind {
+        /// Smallest and largest similarity of the run's imperfect segments become 0 and 1.
+        MinMax = "minmax",
+        /// The share of the run's imperfect segments that are less similar.
+        Quantile = "quantile",
+    }
+}
+
+/// Settings of a score job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScoreSpec {
+    /// What gives the scores.
+    pub scorer: Chosen,
+    /// How similarities become scores.
+    pub normaliser: NormaliserKind,
+    /// Where to run.
+    pub device: Device,
+    /// Intra-op threads, set by the worker; `None` leaves the process as it is.
+    pub threads: Option<u32>,
+}
+
+crate::settings! {
+    /// The settings of every scorer.
+    struct Common {
+        /// How similarities become qualities in [0, 1]; frozen with the run.
+        normaliser: NormaliserKind = NormaliserKind::MinMax, NormaliserKind::shape();
+        /// Where the job computes.
+        device: Device = Device::Cpu, Device::shape();
+    }
+}
+
+impl Default for ScoreSpec {
+    fn default() -> Self {
+        let Common { normaliser, device } = Common::default();
+        Self { scorer: Chosen::first(Family::Scorer), normaliser, device, threads: None }
+    }
+}
+
+impl ScoreSpec {
+    /// Every setting that all scorers have.
+    #[must_use]
+    pub fn schema() -> Vec<Setting> {
+        [vec![choice(Family::Scorer)], Common::schema()].concat()
+    }
+
+    /// Reads the settings; one that is left out takes its default.
+    ///
+    /// # Errors
+    /// An unknown setting, one that the chosen scorer does not use, or a value that is not allowed.
+    pub fn from_values(values: &Values) -> Result<Self, Problem> {
+        let (scorer, values) = Chosen::from_values(Family::Scorer, &Self::schema(), values)?;
+        let Common { normaliser, device } = Common::read(&values)?;
+        Ok(Self { scorer, normaliser, device, threads: None })
+    }
+
+    /// Every setting with its value.
+    #[must_use]
+    pub fn values(&self) -> Values {
+        let mut values = Values::new();
+        self.scorer.write(Family::Scorer, &mut values);
+        Common { normaliser: self.normaliser, device: self.device }.write(&mut values);
+        values
+    }
+}
+
+stored_as_values!(ScoreSpec, stored::score);

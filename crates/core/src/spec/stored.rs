@@ -1,0 +1,69 @@
+//! Specs as earlier versions stored them, in rows and in checkpoints, and the identity of a run.
+//!
+//! Earlier versions nested groups (`optim`, `model`, `act`, `augmentation`), stored `threads`, and stored the settings
+//! of every policy and scorer whichever was chosen.
+
+use serde_json::{Value, json};
+
+use crate::kinds::Family;
+use crate::schema::Values;
+
+/// A pretraining's settings in today's form.
+pub(super) fn pretrain(values: Values) -> Values {
+    flat(values)
+}
+
+/// A training's settings in today's form.
+pub(super) fn train(values: Values) -> Values {
+    used(Family::Policy, flat(values))
+}
+
+/// A scoring's settings in today's form.
+pub(super) fn score(mut values: Values) -> Values {
+    if let Some(word) = values.remove("yardstick") {
+        values.insert("local_scale".to_owned(), json!(word != "none"));
+    }
+    if let Some(scale) = values.remove("modality_scale").filter(|scale| !scale.is_null()) {
+        values.insert("scale".to_owned(), scale);
+    }
+    if values.get("normaliser").is_some_and(|word| word == "min_max") {
+        values.insert("normaliser".to_owned(), "minmax".into());
+    }
+    used(Family::Scorer, flat(values))
+}
+
+/// Groups merged into the map that holds them.
+fn flat(values: Values) -> Values {
+    let mut flat = Values::new();
+    for (name, value) in values {
+        match value {
+            Value::Object(group) => flat.extend(group),
+            // Set by a worker for itself.
+            _ if name == "threads" => {}
+            other => {
+                flat.insert(name, other);
+            }
+        }
+    }
+    flat
+}
+
+/// Without the settings that the chosen kind does not have and another kind has.
+fn used(family: Family, mut values: Values) -> Values {
+    let name = values.get(family.as_str()).and_then(Value::as_str).unwrap_or(family.default_name());
+    let Some(kind) = family.find(name) else { return values };
+    for (setting, _) in family.settings() {
+        if kind.settings.iter().all(|own| own.name != setting.name) {
+            values.remove(&setting.name);
+        }
+    }
+    values
+}
+
+/// The settings that decide a run's result, as JSON: without those of how it is carried out.
+pub(super) fn identity(mut values: Values) -> String {
+    for name in ["checkpoint_every", "device"] {
+        values.remove(name);
+    }
+    Value::Object(values).to_string()
+}

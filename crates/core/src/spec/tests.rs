@@ -1,0 +1,124 @@
+//! Specs from settings and from what earlier versions stored.
+
+use serde_json::{Value, json};
+
+use super::*;
+use crate::kinds::Family;
+use crate::schema::Values;
+
+fn values(json: Value) -> Values {
+    json.as_object().unwrap().clone()
+}
+
+#[test]
+fn no_settings_are_the_defaults() {
+    assert_eq!(PretrainSpec::from_values(&Values::new()).unwrap(), PretrainSpec::default());
+    assert_eq!(ScoreSpec::from_values(&Values::new()).unwrap(), ScoreSpec::default());
+    assert_eq!(TrainSpec::from_values(&Values::new()).unwrap(), TrainSpec::default());
+    assert_eq!(EvaluateSpec::from_values(&Values::new()).unwrap(), EvaluateSpec::default());
+    assert_eq!(PretrainSpec::default().objectives, ["mtp", "tr", "aa"]);
+}
+
+#[test]
+fn settings_read_back_as_they_were_written() {
+    let train = values(json!({"policy": "act", "chunk_length": 4, "lambda": 0.2, "batch": 8, "seed": 7}));
+    let spec = TrainSpec::from_values(&train).unwrap();
+    assert_eq!(TrainSpec::from_values(&spec.values()).unwrap(), spec);
+    let stored = serde_json::to_string(&spec).unwrap();
+    assert_eq!(serde_json::from_str::<TrainSpec>(&stored).unwrap(), spec);
+    assert_eq!(spec.policy.settings["chunk_length"], json!(4));
+}
+
+#[test]
+fn a_setting_of_another_kind_is_rejected() {
+    let message = |value: Value| TrainSpec::from_values(&values(value)).unwrap_err().to_string();
+    let found = message(json!({"policy": "bc", "chunk_length": 3}));
+    assert_eq!(found, "chunk_length: has no effect: the policy bc does not use it, only act; leave it out");
+    assert!(message(json!({"chunk_lenght": 3})).starts_with("chunk_lenght: unknown setting; supported: policy, "));
+    assert!(message(json!({"policy": "magic"})).contains("supported: finetune, "));
+    let scoring = values(json!({"scorer": "classifier", "similarity": "last_l2"}));
+    assert!(ScoreSpec::from_values(&scoring).unwrap_err().to_string().starts_with("similarity: has no effect"));
+}
+
+#[test]
+fn objectives_keep_the_order_of_their_list() {
+    let spec = PretrainSpec::from_values(&values(json!({"objectives": ["aa", "mtp"]}))).unwrap();
+    assert_eq!(spec.objectives, ["mtp", "aa"]);
+}
+
+#[test]
+fn what_earlier_versions_stored_is_read() {
+    let pretrain: PretrainSpec = serde_json::from_value(json!({
+        "model": {"preset": "small", "segment_length": 3}, "objectives": ["mtp"],
+        "augmentation": {"shift_pixels": 2, "brightness": 0.0, "contrast": 0.0},
+        "optim": {"steps": 9, "batch": 4}, "seed": 5, "checkpoint_every": 3, "device": "cpu", "threads": null,
+    }))
+    .unwrap();
+    assert_eq!((pretrain.model.preset, pretrain.model.segment_length), (Preset::Small, 3));
+    assert_eq!((pretrain.optim.steps, pretrain.run.seed, pretrain.augmentation.shift_pixels), (9, 5, 2));
+    let train: TrainSpec = serde_json::from_value(json!({
+        "policy": "act", "model": {"preset": "base", "segment_length": 6}, "lambda": 0.3, "history_dropout": 0.5,
+        "act": {"chunk_length": 5, "kl_weight": 1.0, "latent_size": 8}, "threads": 2,
+    }))
+    .unwrap();
+    let expected = json!({"preset": "base", "chunk_length": 5, "kl_weight": 1.0, "latent_size": 8});
+    assert_eq!(Value::Object(train.policy.settings), expected);
+    let score: ScoreSpec = serde_json::from_value(json!({
+        "scorer": "ssdf", "similarity": "last_cosine", "feature_scale": "plain", "yardstick": "none",
+        "normaliser": "min_max", "modality_scale": [1.0, 0.5, 2.0], "seed": 3, "device": "cpu", "threads": null,
+    }))
+    .unwrap();
+    let expected =
+        json!({"similarity": "last_cosine", "feature_scale": "plain", "local_scale": false, "scale": [1.0, 0.5, 2.0]});
+    assert_eq!((Value::Object(score.scorer.settings), score.normaliser), (expected, NormaliserKind::MinMax));
+}
+
+#[test]
+fn a_resume_may_change_only_how_the_run_is_carried_out() {
+    let spec = TrainSpec::default();
+    let mut carried_out = spec.clone();
+    (carried_out.run.checkpoint_every, carried_out.threads) = (7, Some(2));
+    let mut different = spec.clone();
+    different.run.seed = 1;
+    assert_eq!(spec.identity(), carried_out.identity());
+    assert_ne!(spec.identity(), different.identity());
+}
+
+#[test]
+fn no_two_seeds_of_an_evaluation_share_an_attempt() {
+    let spec = EvaluateSpec { episodes: 3, ..EvaluateSpec::default() };
+    assert_eq!(spec.attempts(0).collect::<Vec<_>>(), [1 << 32, (1 << 32) + 1, (1 << 32) + 2]);
+    assert_eq!(spec.attempts(1).next(), Some(2 << 32));
+    let last = u64::from(u32::MAX) - 1;
+    assert!(spec.attempts(last).is_sorted() && spec.attempts(last).all(|attempt| attempt < u64::MAX));
+    for wrong in [json!({"episodes": 0}), json!({"seeds": [3, 3]}), json!({"seeds": [1, 2], "episodes": 500_001})] {
+        assert!(EvaluateSpec::from_values(&values(wrong)).is_err());
+    }
+}
+
+#[test]
+fn the_learning_rate_rises_then_falls_to_nearly_zero() {
+    let spec = OptimSpec { steps: 100, warmup_steps: 10, learning_rate: 1.0, ..OptimSpec::default() };
+    assert!((spec.learning_rate_at(0) - 0.1).abs() < 1e-12);
+    assert!(spec.learning_rate_at(9) > 0.97);
+    assert!((spec.learning_rate_at(50) - 0.5).abs() < 1e-12);
+    assert!(spec.learning_rate_at(99) < 1e-3);
+}
+
+#[test]
+fn every_default_is_allowed_by_its_own_setting() {
+    for job in ["pretrain", "score", "train", "evaluate"] {
+        for (setting, _) in schema_of(job) {
+            assert_eq!(setting.check(&setting.default).unwrap(), setting.default, "{job}: {}", setting.name);
+        }
+    }
+    assert!(Family::Policy.kinds().len() > 3);
+}
+
+/// `make kinds` writes the file.
+#[test]
+fn the_settings_written_for_other_languages_are_these() {
+    let written = serde_json::to_string_pretty(&jobs()).unwrap() + "\n";
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/jobs.json");
+    assert_eq!(std::fs::read_to_string(file).unwrap(), written, "run `make kinds`");
+}

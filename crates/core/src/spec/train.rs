@@ -1,0 +1,92 @@
+//! The settings of training a policy.
+
+use super::chosen::{Chosen, choice};
+use super::groups::{Augmentation, OptimSpec, RunSpec};
+use super::{stored, stored_as_values};
+use crate::kinds::Family;
+use crate::schema::{Problem, Setting, Values, number_in};
+use crate::settings::Group as _;
+
+/// Settings of a training job.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrainSpec {
+    /// Which policy, with its own settings.
+    pub policy: Chosen,
+    /// Random changes to images.
+    pub augmentation: Augmentation,
+    /// Optimiser and batches: each step draws `batch` expert and `batch` kept segments.
+    pub optim: OptimSpec,
+    /// The paper's λ: weight of the kept imperfect segments.
+    pub lambda: f64,
+    /// How the run is carried out.
+    pub run: RunSpec,
+    /// Intra-op threads, set by the worker; `None` leaves the process as it is.
+    pub threads: Option<u32>,
+}
+
+crate::settings! {
+    /// The weight of gleaned segments.
+    struct Gleaning {
+        /// Weight of the loss of kept imperfect segments beside that of experts (the paper's λ; 0 ignores them).
+        lambda: f64 = 0.1, number_in(0.0, 1e6);
+    }
+}
+
+impl Default for TrainSpec {
+    fn default() -> Self {
+        Self {
+            policy: Chosen::first(Family::Policy),
+            augmentation: Augmentation::default(),
+            optim: OptimSpec::default(),
+            lambda: Gleaning::default().lambda,
+            run: RunSpec::default(),
+            threads: None,
+        }
+    }
+}
+
+impl TrainSpec {
+    /// Every setting that all policies have.
+    #[must_use]
+    pub fn schema() -> Vec<Setting> {
+        let groups = [Gleaning::schema(), Augmentation::schema(), OptimSpec::schema(), RunSpec::schema()];
+        [vec![choice(Family::Policy)], groups.concat()].concat()
+    }
+
+    /// Reads the settings; one that is left out takes its default.
+    ///
+    /// # Errors
+    /// An unknown setting, one that the chosen policy does not use, or a value that is not allowed.
+    pub fn from_values(values: &Values) -> Result<Self, Problem> {
+        let (policy, values) = Chosen::from_values(Family::Policy, &Self::schema(), values)?;
+        Ok(Self {
+            policy,
+            augmentation: Augmentation::read(&values)?,
+            optim: OptimSpec::read(&values)?,
+            lambda: Gleaning::read(&values)?.lambda,
+            run: RunSpec::read(&values)?,
+            threads: None,
+        })
+    }
+
+    /// Every setting with its value.
+    #[must_use]
+    pub fn values(&self) -> Values {
+        let Self { policy, augmentation, optim, lambda, run, threads: _ } = self;
+        let mut values = Values::new();
+        policy.write(Family::Policy, &mut values);
+        Gleaning { lambda: *lambda }.write(&mut values);
+        augmentation.write(&mut values);
+        optim.write(&mut values);
+        run.write(&mut values);
+        values
+    }
+
+    /// The settings that a resumed run must share with the run that wrote the checkpoint, as JSON.
+    #[must_use]
+    pub fn identity(&self) -> String {
+        stored::identity(self.values())
+    }
+}
+
+stored_as_values!(TrainSpec, stored::train);

@@ -1,0 +1,24 @@
+//! Every policy, objective and scorer of this crate as data, for the crate of values.
+
+use gleaner_core::kinds::Kinds;
+
+/// Every kind, as its own file describes it.
+#[must_use]
+pub fn kinds() -> Kinds {
+    Kinds {
+        policies: crate::policy::describe(),
+        objectives: crate::objective::describe(),
+        scorers: crate::score::scorer::describe(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    /// `make kinds` writes the file.
+    #[test]
+    fn the_embedded_kinds_are_those_of_this_crate() {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../core/kinds.json");
+        let written = serde_json::to_string_pretty(&super::kinds()).unwrap() + "\n";
+        assert_eq!(std::fs::read_to_string(file).unwrap(), written, "run `make kinds`");
+    }
+}

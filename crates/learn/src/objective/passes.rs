@@ -1,0 +1,55 @@
+//! The transformer's passes over one batch, each made once and only if an objective asks for it.
+
+use std::cell::OnceCell;
+
+use tch::Tensor;
+
+use super::{Targets, masking};
+use crate::batch::{Batch, Windows, int};
+use crate::model::{Attention, Network, View};
+use crate::random::{Purpose, generator};
+
+/// The passes over a batch.
+pub(crate) struct Passes<'a> {
+    pub(super) network: &'a Network,
+    pub(super) windows: &'a Windows,
+    pub(super) targets: Targets,
+    steps: Tensor,
+    seed: u64,
+    step: u64,
+    masked: OnceCell<Masked>,
+}
+
+/// The bidirectional pass over M(τ).
+pub(super) struct Masked {
+    /// Squared error of every element, `[W, L, 3]`.
+    pub(super) errors: Tensor,
+    /// The indicator I(e_t), `[W, L, 3]`.
+    pub(super) masked: Tensor,
+}
+
+impl<'a> Passes<'a> {
+    /// For one step of a training with this seed.
+    pub(crate) fn new(network: &'a Network, batch: &'a Batch, seed: u64, step: u64) -> Self {
+        let steps = network.batch_steps(batch);
+        let targets = Targets::new(network, batch);
+        Self { network, windows: &batch.windows, targets, steps, seed, step, masked: OnceCell::new() }
+    }
+
+    /// The pass over M(τ), which MTP and TR share.
+    pub(super) fn masked(&self) -> &Masked {
+        self.masked.get_or_init(|| {
+            let mut rng = generator(self.seed, Purpose::Mask, self.step);
+            let masked = masking::draw(&mut rng, &self.windows.valid_places, self.windows.length);
+            let masked = Windows::grid(&masked, &[-1, int(self.windows.length), 3], self.network.device());
+            let view = View { attention: Attention::Bidirectional, hidden: Some(&masked) };
+            let features = self.network.features(&self.steps, self.windows, view, self.windows.length);
+            Masked { errors: self.targets.errors(self.network, &features), masked }
+        })
+    }
+
+    /// Features of the causal pass, `[W, L, 3, d]`.
+    pub(super) fn causal(&self) -> Tensor {
+        self.network.features(&self.steps, self.windows, View::CAUSAL, self.windows.length)
+    }
+}

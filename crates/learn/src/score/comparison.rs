@@ -1,0 +1,81 @@
+//! How segments are compared with those of experts: in which features, by which similarity, scaled by what.
+
+use gleaner_core::Words as _;
+use gleaner_core::schema::Shape;
+
+gleaner_core::words! {
+    /// How the features of two segments are compared.
+    pub enum Similarity {
+        /// Minus the sum over images, proprioception and actions of the Euclidean distance of the last step's features.
+        LastL2 = "last_l2",
+        /// Sum over images, proprioception and actions of the cosine of the last step's features, less 1 each.
+        LastCosine = "last_cosine",
+        /// As last_l2, over the features of all the segment's steps, one after the other.
+        SegmentL2 = "segment_l2",
+        /// As last_cosine, over the features of all the segment's steps, one after the other.
+        SegmentCosine = "segment_cosine",
+    }
+}
+
+impl Similarity {
+    /// Whether all steps of the segment count, not only the last.
+    pub(crate) fn whole_segment(self) -> bool {
+        match self {
+            Self::LastL2 | Self::LastCosine => false,
+            Self::SegmentL2 | Self::SegmentCosine => true,
+        }
+    }
+}
+
+gleaner_core::words! {
+    /// Scale of the encoder's features.
+    pub enum FeatureScale {
+        /// Every direction divided by its variation over the pretraining data.
+        Whitened = "whitened",
+        /// Unchanged, as in the paper.
+        Plain = "plain",
+    }
+}
+
+gleaner_core::settings! {
+    /// Settings of every scorer that compares segments.
+    #[derive(Copy)]
+    pub(super) struct NearestSpec {
+        /// How the features of two segments are compared.
+        pub(super) similarity: Similarity = Similarity::LastL2, Similarity::shape();
+        /// Scale similarities by the local spread of experts around the match; false: as in the paper.
+        pub(super) local_scale: bool = true, Shape::Flag;
+        /// Factors of the distances of images, proprioception and actions.
+        pub(super) scale: [f64; 3] = [1.0; 3], Shape::Numbers {
+            names: ["image", "proprioception", "action"].map(str::to_owned).to_vec(), least: 0.0, most: 1e6
+        };
+    }
+}
+
+/// What is compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Source {
+    /// The encoder's features.
+    Features(FeatureScale),
+    /// Standardised observations and actions.
+    Observations,
+}
+
+/// How segments are compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Comparison {
+    /// What is compared.
+    pub(super) source: Source,
+    /// By which similarity.
+    pub(super) similarity: Similarity,
+    /// Whether similarities are scaled by the local spread of experts.
+    pub(super) local_scale: bool,
+    /// Factors of the distances of o, m and a.
+    pub(super) scale: [f64; 3],
+}
+
+impl Comparison {
+    pub(super) fn new(source: Source, NearestSpec { similarity, local_scale, scale }: NearestSpec) -> Self {
+        Self { source, similarity, local_scale, scale }
+    }
+}

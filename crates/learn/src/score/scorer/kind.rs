@@ -1,0 +1,64 @@
+//! What a scorer is: how segments are compared with those of experts, or a network trained on all episodes. Must not
+//! depend on which scorers there are.
+
+use gleaner_core::kinds::{Kind, Needs};
+use gleaner_core::{Chosen, Setting};
+
+use crate::error::LearnError;
+use crate::model::Network;
+use crate::score::EpisodeScores;
+use crate::score::comparison::Comparison;
+use crate::train::Monitor;
+use crate::trajectory::Trajectory;
+
+/// One kind of scorer.
+pub(in crate::score) struct ScorerKind {
+    /// The word in settings, such as `ssdf`.
+    pub(in crate::score) name: &'static str,
+    /// The name for people.
+    pub(in crate::score) title: &'static str,
+    /// What it is, in one sentence.
+    pub(in crate::score) about: &'static str,
+    /// What it cannot do without.
+    pub(in crate::score) needs: Needs,
+    /// The settings that it has besides those of every score run.
+    pub(in crate::score) settings: fn() -> Vec<Setting>,
+    /// The scorer with its settings.
+    pub(in crate::score) open: fn(&Chosen) -> Result<Scorer, LearnError>,
+}
+
+impl ScorerKind {
+    /// Its description as data.
+    pub(super) fn describe(&self) -> Kind {
+        let [name, title, about] = [self.name, self.title, self.about].map(str::to_owned);
+        Kind { name, title, about, needs: self.needs, settings: (self.settings)() }
+    }
+}
+
+/// A scorer with its settings.
+pub(in crate::score) enum Scorer {
+    /// By the nearest expert segment.
+    Nearest(Comparison),
+    /// By what is trained on all episodes at once.
+    Trained(Trained),
+}
+
+/// Scores the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the order given.
+pub(in crate::score) type Trained = Box<
+    dyn Fn(
+            &Network,
+            (&[Trajectory], &[Trajectory]),
+            &mut dyn Monitor,
+        ) -> Result<(Vec<EpisodeScores>, Vec<EpisodeScores>), LearnError>
+        + Send,
+>;
+
+impl Scorer {
+    /// How segments are compared; `None` for a scorer that is trained.
+    pub(in crate::score) fn comparison(&self) -> Option<&Comparison> {
+        match self {
+            Self::Nearest(comparison) => Some(comparison),
+            Self::Trained(_) => None,
+        }
+    }
+}

@@ -1,0 +1,27 @@
+//! The list of scorers: a new one is a file and a line here.
+
+use gleaner_core::Chosen;
+use gleaner_core::kinds::{Family, Kind};
+
+use super::{Scorer, ScorerKind, raw, ssdf};
+use crate::error::LearnError;
+use crate::score::classifier;
+
+/// Every scorer; the first is the default.
+const SCORERS: [&ScorerKind; 3] = [&ssdf::KIND, &raw::KIND, &classifier::KIND];
+
+/// The chosen scorer with its settings.
+pub(in crate::score) fn open(chosen: &Chosen) -> Result<Scorer, LearnError> {
+    match SCORERS.into_iter().find(|kind| kind.name == chosen.name) {
+        Some(kind) => (kind.open)(chosen),
+        None => {
+            let unlisted = LearnError::invalid("scorer", format!("{} is missing in this program", chosen.name));
+            Err(Family::Scorer.kind(&chosen.name).err().map_or(unlisted, LearnError::from))
+        }
+    }
+}
+
+/// Every scorer as data.
+pub(crate) fn describe() -> Vec<Kind> {
+    SCORERS.iter().map(|kind| kind.describe()).collect()
+}
