@@ -1,4 +1,4 @@
-//! `evaluate`: closed-loop trials in the simulator, as a job of the server.
+//! `evaluate`: closed-loop evaluation in the simulator, as a job of the server.
 
 use clap::Args;
 use gleaner_proto::v1::evaluate_spec::Subject;
@@ -10,25 +10,25 @@ use crate::choice::DeviceWord;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 
-/// How often a policy is tried.
+/// Size of an evaluation.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct TrialArgs {
-    /// Simulated episodes for each seed of the evaluation.
+    /// Number of episodes per seed. Default: 200.
     #[arg(long, value_name = "N")]
     episodes: Option<u32>,
-    /// Seeds of the evaluation; no two share an attempt.
+    /// Seeds; each gives different episodes. Default: 0.
     #[arg(long, value_delimiter = ',', value_name = "SEED,SEED")]
     trial_seeds: Vec<u64>,
-    /// Steps after which an attempt has failed.
+    /// Maximum number of steps; longer attempts count as failures. Default: 60.
     #[arg(long, value_name = "STEPS")]
     max_steps: Option<u32>,
-    /// The simulator's task; by default the task's own name.
+    /// Task of the simulator. Default: the name of the task.
     #[arg(long, value_name = "TASK", default_value = "", hide_default_value = true)]
     simulation: String,
 }
 
 impl TrialArgs {
-    /// Trials of a policy that is filled in later.
+    /// The specification without its policy.
     pub(crate) fn spec(&self, device: DeviceWord) -> EvaluateSpec {
         EvaluateSpec {
             subject: None,
@@ -43,18 +43,18 @@ impl TrialArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct EvaluateCommand {
-    /// The policy, or one that a queued job will make.
+    /// Id of the policy, whose job may be queued.
     #[arg(long, required_unless_present = "deployment")]
     policy: Option<String>,
-    /// Instead: the policy that this deployment points at now.
+    /// Instead of --policy, evaluate the current policy of this deployment.
     #[arg(long, value_name = "NAME", conflicts_with = "policy")]
     deployment: Option<String>,
-    /// The task's name or id; by default that of the policy.
+    /// Name or id of the task. Default: the policy's.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]
     trials: TrialArgs,
-    /// Where to compute.
+    /// Device of the computation.
     #[arg(long, value_enum, default_value = "cpu")]
     device: DeviceWord,
     #[command(flatten)]

@@ -29,23 +29,23 @@ pub(crate) struct PipelineArgs {
     /// The last stage.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
-    /// Keep segments with quality above this.
+    /// Keep segments with a quality above this threshold, 0 to 1.
     #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
     beta: f64,
-    /// Instead: keep so large a part of the segments, the best ones.
+    /// Instead of --beta, keep this fraction of the segments, the best ones.
     #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
     top: Option<f64>,
     #[command(flatten)]
     scoring: ScoringArgs,
     #[command(flatten)]
     policy: PolicyArgs,
-    /// Optimiser steps of the training.
+    /// Optimiser steps of the policy's training.
     #[arg(long, value_name = "STEPS")]
     train_steps: Option<u32>,
-    /// Segments a step of the training.
+    /// Segments per step of the policy's training.
     #[arg(long, value_name = "BATCH")]
     train_batch: Option<u32>,
-    /// Learning rate of the training.
+    /// Learning rate of the policy's training.
     #[arg(long, value_name = "LR")]
     train_lr: Option<f64>,
     #[command(flatten)]
@@ -80,7 +80,7 @@ impl PipelineArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct PipelineCommand {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]
