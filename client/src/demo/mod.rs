@@ -1,6 +1,6 @@
-//! `demo`: the whole way once, on a server of its own, with a report at the end.
+//! `demo`: every stage once on a temporary server, with a report at the end.
 //!
-//! Uses the same calls as the commands. Sizes are in `plan`, what is done in `stages`, what is said in `report`.
+//! Uses the same calls as the commands. `plan` has the sizes, `stages` the work, and `report` the text.
 
 mod figure;
 mod plan;

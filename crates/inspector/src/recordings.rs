@@ -84,7 +84,7 @@ impl RecordingsConfig {
     /// Checks each value.
     ///
     /// # Errors
-    /// A sentence that names the flag and the mend.
+    /// A sentence that names the flag and the fix.
     pub fn validate(&self) -> Result<(), String> {
         let sizes = [
             ("--max-chunk-bytes", self.max_chunk_bytes),
