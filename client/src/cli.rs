@@ -149,18 +149,18 @@ mod tests {
     use clap::CommandFactory as _;
 
     #[test]
-    fn the_definition_is_sound() {
+    fn definition_is_valid() {
         Cli::command().debug_assert();
     }
 
     #[test]
-    fn a_token_shows_in_no_debug_print() {
+    fn debug_hides_tokens() {
         let cli = Cli::try_parse_from(["gleaner", "--token", "secret123", "jobs"]).unwrap();
         assert!(!format!("{cli:?}").contains("secret123"));
     }
 
     #[test]
-    fn options_go_together_with_the_one_that_is_needed() {
+    fn valid_combinations_of_options_parse() {
         for line in [
             "gleaner train --dataset ds_1 --task t --policy act --chunk-length 4 --preset small --key mine",
             "gleaner score --extends run_1 --device cuda",
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_use_is_refused() {
+    fn invalid_arguments_are_rejected() {
         for line in [
             "gleaner",
             "gleaner push",

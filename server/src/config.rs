@@ -235,19 +235,19 @@ mod tests {
     }
 
     #[test]
-    fn the_definition_is_sound() {
+    fn definition_is_valid() {
         Cli::command().debug_assert();
     }
 
     #[test]
-    fn an_open_address_needs_a_flag() {
+    fn public_address_without_insecure_is_rejected() {
         assert!(serve(&[]).validate().is_ok());
         assert!(serve(&["--listen", "0.0.0.0:7400"]).validate().unwrap_err().contains("--insecure"));
         assert!(serve(&["--listen", "0.0.0.0:7400", "--insecure"]).validate().is_ok());
     }
 
     #[test]
-    fn pages_that_others_reach_are_encrypted_or_a_flag_of_their_own() {
+    fn public_pages_require_tls_or_web_insecure() {
         let open = ["--web-listen", "0.0.0.0:7401"];
         assert!(serve(&open).validate().unwrap_err().contains("--web-insecure"));
         assert!(serve(&[&open[..], &["--insecure"]].concat()).validate().is_err(), "it is about callers");
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn policies_are_served_within_reason() {
+    fn settings_out_of_range_are_rejected() {
         for (flag, value) in [
             ("--policy-batch", "0"),
             ("--policy-batch-wait", "0.6"),
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_secret_does_not_show() {
+    fn debug_hides_secrets() {
         assert_eq!(format!("{:?}", Secret::from("token".to_owned())), "(secret)");
     }
 }

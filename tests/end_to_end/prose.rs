@@ -1,5 +1,5 @@
 //! The word list of the project's prose, applied to Markdown and to the doc comments (which include help texts) of the
-//! folders that follow it. CONTRIBUTING.md has the rules behind the list.
+//! folders that follow it; and the sources that Markdown names. CONTRIBUTING.md has the rules behind the list.
 
 use std::path::{Path, PathBuf};
 
@@ -126,6 +126,33 @@ fn markdown_avoids_the_phrases_of_the_list() {
     let texts = texts.filter(|(name, _)| !REPORTS.iter().any(|report| name.starts_with(report)));
     let broken: Vec<String> = texts.flat_map(|(name, text)| found(&name, &text, |_| true)).collect();
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// The paths of sources that a text names in code spans.
+fn sources_named(text: &str) -> impl Iterator<Item = &str> {
+    text.split('`').skip(1).step_by(2).filter(|span| {
+        let is_path = !span.starts_with('.') && span.chars().all(|c| c.is_ascii_alphanumeric() || "_-./".contains(c));
+        is_path && [".rs", ".proto", ".sql", ".py", ".sh"].iter().any(|extension| span.ends_with(extension))
+    })
+}
+
+#[test]
+fn sources_named_in_markdown_exist() {
+    let mut sources = Vec::new();
+    for extension in ["rs", "proto", "sql", "py", "sh"] {
+        files(root(), true, extension, &mut sources);
+    }
+    let mut paths = Vec::new();
+    for folder in MARKDOWN {
+        files(&root().join(folder), folder != ".", "md", &mut paths);
+    }
+    let mut missing = Vec::new();
+    for (name, text) in paths.iter().map(|path| read(path)) {
+        // `Path::ends_with` compares whole names, so `routes.rs` does not match `my_routes.rs`.
+        let gone = sources_named(&text).filter(|source| !sources.iter().any(|path| path.ends_with(source)));
+        missing.extend(gone.map(|source| format!("{name}: {source} does not exist")));
+    }
+    assert!(missing.is_empty(), "{}", missing.join("\n"));
 }
 
 #[test]

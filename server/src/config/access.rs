@@ -104,8 +104,8 @@ impl AccessConfig {
         let missing = match (self.tls_cert.is_some(), self.tokens_required(loopback, insecure)) {
             _ if loopback || insecure => return Ok(()),
             (true, true) => return Ok(()),
-            (false, _) => "encrypt with --tls-cert and --tls-key (`gleaner-server tls init` makes both files)",
-            (true, false) => "ask who they are with --require-tokens",
+            (false, _) => "encrypt with --tls-cert and --tls-key (`gleaner-server tls init` creates both files)",
+            (true, false) => "require tokens with --require-tokens",
         };
         Err(format!(
             "--listen {listen}: other machines can reach this address: {missing}, or listen on 127.0.0.1, or accept the \
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_others_reach_needs_tls_and_tokens_or_a_word() {
+    fn public_address_requires_tls_and_tokens_unless_insecure() {
         let (near, far) = (([127, 0, 0, 1], 7400).into(), ([0, 0, 0, 0], 7400).into());
         for (tls, tokens, said) in [
             (true, None, None),
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn tokens_are_asked_for_where_others_reach_unless_it_is_said() {
+    fn tokens_are_required_on_public_addresses_by_default() {
         for (required, loopback, insecure, asked) in [
             (None, true, false, false),
             (None, false, false, true),

@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn half_of_the_processors_carry_messages_unless_it_is_said() {
+    fn io_threads_default_to_half_of_the_processors() {
         let processors = std::thread::available_parallelism().unwrap().get();
         assert_eq!(with(&[]).io_threads(), (processors / 2).max(1));
         assert_eq!(with(&["--io-threads", "3"]).io_threads(), 3);
