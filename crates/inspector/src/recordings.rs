@@ -8,25 +8,25 @@ use gleaner_recording::{Limits, MOST_JSON_DEPTH};
 #[command(next_help_heading = "Limits on recordings")]
 pub struct RecordingsConfig {
     /// Maximum size of a chunk in bytes, both compressed and decompressed.
-    #[arg(long, env = "GLEANER_MAX_CHUNK_BYTES", default_value_t = Limits::default().chunk_bytes)]
+    #[arg(long, env = "GLEANER_MAX_CHUNK_BYTES", value_name = "BYTES", default_value_t = Limits::default().chunk_bytes)]
     pub max_chunk_bytes: usize,
     /// Maximum size of a record in bytes.
-    #[arg(long, env = "GLEANER_MAX_RECORD_BYTES", default_value_t = Limits::default().record_bytes)]
+    #[arg(long, env = "GLEANER_MAX_RECORD_BYTES", value_name = "BYTES", default_value_t = Limits::default().record_bytes)]
     pub max_record_bytes: usize,
     /// Maximum number of records.
-    #[arg(long, env = "GLEANER_MAX_RECORDS", default_value_t = Limits::default().records)]
+    #[arg(long, env = "GLEANER_MAX_RECORDS", value_name = "N", default_value_t = Limits::default().records)]
     pub max_records: u64,
     /// Maximum number of channels, and of schemas.
-    #[arg(long, env = "GLEANER_MAX_CHANNELS", default_value_t = Limits::default().channels)]
+    #[arg(long, env = "GLEANER_MAX_CHANNELS", value_name = "N", default_value_t = Limits::default().channels)]
     pub max_channels: usize,
     /// Maximum length in bytes of the name of a topic, a schema or an encoding.
-    #[arg(long, env = "GLEANER_MAX_NAME_BYTES", default_value_t = Limits::default().name_bytes)]
+    #[arg(long, env = "GLEANER_MAX_NAME_BYTES", value_name = "BYTES", default_value_t = Limits::default().name_bytes)]
     pub max_name_bytes: usize,
     /// Maximum nesting depth of a JSON message.
-    #[arg(long, env = "GLEANER_MAX_JSON_DEPTH", default_value_t = Limits::default().json_depth)]
+    #[arg(long, env = "GLEANER_MAX_JSON_DEPTH", value_name = "N", default_value_t = Limits::default().json_depth)]
     pub max_json_depth: usize,
     /// Maximum number of pixels of an image.
-    #[arg(long, env = "GLEANER_MAX_IMAGE_PIXELS", default_value_t = Limits::default().image_pixels)]
+    #[arg(long, env = "GLEANER_MAX_IMAGE_PIXELS", value_name = "PIXELS", default_value_t = Limits::default().image_pixels)]
     pub max_image_pixels: u64,
 }
 
