@@ -25,11 +25,12 @@ build: .libtorch
 test: .libtorch
 	$(CARGO) test --workspace --locked
 
-# The unit tests of one module of the server: `make test-room ROOM=store`. The two packages together select the features
-# of the whole workspace, so that nothing is built twice.
+# The unit tests of one module of the server or of learn: `make test-room ROOM=store`. The three packages together select
+# the features of the whole workspace (gleaner-learn for those of its benches), so that nothing is built twice.
+# PACKAGE= adds another crate.
 ROOM ?= store
 test-room: .libtorch
-	$(CARGO) test --locked -p gleaner-server -p gleaner-tests --lib $(ROOM)::
+	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests $(addprefix -p ,$(PACKAGE)) --lib $(ROOM)::
 
 # Kills a server 200 times under a mixed load with 1,000 uploads, and a training job 50 times, at random moments and at
 # every fail point. Prints its seed; SEED=… sets it.
