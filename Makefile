@@ -1,5 +1,5 @@
 # Everything a person or CI runs. `make demo` and `make test` need nothing but Rust, a C++ compiler and Python with pip.
-.PHONY: demo build test crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz kinds
+.PHONY: demo build test test-room crash-test test-python lint-python differential differential-test metaworld fmt lint doc deny check bench bench-serving bench-pages load-test peers peers-serving fuzz kinds
 
 CARGO ?= cargo
 DEMO_DIR ?= demo
@@ -24,6 +24,13 @@ build: .libtorch
 # Every test, from a bare clone.
 test: .libtorch
 	$(CARGO) test --workspace --locked
+
+# The unit tests of one module of the server or of learn: `make test-room ROOM=store`. The three packages together select
+# the features of the whole workspace (gleaner-learn for those of its benches), so that nothing is built twice.
+# PACKAGE= adds another crate.
+ROOM ?= store
+test-room: .libtorch
+	$(CARGO) test --locked -p gleaner-server -p gleaner-learn -p gleaner-tests $(addprefix -p ,$(PACKAGE)) --lib $(ROOM)::
 
 # Kills a server 200 times under a mixed load with 1,000 uploads, and a training job 50 times, at random moments and at
 # every fail point. Prints its seed; SEED=… sets it.

@@ -1,4 +1,4 @@
-//! The command line's shape: global options and the list of commands.
+//! Definition of the command line: global options and the list of commands.
 
 use std::path::PathBuf;
 
@@ -11,46 +11,51 @@ use crate::cmd::{
 };
 use crate::{demo, experiment};
 
-/// Gleans the good steps out of failed demonstrations.
+/// Finds the good steps in failed robot demonstrations: a client of gleaner-server.
 #[derive(Debug, Parser)]
 #[command(name = "gleaner", version, propagate_version = true, max_term_width = 100)]
 pub(crate) struct Cli {
     #[command(flatten)]
     pub(crate) connection: ConnectionArgs,
 
-    /// Print one JSON document (streams: one a line) instead of text.
-    #[arg(long, global = true)]
+    /// Print JSON instead of text: one document, or for streams one per line.
+    #[arg(long, global = true, help_heading = GLOBAL)]
     pub(crate) json: bool,
 
     #[command(subcommand)]
     pub(crate) command: Command,
 }
 
-/// Where the server is and who asks.
+/// The heading of options that every command has.
+pub(crate) const GLOBAL: &str = "Global options";
+
+/// The server, and the identity of the caller.
 #[derive(Args, Debug)]
 pub(crate) struct ConnectionArgs {
-    /// The server's address; by default http://127.0.0.1:7400.
-    #[arg(long, global = true, env = "GLEANER_SERVER", value_name = "URL")]
+    /// Address of the server. Default: http://127.0.0.1:7400.
+    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_SERVER", value_name = "URL")]
     pub(crate) server: Option<String>,
 
-    /// The access token, if the server asks for one.
-    #[arg(long, global = true, env = "GLEANER_TOKEN", hide_env_values = true)]
+    /// Access token, for servers that require one.
+    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_TOKEN", hide_env_values = true)]
     pub(crate) token: Option<Token>,
 
-    /// Certificates (PEM) that may have signed the server's; by default the system's. For https:// addresses.
-    #[arg(long, global = true, env = "GLEANER_CA", value_name = "FILE")]
+    /// Certificates (PEM) of authorities to trust, for https:// addresses. Default: those of the system.
+    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_CA", value_name = "FILE")]
     pub(crate) ca: Option<PathBuf>,
 
-    /// A certificate (PEM) of one's own, if the server asks for one.
-    #[arg(long, global = true, env = "GLEANER_CLIENT_CERT", value_name = "FILE", requires = "client_key")]
+    /// Client certificate (PEM), for servers that require one.
+    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_CLIENT_CERT", value_name = "FILE",
+          requires = "client_key")]
     pub(crate) client_cert: Option<PathBuf>,
 
-    /// The private key (PEM) of that certificate.
-    #[arg(long, global = true, env = "GLEANER_CLIENT_KEY", value_name = "FILE", requires = "client_cert")]
+    /// Private key (PEM) of the client certificate.
+    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_CLIENT_KEY", value_name = "FILE",
+          requires = "client_cert")]
     pub(crate) client_key: Option<PathBuf>,
 
-    /// Who labels episodes, as kept in their history.
-    #[arg(long, global = true, env = "USER", hide_env_values = true, value_name = "NAME")]
+    /// Author of labels, kept in their history.
+    #[arg(long, global = true, help_heading = GLOBAL, env = "USER", hide_env_values = true, value_name = "NAME")]
     pub(crate) author: Option<String>,
 }
 
@@ -63,19 +68,19 @@ pub(crate) enum Command {
     Push(push::PushArgs),
     /// List a task's episodes.
     Episodes(episodes::EpisodesArgs),
-    /// Show one episode and what its inspection found.
+    /// Show one episode and the findings of its inspection.
     Episode(episodes::EpisodeArgs),
     /// Download an episode's recording.
     Download(episodes::DownloadArgs),
     /// Set the outcome and cohort of episodes.
     Label(label::LabelArgs),
-    /// Show every label an episode ever had.
+    /// Show the history of an episode's labels.
     Labels(label::LabelsArgs),
-    /// Put episodes into the trash; the server removes them for good after some days.
+    /// Move episodes to the trash; the server removes them after `--trash-days`.
     Delete(trash::DeleteArgs),
-    /// Take episodes out of the trash.
+    /// Restore episodes from the trash.
     Restore(trash::RestoreArgs),
-    /// Freeze, list and show snapshots of a task's episodes.
+    /// Create, list and show snapshots of a task's episodes.
     #[command(subcommand)]
     Snapshot(snapshot::SnapshotCommand),
     /// Pretrain an encoder on experts and imperfect episodes.
@@ -84,15 +89,15 @@ pub(crate) enum Command {
     Score(submit::ScoreCommand),
     /// Train a policy on a dataset, or on experts alone.
     Train(submit::TrainCommand),
-    /// Try a policy in the simulator, as a job of the server.
+    /// Evaluate a policy in the simulator, as a job of the server.
     Evaluate(evaluate::EvaluateCommand),
     /// List a policy's evaluations.
     Evaluations(evaluations::EvaluationsArgs),
     /// Show one evaluation, seed by seed.
     Evaluation(evaluations::EvaluationArgs),
-    /// Keep the result of trials that ran elsewhere with a policy.
+    /// Store the result of an evaluation that ran elsewhere.
     ReportEvaluation(evaluations::ReportArgs),
-    /// Pretrain, score, filter, train and evaluate, one after the other.
+    /// Submit a chain of jobs: pretrain, score, filter, train, evaluate.
     Pipeline(pipeline::PipelineCommand),
     /// List policies, objectives and scorers, and the settings of each job.
     Kinds(kinds::KindsArgs),
@@ -102,41 +107,41 @@ pub(crate) enum Command {
     Job(jobs::JobArgs),
     /// Follow a job until it ends.
     Watch(jobs::WatchArgs),
-    /// Cancel a job, and the jobs that wait for it.
+    /// Cancel a job and the jobs that depend on it.
     Cancel(jobs::CancelArgs),
     /// List a task's finished score runs.
     Runs(scores::RunsArgs),
-    /// Chart one episode's quality, step by step.
+    /// Chart the quality of one episode, step by step.
     Scores(scores::ScoresArgs),
     /// Score a recording without storing it.
     ScoreRecording(score_recording::ScoreRecordingArgs),
-    /// Show how quality is spread and what each threshold would keep.
+    /// Show the distribution of quality and the number of segments above each threshold.
     Histogram(scores::HistogramArgs),
-    /// Count what datasets would hold, per cohort and episode, without making any.
+    /// Count the segments of possible datasets, per cohort and episode, without creating any.
     WhatIf(what_if::WhatIfArgs),
     /// Create, list, show and stream datasets.
     #[command(subcommand)]
     Dataset(dataset::DatasetCommand),
-    /// Write a dataset's kept stretches as files.
+    /// Write the kept segments of a dataset as files.
     Export(export::ExportArgs),
     /// List a task's policies.
     Policies(policies::PoliciesArgs),
-    /// Point a deployment's name at a policy.
+    /// Assign a policy to a deployment.
     Deploy(policies::DeployArgs),
-    /// Point a deployment's name back at the policy it pointed at before.
+    /// Return a deployment to its previous policy.
     Rollback(policies::RollbackArgs),
     /// List deployments and their history.
     Deployments(policies::DeploymentsArgs),
-    /// Evaluate a deployed policy in the simulator, over its own endpoint.
+    /// Evaluate a deployment in the simulator, over the endpoint that robots use.
     Drive(drive::DriveArgs),
-    /// Run pipelines by the clock or as labels come in.
+    /// Run pipelines by time or after new labels.
     #[command(subcommand)]
     Schedule(schedule::ScheduleCommand),
     /// Record demonstrations in the simulator.
     Record(record::RecordArgs),
-    /// The whole way once, on a server of its own: record, push, pretrain, score, train, evaluate.
+    /// Run every stage once on a temporary server: record, push, pretrain, score, train, evaluate.
     Demo(demo::DemoArgs),
-    /// Run a grid of settings from a file, and write one report. Run again, it goes on from where it was.
+    /// Run a grid of settings from a file and write a report; a second run resumes the first.
     Experiment(experiment::ExperimentArgs),
 }
 
@@ -146,18 +151,18 @@ mod tests {
     use clap::CommandFactory as _;
 
     #[test]
-    fn the_definition_is_sound() {
+    fn definition_is_valid() {
         Cli::command().debug_assert();
     }
 
     #[test]
-    fn a_token_shows_in_no_debug_print() {
+    fn debug_hides_tokens() {
         let cli = Cli::try_parse_from(["gleaner", "--token", "secret123", "jobs"]).unwrap();
         assert!(!format!("{cli:?}").contains("secret123"));
     }
 
     #[test]
-    fn options_go_together_with_the_one_that_is_needed() {
+    fn valid_combinations_of_options_parse() {
         for line in [
             "gleaner train --dataset ds_1 --task t --policy act --chunk-length 4 --preset small --key mine",
             "gleaner score --extends run_1 --device cuda",
@@ -184,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_use_is_refused() {
+    fn invalid_arguments_are_rejected() {
         for line in [
             "gleaner",
             "gleaner push",

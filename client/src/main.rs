@@ -8,6 +8,7 @@ mod demo;
 mod experiment;
 mod failure;
 mod figure;
+mod help;
 mod json;
 mod output;
 mod own_server;
@@ -18,9 +19,6 @@ mod words;
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-
-use crate::cli::Cli;
 use crate::context::Context;
 use crate::failure::Failure;
 use crate::output::Output;
@@ -29,7 +27,7 @@ use crate::output::Output;
 const USAGE: u8 = 2;
 
 fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+    let cli = match help::parse() {
         Ok(cli) => cli,
         Err(problem) if problem.use_stderr() => {
             Output::usage(&problem);

@@ -1,4 +1,4 @@
-//! Configuration: flags and `GLEANER_…` variables, read once. The only room that reads the environment.
+//! Configuration: flags and `GLEANER_…` variables, read once. The only module that reads the environment.
 
 mod access;
 mod children;
@@ -25,26 +25,29 @@ pub use self::{
     uploads::UploadsConfig,
 };
 
-/// gleans the good steps out of failed robot demonstrations.
+/// Server of gleaner, which finds the good steps in failed robot demonstrations.
 #[derive(Debug, Parser)]
 #[command(name = "gleaner-server", version, propagate_version = true)]
 pub struct Cli {
     /// What to run.
     #[command(subcommand)]
     pub command: Command,
-    /// What to log, as a tracing filter.
-    #[arg(long, env = "GLEANER_LOG", default_value = "info", global = true)]
+    /// Log filter in the syntax of tracing, such as `debug` or `info,gleaner_server::jobs=trace`.
+    #[arg(long, env = "GLEANER_LOG", default_value = "info", global = true, help_heading = GLOBAL, value_name = "FILTER")]
     pub log: String,
-    /// Log as JSON lines.
-    #[arg(long, env = "GLEANER_LOG_JSON", global = true)]
+    /// Log in JSON, one event per line.
+    #[arg(long, env = "GLEANER_LOG_JSON", global = true, help_heading = GLOBAL)]
     pub log_json: bool,
-    /// Die at a fail point: `name`, or `name=n` for its n-th passing (tests only).
+    /// Exit at a fail point: `name`, or `name=n` for its n-th passing (tests only).
     #[cfg(feature = "fail-points")]
     #[arg(long, env = FAIL_POINT, hide = true, global = true)]
     pub fail_point: Option<String>,
 }
 
-/// Where the tests name a fail point; workers get it too.
+/// The heading of options that every command has.
+const GLOBAL: &str = "Global options";
+
+/// The variable by which tests name a fail point; workers inherit it.
 #[cfg(feature = "fail-points")]
 const FAIL_POINT: &str = "GLEANER_FAIL_POINT";
 
@@ -53,14 +56,14 @@ const FAIL_POINT: &str = "GLEANER_FAIL_POINT";
 pub enum Command {
     /// Serve episodes, jobs, scores, datasets and policies.
     Serve(Box<ServeConfig>),
-    /// Look after a data folder.
+    /// Maintain a data folder.
     #[command(flatten)]
     Keep(KeepingCommand),
-    /// Make, list and revoke the tokens that let callers in.
+    /// Create, list and revoke access tokens.
     Token(TokenConfig),
-    /// Make and renew certificates for encrypted connections.
+    /// Create and renew TLS certificates.
     Tls(TlsConfig),
-    /// Show who changed what.
+    /// Print the audit log: changes with their time, caller and result.
     Audit(AuditConfig),
     /// Run one job (started by `serve`, not by hand).
     #[command(hide = true)]
@@ -70,94 +73,101 @@ pub enum Command {
 /// What `serve` needs.
 #[derive(Debug, Clone, Args)]
 pub struct ServeConfig {
-    /// Where the database, blobs and caches live; created if missing.
-    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
+    /// Folder of the database, blobs and caches; created if missing.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data", value_name = "DIR")]
     pub data_dir: PathBuf,
-    /// Address to listen on; port 0 takes any free port.
-    #[arg(long, env = "GLEANER_LISTEN", default_value = "127.0.0.1:7400")]
+    /// Address for calls; port 0 selects a free port.
+    #[arg(long, env = "GLEANER_LISTEN", default_value = "127.0.0.1:7400", value_name = "ADDRESS")]
     pub listen: SocketAddr,
-    /// Listen on an address other machines can reach although the line is not encrypted, or nobody is asked who they are.
+    /// Allow an address that other machines can reach without TLS or without tokens. Anyone on that network may then
+    /// read traffic or use the server.
     #[arg(long, env = "GLEANER_INSECURE")]
     pub insecure: bool,
-    /// Seconds that open calls and sessions may go on once the server begins to stop.
-    #[arg(long, env = "GLEANER_DRAIN_SECONDS", default_value_t = 20)]
+    /// Let open calls and sessions finish for this many seconds after the signal to stop (0: close them at once).
+    #[arg(long, env = "GLEANER_DRAIN_SECONDS", default_value_t = 20, value_name = "SECONDS")]
     pub drain_seconds: u64,
-    /// Who is let in, and how the line is encrypted.
+    /// Tokens and TLS.
     #[command(flatten)]
     pub access: AccessConfig,
-    /// Limits on what comes in.
+    /// Limits on messages, uploads and inspections.
     #[command(flatten)]
     pub limits: LimitConfig,
-    /// How much of the server one peer may take.
+    /// Limits on connections and calls.
     #[command(flatten)]
     pub connections: ConnectionsConfig,
-    /// Where the server tells of itself.
+    /// Pages, metrics and traces.
     #[command(flatten)]
     pub telemetry: TelemetryConfig,
-    /// How many unfinished uploads a caller may have, and how long they are kept.
+    /// Limits on unfinished uploads.
     #[command(flatten)]
     pub uploads: UploadsConfig,
-    /// How long what nobody wants is kept, and what the disk is spared.
+    /// Retention and disk space.
     #[command(flatten)]
     pub keeping: KeepingConfig,
-    /// How jobs run.
+    /// Workers.
     #[command(flatten)]
     pub jobs: JobsConfig,
-    /// How policies are served.
+    /// Serving of policies.
     #[command(flatten)]
     pub policies: PoliciesConfig,
 }
 
-/// Limits on what comes in.
+/// Limits on messages, uploads and inspections.
 #[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Limits")]
 pub struct LimitConfig {
-    /// Largest gRPC message, in bytes.
-    #[arg(long, env = "GLEANER_MAX_MESSAGE_BYTES", default_value_t = 32 << 20)]
+    /// Maximum size of a gRPC message in bytes, at least 4194304. A job's input is one message, so a lower limit bounds
+    /// the size of jobs; a higher one lets a single call use more memory.
+    #[arg(long, env = "GLEANER_MAX_MESSAGE_BYTES", default_value_t = 32 << 20, value_name = "BYTES")]
     pub max_message_bytes: usize,
-    /// Largest recording, in bytes.
-    #[arg(long, env = "GLEANER_MAX_UPLOAD_BYTES", default_value_t = 8 << 30)]
+    /// Maximum size of a recording in bytes.
+    #[arg(long, env = "GLEANER_MAX_UPLOAD_BYTES", default_value_t = 8 << 30, value_name = "BYTES")]
     pub max_upload_bytes: u64,
-    /// Memory of the process that inspects a recording, in bytes.
-    #[arg(long, env = "GLEANER_INSPECT_MEMORY_BYTES", default_value_t = 2 << 30)]
+    /// Maximum memory of one inspection in bytes. Recordings that need more are rejected.
+    #[arg(long, env = "GLEANER_INSPECT_MEMORY_BYTES", default_value_t = 2 << 30, value_name = "BYTES")]
     pub inspect_memory_bytes: u64,
-    /// Time of the process that inspects a recording, in seconds (processor and wall clock each).
-    #[arg(long, env = "GLEANER_INSPECT_SECONDS", default_value_t = 120)]
+    /// Maximum time of one inspection in seconds, for processor time and wall clock each. Recordings that need more are
+    /// rejected.
+    #[arg(long, env = "GLEANER_INSPECT_SECONDS", default_value_t = 120, value_name = "SECONDS")]
     pub inspect_seconds: u64,
-    /// Limit on recordings inspected at once, shared fairly between callers: above 1, one caller gets at most all but one.
-    /// More inspections at once take more processors and memory.
-    #[arg(long, env = "GLEANER_INSPECT_PARALLEL", default_value_t = 3)]
+    /// Maximum number of inspections at once, shared fairly between callers: above 1, one caller gets at most all but
+    /// one. More inspections at once use more processors and memory (0: as 1).
+    #[arg(long, env = "GLEANER_INSPECT_PARALLEL", default_value_t = 3, value_name = "N")]
     pub inspect_parallel: usize,
-    /// Concurrent streams of one connection.
-    #[arg(long, env = "GLEANER_MAX_STREAMS", default_value_t = 256)]
+    /// Maximum number of concurrent calls on one connection; further ones wait in the client.
+    #[arg(long, env = "GLEANER_MAX_STREAMS", default_value_t = 256, value_name = "N")]
     pub max_streams: u32,
-    /// Limits on what a recording may hold.
+    /// Limits on the content of a recording.
     #[command(flatten)]
     pub recordings: RecordingsConfig,
 }
 
-/// How jobs run.
+/// Workers.
 #[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Jobs")]
 pub struct JobsConfig {
-    /// Worker processes at once; 0 queues jobs without running them.
-    #[arg(long, env = "GLEANER_WORKERS", default_value_t = 1)]
+    /// Maximum number of jobs that run at once, one worker process each (0: jobs are queued and do not run).
+    #[arg(long, env = "GLEANER_WORKERS", default_value_t = 1, value_name = "N")]
     pub workers: usize,
-    /// Threads of one worker's tensor library.
-    #[arg(long, env = "GLEANER_WORKER_THREADS", default_value_t = 2)]
+    /// Compute threads of one worker. More threads finish a job sooner and leave fewer processors for serving; results
+    /// are reproducible for a fixed number.
+    #[arg(long, env = "GLEANER_WORKER_THREADS", default_value_t = 2, value_name = "N")]
     pub worker_threads: u32,
-    /// Niceness of workers, so that training never slows serving.
-    #[arg(long, env = "GLEANER_WORKER_NICE", default_value_t = 10)]
+    /// Niceness of workers. A higher value slows jobs down in favour of serving (0: the server's own priority).
+    #[arg(long, env = "GLEANER_WORKER_NICE", default_value_t = 10, value_name = "NICE")]
     pub worker_nice: i32,
-    /// Whether the work of jobs gives way at once to whatever else of the server wants a processor (SCHED_IDLE): niceness
-    /// alone lets it finish its slice of a few milliseconds first. Beside other programs that leave no time, jobs stand
-    /// still; `false` gives them their part.
+    /// Run compute threads of jobs at idle priority (SCHED_IDLE), so that serving preempts them at once; niceness alone
+    /// lets them finish a slice of a few milliseconds. Jobs stall beside programs that use every processor; `false`
+    /// gives them a share.
     #[arg(long, env = "GLEANER_WORKER_IDLE", default_value_t = true, action = clap::ArgAction::Set, value_name = "BOOL")]
     pub worker_idle: bool,
-    /// Seconds without a word from a worker after which its attempt is over.
-    #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120)]
+    /// End a job's attempt when its worker has not reported for this many seconds. Lower values detect stuck workers
+    /// sooner but end attempts on a machine that is overloaded.
+    #[arg(long, env = "GLEANER_WORKER_SILENCE_SECONDS", default_value_t = 120, value_name = "SECONDS")]
     pub worker_silence_seconds: u64,
 }
 
-/// Text that must never reach a log.
+/// Text that must never appear in a log.
 #[derive(Clone)]
 pub struct Secret(String);
 
@@ -189,10 +199,10 @@ impl std::fmt::Debug for Secret {
 }
 
 impl ServeConfig {
-    /// Checks what one field alone cannot tell.
+    /// Checks ranges, and fields against each other.
     ///
     /// # Errors
-    /// A sentence that names the flag and the mend.
+    /// A sentence that names the flag and the fix.
     pub fn validate(&self) -> Result<(), String> {
         self.access.validate(self.listen, self.insecure)?;
         if self.limits.max_message_bytes < 4 << 20 {
@@ -225,19 +235,19 @@ mod tests {
     }
 
     #[test]
-    fn the_definition_is_sound() {
+    fn definition_is_valid() {
         Cli::command().debug_assert();
     }
 
     #[test]
-    fn an_open_address_needs_a_flag() {
+    fn public_address_without_insecure_is_rejected() {
         assert!(serve(&[]).validate().is_ok());
         assert!(serve(&["--listen", "0.0.0.0:7400"]).validate().unwrap_err().contains("--insecure"));
         assert!(serve(&["--listen", "0.0.0.0:7400", "--insecure"]).validate().is_ok());
     }
 
     #[test]
-    fn pages_that_others_reach_are_encrypted_or_a_flag_of_their_own() {
+    fn public_pages_require_tls_or_web_insecure() {
         let open = ["--web-listen", "0.0.0.0:7401"];
         assert!(serve(&open).validate().unwrap_err().contains("--web-insecure"));
         assert!(serve(&[&open[..], &["--insecure"]].concat()).validate().is_err(), "it is about callers");
@@ -248,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn policies_are_served_within_reason() {
+    fn settings_out_of_range_are_rejected() {
         for (flag, value) in [
             ("--policy-batch", "0"),
             ("--policy-batch-wait", "0.6"),
@@ -263,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn a_secret_does_not_show() {
+    fn debug_hides_secrets() {
         assert_eq!(format!("{:?}", Secret::from("token".to_owned())), "(secret)");
     }
 }

@@ -36,6 +36,7 @@ mod load;
 mod method;
 mod operator;
 mod pages;
+mod prose;
 mod real_recordings;
 mod refusals;
 mod restart;

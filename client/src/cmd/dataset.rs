@@ -14,41 +14,41 @@ use crate::{json, words};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum DatasetCommand {
-    /// Make a dataset of a score run's experts and its best segments.
+    /// Create a dataset from a score run: its experts and its best segments.
     Create {
-        /// The score run, or one that a queued job will make.
+        /// Id of the score run, which may be unfinished.
         #[arg(long)]
         run: String,
-        /// Keep segments with quality above this.
+        /// Keep segments with a quality above this threshold, 0 to 1.
         #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
         beta: f64,
-        /// Instead: keep so large a part of the segments, the best ones.
+        /// Instead of --beta, keep this fraction of the segments, the best ones.
         #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
         top: Option<f64>,
     },
     /// List a task's datasets, newest first.
     List {
-        /// The task's name or id; by default the only task there is.
+        /// Name or id of the task. Default: the only task of the server.
         #[arg(long)]
         task: Option<String>,
     },
     /// Show a dataset and its counts.
     Show {
-        /// The dataset.
+        /// Id of the dataset.
         id: String,
     },
-    /// Print every segment with its weight, one JSON object a line.
+    /// Print every segment with its weight, one JSON object per line.
     Stream(StreamArgs),
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct StreamArgs {
-    /// The dataset.
+    /// Id of the dataset.
     id: String,
-    /// Include the raw frames, as base64.
+    /// Include raw frames as base64. Multiplies the size of the output.
     #[arg(long)]
     frames: bool,
-    /// Leave the experts out.
+    /// Omit the segments of experts.
     #[arg(long)]
     kept_only: bool,
 }

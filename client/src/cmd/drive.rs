@@ -15,37 +15,38 @@ use crate::words;
 
 #[derive(Args, Debug)]
 pub(crate) struct DriveArgs {
-    /// The deployment's name.
+    /// Name of the deployment.
     name: String,
-    /// Episodes to run.
+    /// Number of episodes.
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..))]
     episodes: u32,
-    /// The first episode's seed; the others count up from it.
+    /// Seed of the first episode; each further one adds 1.
     #[arg(long, default_value_t = 1_000_000)]
     seed: u64,
-    /// Episodes that run at the same time.
+    /// Number of episodes that run at once.
     #[arg(long, default_value_t = 4)]
     sessions: usize,
     /// The simulated task.
     #[arg(long, default_value = "pick_cube")]
     task: gleaner_sim::Task,
-    /// Camera height and width in pixels, as trained.
+    /// Camera height and width in pixels, as in training. Default: 32.
     #[arg(long, value_name = "PIXELS")]
     image: Option<u32>,
-    /// Let time go on while the policy decides, as for a robot: what is late is held for, then stopped. Without this
+    /// Advance the simulator in real time, as a robot would: late actions cause a hold, then a stop. Without this flag
     /// the simulator waits for each action.
     #[arg(long)]
     real_time: bool,
-    /// How long the server may take to answer an observation; by default a control period.
+    /// Deadline of a response in milliseconds, 1 to 600000. Default: one control period.
     #[arg(long, value_name = "MS", requires = "real_time", value_parser = clap::value_parser!(u64).range(1..=600_000))]
     deadline_ms: Option<u64>,
-    /// How long the robot holds when no action is due before it is stopped; by default five control periods.
+    /// Milliseconds for which the robot holds without an action before it stops (0: it stops at once). Default: five
+    /// control periods.
     #[arg(long, value_name = "MS", requires = "real_time", value_parser = clap::value_parser!(u64).range(..=600_000))]
     hold_ms: Option<u64>,
-    /// Have the server keep each run as an episode of the task, labelled success or failure by the simulator.
+    /// Record each run as an episode of the task, labelled success or failure by the simulator.
     #[arg(long)]
     record: bool,
-    /// The recorded episodes' cohort; by default the deployment's name.
+    /// Cohort of the recorded episodes. Default: the name of the deployment.
     #[arg(long, value_name = "TAG", requires = "record")]
     cohort: Option<String>,
 }

@@ -16,16 +16,16 @@ use crate::{json, words};
 
 #[derive(Args, Debug)]
 pub(crate) struct EpisodesArgs {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
-    /// Only episodes of this outcome.
+    /// List only episodes with this outcome.
     #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
     outcome: Option<Outcome>,
-    /// Only episodes of this cohort.
-    #[arg(long, default_value = "")]
+    /// List only episodes of this cohort.
+    #[arg(long, default_value = "", hide_default_value = true)]
     cohort: String,
-    /// What is in the trash instead.
+    /// List the trash instead.
     #[arg(long)]
     deleted: bool,
 }
@@ -95,7 +95,7 @@ pub(crate) fn listing(episodes: &[Episode]) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct EpisodeArgs {
-    /// The episode.
+    /// Id of the episode.
     id: String,
 }
 
@@ -150,9 +150,9 @@ fn findings(findings: &[Finding]) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct DownloadArgs {
-    /// The episode.
+    /// Id of the episode.
     id: String,
-    /// Where to write the recording.
+    /// File to write.
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }

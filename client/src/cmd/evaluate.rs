@@ -1,4 +1,4 @@
-//! `evaluate`: closed-loop trials in the simulator, as a job of the server.
+//! `evaluate`: closed-loop evaluation in the simulator, as a job of the server.
 
 use clap::Args;
 use gleaner_core::arguments::{Evaluate, Given};
@@ -13,13 +13,13 @@ use crate::failure::{Failure, Result};
 
 #[derive(Args, Debug)]
 pub(crate) struct EvaluateCommand {
-    /// The policy, or one that a queued job will make.
+    /// Id of the policy, whose job may be queued.
     #[arg(long, required_unless_present = "deployment")]
     policy: Option<String>,
-    /// Instead: the policy that this deployment points at now.
+    /// Instead of --policy, evaluate the current policy of this deployment.
     #[arg(long, value_name = "NAME", conflicts_with = "policy")]
     deployment: Option<String>,
-    /// The task's name or id; by default that of the policy.
+    /// Name or id of the task. Default: the policy's.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `evaluations`, `evaluation`, `report-evaluation`: how policies did, here and elsewhere.
+//! `evaluations`, `evaluation`, `report-evaluation`: results of policies, here and elsewhere.
 
 use std::str::FromStr;
 
@@ -15,7 +15,7 @@ use crate::{json, words};
 
 #[derive(Args, Debug)]
 pub(crate) struct EvaluationsArgs {
-    /// The policy.
+    /// Id of the policy.
     policy: String,
 }
 
@@ -49,7 +49,7 @@ fn listing(evaluations: &[Evaluation]) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct EvaluationArgs {
-    /// The evaluation.
+    /// Id of the evaluation.
     id: String,
 }
 
@@ -111,12 +111,12 @@ impl FromStr for Trials {
 
 #[derive(Args, Debug)]
 pub(crate) struct ReportArgs {
-    /// The policy that was tried.
+    /// Id of the evaluated policy.
     policy: String,
-    /// Where, for example metaworld/pick-place-v3.
+    /// Name of the simulation, such as metaworld/pick-place-v3.
     #[arg(long)]
     simulation: String,
-    /// How one seed's trials went; may be repeated.
+    /// Result of one seed; can be repeated.
     #[arg(long = "result", required = true, value_name = "SEED:EPISODES:SUCCESSES[:MEAN_STEPS]")]
     results: Vec<Trials>,
 }

@@ -15,18 +15,18 @@ use crate::{json, words};
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum FormatArg {
-    /// The original messages of each kept stretch, with their quality beside them, and manifest.jsonl.
+    /// The original messages of each kept run of segments with their quality, and manifest.jsonl.
     Mcap,
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct ExportArgs {
-    /// The dataset.
+    /// Id of the dataset.
     dataset: String,
-    /// The files' format.
+    /// Format of the files.
     #[arg(long, value_enum, default_value = "mcap")]
     format: FormatArg,
-    /// The folder to write into; made if need be.
+    /// Output folder; created if missing.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }

@@ -37,13 +37,13 @@ impl From<StateArg> for JobState {
 
 #[derive(Args, Debug)]
 pub(crate) struct JobsArgs {
-    /// Only this task's jobs.
+    /// List only jobs of this task.
     #[arg(long, default_value = "", hide_default_value = true)]
     task: String,
-    /// Only jobs in this state.
+    /// List only jobs in this state.
     #[arg(long, value_enum)]
     state: Option<StateArg>,
-    /// At most so many, newest first.
+    /// Maximum number of jobs, 1 to 1000; the newest are listed.
     #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=1000))]
     limit: u32,
 }
@@ -95,7 +95,7 @@ pub(crate) fn listing(jobs: &[Job]) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct JobArgs {
-    /// The job.
+    /// Id of the job.
     id: String,
 }
 
@@ -139,7 +139,7 @@ fn describe(job: &Job) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct WatchArgs {
-    /// The job.
+    /// Id of the job.
     id: String,
 }
 
@@ -175,7 +175,7 @@ async fn stream(context: &Context, client: &Client, job_id: &str) -> Result<Job>
 
 #[derive(Args, Debug)]
 pub(crate) struct CancelArgs {
-    /// The job.
+    /// Id of the job.
     id: String,
 }
 

@@ -13,17 +13,17 @@ use crate::{json, words};
 
 #[derive(Args, Debug)]
 pub(crate) struct LabelArgs {
-    /// The episodes; all of them change, or none.
+    /// Ids of the episodes; either all are labelled or none.
     #[arg(required = true)]
     ids: Vec<String>,
-    /// How the attempts ended.
+    /// Outcome of the attempts.
     #[arg(long, value_parser = outcome_from_word, value_name = "success|failure|unknown")]
     outcome: Outcome,
-    /// A new cohort; the old one stays when this is left out.
+    /// New cohort. Default: unchanged.
     #[arg(long)]
     cohort: Option<String>,
-    /// Why, for the history.
-    #[arg(long, default_value = "")]
+    /// Reason, kept in the history.
+    #[arg(long, default_value = "", hide_default_value = true)]
     reason: String,
 }
 
@@ -47,7 +47,7 @@ impl LabelArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct LabelsArgs {
-    /// The episode.
+    /// Id of the episode.
     id: String,
 }
 

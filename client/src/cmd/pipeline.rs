@@ -33,7 +33,7 @@ pub(crate) struct PipelineArgs {
     /// The last stage.
     #[arg(long, value_enum, default_value = "train")]
     until: Until,
-    /// Keep segments with quality above this.
+    /// Keep segments with a quality above this threshold, 0 to 1.
     #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
     beta: f64,
     /// Keep this part of the segments instead, the best ones.
@@ -99,7 +99,7 @@ fn has(kind: &Kind, name: &str) -> bool {
 
 #[derive(Args, Debug)]
 pub(crate) struct PipelineCommand {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]

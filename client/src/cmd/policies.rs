@@ -13,7 +13,7 @@ use crate::{json, words};
 
 #[derive(Args, Debug)]
 pub(crate) struct PoliciesArgs {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
 }
@@ -45,12 +45,12 @@ impl PoliciesArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct DeployArgs {
-    /// The deployment's name, for example pick_cube@prod.
+    /// Name of the deployment, such as pick_cube@prod; created if missing.
     name: String,
-    /// The policy it shall point at.
+    /// Id of the policy.
     #[arg(long)]
     policy: String,
-    /// A score run of the same task, to score what sessions do while they run.
+    /// Score run of the same task, by which sessions are scored while they run.
     #[arg(long, default_value = "", hide_default_value = true, value_name = "RUN")]
     score_run: String,
 }
@@ -68,7 +68,7 @@ impl DeployArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct RollbackArgs {
-    /// The deployment's name.
+    /// Name of the deployment.
     name: String,
 }
 
@@ -91,7 +91,7 @@ fn pointed(deployment: &Deployment) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct DeploymentsArgs {
-    /// Only this task's.
+    /// List only deployments of this task.
     #[arg(long, default_value = "", hide_default_value = true)]
     task: String,
 }

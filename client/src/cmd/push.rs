@@ -20,22 +20,22 @@ use crate::{json, words};
 #[derive(Args, Debug)]
 #[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
 pub(crate) struct PushArgs {
-    /// Recordings, or folders that are searched for *.mcap; what is not a regular file there is skipped and named. With
-    /// --labels alone: every file it lists.
+    /// Recordings, or folders that are searched for *.mcap; files that are not regular are skipped and listed. Default
+    /// with --labels: every file that it lists.
     paths: Vec<PathBuf>,
-    /// The task's name or id; by default the labels file's, or the only task there is.
+    /// Name or id of the task. Default: that of the labels file, or the only task of the server.
     #[arg(long)]
     task: Option<String>,
-    /// How the attempts ended.
+    /// Outcome of the attempts.
     #[arg(long, value_parser = outcome_from_word, default_value = "unknown", value_name = "success|failure|unknown")]
     outcome: Outcome,
-    /// Free-form tag of where they come from: operator, policy, skill level.
-    #[arg(long, default_value = "")]
+    /// Free name for the group of episodes: operator, policy, skill level.
+    #[arg(long, default_value = "", hide_default_value = true)]
     cohort: String,
-    /// A CSV file of file,task,outcome,cohort that labels each recording; paths are relative to it.
+    /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it.
     #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
     labels: Option<PathBuf>,
-    /// Recordings that are uploaded at the same time.
+    /// Number of recordings that are uploaded at once.
     #[arg(long, default_value_t = 4, value_name = "N")]
     jobs: usize,
 }

@@ -41,17 +41,17 @@ pub(crate) struct RecordArgs {
     /// The simulated task.
     #[arg(long, default_value = "pick_cube")]
     task: Task,
-    /// The folder to write recordings, labels.csv and marks.csv into.
+    /// Output folder for recordings, labels.csv and marks.csv.
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Who records and how often, for example expert:40 or weak=early_release:0.5:20; may be repeated. The name is the
-    /// episodes' cohort, by default the agent's kind.
+    /// Agent and number of episodes, such as expert:40 or weak=early_release:0.5:20; can be repeated. The name is the
+    /// cohort of the episodes. Default: the kind of the agent.
     #[arg(long = "agent", required = true, value_name = "[NAME=]KIND[:GRADE]:COUNT")]
     agents: Vec<CohortArg>,
-    /// The first recording's seed; the others count up from it.
+    /// Seed of the first recording; each further one adds 1.
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Camera height and width in pixels.
+    /// Camera height and width in pixels. Default: 32.
     #[arg(long, value_name = "PIXELS")]
     image: Option<u32>,
 }

@@ -1,4 +1,4 @@
-//! `schedule`: pipelines that start by themselves.
+//! `schedule`: pipelines that the server starts by time or after new labels.
 
 use clap::{Args, Subcommand};
 use gleaner_proto::v1::create_schedule_request::Trigger as NewTrigger;
@@ -19,25 +19,25 @@ use crate::{json, words};
 pub(crate) enum ScheduleCommand {
     /// Create a schedule.
     Create(Box<CreateArgs>),
-    /// List schedules and when each runs next.
+    /// List schedules with the next run of each.
     List {
-        /// Only this task's.
+        /// List only schedules of this task.
         #[arg(long, default_value = "", hide_default_value = true)]
         task: String,
     },
-    /// Stop a schedule from starting anything.
+    /// Pause a schedule; running jobs continue.
     Pause {
-        /// The schedule.
+        /// Id of the schedule.
         id: String,
     },
-    /// Let a paused schedule go on.
+    /// Resume a paused schedule.
     Resume {
-        /// The schedule.
+        /// Id of the schedule.
         id: String,
     },
-    /// Delete a schedule; its past jobs stay.
+    /// Delete a schedule; its jobs stay.
     Delete {
-        /// The schedule.
+        /// Id of the schedule.
         id: String,
     },
 }
@@ -45,16 +45,16 @@ pub(crate) enum ScheduleCommand {
 #[derive(Args, Debug)]
 #[group(id = "trigger", required = true, multiple = false, args = ["cron", "after_labels"])]
 pub(crate) struct CreateArgs {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
-    /// The schedule's name.
+    /// Name of the schedule.
     #[arg(long)]
     name: String,
-    /// When to run: five cron fields, UTC, for example "0 2 * * *".
+    /// Times of the runs: five cron fields in UTC, such as "0 2 * * *".
     #[arg(long)]
     cron: Option<String>,
-    /// Run after so many newly labelled episodes.
+    /// Run after this many newly labelled episodes, at least 1.
     #[arg(long, value_name = "N")]
     after_labels: Option<u32>,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `score-recording`: how good each step of a recording is that the server shall not keep.
+//! `score-recording`: scores of a recording that the server does not store.
 
 use std::path::PathBuf;
 
@@ -12,14 +12,14 @@ use crate::json;
 
 #[derive(Args, Debug)]
 pub(crate) struct ScoreRecordingArgs {
-    /// The score run: what the recording is compared with, and how.
+    /// Id of the score run, which gives the experts and the settings.
     run: String,
     /// The recording (MCAP).
     file: PathBuf,
-    /// The threshold that is drawn as a line.
+    /// Threshold that the chart shows as a line, 0 to 1.
     #[arg(long, default_value_t = 0.9)]
     beta: f64,
-    /// Also list each step's nearest expert step and the distances to it.
+    /// Also list the nearest expert step of each step with its distances.
     #[arg(long)]
     matches: bool,
 }

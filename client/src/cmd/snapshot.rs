@@ -14,24 +14,24 @@ use crate::{json, words};
 
 #[derive(Debug, Subcommand)]
 pub(crate) enum SnapshotCommand {
-    /// Freeze the task's present episodes and labels.
+    /// Create a snapshot of the task's present episodes and labels.
     Create(CreateArgs),
     /// List a task's snapshots, newest first.
     List {
-        /// The task's name or id; by default the only task there is.
+        /// Name or id of the task. Default: the only task of the server.
         #[arg(long)]
         task: Option<String>,
     },
     /// Show a snapshot's episodes and their roles.
     Show {
-        /// The snapshot.
+        /// Id of the snapshot.
         id: String,
     },
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct CreateArgs {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task of the server.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]

@@ -20,7 +20,7 @@ pub(crate) enum TaskCommand {
     Create(CreateArgs),
     /// List every task.
     List,
-    /// Show a task's specification; with --json it can be edited and given to create.
+    /// Show the specification of a task; `create` accepts the output of --json.
     Show {
         /// Name or id.
         task: String,
@@ -29,13 +29,13 @@ pub(crate) enum TaskCommand {
 
 #[derive(Args, Debug)]
 pub(crate) struct CreateArgs {
-    /// The specification, as TOML or JSON.
+    /// File with the specification, TOML or JSON.
     #[arg(required_unless_present = "sim", conflicts_with = "sim")]
     spec: Option<PathBuf>,
-    /// Create the task of the embedded simulator instead.
+    /// Instead of a file, use this task of the embedded simulator.
     #[arg(long, value_name = "TASK")]
     sim: Option<gleaner_sim::Task>,
-    /// With --sim: camera height and width in pixels.
+    /// Camera height and width in pixels, with --sim. Default: 32.
     #[arg(long, requires = "sim", conflicts_with = "spec", value_name = "PIXELS")]
     image: Option<u32>,
 }

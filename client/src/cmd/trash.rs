@@ -10,10 +10,10 @@ use crate::json;
 
 #[derive(Args, Debug)]
 pub(crate) struct DeleteArgs {
-    /// The episodes; all of them go, or none.
+    /// Ids of the episodes; either all are deleted or none.
     #[arg(required = true)]
     ids: Vec<String>,
-    /// Also those that snapshots hold: what was made from them then cannot be made again.
+    /// Also delete episodes of snapshots. Results of these snapshots can then not be reproduced.
     #[arg(long)]
     force: bool,
 }
@@ -30,7 +30,7 @@ impl DeleteArgs {
 
 #[derive(Args, Debug)]
 pub(crate) struct RestoreArgs {
-    /// The episodes; all of them come back, or none.
+    /// Ids of the episodes; either all are restored or none.
     #[arg(required = true)]
     ids: Vec<String>,
 }

@@ -1,4 +1,4 @@
-//! `what-if`: what datasets would hold. Also how a selection is made and said.
+//! `what-if`: the size of possible datasets; and selections, from arguments and as text.
 
 use clap::Args;
 use gleaner_proto::v1::selection::Rule;
@@ -31,15 +31,15 @@ pub(crate) fn selected(selection: Option<&Selection>) -> String {
 
 #[derive(Args, Debug)]
 pub(crate) struct WhatIfArgs {
-    /// The score run.
+    /// Id of the score run.
     run: String,
-    /// Thresholds on quality.
+    /// Thresholds on quality, 0 to 1.
     #[arg(long = "beta", value_delimiter = ',', value_name = "β,β", required_unless_present = "tops")]
     betas: Vec<f64>,
-    /// Parts of all segments, the best ones.
+    /// Fractions of the segments, the best ones.
     #[arg(long = "top", value_delimiter = ',', value_name = "FRACTION,FRACTION")]
     tops: Vec<f64>,
-    /// Also count for each episode.
+    /// Also print the counts of each episode.
     #[arg(long)]
     episodes: bool,
 }

@@ -1,6 +1,6 @@
-//! `demo`: the whole way once, on a server of its own, with a report at the end.
+//! `demo`: every stage once on a temporary server, with a report at the end.
 //!
-//! Uses the same calls as the commands. Sizes are in `plan`, what is done in `stages`, what is said in `report`.
+//! Uses the same calls as the commands. `plan` has the sizes, `stages` the work, and `report` the text.
 
 mod figure;
 mod plan;
@@ -31,13 +31,13 @@ pub(crate) struct DemoArgs {
     /// The gleaner-server binary.
     #[arg(long, value_name = "PATH")]
     server_bin: PathBuf,
-    /// Where the server's data, the recordings and the report go.
+    /// Folder for the server's data, the recordings and the report.
     #[arg(long, value_name = "DIR")]
     dir: PathBuf,
-    /// The smallest sizes that still go the whole way; the numbers then mean nothing.
+    /// Use the smallest sizes that run every stage; the numbers have no meaning.
     #[arg(long)]
     quick: bool,
-    /// Other sizes: a TOML file of what differs from the full demo.
+    /// TOML file with the sizes that differ from the full demo.
     #[arg(long, value_name = "TOML", conflicts_with = "quick")]
     plan: Option<PathBuf>,
 }

@@ -73,7 +73,7 @@ impl Default for DemoPlan {
 }
 
 impl DemoPlan {
-    /// The smallest that still goes the whole way; its numbers mean nothing.
+    /// The smallest plan that runs every stage; its numbers have no meaning.
     pub(crate) fn quick() -> Self {
         Self {
             experts: 4,

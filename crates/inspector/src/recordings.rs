@@ -1,31 +1,32 @@
-//! Limits on what a recording may hold, and ask of the process that reads it.
+//! Limits on the content of a recording, and on the work of its reader.
 
 use clap::Args;
 use gleaner_recording::{Limits, MOST_JSON_DEPTH};
 
-/// Limits on what a recording may hold.
+/// Limits on the content of a recording.
 #[derive(Debug, Clone, PartialEq, Eq, Args)]
+#[command(next_help_heading = "Limits on recordings")]
 pub struct RecordingsConfig {
-    /// Largest chunk of a recording, in bytes, as stored and as it unpacks.
-    #[arg(long, env = "GLEANER_MAX_CHUNK_BYTES", default_value_t = Limits::default().chunk_bytes)]
+    /// Maximum size of a chunk in bytes, both compressed and decompressed.
+    #[arg(long, env = "GLEANER_MAX_CHUNK_BYTES", value_name = "BYTES", default_value_t = Limits::default().chunk_bytes)]
     pub max_chunk_bytes: usize,
-    /// Largest record of a recording, in bytes.
-    #[arg(long, env = "GLEANER_MAX_RECORD_BYTES", default_value_t = Limits::default().record_bytes)]
+    /// Maximum size of a record in bytes.
+    #[arg(long, env = "GLEANER_MAX_RECORD_BYTES", value_name = "BYTES", default_value_t = Limits::default().record_bytes)]
     pub max_record_bytes: usize,
-    /// Most records of a recording.
-    #[arg(long, env = "GLEANER_MAX_RECORDS", default_value_t = Limits::default().records)]
+    /// Maximum number of records.
+    #[arg(long, env = "GLEANER_MAX_RECORDS", value_name = "N", default_value_t = Limits::default().records)]
     pub max_records: u64,
-    /// Most channels, and most schemas, of a recording.
-    #[arg(long, env = "GLEANER_MAX_CHANNELS", default_value_t = Limits::default().channels)]
+    /// Maximum number of channels, and of schemas.
+    #[arg(long, env = "GLEANER_MAX_CHANNELS", value_name = "N", default_value_t = Limits::default().channels)]
     pub max_channels: usize,
-    /// Longest name of a topic, a schema or an encoding, in bytes.
-    #[arg(long, env = "GLEANER_MAX_NAME_BYTES", default_value_t = Limits::default().name_bytes)]
+    /// Maximum length in bytes of the name of a topic, a schema or an encoding.
+    #[arg(long, env = "GLEANER_MAX_NAME_BYTES", value_name = "BYTES", default_value_t = Limits::default().name_bytes)]
     pub max_name_bytes: usize,
-    /// How deep a JSON message may nest.
-    #[arg(long, env = "GLEANER_MAX_JSON_DEPTH", default_value_t = Limits::default().json_depth)]
+    /// Maximum nesting depth of a JSON message.
+    #[arg(long, env = "GLEANER_MAX_JSON_DEPTH", value_name = "N", default_value_t = Limits::default().json_depth)]
     pub max_json_depth: usize,
-    /// Most pixels of one image.
-    #[arg(long, env = "GLEANER_MAX_IMAGE_PIXELS", default_value_t = Limits::default().image_pixels)]
+    /// Maximum number of pixels of an image.
+    #[arg(long, env = "GLEANER_MAX_IMAGE_PIXELS", value_name = "PIXELS", default_value_t = Limits::default().image_pixels)]
     pub max_image_pixels: u64,
 }
 
@@ -83,7 +84,7 @@ impl RecordingsConfig {
     /// Checks each value.
     ///
     /// # Errors
-    /// A sentence that names the flag and the mend.
+    /// A sentence that names the flag and the fix.
     pub fn validate(&self) -> Result<(), String> {
         let sizes = [
             ("--max-chunk-bytes", self.max_chunk_bytes),

@@ -1,4 +1,4 @@
-//! Who is let in, and how the line is encrypted; and what `token` and `audit` need.
+//! Tokens and TLS of the server, and the arguments of `token` and `audit`.
 
 use std::path::PathBuf;
 
@@ -6,78 +6,80 @@ use clap::{Args, Subcommand};
 
 use crate::domain::access::Role;
 
-/// Who is let in, and how the line is encrypted.
+/// Tokens and TLS.
 #[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Access")]
 pub struct AccessConfig {
-    /// Ask every caller for a token (`gleaner-server token create`). By default so, except on a loopback address and
-    /// with --insecure.
+    /// Require a token from every caller (`gleaner-server token create`). Default: true, but false on a loopback
+    /// address and with --insecure.
     #[arg(long, env = "GLEANER_REQUIRE_TOKENS", num_args = 0..=1, require_equals = true, default_missing_value = "true",
           value_name = "BOOL")]
     pub require_tokens: Option<bool>,
-    /// Encrypt with this certificate: a PEM file, the whole chain (`gleaner-server tls init` makes one). It is read again
-    /// when it changes, and on SIGHUP.
+    /// Serve TLS with this certificate: a PEM file with the whole chain (`gleaner-server tls init` creates one). It is
+    /// read again when it changes, and on SIGHUP.
     #[arg(long, env = "GLEANER_TLS_CERT", value_name = "FILE", requires = "tls_key")]
     pub tls_cert: Option<PathBuf>,
-    /// The certificate's private key: a PEM file.
+    /// Private key of the certificate: a PEM file.
     #[arg(long, env = "GLEANER_TLS_KEY", value_name = "FILE", requires = "tls_cert")]
     pub tls_key: Option<PathBuf>,
-    /// Let in only who shows a certificate that is signed by one of these: a PEM file.
+    /// Accept only clients with a certificate signed by one of these authorities: a PEM file. Default: no client
+    /// certificates.
     #[arg(long, env = "GLEANER_CLIENT_CA", value_name = "FILE", requires = "tls_cert")]
     pub client_ca: Option<PathBuf>,
 }
 
-/// What to do with tokens.
+/// Arguments of `token`.
 #[derive(Debug, Clone, Args)]
 pub struct TokenConfig {
-    /// The server's data folder; the server may be running.
-    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data", global = true)]
+    /// Data folder of the server, which may be running.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data", global = true, value_name = "DIR")]
     pub data_dir: PathBuf,
-    /// What to do.
+    /// The action.
     #[command(subcommand)]
     pub command: TokenCommand,
 }
 
-/// What to do with tokens.
+/// Actions on tokens.
 #[derive(Debug, Clone, Subcommand)]
 pub enum TokenCommand {
-    /// Make a token. It is printed once; only its hash is kept.
+    /// Create a token. It is printed once; only its hash is stored.
     Create(NewTokenConfig),
     /// List tokens with their last use.
     List,
-    /// Let nobody in with a token any more. A running server follows within seconds.
+    /// Revoke a token. A running server rejects it within seconds and ends its open calls.
     Revoke {
-        /// The token's id or name.
+        /// Id or name of the token.
         token: String,
     },
 }
 
-/// A token to make.
+/// Arguments of `token create`.
 #[derive(Debug, Clone, Args)]
 pub struct NewTokenConfig {
-    /// What it allows: viewer, contributor, trainer, robot or admin.
-    #[arg(long, value_parser = role)]
+    /// Role: viewer, contributor, trainer, robot or admin.
+    #[arg(long, value_parser = role, value_name = "ROLE")]
     pub role: Role,
-    /// Whose it is, as the list and the audit log say.
-    #[arg(long, default_value = "")]
+    /// Label shown in `token list` and in the audit log.
+    #[arg(long, default_value = "", hide_default_value = true)]
     pub name: String,
-    /// A deployment that a robot may use; may be given more than once.
+    /// Deployment that a robot may use; can be repeated.
     #[arg(long = "deployment", value_name = "NAME")]
     pub deployments: Vec<String>,
-    /// How long it is good, such as 30d or 12h; by default until it is revoked.
+    /// Validity, such as 30d or 12h. Default: valid until revoked.
     #[arg(long, value_name = "TIME")]
     pub expires: Option<String>,
 }
 
-/// What to show of the audit log.
+/// Arguments of `audit`.
 #[derive(Debug, Clone, Args)]
 pub struct AuditConfig {
-    /// The server's data folder; the server may be running.
-    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data")]
+    /// Data folder of the server, which may be running.
+    #[arg(long, env = "GLEANER_DATA_DIR", default_value = "gleaner-data", value_name = "DIR")]
     pub data_dir: PathBuf,
-    /// From when on: a time ago such as 7d or 12h, a day such as 2026-11-20, or a time such as 2026-11-20T08:00:00Z.
+    /// Print entries since an age such as 7d or 12h, a day such as 2026-11-20, or a time such as 2026-11-20T08:00:00Z.
     #[arg(long, default_value = "7d", value_name = "TIME")]
     pub since: String,
-    /// Most entries to show, the newest.
+    /// Maximum number of entries; the newest are printed.
     #[arg(long, default_value_t = 1000, value_name = "N")]
     pub limit: u32,
 }
@@ -93,17 +95,17 @@ impl AccessConfig {
         self.require_tokens.unwrap_or(!loopback && !insecure)
     }
 
-    /// Checks that an address which other machines can reach is guarded.
+    /// Checks that an address which other machines can reach has TLS and tokens.
     ///
     /// # Errors
-    /// A sentence that names the flag and the mend.
+    /// A sentence that names the flag and the fix.
     pub fn validate(&self, listen: std::net::SocketAddr, insecure: bool) -> Result<(), String> {
         let loopback = listen.ip().is_loopback();
         let missing = match (self.tls_cert.is_some(), self.tokens_required(loopback, insecure)) {
             _ if loopback || insecure => return Ok(()),
             (true, true) => return Ok(()),
-            (false, _) => "encrypt with --tls-cert and --tls-key (`gleaner-server tls init` makes both files)",
-            (true, false) => "ask who they are with --require-tokens",
+            (false, _) => "encrypt with --tls-cert and --tls-key (`gleaner-server tls init` creates both files)",
+            (true, false) => "require tokens with --require-tokens",
         };
         Err(format!(
             "--listen {listen}: other machines can reach this address: {missing}, or listen on 127.0.0.1, or accept the \
@@ -122,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_others_reach_needs_tls_and_tokens_or_a_word() {
+    fn public_address_requires_tls_and_tokens_unless_insecure() {
         let (near, far) = (([127, 0, 0, 1], 7400).into(), ([0, 0, 0, 0], 7400).into());
         for (tls, tokens, said) in [
             (true, None, None),
@@ -143,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn tokens_are_asked_for_where_others_reach_unless_it_is_said() {
+    fn tokens_are_required_on_public_addresses_by_default() {
         for (required, loopback, insecure, asked) in [
             (None, true, false, false),
             (None, false, false, true),

@@ -1,4 +1,4 @@
-//! What the processes get that the server starts: workers and inspections.
+//! Arguments and environment of the processes that the server starts.
 
 use std::path::PathBuf;
 
@@ -6,10 +6,10 @@ use clap::Args;
 
 use super::Secret;
 
-/// What a worker process needs. Its token comes by the environment, so that no process list shows it.
+/// Arguments of `worker`. The token is passed by the environment, so that it is not in the process list.
 #[derive(Debug, Clone, Args)]
 pub struct WorkerConfig {
-    /// Address of the server.
+    /// Address of the server's port for workers.
     #[arg(long)]
     pub server: String,
     /// The server's data directory.
@@ -18,19 +18,19 @@ pub struct WorkerConfig {
     /// Threads of the tensor library.
     #[arg(long, default_value_t = 2)]
     pub threads: u32,
-    /// Niceness to take on.
+    /// Niceness of the process (0: unchanged).
     #[arg(long, default_value_t = 0)]
     pub nice: i32,
-    /// Work only when nobody else wants the processor.
+    /// Run compute threads at idle priority.
     #[arg(long)]
     pub idle: bool,
-    /// Process to end with: the server, when it started this worker on its own machine.
+    /// Id of the server's process; the worker ends with it.
     #[arg(long)]
     pub parent: Option<u32>,
-    /// Largest gRPC message, in bytes.
+    /// Maximum size of a gRPC message in bytes.
     #[arg(long, default_value_t = 32 << 20)]
     pub max_message_bytes: usize,
-    /// Bytes of the disk that stay free.
+    /// Bytes of the disk that stay free (0: use all).
     #[arg(long, default_value_t = 0)]
     pub min_free_bytes: u64,
     /// The token of this attempt of its job.

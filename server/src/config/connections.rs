@@ -1,19 +1,21 @@
-//! How much of the server one peer may take: connections, calls, and how long it may be silent or slow.
+//! Limits on connections and calls of one peer, and on silent and slow peers.
 
 use std::time::Duration;
 
 use clap::Args;
 
-/// How much of the server one peer may take.
+/// Limits on connections and calls.
 #[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Connections and calls")]
 pub struct ConnectionsConfig {
-    /// Most connections at once; further ones are closed as they come.
+    /// Maximum number of open connections; further ones are closed at once. Each one needs a file descriptor.
     #[arg(long, env = "GLEANER_MAX_CONNECTIONS", default_value_t = 4096, value_name = "N")]
     pub max_connections: usize,
-    /// Most connections at once from one address (for IPv6: from one /64).
+    /// Maximum number of open connections from one address (IPv6: one /64). A low limit stops one machine from using
+    /// them all; clients behind one NAT share it.
     #[arg(long, env = "GLEANER_MAX_CONNECTIONS_PER_ADDRESS", default_value_t = 2048, value_name = "N")]
     pub max_connections_per_address: usize,
-    /// Seconds within which a new connection must have greeted and made its first call.
+    /// Close a new connection that has not finished its handshake and made a call within this many seconds.
     #[arg(long, env = "GLEANER_FIRST_CALL_SECONDS", default_value_t = 8, value_name = "S")]
     pub first_call_seconds: u64,
     /// Seconds without a word, not even an answer to a ping, after which a peer is gone.
@@ -22,59 +24,60 @@ pub struct ConnectionsConfig {
     /// Seconds for which a peer may take none of what is sent to it, or less of an answer than the least rate says.
     #[arg(long, env = "GLEANER_STALL_SECONDS", default_value_t = 30, value_name = "S")]
     pub stall_seconds: u64,
-    /// Fewest bytes per second in which a request or an upload must come in, sessions aside, and an answer be taken.
+    /// Minimum rate in bytes per second at which a request or upload must arrive, sessions excepted, and a response
+    /// must be read. Higher values free resources from slow peers sooner but cut off bad links.
     #[arg(long, env = "GLEANER_MIN_BYTES_PER_SECOND", default_value_t = 4096, value_name = "N")]
     pub min_bytes_per_second: u32,
-    /// Seconds for which a request or an upload may be slower than that, or stand still.
+    /// Close a request or upload below `--min-bytes-per-second` for this many seconds.
     #[arg(long, env = "GLEANER_SLOW_SECONDS", default_value_t = 8, value_name = "S")]
     pub slow_seconds: u64,
-    /// Questions per second of one token, or of one address without tokens; twice as many may come at once, and further
-    /// ones wait. Questions are all calls but sessions, actions, deployments and what carries recordings.
+    /// Maximum rate of short calls per second of one token, or of one address without a token; bursts of twice as many
+    /// are allowed and further ones are queued. Short calls are all but sessions, actions, deployments and transfers.
     #[arg(long, env = "GLEANER_QUESTIONS_PER_SECOND", default_value_t = 350, value_name = "N")]
     pub questions_per_second: u32,
-    /// Questions of one token, or of one address without tokens, that are in hand at a time; further ones wait for their
-    /// turn.
+    /// Maximum number of short calls of one token or address that run at once; further ones are queued. More let one
+    /// client use all readers of the database.
     #[arg(long, env = "GLEANER_QUESTIONS_IN_HAND", default_value_t = 3, value_name = "N")]
     pub questions_in_hand: usize,
-    /// Calls per second of one token, or of one address without tokens; twice as many may come at once, and further ones
-    /// are refused.
+    /// Maximum rate of calls per second of one token, or of one address without a token; bursts of twice as many are
+    /// allowed and further ones are rejected.
     #[arg(long, env = "GLEANER_CALLS_PER_SECOND", default_value_t = 1000, value_name = "N")]
     pub calls_per_second: u32,
-    /// Calls of one token, or of one address without tokens, that may run at once; a session is one.
+    /// Maximum number of calls of one token or address that run at once, sessions included; further ones are rejected.
     #[arg(long, env = "GLEANER_CALLS_AT_ONCE", default_value_t = 2048, value_name = "N")]
     pub calls_at_once: usize,
 }
 
 impl ConnectionsConfig {
-    /// Within which a new connection must have made its first call.
+    /// The time in which a new connection must make its first call.
     pub fn first_call(&self) -> Duration {
         Duration::from_secs(self.first_call_seconds)
     }
 
-    /// How often a peer that says nothing is pinged: two thirds of its patience are for this, one is for the answer.
+    /// The interval of pings to a silent peer: two thirds of the time after which it is closed.
     pub fn ping_every(&self) -> Duration {
         Duration::from_secs(self.lost_seconds) * 2 / 3
     }
 
-    /// How long the answer to a ping may take.
+    /// The time allowed for the response to a ping.
     pub fn ping_timeout(&self) -> Duration {
         Duration::from_secs(self.lost_seconds) / 3
     }
 
-    /// For how long a peer may take nothing.
+    /// The time for which a peer may read nothing.
     pub fn stall(&self) -> Duration {
         Duration::from_secs(self.stall_seconds)
     }
 
-    /// For how long a request may be slower than the least rate.
+    /// The time for which a request may be below the minimum rate.
     pub fn slow(&self) -> Duration {
         Duration::from_secs(self.slow_seconds)
     }
 
-    /// Checks what the types cannot tell.
+    /// Checks ranges.
     ///
     /// # Errors
-    /// A sentence that names the flag and the mend.
+    /// A sentence that names the flag and the range.
     pub fn validate(&self) -> Result<(), String> {
         for (flag, seconds) in [
             ("--first-call-seconds", self.first_call_seconds),

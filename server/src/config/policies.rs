@@ -1,45 +1,47 @@
-//! How policies are served.
+//! Serving of policies.
 
 use std::time::Duration;
 
 use clap::Args;
 
-/// How policies are served.
+/// Serving of policies.
 #[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Policies")]
 pub struct PoliciesConfig {
-    /// Most observations answered in one pass of a model.
-    #[arg(long, env = "GLEANER_POLICY_BATCH", default_value_t = 16)]
+    /// Maximum number of observations in one batch of a model. Larger batches raise throughput and latency.
+    #[arg(long, env = "GLEANER_POLICY_BATCH", default_value_t = 16, value_name = "N")]
     pub policy_batch: usize,
-    /// How long a free model may wait for other sessions to share its pass, as a part of the fastest one's control
-    /// period; 0: not at all.
-    #[arg(long, env = "GLEANER_POLICY_BATCH_WAIT", default_value_t = 0.05)]
+    /// Maximum wait of an idle model for more observations, as a fraction of the fastest session's control period, 0 to
+    /// 0.5. Waiting forms larger batches at the cost of latency (0: no wait).
+    #[arg(long, env = "GLEANER_POLICY_BATCH_WAIT", default_value_t = 0.05, value_name = "FRACTION")]
     pub policy_batch_wait: f64,
     /// Microseconds for which a model's thread stays awake for the next request where the one before came as soon:
     /// clients that ask again at once, as simulators do, are answered sooner and a processor is kept from its rest. 0:
     /// never.
     #[arg(long, env = "GLEANER_POLICY_AWAKE_US", default_value_t = 1000, value_name = "MICROSECONDS")]
     pub policy_awake_us: u64,
-    /// Threads that carry messages between robots and models; 0: half of the processors. The others are for the
-    /// models, one thread each: a message that wakes a second thread where a model runs costs more than it gains.
+    /// Threads that carry messages between clients and models (0: half of the processors). Each model has a thread of
+    /// its own; more message threads take processors from the models.
     #[arg(long, env = "GLEANER_IO_THREADS", default_value_t = 0, value_name = "N")]
     pub io_threads: usize,
-    /// Requests that may wait for one policy.
-    #[arg(long, env = "GLEANER_POLICY_QUEUE", default_value_t = 256)]
+    /// Maximum number of requests queued for one policy; further ones are rejected.
+    #[arg(long, env = "GLEANER_POLICY_QUEUE", default_value_t = 256, value_name = "N")]
     pub policy_queue: usize,
-    /// Bytes of checkpoints to hold in memory. Beyond, the least recently used policies that no session holds are
-    /// unloaded until their next use.
-    #[arg(long, env = "GLEANER_POLICY_MEMORY_BYTES", default_value_t = 4 << 30)]
+    /// Maximum size of loaded checkpoints in bytes. Beyond it, least recently used policies without a session are
+    /// unloaded until their next use, which then takes longer.
+    #[arg(long, env = "GLEANER_POLICY_MEMORY_BYTES", default_value_t = 4 << 30, value_name = "BYTES")]
     pub policy_memory_bytes: u64,
-    /// Score runs to keep ready for live scores when no session uses them; beyond, the least recently used are unloaded.
+    /// Maximum number of score runs that stay loaded for live scores without a session. Beyond it, the least recently
+    /// used are unloaded; loading one again encodes its experts.
     #[arg(long, env = "GLEANER_LIVE_SCORERS", default_value_t = 2, value_name = "N")]
     pub live_scorers: usize,
-    /// Seconds after which a session whose robot says nothing, or reads nothing, is over.
-    #[arg(long, env = "GLEANER_SESSION_IDLE_SECONDS", default_value_t = 60)]
+    /// End a session whose robot sends or reads nothing for this many seconds, 1 to 86400.
+    #[arg(long, env = "GLEANER_SESSION_IDLE_SECONDS", default_value_t = 60, value_name = "SECONDS")]
     pub session_idle_seconds: u64,
 }
 
 impl PoliciesConfig {
-    /// Threads that carry messages: as set, or half of the processors.
+    /// Threads that carry messages: the setting, or half of the processors.
     pub fn io_threads(&self) -> usize {
         match self.io_threads {
             0 => std::thread::available_parallelism().map_or(1, |all| (all.get() / 2).max(1)),
@@ -52,15 +54,15 @@ impl PoliciesConfig {
         Duration::from_micros(self.policy_awake_us)
     }
 
-    /// How long a robot may be silent.
+    /// The time for which a robot may be silent.
     pub fn session_idle(&self) -> Duration {
         Duration::from_secs(self.session_idle_seconds)
     }
 
-    /// Checks what the types cannot tell.
+    /// Checks ranges.
     ///
     /// # Errors
-    /// A sentence that names the flag and the mend.
+    /// A sentence that names the flag and the range.
     pub fn validate(&self) -> Result<(), String> {
         if self.policy_batch == 0 || self.policy_queue == 0 {
             return Err("--policy-batch and --policy-queue: must be at least 1".to_owned());
@@ -98,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn half_of_the_processors_carry_messages_unless_it_is_said() {
+    fn io_threads_default_to_half_of_the_processors() {
         let processors = std::thread::available_parallelism().unwrap().get();
         assert_eq!(with(&[]).io_threads(), (processors / 2).max(1));
         assert_eq!(with(&["--io-threads", "3"]).io_threads(), 3);
