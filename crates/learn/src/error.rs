@@ -3,6 +3,7 @@
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
+use gleaner_search::SearchError;
 use safetensors::SafeTensorError;
 use tch::TchError;
 
@@ -63,6 +64,12 @@ impl LearnError {
 impl From<TchError> for LearnError {
     fn from(error: TchError) -> Self {
         Self::Torch(first_line(&error.to_string()))
+    }
+}
+
+impl From<SearchError> for LearnError {
+    fn from(error: SearchError) -> Self {
+        Self::invalid(error.field, error.message)
     }
 }
 

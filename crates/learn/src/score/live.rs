@@ -4,15 +4,14 @@
 use std::collections::HashSet;
 use std::fmt;
 
+use gleaner_search::{Index, Match};
 use tch::no_grad_guard;
 
 use super::features::{Features, episode_features, newest_features};
-use super::local::Neighbourhoods;
-use super::nearest::{Match, Reference};
 use super::normaliser::Normaliser;
 use super::run::sound;
-use super::similarity::Metric;
-use super::{EpisodeScores, Opened};
+use super::similarity::metric;
+use super::{EpisodeScores, Opened, local};
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout};
 use crate::spec::{ScoreSpec, Scorer, TaskShape, Yardstick};
@@ -37,7 +36,7 @@ pub struct SegmentScore {
 pub struct LiveScorer {
     opened: Opened,
     spec: ScoreSpec,
-    reference: Reference,
+    index: Index,
     /// For every number that matches count in, the expert's place in the order given.
     places: Vec<u32>,
     /// Per number and step, how near experts are around it; `None` if w is measured against nothing.
@@ -85,13 +84,13 @@ impl LiveScorer {
                 features.push(sound(episode_features(opened.encoder(), expert, spec), &expert.id)?);
             }
             let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
-            let reference = Reference::new(&numbered, Metric::new(spec));
+            let index = Index::new(&numbered, metric(spec))?;
             let local = match spec.yardstick {
-                Yardstick::Local => yardstick(&features, &reference, spec)?,
+                Yardstick::Local => yardstick(&features, &index, spec)?,
                 Yardstick::None => None,
             };
             let places = sorted.into_iter().map(|(place, _)| place).collect();
-            Ok(Self { opened, spec: spec.clone(), reference, places, local, normaliser })
+            Ok(Self { opened, spec: spec.clone(), index, places, local, normaliser })
         })
     }
 
@@ -160,13 +159,13 @@ impl LiveScorer {
     }
 
     fn judge(&self, features: &Features) -> Result<Vec<SegmentScore>, LearnError> {
-        let matches = self.reference.nearest(features, None);
+        let matches = self.index.nearest(features, None)?;
         let matches = matches.ok_or_else(|| LearnError::Torch("the search had no expert to compare with".into()))?;
         Ok(matches.iter().map(|found| self.segment(found)).collect())
     }
 
     fn segment(&self, found: &Match) -> SegmentScore {
-        let (episode, step) = (found.episode as usize, found.step as usize);
+        let (episode, step) = (found.group as usize, found.row as usize);
         // Not −distance: that would make −0 of the best there is.
         let w = 0.0 - found.distance;
         let measured = self.local.as_ref().map_or(w, |local| w / local[episode][step]);
@@ -174,7 +173,7 @@ impl LiveScorer {
             w,
             q: self.normaliser.q(measured),
             match_episode: self.places[episode],
-            match_step: found.step,
+            match_step: found.row,
             distances: found.parts,
         }
     }
@@ -190,18 +189,15 @@ impl LiveScorer {
 }
 
 /// How near experts are to one another around each of their segments; `None` if there is only one.
-fn yardstick(
-    experts: &[Features],
-    reference: &Reference,
-    spec: &ScoreSpec,
-) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
+fn yardstick(experts: &[Features], index: &Index, spec: &ScoreSpec) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
     let alone = |(number, features): (u32, &Features)| {
-        let matches = reference.nearest(features, Some(number))?;
-        Some(matches.iter().map(|found| 0.0 - found.distance).collect::<Vec<f64>>())
+        let matches = index.nearest(features, Some(number))?;
+        Ok(matches.map(|matches| matches.iter().map(|found| 0.0 - found.distance).collect::<Vec<f64>>()))
     };
-    let Some(alone) = (0..).zip(experts).map(alone).collect::<Option<Vec<_>>>() else { return Ok(None) };
+    let alone: Option<Vec<_>> = (0..).zip(experts).map(alone).collect::<Result<_, LearnError>>()?;
+    let Some(alone) = alone else { return Ok(None) };
     let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-    Neighbourhoods::new(experts, Metric::new(spec)).means(&alone, || Ok(())).map(Some)
+    local::means(experts, metric(spec), &alone, || Ok(())).map(Some)
 }
 
 #[cfg(test)]

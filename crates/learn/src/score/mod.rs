@@ -9,17 +9,14 @@ mod classifier;
 mod features;
 mod live;
 mod local;
-mod nearest;
 mod normaliser;
 mod run;
 mod similarity;
 
-pub use features::{FeatureStore, Features, Forgetful};
+pub use features::{FeatureStore, Forgetful};
 pub(crate) use features::{last_steps, view};
 pub use live::{LiveScorer, SegmentScore};
-pub use nearest::{Match, Reference};
 pub use normaliser::Normaliser;
-pub use similarity::Metric;
 
 use std::collections::HashSet;
 

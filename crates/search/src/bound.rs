@@ -1,44 +1,44 @@
 //! The filter's frame and the margins that make its bounds proven. Knows nothing of tiles, nor of
 //! which distances win.
 
-use tch::{Device, Tensor};
+use tch::Tensor;
 
-use super::lanes::{Lanes, WIDE};
-use crate::batch::{int, rows};
-use crate::score::features::Features;
-use crate::score::similarity::{Kind, Metric, to_unit};
+use crate::lanes::{Lanes, WIDE};
+use crate::metric::{Distance, Metric, to_unit};
+use crate::points::Points;
+use crate::tensor::{int, rows};
 
 /// Unit roundoff of single precision.
-pub(super) const U: f64 = 5.960_464_477_539_063e-8;
+pub(crate) const U: f64 = 5.960_464_477_539_063e-8;
 /// More than the relative rounding of the roots, factors and sums that follow the products.
 const SLACK: f64 = 16.0 * U;
 /// More than what products below the range of single precision lose; far below any distance that
-/// is told apart.
-pub(super) const UNDERFLOW: f64 = 1e-32;
+/// is distinguished.
+pub(crate) const UNDERFLOW: f64 = 1e-32;
 /// A smaller factor is as good as none.
 const LEAST_FACTOR: f64 = 1e-30;
 
 /// What brings rows into the filter's frame: any centre is right, a central one is good.
-pub(super) struct Frame {
-    kind: Kind,
+pub(crate) struct Frame {
+    kind: Distance,
     centre: [Vec<f32>; 3],
     /// The same, padded with zeros.
     lanes: [Vec<Lanes<f32>>; 3],
 }
 
-/// One modality's rows in the frame: centred, for angles centred unit vectors.
-pub(super) struct Framed {
+/// One part's rows in the frame: centred, for angles centred unit vectors.
+pub(crate) struct Framed {
     /// `[N, d]`.
-    pub(super) rows: Tensor,
+    pub(crate) rows: Tensor,
     /// No value is larger in size.
-    pub(super) largest: f64,
+    pub(crate) largest: f64,
     /// How far any row may lie from where it should.
-    pub(super) moved: f64,
+    pub(crate) moved: f64,
 }
 
 impl Framed {
     /// `rows` whose error follows from what no ‖x‖ exceeds by `moved`.
-    pub(super) fn new(rows: Tensor, moved: impl Fn(f64) -> f64) -> Self {
+    pub(crate) fn new(rows: Tensor, moved: impl Fn(f64) -> f64) -> Self {
         let mut framed = Self { rows, largest: 0.0, moved: 0.0 };
         if framed.count() > 0 {
             let (least, most) = framed.rows.aminmax(None, false);
@@ -49,23 +49,23 @@ impl Framed {
     }
 
     /// No ‖x‖ exceeds this.
-    pub(super) fn longest(&self) -> f64 {
+    pub(crate) fn longest(&self) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
         let width = self.width() as f64;
         self.largest * width.sqrt() * 1.001
     }
 
-    pub(super) fn width(&self) -> usize {
+    pub(crate) fn width(&self) -> usize {
         usize::try_from(self.rows.size()[1]).unwrap_or_default()
     }
 
-    pub(super) fn count(&self) -> usize {
+    pub(crate) fn count(&self) -> usize {
         usize::try_from(self.rows.size()[0]).unwrap_or_default()
     }
 }
 
 /// Per row ‖x‖², in whatever order of additions: off by less than γ(d + 4), γ(n) ≈ n U.
-pub(super) fn squares(rows: &Tensor) -> Tensor {
+pub(crate) fn squares(rows: &Tensor) -> Tensor {
     rows.norm_scalaropt_dim(2.0, [1i64].as_slice(), false).square_()
 }
 
@@ -75,7 +75,7 @@ pub(super) fn squares(rows: &Tensor) -> Tensor {
 /// The product errs by at most γ(d) · 2 ‖x‖ ‖y‖ ≤ γ(d) (‖x‖² + ‖y‖²), whatever the order of its
 /// additions; the squares by γ(d + 4) of each; the factors, and adding the three, by less than
 /// 10 U (‖x‖² + ‖y‖²).
-pub(super) fn shrunk(squares: &Tensor, width: usize, factor: f64) -> Tensor {
+pub(crate) fn shrunk(squares: &Tensor, width: usize, factor: f64) -> Tensor {
     #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
     let epsilon = 2.5 * U * (width as f64 + 16.0);
     (squares * ((1.0 - epsilon) * factor)).g_sub_scalar_(UNDERFLOW)
@@ -83,12 +83,12 @@ pub(super) fn shrunk(squares: &Tensor, width: usize, factor: f64) -> Tensor {
 
 impl Frame {
     /// The frame whose centre is the mean of `features`.
-    pub(super) fn new(features: &Features, kind: Kind) -> Self {
-        let centre = |modality: usize| {
-            let width = features.widths()[modality];
+    pub(crate) fn new(features: &Points, kind: Distance) -> Self {
+        let centre = |part: usize| {
+            let width = features.widths()[part];
             let mut sum = vec![0f64; width];
-            for row in features.values(modality).chunks(width) {
-                let factor = if kind == Kind::Angular { to_unit(row) } else { 1.0 };
+            for row in features.values(part).chunks(width) {
+                let factor = if kind == Distance::Angular { to_unit(row) } else { 1.0 };
                 for (sum, x) in sum.iter_mut().zip(row) {
                     *sum += f64::from(*x) * factor;
                 }
@@ -103,20 +103,20 @@ impl Frame {
         Self { kind, centre, lanes }
     }
 
-    /// The centre of `modality`, padded with zeros.
-    pub(super) fn lanes(&self, modality: usize) -> &[Lanes<f32>] {
-        &self.lanes[modality]
+    /// The centre of `part`, padded with zeros.
+    pub(crate) fn lanes(&self, part: usize) -> &[Lanes<f32>] {
+        &self.lanes[part]
     }
 
-    /// Row `at` of `modality` before it is centred: for angles its unit vector, put into `unit`.
-    pub(super) fn row<'a>(
+    /// Row `at` of `part` before it is centred: for angles its unit vector, put into `unit`.
+    pub(crate) fn row<'a>(
         &self,
-        features: &'a Features,
-        (modality, at): (usize, usize),
+        features: &'a Points,
+        (part, at): (usize, usize),
         unit: &'a mut Vec<f32>,
     ) -> &'a [f32] {
-        let row = features.row(modality, at);
-        if self.kind == Kind::Euclidean {
+        let row = features.row(part, at);
+        if self.kind == Distance::Euclidean {
             return row;
         }
         let factor = to_unit(row);
@@ -126,26 +126,26 @@ impl Frame {
     }
 
     /// How far a row that in the frame is no longer than `norm` may lie from where it should.
-    pub(super) fn moved(&self, norm: f64) -> f64 {
+    pub(crate) fn moved(&self, norm: f64) -> f64 {
         // Centring errs by U of every difference, a unit vector by U of every value: 1 in all.
-        let unit = if self.kind == Kind::Angular { 1.0 } else { 0.0 };
+        let unit = if self.kind == Distance::Angular { 1.0 } else { 0.0 };
         1.01 * U * (norm + unit)
     }
 
-    /// Rows `from..to` of `modality`.
-    pub(super) fn apply(&self, features: &Features, modality: usize, (from, to): (usize, usize)) -> Framed {
-        let centre = &self.centre[modality];
+    /// Rows `from..to` of `part`.
+    pub(crate) fn apply(&self, features: &Points, part: usize, (from, to): (usize, usize)) -> Framed {
+        let centre = &self.centre[part];
         let width = centre.len();
-        let values = &features.values(modality)[from * width..to * width];
+        let values = &features.values(part)[from * width..to * width];
         let mut placed = match self.kind {
-            Kind::Euclidean => rows(values, width, Device::Cpu),
-            Kind::Angular => {
+            Distance::Euclidean => rows(values, width),
+            Distance::Angular => {
                 let unit = |row: &[f32]| {
                     let factor = to_unit(row);
                     row.iter().map(move |x| single(f64::from(*x) * factor)).collect::<Vec<f32>>()
                 };
                 let units: Vec<f32> = values.chunks_exact(width).flat_map(unit).collect();
-                rows(&units, width, Device::Cpu)
+                rows(&units, width)
             }
         };
         let _ = placed.g_sub_(&Tensor::from_slice(centre).view([1, int(width)]));
@@ -153,36 +153,36 @@ impl Frame {
     }
 }
 
-/// What squared distances of `modality` are multiplied by, so that they (angles) or their roots
+/// What squared distances of `part` are multiplied by, so that they (angles) or their roots
 /// (Euclidean) need only be added; for rows whose distances may have grown by the factor `stretch`.
 /// 0, which is a lower bound too, where single precision could not hold it.
-pub(super) fn factor(metric: &Metric, modality: usize, stretch: f64) -> f64 {
-    let scale = metric.scale[modality];
+pub(crate) fn factor(metric: &Metric, part: usize, stretch: f64) -> f64 {
+    let scale = metric.scale[part];
     let factor = match metric.kind {
-        Kind::Euclidean => (scale / stretch).powi(2),
-        Kind::Angular => scale / (2.0 * stretch * stretch),
+        Distance::Euclidean => (scale / stretch).powi(2),
+        Distance::Angular => scale / (2.0 * stretch * stretch),
     };
     if factor > LEAST_FACTOR { factor } else { 0.0 }
 }
 
 /// Turns the products −2 x·y, with what is to be added to each column and to each row, into
 /// lower bounds.
-pub(super) fn finish(kind: Kind, products: &mut Tensor, columns: &Tensor, rows: &Tensor) {
+pub(crate) fn finish(kind: Distance, products: &mut Tensor, columns: &Tensor, rows: &Tensor) {
     let _ = products.g_add_(columns).g_add_(rows).relu_();
-    if kind == Kind::Euclidean {
+    if kind == Distance::Euclidean {
         let _ = products.sqrt_();
     }
 }
 
 /// A lower bound above this rules out a distance of at most `distance` between rows that were moved
-/// by at most `moved` in all, per modality.
-pub(super) fn limit(metric: &Metric, moved: [f64; 3], distance: f64) -> f32 {
+/// by at most `moved` in all, per part.
+pub(crate) fn limit(metric: &Metric, moved: [f64; 3], distance: f64) -> f32 {
     let scaled = moved.iter().zip(&metric.scale);
     let reach: f64 = match metric.kind {
         // |‖x′ − y′‖ − ‖x − y‖| ≤ r.
-        Kind::Euclidean => scaled.map(|(r, scale)| r * scale).sum(),
+        Distance::Euclidean => scaled.map(|(r, scale)| r * scale).sum(),
         // ‖u′ − v′‖² / 2 ≤ (‖u − v‖ + r)² / 2, and scale ‖u − v‖² / 2 ≤ distance.
-        Kind::Angular => scaled.map(|(r, scale)| ((2.0 * distance * scale).sqrt() + r * scale / 2.0) * r).sum(),
+        Distance::Angular => scaled.map(|(r, scale)| ((2.0 * distance * scale).sqrt() + r * scale / 2.0) * r).sum(),
     };
     single((distance + reach) * (1.0 + SLACK)).next_up()
 }

@@ -82,21 +82,21 @@ fn some<const P: usize>(
     let mut sums = [[_mm512_setzero_ps(); P]; QUERIES];
     let (first, last) = (panel * panels.all, (panel + P - 1) * panels.all);
     let mut from = 0;
-    for modality in 0..3 {
-        let until = from + panels.groups[modality];
+    for part in 0..3 {
+        let until = from + panels.groups[part];
         // Where there is but one panel it is its own neighbour.
-        let experts = [&panels.codes[first + from..first + until], &panels.codes[last + from..last + until]];
+        let corpus = [&panels.codes[first + from..first + until], &panels.codes[last + from..last + until]];
         let [a, b, c, d] = queries;
         let codes = [&a.codes[from..until], &b.codes[from..until], &c.codes[from..until], &d.codes[from..until]];
         let mut products = [[_mm512_setzero_si512(); P]; QUERIES];
         for q in 0..QUERIES {
-            products[q] = [_mm512_set1_epi32(queries[q].terms[modality].begin); P];
+            products[q] = [_mm512_set1_epi32(queries[q].terms[part].begin); P];
         }
-        multiply(codes, experts, &mut products);
+        multiply(codes, corpus, &mut products);
         for p in 0..P {
-            let squares = must_cast(panels.squares[(panel + p) * 3 + modality].0);
+            let squares = must_cast(panels.squares[(panel + p) * 3 + part].0);
             for q in 0..QUERIES {
-                let value = value(products[q][p], squares, &queries[q].terms[modality]);
+                let value = value(products[q][p], squares, &queries[q].terms[part]);
                 let value = if panels.roots { _mm512_sqrt_ps(value) } else { value };
                 sums[q][p] = _mm512_add_ps(sums[q][p], value);
             }
@@ -113,7 +113,7 @@ fn some<const P: usize>(
     }
 }
 
-/// Adds what codes of one modality give to `products`.
+/// Adds what codes of one part give to `products`.
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 #[inline]
 fn multiply<const P: usize>(
@@ -124,12 +124,12 @@ fn multiply<const P: usize>(
     let mut sums = *products;
     let queries = a.iter().zip(b).zip(c.iter().zip(d));
     for ((first, last), ((a, b), (c, d))) in first.iter().zip(last).zip(queries) {
-        let experts: [__m512i; SIDE] = [must_cast(first.0), must_cast(last.0)];
+        let corpus: [__m512i; SIDE] = [must_cast(first.0), must_cast(last.0)];
         let queries = [*a, *b, *c, *d];
         for q in 0..QUERIES {
             let codes = _mm512_set1_epi32(queries[q]);
             for p in 0..P {
-                sums[q][p] = _mm512_dpbusd_epi32(sums[q][p], experts[p], codes);
+                sums[q][p] = _mm512_dpbusd_epi32(sums[q][p], corpus[p], codes);
             }
         }
     }

@@ -1,11 +1,11 @@
-//! Segments as byte codes: every value as one of 255 multiples of a step. Products of codes are
+//! Points as byte codes: every value as one of 255 multiples of a step. Products of codes are
 //! exact, and four times as fast where the processor has an instruction for them; a distance
-//! changes by no more than rounding to steps moved the two segments. Knows nothing of the search.
+//! changes by no more than rounding to steps moved the two points. Knows nothing of the search.
 
-use super::bound::{Frame, U, UNDERFLOW, factor};
-use super::lanes::{self, CODES, Lanes, MOST, Panels, Query, Terms, WIDE};
-use crate::score::features::Features;
-use crate::score::similarity::Metric;
+use crate::bound::{Frame, U, UNDERFLOW, factor};
+use crate::lanes::{self, CODES, Lanes, MOST, Panels, Query, Terms, WIDE};
+use crate::metric::Metric;
+use crate::points::Points;
 
 /// Wider rows could overflow what sums of codes' products are kept in.
 const MOST_WIDE: usize = 1024;
@@ -18,60 +18,60 @@ const DIVISION: f64 = 3e-5;
 /// A square and its rounding, the sum of two, and adding the product to it, err by less.
 const ROUNDING: f64 = 16.0 * U;
 
-/// Experts' codes.
-pub(super) struct Codes {
+/// Points' codes.
+pub(crate) struct Codes {
     sides: [Side; 3],
-    /// Per panel of sixteen experts, modality and four codes: those codes, 128 larger, of each.
+    /// Per panel of sixteen points, part and four codes: those codes, 128 larger, of each.
     panels: Vec<Lanes<i32>>,
-    /// Per panel and modality: the experts' squares.
+    /// Per panel and part: the points' squares.
     squares: Vec<Lanes<f32>>,
-    /// How often four codes, per modality.
+    /// How often four codes, per part.
     groups: [usize; 3],
     /// In all.
     all: usize,
     roots: bool,
 }
 
-/// One modality.
+/// One part.
 struct Side {
     step: f32,
     /// What squared distances are multiplied by.
     factor: f64,
-    /// The most that an expert was moved.
+    /// The most that an point was moved.
     moved: f64,
     /// The root of the number of values.
     root: f64,
 }
 
 /// Queries' codes.
-pub(super) struct Queries {
+pub(crate) struct Queries {
     codes: Vec<i32>,
     terms: Vec<[Terms; 3]>,
-    /// Per modality how far query and experts may have been moved in all.
-    pub(super) moved: Vec<[f64; 3]>,
+    /// Per part how far query and points may have been moved in all.
+    pub(crate) moved: Vec<[f64; 3]>,
     scratch: Scratch,
 }
 
 /// What a row is brought into the frame in.
 #[derive(Default)]
-pub(super) struct Scratch {
+pub(crate) struct Scratch {
     unit: Vec<f32>,
     placed: [Vec<Lanes<f32>>; 3],
 }
 
 impl Scratch {
-    /// Row `at` of `modality`, in the frame, and its largest value's size.
-    fn place(&mut self, frame: &Frame, features: &Features, (modality, at): (usize, usize)) -> f32 {
-        let centre = frame.lanes(modality);
-        let placed = &mut self.placed[modality];
+    /// Row `at` of `part`, in the frame, and its largest value's size.
+    fn place(&mut self, frame: &Frame, features: &Points, (part, at): (usize, usize)) -> f32 {
+        let centre = frame.lanes(part);
+        let placed = &mut self.placed[part];
         placed.resize(centre.len(), Lanes([0.0; WIDE]));
-        let row = frame.row(features, (modality, at), &mut self.unit);
+        let row = frame.row(features, (part, at), &mut self.unit);
         lanes::centre(row, centre, placed)
     }
 
-    /// Codes of the row of `modality` last placed into `codes`.
-    fn code(&self, modality: usize, grid: Grid, codes: &mut [i32]) -> lanes::Sums {
-        lanes::code(&self.placed[modality], grid.inverse, codes)
+    /// Codes of the row of `part` last placed into `codes`.
+    fn code(&self, part: usize, grid: Grid, codes: &mut [i32]) -> lanes::Sums {
+        lanes::code(&self.placed[part], grid.inverse, codes)
     }
 }
 
@@ -97,42 +97,42 @@ fn below(square: f64) -> f32 {
 }
 
 impl Codes {
-    /// Of all of `experts`; `None` if that is not possible, or would not be faster.
-    pub(super) fn new(experts: &Features, frame: &Frame, metric: &Metric) -> Option<Self> {
-        if !lanes::fast() || experts.count() == 0 || experts.widths().iter().any(|width| *width > MOST_WIDE) {
+    /// Of all of `points`; `None` if that is not possible, or would not be faster.
+    pub(crate) fn new(corpus: &Points, frame: &Frame, metric: &Metric) -> Option<Self> {
+        if !lanes::fast() || corpus.count() == 0 || corpus.widths().iter().any(|width| *width > MOST_WIDE) {
             return None;
         }
-        let groups = experts.widths().map(|width| width.div_ceil(WIDE) * (WIDE / CODES));
-        let (all, panels) = (groups.iter().sum(), experts.count().div_ceil(WIDE));
+        let groups = corpus.widths().map(|width| width.div_ceil(WIDE) * (WIDE / CODES));
+        let (all, panels) = (groups.iter().sum(), corpus.count().div_ceil(WIDE));
         let mut codes = Self {
-            sides: [0, 1, 2].map(|i| Side::new(factor(metric, i, 1.0), experts.widths()[i])),
+            sides: [0, 1, 2].map(|i| Side::new(factor(metric, i, 1.0), corpus.widths()[i])),
             panels: vec![Lanes([0; WIDE]); panels * all],
             squares: vec![Lanes([FAR; WIDE]); panels * 3],
             groups,
             all,
-            roots: metric.kind == crate::score::similarity::Kind::Euclidean,
+            roots: metric.kind == crate::metric::Distance::Euclidean,
         };
-        for modality in 0..3 {
-            codes.fill(experts, frame, modality);
+        for part in 0..3 {
+            codes.fill(corpus, frame, part);
         }
         Some(codes)
     }
 
-    fn fill(&mut self, experts: &Features, frame: &Frame, modality: usize) {
+    fn fill(&mut self, corpus: &Points, frame: &Frame, part: usize) {
         let mut scratch = Scratch::default();
-        let largest = (0..experts.count()).map(|at| scratch.place(frame, experts, (modality, at))).fold(0.0, f32::max);
-        let (all, from) = (self.all, self.groups[..modality].iter().sum::<usize>());
-        let side = &mut self.sides[modality];
+        let largest = (0..corpus.count()).map(|at| scratch.place(frame, corpus, (part, at))).fold(0.0, f32::max);
+        let (all, from) = (self.all, self.groups[..part].iter().sum::<usize>());
+        let side = &mut self.sides[part];
         let grid = Grid::new(largest);
         side.step = grid.step;
         let scale = side.factor * f64::from(side.step).powi(2);
-        let mut row = vec![0i32; self.groups[modality]];
-        for at in 0..experts.count() {
-            scratch.place(frame, experts, (modality, at));
-            let sums = scratch.code(modality, grid, &mut row);
+        let mut row = vec![0i32; self.groups[part]];
+        for at in 0..corpus.count() {
+            scratch.place(frame, corpus, (part, at));
+            let sums = scratch.code(part, grid, &mut row);
             side.moved = side.moved.max(side.moved(frame, (largest, grid), &sums));
             let (panel, lane) = (at / WIDE, at % WIDE);
-            self.squares[panel * 3 + modality].0[lane] = below(scale * f64::from(sums.squares));
+            self.squares[panel * 3 + part].0[lane] = below(scale * f64::from(sums.squares));
             for (to, code) in self.panels[panel * all + from..].iter_mut().zip(&row) {
                 // Adds 128 to each of the four.
                 to.0[lane] = code ^ i32::from_ne_bytes([0x80; 4]);
@@ -140,12 +140,12 @@ impl Codes {
         }
     }
 
-    pub(super) fn panels(&self) -> usize {
+    pub(crate) fn panels(&self) -> usize {
         self.squares.len() / 3
     }
 
     /// Panels `from..to`.
-    pub(super) fn some(&self, (from, to): (usize, usize)) -> Panels<'_> {
+    pub(crate) fn some(&self, (from, to): (usize, usize)) -> Panels<'_> {
         Panels {
             codes: &self.panels[from * self.all..to * self.all],
             squares: &self.squares[from * 3..to * 3],
@@ -158,27 +158,27 @@ impl Codes {
 }
 
 impl Queries {
-    pub(super) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { codes: Vec::new(), terms: Vec::new(), moved: Vec::new(), scratch: Scratch::default() }
     }
 
     /// Rows `from..to` of `features`, in place of whatever was here.
-    pub(super) fn fill(&mut self, (codes, frame): (&Codes, &Frame), features: &Features, (from, to): (usize, usize)) {
+    pub(crate) fn fill(&mut self, (codes, frame): (&Codes, &Frame), features: &Points, (from, to): (usize, usize)) {
         self.codes.resize((to - from) * codes.all, 0);
         self.terms.resize(to - from, [Terms::default(); 3]);
         self.moved.resize(to - from, [0.0; 3]);
         let rows = self.codes.chunks_exact_mut(codes.all).zip(&mut self.terms).zip(&mut self.moved);
         for (at, ((mut place, terms), moved)) in (from..to).zip(rows) {
-            // The modalities side by side: none waits for another.
+            // The parts side by side: none waits for another.
             let mut largest = [0f32; 3];
-            for (modality, largest) in largest.iter_mut().enumerate() {
-                *largest = self.scratch.place(frame, features, (modality, at));
+            for (part, largest) in largest.iter_mut().enumerate() {
+                *largest = self.scratch.place(frame, features, (part, at));
             }
             let grids = largest.map(Grid::new);
             let mut sums = [lanes::Sums::default(); 3];
-            for (modality, sums) in sums.iter_mut().enumerate() {
-                let (of_modality, rest) = place.split_at_mut(codes.groups[modality]);
-                *sums = self.scratch.code(modality, grids[modality], of_modality);
+            for (part, sums) in sums.iter_mut().enumerate() {
+                let (of_part, rest) = place.split_at_mut(codes.groups[part]);
+                *sums = self.scratch.code(part, grids[part], of_part);
                 place = rest;
             }
             for (i, side) in codes.sides.iter().enumerate() {
@@ -188,7 +188,7 @@ impl Queries {
         }
     }
 
-    pub(super) fn get(&self, at: usize, codes: &Codes, limit: f32) -> Query<'_> {
+    pub(crate) fn get(&self, at: usize, codes: &Codes, limit: f32) -> Query<'_> {
         Query { codes: &self.codes[at * codes.all..][..codes.all], terms: &self.terms[at], limit }
     }
 }

@@ -3,50 +3,50 @@
 
 use tch::Tensor;
 
-use super::bound::{Framed, factor, finish, shrunk, squares};
-use super::directions::Directions;
-use crate::batch::int;
-use crate::score::similarity::Metric;
+use crate::bound::{Framed, factor, finish, shrunk, squares};
+use crate::directions::Directions;
+use crate::metric::Metric;
+use crate::tensor::int;
 
-/// Segments looked at together; tiles are a multiple of it.
-pub(super) const GROUP: usize = 16;
+/// Points looked at together; tiles are a multiple of it.
+pub(crate) const GROUP: usize = 16;
 
 /// How a level sees rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum View {
+pub(crate) enum View {
     /// As they are.
     Whole,
-    /// Along few directions: pays where experts differ along few.
+    /// Along few directions: pays where points differ along few.
     Along,
 }
 
-/// One modality of the experts on one level.
-pub(super) struct Level {
+/// One part of the points on one level.
+pub(crate) struct Level {
     directions: Option<Directions>,
-    /// `[N + GROUP, d]`: −2 × the factor × the experts' rows.
+    /// `[N + GROUP, d]`: −2 × the factor × the points' rows.
     many: Tensor,
     /// `[1, N + GROUP]`: what to add to the products.
     squares: Tensor,
     /// What squared distances are multiplied by.
     factor: f64,
-    /// The most that bringing a segment here may have moved it.
-    pub(super) moved: f64,
+    /// The most that bringing a point here may have moved it.
+    pub(crate) moved: f64,
 }
 
-/// One modality of some queries on one level.
-pub(super) struct Placed {
+/// One part of some queries on one level.
+pub(crate) struct Placed {
     /// `[count, d]`.
     rows: Tensor,
     /// `[count, 1]`: what to add to the products.
     squares: Tensor,
-    pub(super) moved: f64,
+    pub(crate) moved: f64,
 }
 
 impl Level {
     /// How `view` sees `framed`; `None` if that would not pay.
-    pub(super) fn new(framed: &Framed, view: View, (metric, modality): (&Metric, usize)) -> Option<Self> {
+    pub(crate) fn new(framed: &Framed, view: View, (metric, part): (&Metric, usize)) -> Option<Self> {
         let directions = if view == View::Along { Some(Directions::principal(framed)?) } else { None };
-        let factor = factor(metric, modality, directions.as_ref().map_or(1.0, |directions| directions.stretch));
+        let factor = factor(metric, part, directions.as_ref().map_or(1.0, |directions| directions.stretch));
         let mut level = Self { directions, many: Tensor::new(), squares: Tensor::new(), factor, moved: 0.0 };
         let placed = level.place(framed);
         let padded = |all: &Tensor, scale: f64| {
@@ -62,7 +62,7 @@ impl Level {
     }
 
     /// The same for another thread.
-    pub(super) fn share(&self) -> Self {
+    pub(crate) fn share(&self) -> Self {
         Self {
             directions: self.directions.as_ref().map(Directions::share),
             many: self.many.shallow_clone(),
@@ -72,12 +72,12 @@ impl Level {
     }
 
     /// Whether it says anything.
-    pub(super) fn counts(&self) -> bool {
+    pub(crate) fn counts(&self) -> bool {
         self.factor > 0.0
     }
 
     /// Queries as this level sees them.
-    pub(super) fn place(&self, framed: &Framed) -> Placed {
+    pub(crate) fn place(&self, framed: &Framed) -> Placed {
         let along = self.directions.as_ref().map(|directions| directions.apply(framed));
         let placed = along.as_ref().unwrap_or(framed);
         Placed {
@@ -87,9 +87,9 @@ impl Level {
         }
     }
 
-    /// Adds to `sum` (or begins it with) this modality's lower bounds of the distances of `placed`,
-    /// only those rows that are `open`, to the segments from `from` on: `[open, width]`.
-    pub(super) fn bound(
+    /// Adds to `sum` (or begins it with) this part's lower bounds of the distances of `placed`,
+    /// only those rows that are `open`, to the points from `from` on: `[open, width]`.
+    pub(crate) fn bound(
         &self,
         (placed, open): (&Placed, Option<&Tensor>),
         from: usize,

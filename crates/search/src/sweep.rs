@@ -3,11 +3,12 @@
 
 use tch::{Device, Kind, Tensor};
 
-use super::bound::{Framed, limit};
-use super::level::{GROUP, Level, Placed};
-use super::{Experts, Match};
-use crate::batch::int;
-use crate::score::features::Features;
+use crate::bound::{Framed, limit};
+use crate::corpus::Corpus;
+use crate::index::Match;
+use crate::level::{GROUP, Level, Placed};
+use crate::points::Points;
+use crate::tensor::int;
 
 /// More candidates than this in a row of a tile, and a full product costs less than comparing them.
 const CANDIDATES: usize = 32;
@@ -15,10 +16,10 @@ const CANDIDATES: usize = 32;
 const TRIAL: usize = 1024;
 
 /// What one thread works with.
-pub(super) struct Sweep<'a> {
-    experts: &'a Experts,
+pub(crate) struct Sweep<'a> {
+    corpus: &'a Corpus,
     levels: Vec<[Level; 3]>,
-    queries: &'a Features,
+    queries: &'a Points,
     ranges: &'a [(usize, usize)],
     /// Where a tile's products are written.
     buffer: Tensor,
@@ -35,11 +36,11 @@ pub(super) struct Sweep<'a> {
 /// A block of queries on one level.
 struct Block {
     placed: [Placed; 3],
-    /// Per modality how far queries and experts may have been moved in all.
+    /// Per part how far queries and points may have been moved in all.
     moved: [f64; 3],
 }
 
-/// A row's lower bounds to the segments from `from` to `to`.
+/// A row's lower bounds to the points from `from` to `to`.
 struct Row<'a> {
     from: usize,
     to: usize,
@@ -51,17 +52,17 @@ struct Row<'a> {
 
 impl<'a> Sweep<'a> {
     /// Blocks have at most `rows` queries.
-    pub(super) fn new(
-        experts: &'a Experts,
+    pub(crate) fn new(
+        corpus: &'a Corpus,
         levels: &[[Level; 3]],
-        (queries, rows): (&'a Features, usize),
+        (queries, rows): (&'a Points, usize),
         ranges: &'a [(usize, usize)],
     ) -> Self {
         let widest = ranges.iter().map(|(from, to)| to - from).max().unwrap_or(0);
         let size = rows.min(queries.count()) * widest.next_multiple_of(GROUP);
         let zeros = || Tensor::zeros([int(size)], (Kind::Float, Device::Cpu));
         Self {
-            experts,
+            corpus,
             levels: levels.iter().map(|level| level.each_ref().map(Level::share)).collect(),
             queries,
             ranges,
@@ -75,15 +76,15 @@ impl<'a> Sweep<'a> {
     }
 
     /// Improves `best`, of those of the queries that begin at `begin` whose numbers `rows` has.
-    pub(super) fn block(&mut self, begin: usize, rows: &[usize], best: &mut [Option<Match>]) {
+    pub(crate) fn block(&mut self, begin: usize, rows: &[usize], best: &mut [Option<Match>]) {
         let rows = &rows[rows.partition_point(|row| *row < begin)..];
         let rows = &rows[..rows.partition_point(|row| *row < begin + best.len())];
         if rows.is_empty() {
             return;
         }
-        let experts = self.experts;
+        let corpus = self.corpus;
         let framed: [Framed; 3] =
-            std::array::from_fn(|i| experts.frame.apply(self.queries, i, (begin, begin + best.len())));
+            std::array::from_fn(|i| corpus.frame.apply(self.queries, i, (begin, begin + best.len())));
         let mut blocks: Vec<Option<Block>> = self.levels.iter().map(|_| None).collect();
         for range in self.ranges {
             let mut open: Vec<usize> = rows.iter().map(|row| row - begin).collect();
@@ -109,7 +110,7 @@ impl<'a> Sweep<'a> {
         (0..last).find(pays).unwrap_or(last)
     }
 
-    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the segments
+    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the points
     /// `from..to`, and a few more that make the last group whole.
     fn bound(&mut self, (level, block): (usize, &Block), (from, to): (usize, usize), (open, all): (&[usize], usize)) {
         let (width, count) = ((to - from).next_multiple_of(GROUP), open.len());
@@ -120,7 +121,7 @@ impl<'a> Sweep<'a> {
         });
         let mut first = true;
         for (level, placed) in self.levels[level].iter().zip(&block.placed).filter(|(level, _)| level.counts()) {
-            let tile = (&self.experts.relative, &self.buffer);
+            let tile = (&self.corpus.relative, &self.buffer);
             level.bound((placed, some.as_ref()), from, (&mut sum, first), tile);
             first = false;
         }
@@ -151,19 +152,19 @@ impl<'a> Sweep<'a> {
         });
     }
 
-    /// Compares query `at` directly with whatever segments `row` cannot rule out; false if those
+    /// Compares query `at` directly with whatever points `row` cannot rule out; false if those
     /// are more than `most`.
     fn refine(&self, (at, moved): (usize, [f64; 3]), row: &Row<'_>, most: usize, best: &mut Option<Match>) -> bool {
-        let experts = self.experts;
+        let corpus = self.corpus;
         let allowed = |best: &Option<Match>| {
-            best.as_ref().map_or(f32::INFINITY, |best| limit(&experts.relative, moved, best.distance / experts.unit))
+            best.as_ref().map_or(f32::INFINITY, |best| limit(&corpus.relative, moved, best.distance / corpus.unit))
         };
         let mut most_allowed = allowed(best);
         if row.lows.iter().all(|low| *low > most_allowed) {
             return true;
         }
         let mut consider = |place: usize| {
-            let found = experts.compare((self.queries, at), place);
+            let found = corpus.compare((self.queries, at), place);
             if found.beats(best) {
                 *best = Some(found);
             }
@@ -188,13 +189,13 @@ impl<'a> Sweep<'a> {
 }
 
 impl Row<'_> {
-    /// The segment with the least bound.
+    /// The point with the least bound.
     fn likeliest(&self) -> Option<usize> {
         let lowest = self.lows.iter().copied().fold(f32::INFINITY, f32::min);
         self.candidates(lowest).next().map(|(place, _)| place)
     }
 
-    /// The segments, and their bounds, that a bound of more than `allowed` does not rule out.
+    /// The points, and their bounds, that a bound of more than `allowed` does not rule out.
     fn candidates(&self, allowed: f32) -> impl Iterator<Item = (usize, f32)> {
         let groups = self.lows.len();
         let open = self.lows.iter().enumerate().filter(move |(_, low)| **low <= allowed).map(|(group, _)| group);

@@ -1,13 +1,13 @@
-//! A cheaper filter first: rows seen only along the few directions in which the experts differ
+//! A cheaper filter first: rows seen only along the few directions in which the points differ
 //! most. A projection never makes a distance longer, ‖P x − P y‖ ≤ ‖x − y‖, so what it rules out
 //! is ruled out; a narrower product is all it costs. Knows nothing of tiles.
 
-use rand::RngExt;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
 use tch::{Kind, Tensor};
 
-use super::bound::{Framed, U};
-use crate::batch::int;
-use crate::random::{Purpose, generator};
+use crate::bound::{Framed, U};
+use crate::tensor::int;
 
 /// Narrower rows are not worth projecting.
 const LEAST_WIDTH: usize = 96;
@@ -18,18 +18,18 @@ const MOST_STRETCH: f64 = 1.001;
 /// Rows looked at to find them.
 const SAMPLE: usize = 2048;
 
-/// Some directions of one modality.
-pub(super) struct Directions {
+/// Some directions of one part.
+pub(crate) struct Directions {
     /// `[d, count]`, orthonormal but for rounding.
     basis: Tensor,
     count: usize,
     /// At least the most that rounding lets them stretch a row.
-    pub(super) stretch: f64,
+    pub(crate) stretch: f64,
 }
 
 impl Directions {
     /// The principal directions of `framed`; `None` if a narrower product would not pay.
-    pub(super) fn principal(framed: &Framed) -> Option<Self> {
+    pub(crate) fn principal(framed: &Framed) -> Option<Self> {
         let (width, rows) = (framed.width(), framed.count());
         let count = (width / 8).clamp(16, 128);
         if width < LEAST_WIDTH || rows < ROWS_A_DIRECTION * count {
@@ -37,7 +37,7 @@ impl Directions {
         }
         let all = framed.rows.slice(0, None, None, int(rows.div_ceil(SAMPLE))).to_kind(Kind::Double);
         // Subspace iteration from any start; how good the directions are changes only the speed.
-        let mut rng = generator(0, Purpose::Weights, 0);
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
         let start: Vec<f64> = (0..width * count).map(|_| rng.random_range(-1.0..1.0)).collect();
         let mut basis = Tensor::from_slice(&start).view([int(width), int(count)]);
         for _ in 0..3 {
@@ -52,12 +52,12 @@ impl Directions {
     }
 
     /// The same for another thread.
-    pub(super) fn share(&self) -> Self {
+    pub(crate) fn share(&self) -> Self {
         Self { basis: self.basis.shallow_clone(), ..*self }
     }
 
     /// `framed` along these directions.
-    pub(super) fn apply(&self, framed: &Framed) -> Framed {
+    pub(crate) fn apply(&self, framed: &Framed) -> Framed {
         // Each of the values errs by at most γ(d) ‖x‖, so all by √count times that.
         #[expect(clippy::cast_precision_loss, reason = "small counts")]
         let rounding = 1.1 * U * framed.width() as f64 * (self.count as f64).sqrt() * self.stretch;

@@ -1,25 +1,26 @@
-//! One thread's way over experts' codes: bounds, and a direct comparison of the few that they
+//! One thread's way over points' codes: bounds, and a direct comparison of the few that they
 //! cannot rule out. Leaves queries for which those are many.
 
-use super::bound::limit;
-use super::codes::{Codes, Queries};
-use super::lanes::{self, Lanes, PANELS, QUERIES, WIDE};
-use super::{Experts, Match};
-use crate::score::features::Features;
+use crate::bound::limit;
+use crate::codes::{Codes, Queries};
+use crate::corpus::Corpus;
+use crate::index::Match;
+use crate::lanes::{self, Lanes, PANELS, QUERIES, WIDE};
+use crate::points::Points;
 
-/// Queries that stay near it while experts pass.
-pub(super) const BLOCK: usize = 256;
+/// Queries that stay near it while points pass.
+pub(crate) const BLOCK: usize = 256;
 /// More candidates than this, and a filter that tells more apart costs less than comparing them.
 const CANDIDATES: usize = 64;
 /// Queries after which to judge whether codes pay.
 const TRIAL: usize = 512;
 
 /// What one thread works with.
-pub(super) struct Scan<'a> {
-    experts: &'a Experts,
+pub(crate) struct Scan<'a> {
+    corpus: &'a Corpus,
     codes: &'a Codes,
-    features: &'a Features,
-    /// Segments not to compare with: (from, to).
+    features: &'a Points,
+    /// Points not to compare with: (from, to).
     without: (usize, usize),
     queries: Queries,
     /// Of a block's queries.
@@ -36,25 +37,25 @@ struct State {
     limit: f32,
     /// The least bound yet.
     least: f32,
-    /// Segments, with their bounds, that are yet to be compared.
+    /// Points, with their bounds, that are yet to be compared.
     candidates: Vec<(usize, f32)>,
     left: bool,
 }
 
 impl<'a> Scan<'a> {
-    pub(super) fn new(experts: &'a Experts, codes: &'a Codes, features: &'a Features, without: (usize, usize)) -> Self {
+    pub(crate) fn new(corpus: &'a Corpus, codes: &'a Codes, features: &'a Points, without: (usize, usize)) -> Self {
         let states = std::iter::repeat_with(State::default).take(BLOCK).collect();
-        Self { experts, codes, features, without, queries: Queries::new(), states, tried: 0, failed: 0 }
+        Self { corpus, codes, features, without, queries: Queries::new(), states, tried: 0, failed: 0 }
     }
 
     /// Improves `best`, of at most [`BLOCK`] queries that begin at `begin`; adds to `left` those
     /// that are yet to be looked at.
-    pub(super) fn block(&mut self, begin: usize, best: &mut [Option<Match>], left: &mut Vec<usize>) {
+    pub(crate) fn block(&mut self, begin: usize, best: &mut [Option<Match>], left: &mut Vec<usize>) {
         if self.tried >= TRIAL && self.failed * 2 > self.tried {
             left.extend(begin..begin + best.len());
             return;
         }
-        self.queries.fill((self.codes, &self.experts.frame), self.features, (begin, begin + best.len()));
+        self.queries.fill((self.codes, &self.corpus.frame), self.features, (begin, begin + best.len()));
         for (at, best) in best.iter().enumerate() {
             let limit = self.limit(at, best);
             let state = &mut self.states[at];
@@ -103,16 +104,16 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// One bit for each of the segments of a tile that begins at `from`: those there are and are
+    /// One bit for each of the points of a tile that begins at `from`: those there are and are
     /// to be compared with.
     fn wanted(&self, from: usize) -> u64 {
-        let (until, without) = (self.experts.features.count(), self.without);
+        let (until, without) = (self.corpus.points.count(), self.without);
         let segments = (from..from + PANELS * WIDE).enumerate();
         let wanted = segments.filter(|(_, place)| *place < until && !(without.0..without.1).contains(place));
         wanted.fold(0, |all, (bit, _)| all | 1 << bit)
     }
 
-    /// Keeps those segments, numbered from `from` on, that `bounds` do not rule out for query `at`
+    /// Keeps those points, numbered from `from` on, that `bounds` do not rule out for query `at`
     /// of the block, the `open` ones; compares at once what is likely to win.
     fn consider(
         &mut self,
@@ -142,7 +143,7 @@ impl<'a> Scan<'a> {
     }
 
     fn compare(&mut self, (begin, at): (usize, usize), place: usize, best: &mut Option<Match>) {
-        let found = self.experts.compare((self.features, begin + at), place);
+        let found = self.corpus.compare((self.features, begin + at), place);
         if found.beats(best) {
             *best = Some(found);
             self.states[at].limit = self.limit(at, best);
@@ -151,8 +152,8 @@ impl<'a> Scan<'a> {
 
     /// What a bound must not exceed.
     fn limit(&self, at: usize, best: &Option<Match>) -> f32 {
-        let (metric, moved) = (&self.experts.relative, self.queries.moved[at]);
-        best.as_ref().map_or(f32::INFINITY, |best| limit(metric, moved, best.distance / self.experts.unit))
+        let (metric, moved) = (&self.corpus.relative, self.queries.moved[at]);
+        best.as_ref().map_or(f32::INFINITY, |best| limit(metric, moved, best.distance / self.corpus.unit))
     }
 }
 

@@ -43,14 +43,14 @@ pub(super) fn bounds(
         for (panel, to) in to[at].iter_mut().enumerate().take(panels.count) {
             for lane in 0..WIDE {
                 let (mut sum, mut from) = (0f32, 0);
-                for modality in 0..3 {
-                    let until = from + panels.groups[modality];
-                    let experts = panels.codes[panel * panels.all + from..panel * panels.all + until].iter();
-                    let product = experts.zip(&query.codes[from..until]).map(|(e, q)| product(e.0[lane], *q));
-                    let terms = &query.terms[modality];
+                for part in 0..3 {
+                    let until = from + panels.groups[part];
+                    let corpus = panels.codes[panel * panels.all + from..panel * panels.all + until].iter();
+                    let product = corpus.zip(&query.codes[from..until]).map(|(e, q)| product(e.0[lane], *q));
+                    let terms = &query.terms[part];
                     #[expect(clippy::cast_precision_loss, reason = "below 2^24")]
                     let product = (terms.begin + product.sum::<i32>()) as f32;
-                    let squares = panels.squares[panel * 3 + modality].0[lane] + terms.square;
+                    let squares = panels.squares[panel * 3 + part].0[lane] + terms.square;
                     let value = terms.factor.mul_add(product, squares).max(0.0);
                     sum += if panels.roots { value.sqrt() } else { value };
                     from = until;
@@ -64,7 +64,7 @@ pub(super) fn bounds(
 }
 
 /// Of four bytes without a sign and four with.
-fn product(expert: i32, query: i32) -> i32 {
-    let (expert, query) = (expert.to_le_bytes(), query.to_le_bytes().map(u8::cast_signed));
-    expert.iter().zip(query).map(|(e, q)| i32::from(*e) * i32::from(q)).sum()
+fn product(point: i32, query: i32) -> i32 {
+    let (point, query) = (point.to_le_bytes(), query.to_le_bytes().map(u8::cast_signed));
+    point.iter().zip(query).map(|(e, q)| i32::from(*e) * i32::from(q)).sum()
 }

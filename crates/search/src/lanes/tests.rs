@@ -1,12 +1,12 @@
-//! What the processor's instructions give is what anyone would get.
+//! What the processor's instructions give equals the plain code.
 
 use rand::RngExt;
 
 use super::*;
-use crate::random::{Purpose, generator};
+use crate::testing::generator;
 
 fn random(seed: u64, count: usize, size: f32) -> Vec<f32> {
-    let mut rng = generator(seed, Purpose::Mask, 14);
+    let mut rng = generator(seed, 14);
     (0..count).map(|_| size * rng.random_range(-1.0f32..1.0)).collect()
 }
 
@@ -37,7 +37,7 @@ fn rows_are_centred_and_coded_alike() {
 
 #[test]
 fn bounds_are_alike() {
-    let mut rng = generator(3, Purpose::Mask, 15);
+    let mut rng = generator(3, 15);
     let (groups, all) = ([4, 8, 32], 44);
     let codes: Vec<Lanes<i32>> = (0..PANELS * all).map(|_| Lanes(std::array::from_fn(|_| rng.random()))).collect();
     let squares: Vec<Lanes<f32>> =
