@@ -37,10 +37,11 @@ use std::{
     sync::Arc,
 };
 
+use gleaner_edge::Tls;
 use tokio::net::{TcpListener, TcpSocket};
 
 use crate::{
-    access::{Book, tls::Tls},
+    access::{Book, tls},
     config::ServeConfig,
     error::{Error, Result},
     lock::DataLock,
@@ -64,7 +65,7 @@ impl Listeners {
     /// # Errors
     /// Precondition when an address is taken or not ours, or the certificate cannot be used.
     pub async fn bind(config: &ServeConfig) -> Result<Self> {
-        let tls = Tls::open(&config.access)?.map(Arc::new);
+        let tls = tls::open(&config.access)?;
         let workers = bind((Ipv4Addr::LOCALHOST, 0).into())?;
         let pages = match config.telemetry.web_listen {
             Some(address) => Some(bind(address)?),
@@ -138,7 +139,7 @@ pub async fn run(
 ) -> Result<()> {
     let address = listeners.address()?;
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
-    connections::claim_descriptors();
+    gleaner_edge::raise_descriptor_limit();
     if listeners.pages.is_some() {
         // Before anything is counted.
         telemetry::metrics::recorder()?;

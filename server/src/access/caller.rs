@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use gleaner_edge::ConnectionState;
+
 use super::{
     book::{Held, Over},
     table::Need,
 };
 use crate::{
-    connections::Link,
+    connections,
     domain::{access::Role, client::Client, id::TokenId},
     error::{Error, Result},
 };
@@ -39,7 +41,7 @@ impl Caller {
         if let Self::Known(held) = Self::of(request)? {
             return Ok(Client::token(&held.token.id));
         }
-        let client = request.extensions().get::<Link>().map(Link::client);
+        let client = request.extensions().get::<ConnectionState>().map(connections::client);
         client.ok_or_else(|| Error::internal("finding a request's client", "its connection has no address"))
     }
 

@@ -1,4 +1,5 @@
-//! Who may do what: one table of rpcs and roles, tokens, the guard before the services, TLS, and the audit log.
+//! Who may do what: one table of rpcs, pages and roles, tokens, the guard before the services, certificates, and the
+//! audit log.
 //!
 //! Knows requests by their path and headers, and of their messages only names and ids. Must not know what an rpc does.
 
@@ -11,6 +12,7 @@ mod entry;
 mod guard;
 mod mint;
 mod overheard;
+mod page;
 mod pages;
 mod reception;
 mod refusals;
@@ -24,6 +26,7 @@ pub(crate) use self::{
     book::Book,
     caller::Caller,
     guard::Guard,
+    page::Page,
     pages::{Done, PageGuard},
     secret::hash as token_hash,
     table::method,

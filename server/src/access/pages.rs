@@ -5,21 +5,22 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
+use gleaner_edge::{Call, ConnectionState};
 use http_body::Body;
 
 use super::{
     book::{Book, Held},
     caller::Caller,
+    page::Page,
     reception::Reception,
     refusals::Refusals,
     table::{Need, page_rule},
 };
 use crate::{
-    connections::{Call, Connections, Link},
+    connections::{self, Connections, refused},
     domain::{access::AuditEntry, client::Client, time::Millis},
     error::Result,
     store::Store,
-    web::Page,
 };
 
 /// Stands before the pages.
@@ -42,13 +43,17 @@ impl PageGuard {
     ///
     /// # Errors
     /// Exhausted when there are too many; Unauthenticated.
-    pub(crate) async fn admit(&self, shown: Option<&str>, link: &Link) -> Result<(Call, Result<Caller>)> {
+    pub(crate) async fn admit(
+        &self,
+        shown: Option<&str>,
+        connection: &ConnectionState,
+    ) -> Result<(Call, Result<Caller>)> {
         let known: Option<Arc<Held>> = shown.and_then(|hash| self.reception.known(hash));
         let client = match &known {
             Some(held) => Client::token(&held.token.id),
-            None => link.client(),
+            None => connections::client(connection),
         };
-        let call = self.connections.count(client)?;
+        let call = self.connections.count(client).map_err(refused)?;
         Ok((call, self.reception.authenticate(shown, known).await))
     }
 
@@ -68,14 +73,14 @@ impl PageGuard {
         self.reception.authenticate(Some(hash), None).await
     }
 
-    /// An answer's body as its connection watches it: in pieces that must be taken, and its call runs until it is.
+    /// A response body watched by its connection: sent in pieces that must be read, and its call runs until it ends.
     pub(crate) fn watched<B: Body<Data = Bytes> + Unpin>(
         &self,
         body: B,
-        link: &Link,
+        connection: &ConnectionState,
         call: Call,
     ) -> impl Body<Data = Bytes, Error = B::Error> + use<B> {
-        self.connections.answer(body, link.clone(), call)
+        self.connections.response(body, connection, call)
     }
 
     /// Whether the audit log hears of one more refusal.
@@ -103,12 +108,12 @@ impl PageGuard {
 
     /// Writes a change, or one that was refused, to the audit log. Ends when it is on disk, and is written also if nobody
     /// waits for that. One that cannot be written undoes nothing; the log has it instead.
-    pub(crate) async fn note(&self, caller: &Caller, link: &Link, done: Done) {
+    pub(crate) async fn note(&self, caller: &Caller, connection: &ConnectionState, done: Done) {
         let entry = AuditEntry {
             at: Millis::now(),
             token_id: caller.token_id(),
             who: caller.who().to_owned(),
-            peer: link.peer().to_string(),
+            peer: connection.peer().to_string(),
             rpc: format!("pages/{:?}", done.page),
             subjects: done.subjects,
             outcome: done.outcome,

@@ -10,6 +10,7 @@ use super::{
     contact, kept, picture,
 };
 use crate::{
+    access::Page,
     curation::Summary,
     domain::{
         id::ScoreRunId,
@@ -21,7 +22,6 @@ use crate::{
     error::Result,
     web::{
         made::{self, link},
-        page::Page,
         refusal::Answer,
         say,
         sheet::Format,

@@ -7,9 +7,9 @@ use super::{ending::all, *};
 impl Bench {
     /// A bench where a client has one call a second, two in a burst.
     async fn strict() -> Self {
-        let connections = Connections::new(ConnectionsConfig { calls_per_second: 1, ..ConnectionsConfig::default() });
-        let link = Some(Link::new(([10, 0, 0, 1], 7).into()));
-        Self { connections, link, ..Self::new().await }
+        let connections = connections(&ConnectionsConfig { calls_per_second: 1, ..ConnectionsConfig::default() });
+        let connection = Some(ConnectionState::new(([10, 0, 0, 1], 7).into()));
+        Self { connections, connection, ..Self::new().await }
     }
 
     /// How many calls went as they go without a limit, before one was refused by it.

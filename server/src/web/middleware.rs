@@ -1,5 +1,5 @@
-//! The door of every page: who is it, may they, does the request come from a page of ours; and what every answer says to
-//! the browser.
+//! The middleware of every page: it identifies the caller, checks their role and the origin of the request, and sets the
+//! headers of every response.
 
 use std::{sync::Arc, time::Duration};
 
@@ -17,20 +17,19 @@ use axum::{
     response::{IntoResponse as _, Response},
 };
 use futures::StreamExt as _;
+use gleaner_edge::{Call, ConnectionState};
 use gleaner_recording::printable;
 
 use super::{
     House,
     browser::Browser,
     escape,
-    page::Page,
     refusal::{Refusal, Told},
     shell,
     visit::{Visit, escaped},
 };
 use crate::{
-    access::{Caller, Done, PageGuard, token_hash},
-    connections::{Call, Link},
+    access::{Caller, Done, Page, PageGuard, token_hash},
     error::{Error, Kind, Result},
 };
 
@@ -50,19 +49,19 @@ const PROOF: &str = "x-gleaner-proof";
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
-/// Lets a request in to its page, or does not.
+/// Passes a request on to its page, or rejects it.
 pub(super) async fn pass(
     State((house, page)): State<(Arc<House>, Page)>,
-    ConnectInfo(link): ConnectInfo<Link>,
+    ConnectInfo(connection): ConnectInfo<ConnectionState>,
     request: Request,
     next: Next,
 ) -> Response {
-    link.call();
+    connection.note_call();
     let come = Browser::of(request.headers(), &house.cookie);
     let browser = come.clone().unwrap_or_else(Browser::new);
     let wants_data = wants_data(&request);
     let uri = request.uri().clone();
-    let served = tokio::time::timeout(WITHIN, serve(&house, page, &link, &browser, (request, next))).await;
+    let served = tokio::time::timeout(WITHIN, serve(&house, page, &connection, &browser, (request, next))).await;
     let mut response = match served {
         Ok(Ok(response)) => response,
         Ok(Err(error)) if error.kind() == Kind::Unauthenticated && page.method() == "GET" && !wants_data => {
@@ -91,17 +90,17 @@ pub(super) async fn pass(
 async fn serve(
     house: &Arc<House>,
     page: Page,
-    link: &Link,
+    connection: &ConnectionState,
     browser: &Browser,
     (request, next): (Request, Next),
 ) -> Result<Response> {
     house.expects(request.headers())?;
     let bearer = bearer(request.headers());
-    let (call, caller) = who(house, page, link, (browser, bearer.as_deref())).await?;
+    let (call, caller) = who(house, page, connection, (browser, bearer.as_deref())).await?;
     let changes = PageGuard::changes(page);
     if let Err(error) = PageGuard::permit(&caller, page) {
         if changes && house.guard.tells_of_refusal(&caller) {
-            note(house, page, link, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
+            note(house, page, connection, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
         }
         return Err(error);
     }
@@ -115,10 +114,13 @@ async fn serve(
     }
     request.extensions_mut().insert(browser.clone());
     request.extensions_mut().insert(visit);
-    // Its client's further questions wait meanwhile.
+    // Further unary calls of its client wait meanwhile.
     let turn = call.turn().await;
-    let response =
-        if changes { made(house, page, link, &caller, next.run(request)).await? } else { next.run(request).await };
+    let response = if changes {
+        made(house, page, connection, &caller, next.run(request)).await?
+    } else {
+        next.run(request).await
+    };
     drop(turn);
     let response = escape::answer(response).await?;
     let over = if page == Page::EpisodeRecording { caller.over() } else { None };
@@ -128,7 +130,7 @@ async fn serve(
             Some(over) => Body::from_stream(body.into_data_stream().take_until(over)),
             None => body,
         };
-        Body::new(house.guard.watched(body, link, call))
+        Body::new(house.guard.watched(body, connection, call))
     }))
 }
 
@@ -139,11 +141,11 @@ async fn serve(
 async fn who(
     house: &House,
     page: Page,
-    link: &Link,
+    connection: &ConnectionState,
     (browser, bearer): (&Browser, Option<&str>),
 ) -> Result<(Call, Caller)> {
     let remembered = if bearer.is_none() { house.signed_in.token_of(browser) } else { None };
-    let (call, mut caller) = house.guard.admit(bearer.or(remembered.as_deref()), link).await?;
+    let (call, mut caller) = house.guard.admit(bearer.or(remembered.as_deref()), connection).await?;
     if caller.is_err() && remembered.is_some() {
         // What it showed is good no more: it is as if it had never been here.
         house.signed_in.sign_out(browser);
@@ -159,11 +161,11 @@ async fn who(
 async fn made(
     house: &Arc<House>,
     page: Page,
-    link: &Link,
+    connection: &ConnectionState,
     caller: &Caller,
     making: impl Future<Output = Response> + Send + 'static,
 ) -> Result<Response> {
-    let (house, link, caller) = (Arc::clone(house), link.clone(), caller.clone());
+    let (house, connection, caller) = (Arc::clone(house), connection.clone(), caller.clone());
     let making = tokio::spawn(async move {
         let mut response = making.await;
         let subjects = response.extensions_mut().remove::<Subjects>().unwrap_or_default().0;
@@ -172,14 +174,20 @@ async fn made(
         } else {
             response.status().canonical_reason().unwrap_or("refused").to_owned()
         };
-        note(&house, page, &link, &caller, (subjects, outcome)).await;
+        note(&house, page, &connection, &caller, (subjects, outcome)).await;
         response
     });
     making.await.map_err(|error| Error::internal("making a change", error))
 }
 
-async fn note(house: &House, page: Page, link: &Link, caller: &Caller, (subjects, outcome): (Vec<String>, String)) {
-    house.guard.note(caller, link, Done { page, subjects, outcome }).await;
+async fn note(
+    house: &House,
+    page: Page,
+    connection: &ConnectionState,
+    caller: &Caller,
+    (subjects, outcome): (Vec<String>, String),
+) {
+    house.guard.note(caller, connection, Done { page, subjects, outcome }).await;
 }
 
 /// A request with its whole body; where a proof is asked for, only if it comes from a page of ours: from a script in a
@@ -239,8 +247,8 @@ fn tell(status: StatusCode, told: &Told, data: bool) -> Response {
 }
 
 /// The answer to a request for what is no page of ours.
-pub(super) async fn nowhere(house: Arc<House>, link: Link, request: Request) -> Response {
-    link.call();
+pub(super) async fn nowhere(house: Arc<House>, connection: ConnectionState, request: Request) -> Response {
+    connection.note_call();
     let told = Told("There is no such page here. Ids are written as the lists show them.".to_owned());
     let mut response = tell(StatusCode::NOT_FOUND, &told, wants_data(&request));
     finish(&house, &mut response, None);

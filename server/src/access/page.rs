@@ -1,6 +1,7 @@
-//! Every page: its method and its path. The authorisation table has a row for each, and `routes` a handler.
+//! Every page by name, method and path: the pages' counterpart to the rpcs of the protos. The authorisation table has a
+//! row for each, and `web::routes` a handler. Must not depend on `web`.
 
-use axum::http::Method;
+use http::Method;
 
 macro_rules! pages {
     ($($(#[$doc:meta])* $page:ident = $method:ident $path:literal,)*) => {

@@ -12,7 +12,6 @@ use tokio_rustls::{
 };
 
 use super::*;
-use crate::error::Kind;
 
 type Authority = CertifiedIssuer<'static, KeyPair>;
 
@@ -54,13 +53,16 @@ impl Bench {
         cert
     }
 
-    fn config(&self, client_ca: bool) -> AccessConfig {
-        AccessConfig {
-            require_tokens: None,
-            tls_cert: Some(self.path("cert")),
-            tls_key: Some(self.path("key")),
-            client_ca: client_ca.then(|| self.path("ca")),
+    fn files(&self, client_ca: bool) -> TlsFiles {
+        TlsFiles {
+            certificate: self.path("cert"),
+            key: self.path("key"),
+            client_authority: client_ca.then(|| self.path("ca")),
         }
+    }
+
+    fn open(&self, client_ca: bool) -> Arc<Tls> {
+        Arc::new(open(self.files(client_ca)).unwrap())
     }
 
     fn client(&self, identity: Option<(String, String)>) -> TlsConnector {
@@ -82,12 +84,16 @@ impl Bench {
     }
 }
 
+fn open(files: TlsFiles) -> Result<Tls, EdgeError> {
+    Tls::open(files, |_| Vec::new())
+}
+
 /// Shakes hands and sends a byte there and back; the certificate that the server showed.
-async fn exchange(tls: &Tls, client: &TlsConnector) -> io::Result<CertificateDer<'static>> {
+async fn exchange(tls: &Arc<Tls>, client: &TlsConnector) -> io::Result<CertificateDer<'static>> {
     let listener = TcpListener::bind("127.0.0.1:0").await?;
     let address = listener.local_addr()?;
     let serve = async {
-        let mut stream = shake(tls.current(), listener.accept().await?.0).await?;
+        let mut stream = tls.accept(Protocol::Http2, listener.accept().await?.0).await?;
         let byte = stream.read_u8().await?;
         stream.write_u8(byte).await?;
         stream.flush().await
@@ -107,28 +113,27 @@ async fn exchange(tls: &Tls, client: &TlsConnector) -> io::Result<CertificateDer
 }
 
 #[tokio::test]
-async fn a_good_certificate_is_accepted_and_a_clients_own_is_asked_for() {
+async fn a_good_certificate_is_accepted_and_a_client_certificate_is_required() {
     let bench = Bench::new();
-    let open = Tls::open(&bench.config(false)).unwrap().unwrap();
+    let open = bench.open(false);
     exchange(&open, &bench.client(None)).await.unwrap();
 
-    let closed = Tls::open(&bench.config(true)).unwrap().unwrap();
+    let closed = bench.open(true);
     assert!(exchange(&closed, &bench.client(None)).await.is_err(), "no certificate");
     let stranger = issue(&authority());
     assert!(exchange(&closed, &bench.client(Some(stranger))).await.is_err(), "another authority's");
     exchange(&closed, &bench.client(Some(issue(&bench.authority)))).await.unwrap();
-    assert!(Tls::open(&AccessConfig { tls_cert: None, ..bench.config(false) }).unwrap().is_none());
 }
 
 #[tokio::test]
-async fn a_renewed_certificate_is_taken_up_and_a_broken_one_is_not() {
+async fn a_renewed_certificate_is_used_and_a_broken_one_is_not() {
     let bench = Bench::new();
-    let tls = Tls::open(&bench.config(false)).unwrap().unwrap();
+    let tls = bench.open(false);
     let client = bench.client(None);
     let first = exchange(&tls, &client).await.unwrap();
     // Amid a renewal: the new key is not there yet.
     std::fs::write(bench.path("cert"), issue(&bench.authority).0).unwrap();
-    assert!(tls.files.read().is_err());
+    assert!(tls.files.read(|_| Vec::new()).is_err());
     assert_eq!(exchange(&tls, &client).await.unwrap(), first);
     let renewed = CertificateDer::from_pem_slice(bench.renew().as_bytes()).unwrap();
     let taken_up = async { while exchange(&tls, &client).await.unwrap() != renewed {} };
@@ -141,7 +146,7 @@ async fn a_renewed_certificate_is_taken_up_and_a_broken_one_is_not() {
 #[test]
 fn a_file_that_is_given_its_old_time_has_changed() {
     let bench = Bench::new();
-    let files = Tls::open(&bench.config(false)).unwrap().unwrap().files;
+    let files = bench.files(false);
     let (before, cert) = (files.stamps(), bench.path("cert"));
     let written = std::fs::metadata(&cert).unwrap().modified().unwrap();
     let mut content = std::fs::read(&cert).unwrap();
@@ -156,20 +161,28 @@ fn a_file_that_is_given_its_old_time_has_changed() {
 }
 
 #[test]
-fn files_that_cannot_be_used_are_named_with_their_flag() {
+fn unusable_files_are_named() {
     let bench = Bench::new();
-    let refused = |config: &AccessConfig, words: [&str; 2]| {
-        let error = Tls::open(config).unwrap_err();
-        assert_eq!(error.kind(), Kind::Precondition);
-        for word in words {
-            assert!(error.message().contains(word), "{word}: {error}");
+    let refused = |files: TlsFiles, (expected, words): (TlsFile, [&str; 2])| match open(files).unwrap_err() {
+        EdgeError::Certificate { file, path, problem } => {
+            assert_eq!(file, expected);
+            let (path, [name, word]) = (path.display().to_string(), words);
+            assert!(path.ends_with(name) && problem.contains(word), "{path}: {problem}");
         }
+        other => panic!("{other}"),
     };
-    let config = bench.config(true);
-    refused(&AccessConfig { tls_cert: Some(bench.path("none")), ..config.clone() }, ["--tls-cert", "none"]);
-    refused(&AccessConfig { tls_key: Some(bench.path("none")), ..config.clone() }, ["--tls-key", "none"]);
-    refused(&AccessConfig { client_ca: Some(bench.path("key")), ..config.clone() }, ["--client-ca", "no certificate"]);
-    refused(&AccessConfig { tls_key: Some(bench.path("cert")), ..config.clone() }, ["--tls-key", "no private key"]);
-    std::fs::write(bench.path("other"), issue(&bench.authority).1).unwrap();
-    refused(&AccessConfig { tls_key: Some(bench.path("other")), ..config }, ["--tls-cert", "does not go with"]);
+    let (files, path) = (bench.files(true), |name: &str| bench.path(name));
+    refused(TlsFiles { certificate: path("none"), ..files.clone() }, (TlsFile::Certificate, ["none", ""]));
+    refused(TlsFiles { key: path("none"), ..files.clone() }, (TlsFile::Key, ["none", ""]));
+    let authority = TlsFiles { client_authority: Some(path("key")), ..files.clone() };
+    refused(authority, (TlsFile::ClientAuthority, ["key", "no certificate"]));
+    refused(TlsFiles { key: path("cert"), ..files.clone() }, (TlsFile::Key, ["cert", "no private key"]));
+    std::fs::write(path("other"), issue(&bench.authority).1).unwrap();
+    refused(TlsFiles { key: path("other"), ..files }, (TlsFile::Certificate, ["cert", "does not go with"]));
+}
+
+#[test]
+fn problems_of_a_certificate_do_not_keep_it_from_being_used() {
+    let bench = Bench::new();
+    Tls::open(bench.files(false), |der| vec![format!("{} bytes", der.len())]).unwrap();
 }

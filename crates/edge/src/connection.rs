@@ -1,5 +1,5 @@
-//! A connection that ends by itself: when its first call does not come in time, when its peer takes nothing of what it
-//! is sent or of an answer, or when all are cut.
+//! A connection that ends by itself: when its first call does not come in time, when its peer reads nothing or leaves a
+//! response unread for too long, or when all connections are cut. Must not depend on what is sent.
 
 use std::{
     io::{self, ErrorKind, IoSlice},
@@ -15,46 +15,47 @@ use tokio::{
 use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 use tonic::transport::server::Connected;
 
-use super::{link::Link, places::Place};
+use crate::{permits::Permit, state::ConnectionState};
 
-/// A connection under watch.
-pub(crate) struct Guarded<T> {
+/// A watched connection: reads and writes fail once it has to end.
+pub struct Connection<T> {
     io: T,
-    link: Link,
+    state: ConnectionState,
     cut: Pin<Box<WaitForCancellationFutureOwned>>,
     /// Until a call has come.
     first_call: Option<Pin<Box<Sleep>>>,
-    stall: Duration,
-    /// While the peer takes nothing.
+    write_timeout: Duration,
+    /// While the peer reads nothing.
     stalled: Option<Pin<Box<Sleep>>>,
-    /// When to look next whether its answers are taken.
-    look: Pin<Box<Sleep>>,
-    _place: Place,
+    /// When to check next whether its responses are read.
+    check: Pin<Box<Sleep>>,
+    _permit: Permit,
 }
 
-/// What a connection is watched for.
-pub(super) struct Terms {
-    pub(super) first_call_by: Instant,
-    pub(super) stall: Duration,
-    pub(super) cut: CancellationToken,
+/// The limits of one connection.
+pub(crate) struct Terms {
+    pub(crate) first_call_by: Instant,
+    pub(crate) write_timeout: Duration,
+    pub(crate) cut: CancellationToken,
 }
 
-impl<T> Guarded<T> {
-    pub(super) fn new(io: T, link: Link, place: Place, terms: Terms) -> Self {
+impl<T> Connection<T> {
+    pub(crate) fn new(io: T, state: ConnectionState, permit: Permit, terms: Terms) -> Self {
         Self {
             io,
-            link,
+            state,
             cut: Box::pin(terms.cut.cancelled_owned()),
             first_call: Some(Box::pin(sleep_until(terms.first_call_by))),
-            stall: terms.stall,
+            write_timeout: terms.write_timeout,
             stalled: None,
-            look: Box::pin(sleep(terms.stall)),
-            _place: place,
+            check: Box::pin(sleep(terms.write_timeout)),
+            _permit: permit,
         }
     }
 
-    pub(crate) fn link(&self) -> &Link {
-        &self.link
+    /// Its state, which every call on it carries.
+    pub fn state(&self) -> &ConnectionState {
+        &self.state
     }
 
     /// An error once the connection is to end.
@@ -62,16 +63,16 @@ impl<T> Guarded<T> {
         if self.cut.as_mut().poll(cx).is_ready() {
             return Err(io::Error::new(ErrorKind::ConnectionAborted, "the server has stopped"));
         }
-        while self.look.as_mut().poll(cx).is_ready() {
+        while self.check.as_mut().poll(cx).is_ready() {
             let now = Instant::now();
-            let next = self.link.offers().oldest().unwrap_or(now) + self.stall;
+            let next = self.state.pending().oldest().unwrap_or(now) + self.write_timeout;
             if next <= now {
-                return Err(takes_nothing());
+                return Err(reads_nothing());
             }
-            self.look.as_mut().reset(next);
+            self.check.as_mut().reset(next);
         }
         let Some(deadline) = &mut self.first_call else { return Ok(()) };
-        if self.link.called() {
+        if self.state.called() {
             self.first_call = None;
         } else if deadline.as_mut().poll(cx).is_ready() {
             metrics::counter!("gleaner_connections_closed_total", "reason" => "no_call").increment(1);
@@ -80,39 +81,39 @@ impl<T> Guarded<T> {
         Ok(())
     }
 
-    /// Keeps count of how long the peer takes nothing.
-    fn taken<R>(&mut self, cx: &mut Context<'_>, outcome: Poll<io::Result<R>>) -> Poll<io::Result<R>> {
+    /// Fails once the peer has read nothing for the write timeout.
+    fn written<R>(&mut self, cx: &mut Context<'_>, outcome: Poll<io::Result<R>>) -> Poll<io::Result<R>> {
         if outcome.is_ready() {
             self.stalled = None;
             return outcome;
         }
-        let stall = self.stall;
-        let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(stall)));
+        let timeout = self.write_timeout;
+        let stalled = self.stalled.get_or_insert_with(|| Box::pin(sleep(timeout)));
         ready!(stalled.as_mut().poll(cx));
-        Poll::Ready(Err(takes_nothing()))
+        Poll::Ready(Err(reads_nothing()))
     }
 }
 
-fn takes_nothing() -> io::Error {
+fn reads_nothing() -> io::Error {
     metrics::counter!("gleaner_connections_closed_total", "reason" => "stalled").increment(1);
-    io::Error::new(ErrorKind::TimedOut, "the peer takes nothing")
+    io::Error::new(ErrorKind::TimedOut, "the peer reads nothing")
 }
 
-impl<T: AsyncRead + Unpin> AsyncRead for Guarded<T> {
+impl<T: AsyncRead + Unpin> AsyncRead for Connection<T> {
     fn poll_read(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
         self.watch(cx)?;
         let before = buf.filled().len();
         let read = Pin::new(&mut self.io).poll_read(cx, buf);
-        self.link.receive(buf.filled().len().saturating_sub(before));
+        self.state.receive(buf.filled().len().saturating_sub(before));
         read
     }
 }
 
-impl<T: AsyncWrite + Unpin> AsyncWrite for Guarded<T> {
+impl<T: AsyncWrite + Unpin> AsyncWrite for Connection<T> {
     fn poll_write(mut self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
         self.watch(cx)?;
         let written = Pin::new(&mut self.io).poll_write(cx, buf);
-        self.taken(cx, written)
+        self.written(cx, written)
     }
 
     fn poll_write_vectored(
@@ -122,7 +123,7 @@ impl<T: AsyncWrite + Unpin> AsyncWrite for Guarded<T> {
     ) -> Poll<io::Result<usize>> {
         self.watch(cx)?;
         let written = Pin::new(&mut self.io).poll_write_vectored(cx, bufs);
-        self.taken(cx, written)
+        self.written(cx, written)
     }
 
     fn is_write_vectored(&self) -> bool {
@@ -132,19 +133,19 @@ impl<T: AsyncWrite + Unpin> AsyncWrite for Guarded<T> {
     fn poll_flush(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
         self.watch(cx)?;
         let flushed = Pin::new(&mut self.io).poll_flush(cx);
-        self.taken(cx, flushed)
+        self.written(cx, flushed)
     }
 
     fn poll_shutdown(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<io::Result<()>> {
         let shut = Pin::new(&mut self.io).poll_shutdown(cx);
-        self.taken(cx, shut)
+        self.written(cx, shut)
     }
 }
 
-impl<T> Connected for Guarded<T> {
-    type ConnectInfo = Link;
+impl<T> Connected for Connection<T> {
+    type ConnectInfo = ConnectionState;
 
-    fn connect_info(&self) -> Link {
-        self.link.clone()
+    fn connect_info(&self) -> ConnectionState {
+        self.state.clone()
     }
 }

@@ -1,33 +1,32 @@
-//! A least rate, as a deadline that bytes push away.
+//! A minimum rate, as a deadline that received bytes push away. Must not depend on what the bytes are.
 
 use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Bytes must come at a least rate; for `patience` they may come slower. Time in which nobody asks for them does not
-/// count.
+/// Bytes must come at a minimum rate; for `patience` they may come slower. Time without a reader does not count.
 #[derive(Debug)]
-pub(super) struct LeastRate {
+pub(crate) struct MinimumRate {
     patience: Duration,
-    /// How long one byte is worth.
+    /// The time that one byte is worth.
     byte: f64,
     deadline: Instant,
-    /// Since when nobody asks.
+    /// Since when there is no reader.
     rests_since: Option<Instant>,
-    /// Bytes there were at the last look.
+    /// Bytes received at the last call of [`Self::wait`].
     seen: u64,
 }
 
-impl LeastRate {
+impl MinimumRate {
     /// Begins at rest.
-    pub(super) fn new(patience: Duration, bytes_per_second: u32, seen: u64) -> Self {
+    pub(crate) fn new(patience: Duration, bytes_per_second: u32, seen: u64) -> Self {
         let now = Instant::now();
         let byte = 1.0 / f64::from(bytes_per_second.max(1));
         Self { patience, byte, deadline: now + patience, rests_since: Some(now), seen }
     }
 
-    /// Somebody waits for bytes; `received` of them have come in all. Says until when that may go on.
-    pub(super) fn wait(&mut self, received: u64) -> Instant {
+    /// A reader waits for bytes; `received` have come in all. Returns the deadline for the next ones.
+    pub(crate) fn wait(&mut self, received: u64) -> Instant {
         let now = Instant::now();
         let rested = self.rests_since.take().map_or(Duration::ZERO, |since| now - since);
         let new = received.saturating_sub(self.seen);
@@ -39,8 +38,8 @@ impl LeastRate {
         self.deadline
     }
 
-    /// Nobody waits any more.
-    pub(super) fn rest(&mut self) {
+    /// The reader stopped waiting.
+    pub(crate) fn rest(&mut self) {
         self.rests_since.get_or_insert_with(Instant::now);
     }
 }
@@ -57,17 +56,17 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn silence_is_suffered_for_a_while() {
+    async fn silence_is_accepted_until_the_patience_ends() {
         let begun = Instant::now();
-        let mut rate = LeastRate::new(PATIENCE, 1000, 0);
+        let mut rate = MinimumRate::new(PATIENCE, 1000, 0);
         assert_eq!(rate.wait(0), begun + PATIENCE);
         after(5).await;
         assert_eq!(rate.wait(0), begun + PATIENCE, "asking again gives no more time");
     }
 
     #[tokio::test(start_paused = true)]
-    async fn who_keeps_the_rate_goes_on_for_ever_and_who_drips_does_not() {
-        let (mut good, mut drips) = (LeastRate::new(PATIENCE, 1000, 0), LeastRate::new(PATIENCE, 1000, 0));
+    async fn peer_at_the_rate_continues_and_one_below_it_does_not() {
+        let (mut good, mut drips) = (MinimumRate::new(PATIENCE, 1000, 0), MinimumRate::new(PATIENCE, 1000, 0));
         good.wait(0);
         drips.wait(0);
         let mut dry = None;
@@ -82,15 +81,15 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_burst_earns_no_more_than_the_patience() {
-        let mut rate = LeastRate::new(PATIENCE, 1000, 0);
+    async fn a_burst_buys_at_most_the_patience() {
+        let mut rate = MinimumRate::new(PATIENCE, 1000, 0);
         let now = after(4).await;
         assert_eq!(rate.wait(u64::MAX), now + PATIENCE);
     }
 
     #[tokio::test(start_paused = true)]
-    async fn time_that_nobody_waits_is_no_fault_of_the_peer() {
-        let mut rate = LeastRate::new(PATIENCE, 1000, 0);
+    async fn time_without_a_reader_does_not_count() {
+        let mut rate = MinimumRate::new(PATIENCE, 1000, 0);
         rate.wait(0);
         after(6).await;
         rate.rest();

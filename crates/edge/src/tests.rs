@@ -1,4 +1,4 @@
-//! Peers that hold connections for nothing.
+//! Peers that hold connections without using them.
 
 use std::{
     convert::Infallible,
@@ -19,11 +19,12 @@ use tokio::{
 };
 use tokio_util::sync::CancellationToken;
 
-use super::{
-    body::Answer,
-    guarded::{Guarded, Terms},
-    link::Link,
-    offer::Offer,
+use crate::{
+    accept::incoming,
+    body::ResponseBody,
+    connection::{Connection, Terms},
+    connections::affordable,
+    permits::Permits,
     *,
 };
 
@@ -31,14 +32,36 @@ const FIRST_CALL: Duration = Duration::from_secs(8);
 const STALL: Duration = Duration::from_secs(30);
 const LONG: Duration = Duration::from_secs(3600);
 
-/// A connection under watch, its peer's end, and what cuts it.
-fn guarded() -> (Guarded<DuplexStream>, DuplexStream, CancellationToken) {
+/// Limits for tests.
+pub(crate) fn config() -> EdgeConfig {
+    EdgeConfig {
+        max_connections: 8,
+        max_connections_per_address: 4,
+        first_call: FIRST_CALL,
+        keepalive_timeout: STALL,
+        write_timeout: STALL,
+        min_bytes_per_second: 4096,
+        slow: FIRST_CALL,
+        calls_per_second: 1000,
+        calls_at_once: 2048,
+        unary_calls_per_second: 350,
+        unary_calls_at_once: 3,
+    }
+}
+
+fn connections(config: EdgeConfig) -> Connections<u8> {
+    let rules = CallRules { is_unary: |_| true, is_self_paced: |_| false, status: |_| tonic::Status::ok("") };
+    Connections::new(config, rules)
+}
+
+/// A watched connection, its peer's end, and the token that cuts it.
+fn watched() -> (Connection<DuplexStream>, DuplexStream, CancellationToken) {
     let (ours, theirs) = duplex(16);
     let peer: SocketAddr = "10.0.0.1:1".parse().unwrap();
     let cut = CancellationToken::new();
-    let terms = Terms { first_call_by: Instant::now() + FIRST_CALL, stall: STALL, cut: cut.clone() };
-    let place = Places::new(1, 1).take(peer.ip()).ok().unwrap();
-    (Guarded::new(ours, Link::new(peer), place, terms), theirs, cut)
+    let terms = Terms { first_call_by: Instant::now() + FIRST_CALL, write_timeout: STALL, cut: cut.clone() };
+    let permit = Permits::new(1, 1).take(peer.ip()).ok().unwrap();
+    (Connection::new(ours, ConnectionState::new(peer), permit, terms), theirs, cut)
 }
 
 /// Timers have steps of a millisecond.
@@ -47,8 +70,8 @@ fn about(time: Duration, limit: Duration) -> bool {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_connection_without_a_call_ends_whatever_is_said_on_it() {
-    let (mut ours, mut theirs, _cut) = guarded();
+async fn a_connection_without_a_call_ends_whatever_is_sent_on_it() {
+    let (mut ours, mut theirs, _cut) = watched();
     let begun = Instant::now();
     let drip = tokio::spawn(async move {
         while theirs.write_all(b"x").await.is_ok() {
@@ -69,25 +92,25 @@ async fn a_connection_without_a_call_ends_whatever_is_said_on_it() {
 
 #[tokio::test(start_paused = true)]
 async fn a_connection_with_a_call_may_be_silent_and_its_bytes_are_counted() {
-    let (mut ours, mut theirs, _cut) = guarded();
-    ours.link().call();
+    let (mut ours, mut theirs, _cut) = watched();
+    ours.state().note_call();
     theirs.write_all(b"abc").await.unwrap();
     let mut read = [0; 3];
     ours.read_exact(&mut read).await.unwrap();
-    assert_eq!(ours.link().received(), 3);
+    assert_eq!(ours.state().received(), 3);
     assert!(timeout(LONG, ours.read_u8()).await.is_err(), "the transport's pings find out whether it is there");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_peer_that_takes_nothing_is_given_up_and_a_slow_one_is_not() {
-    let (mut ours, _theirs, _cut) = guarded();
-    ours.link().call();
+async fn a_peer_that_reads_nothing_is_closed_and_a_slow_one_is_not() {
+    let (mut ours, _theirs, _cut) = watched();
+    ours.state().note_call();
     let begun = Instant::now();
     assert_eq!(ours.write_all(&[0; 100]).await.unwrap_err().kind(), ErrorKind::TimedOut);
     assert!(about(begun.elapsed(), STALL));
 
-    let (mut ours, mut theirs, _cut) = guarded();
-    ours.link().call();
+    let (mut ours, mut theirs, _cut) = watched();
+    ours.state().note_call();
     let slow = tokio::spawn(async move {
         let mut taken = 0;
         while theirs.read_u8().await.is_ok() {
@@ -102,27 +125,27 @@ async fn a_peer_that_takes_nothing_is_given_up_and_a_slow_one_is_not() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_answer_that_is_not_asked_for_ends_its_connection() {
-    let (mut ours, _theirs, _cut) = guarded();
-    ours.link().call();
-    let (taken, left) = (Offer::new(ours.link().clone()), Offer::new(ours.link().clone()));
+async fn a_response_left_unread_ends_its_connection() {
+    let (mut ours, _theirs, _cut) = watched();
+    ours.state().note_call();
+    let (taken, left) = (ours.state().pending().begin(), ours.state().pending().begin());
     tokio::time::sleep(STALL / 2).await;
-    taken.made();
-    left.made();
-    taken.taken();
+    taken.piece_sent();
+    left.piece_sent();
+    taken.piece_read();
     let begun = Instant::now();
     assert_eq!(ours.read_u8().await.unwrap_err().kind(), ErrorKind::TimedOut);
     assert!(about(begun.elapsed(), STALL));
     drop(left);
-    assert_eq!(ours.link().offers().oldest(), None, "what has ended is forgotten");
+    assert_eq!(ours.state().pending().oldest(), None, "a finished response is forgotten");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_peer_that_does_not_read_is_given_up_also_while_it_is_written_to() {
-    let (mut ours, mut theirs, _cut) = guarded();
-    ours.link().call();
-    let left = Offer::new(ours.link().clone());
-    left.made();
+async fn an_unread_response_ends_a_connection_that_is_being_written_to() {
+    let (mut ours, mut theirs, _cut) = watched();
+    ours.state().note_call();
+    let left = ours.state().pending().begin();
+    left.piece_sent();
     let reads = tokio::spawn(async move { while theirs.read_u8().await.is_ok() {} });
     let begun = Instant::now();
     let ended = loop {
@@ -144,17 +167,14 @@ impl http_body::Body for Frames {
     type Data = Bytes;
     type Error = Infallible;
 
-    fn poll_frame(
-        mut self: Pin<&mut Self>,
-        _cx: &mut Context<'_>,
-    ) -> Poll<Option<std::result::Result<Frame<Bytes>, Infallible>>> {
+    fn poll_frame(mut self: Pin<&mut Self>, _cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Infallible>>> {
         Poll::Ready(self.0.pop().map(|length| Ok(Frame::data(vec![7; length].into()))))
     }
 }
 
 #[tokio::test]
-async fn a_large_answer_is_handed_out_in_pieces() {
-    let mut answer = Answer::new(Frames(vec![4, 10, 3]), 4, None, None);
+async fn a_large_response_is_sent_in_pieces() {
+    let mut answer = ResponseBody::new(Frames(vec![4, 10, 3]), 4, None, None);
     let mut pieces = Vec::new();
     while let Some(frame) = std::future::poll_fn(|cx| Pin::new(&mut answer).poll_frame(cx)).await {
         pieces.push(frame.unwrap().into_data().unwrap());
@@ -164,7 +184,7 @@ async fn a_large_answer_is_handed_out_in_pieces() {
 }
 
 #[test]
-fn connections_leave_descriptors_for_the_rest() {
+fn connections_leave_descriptors_for_other_uses() {
     assert_eq!(affordable(4096, None), 4096);
     assert_eq!(affordable(4096, Some(1024)), 768);
     assert_eq!(affordable(4096, Some(100)), 1);
@@ -173,8 +193,8 @@ fn connections_leave_descriptors_for_the_rest() {
 
 #[tokio::test(start_paused = true)]
 async fn every_connection_can_be_cut() {
-    let (mut ours, _theirs, cut) = guarded();
-    ours.link().call();
+    let (mut ours, _theirs, cut) = watched();
+    ours.state().note_call();
     let (ended, ()) = tokio::join!(ours.read_u8(), async { cut.cancel() });
     assert_eq!(ended.unwrap_err().kind(), ErrorKind::ConnectionAborted);
 }
@@ -185,16 +205,16 @@ async fn listen() -> (TcpListener, SocketAddr) {
     (listener, address)
 }
 
-/// What a peer reads last: nothing, or that it was thrown out.
+/// Whether a peer's last read finds the connection closed.
 async fn ended(stream: &mut TcpStream) -> bool {
     matches!(timeout(LONG, stream.read(&mut [0; 8])).await.unwrap(), Ok(0) | Err(_))
 }
 
 #[tokio::test]
-async fn the_connection_too_many_is_closed_and_the_next_has_its_place() {
-    let config = ConnectionsConfig { max_connections_per_address: 2, ..ConnectionsConfig::default() };
+async fn a_connection_above_the_limit_is_closed_and_the_next_gets_its_permit() {
+    let config = EdgeConfig { max_connections_per_address: 2, ..config() };
     let (listener, address) = listen().await;
-    let mut incoming = Connections::new(config).plain(listener);
+    let mut incoming = connections(config).accept(listener, None, Protocol::Http2);
     let mut peers = Vec::new();
     let mut kept = Vec::new();
     for _ in 0..2 {
@@ -209,11 +229,10 @@ async fn the_connection_too_many_is_closed_and_the_next_has_its_place() {
 }
 
 #[tokio::test]
-async fn a_handshake_that_does_not_end_holds_up_nobody_and_is_ended() {
-    let config = ConnectionsConfig { first_call_seconds: 1, ..ConnectionsConfig::default() };
-    let connections = Connections::new(config);
+async fn an_endless_handshake_delays_no_other_connection_and_is_ended() {
+    let connections = connections(EdgeConfig { first_call: Duration::from_secs(1), ..config() });
     let (listener, address) = listen().await;
-    let mut incoming = incoming(&connections, listener, |mut stream| async move {
+    let mut incoming = incoming(connections.rules(), listener, |mut stream| async move {
         stream.read_u8().await?;
         Ok(stream)
     });
@@ -221,6 +240,6 @@ async fn a_handshake_that_does_not_end_holds_up_nobody_and_is_ended() {
     let mut good = TcpStream::connect(address).await.unwrap();
     good.write_all(b"hello").await.unwrap();
     let through = incoming.next().await.unwrap().unwrap();
-    assert_eq!(through.link().peer(), good.local_addr().unwrap());
+    assert_eq!(through.state().peer(), good.local_addr().unwrap());
     assert!(ended(&mut silent).await);
 }

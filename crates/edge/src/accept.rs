@@ -1,11 +1,15 @@
-//! The accept loop: a place for each connection, its handshake within its time, and then the connection under watch.
+//! The accept loop: a permit for each connection, its handshake before its deadline, and then the watched connection.
+//! Must not depend on what the handshake is.
 
 use std::{
     convert::Infallible,
     io,
     net::SocketAddr,
     pin::Pin,
-    sync::atomic::{AtomicU32, AtomicU64, Ordering::Relaxed},
+    sync::{
+        Arc,
+        atomic::{AtomicU32, AtomicU64, Ordering::Relaxed},
+    },
     task::{Context, Poll},
     time::Duration,
 };
@@ -18,53 +22,49 @@ use tokio::{
 };
 use tokio_util::task::AbortOnDropHandle;
 
-use super::{
-    Connections,
-    guarded::{Guarded, Terms},
-    link::Link,
-    places::Full,
+use crate::{
+    connection::{Connection, Terms},
+    connections::Rules,
+    permits::{Full, Permit},
+    state::ConnectionState,
 };
 
-/// Connections that are through their handshake and not yet taken up.
+/// Connections that have shaken hands and are not yet served.
 const WAITING: usize = 64;
-/// How long nothing is accepted after the system refused, which it does when there are no file descriptors left.
+/// Pause after the system refused to accept, as it does when no file descriptor is left.
 const BREATH: Duration = Duration::from_millis(100);
 
 /// 2³² times the golden ratio's fraction. Its multiples are spread evenly, however many there are.
 const GOLDEN: u32 = 2_654_435_769;
 
-/// Connections as they come, each under watch. Dropped, it listens no more.
-pub(crate) struct Incoming<T> {
-    open: mpsc::Receiver<Guarded<T>>,
+/// The accepted connections, each watched. Dropping it closes the listener.
+pub struct Incoming<T> {
+    open: mpsc::Receiver<Connection<T>>,
     _accepting: AbortOnDropHandle<()>,
 }
 
 impl<T> Stream for Incoming<T> {
-    type Item = Result<Guarded<T>, Infallible>;
+    type Item = Result<Connection<T>, Infallible>;
 
     fn poll_next(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         self.open.poll_recv(cx).map(|connection| connection.map(Ok))
     }
 }
 
-/// Takes connections from `listener` through `handshake`, which has as long as the first call has.
-pub(crate) fn incoming<T, H, F>(connections: &Connections, listener: TcpListener, handshake: H) -> Incoming<T>
+/// Accepts connections from `listener` and runs `handshake` on each, before the deadline of its first call.
+pub(crate) fn incoming<T, H, F>(rules: &Arc<Rules>, listener: TcpListener, handshake: H) -> Incoming<T>
 where
     T: Send + 'static,
     H: Fn(TcpStream) -> F + Send + Sync + 'static,
     F: Future<Output = io::Result<T>> + Send + 'static,
 {
     let (through, open) = mpsc::channel(WAITING);
-    let accepting = accept(connections.clone(), listener, handshake, through);
+    let accepting = accept(Arc::clone(rules), listener, handshake, through);
     Incoming { open, _accepting: AbortOnDropHandle::new(tokio::spawn(accepting)) }
 }
 
-async fn accept<T, H, F>(
-    connections: Connections,
-    listener: TcpListener,
-    handshake: H,
-    through: mpsc::Sender<Guarded<T>>,
-) where
+async fn accept<T, H, F>(rules: Arc<Rules>, listener: TcpListener, handshake: H, through: mpsc::Sender<Connection<T>>)
+where
     T: Send + 'static,
     H: Fn(TcpStream) -> F,
     F: Future<Output = io::Result<T>> + Send + 'static,
@@ -80,15 +80,15 @@ async fn accept<T, H, F>(
                 continue;
             }
         };
-        // Thousands that come at once must not keep those who are served waiting.
+        // Thousands that come at once must not delay connections that are served.
         tokio::task::yield_now().await;
-        let Some((place, terms)) = admit(&connections, &stream, peer) else { continue };
+        let Some((permit, terms)) = admit(&rules, &stream, peer) else { continue };
         let (shaking, through) = (handshake(stream), through.clone());
         tokio::spawn(async move {
             match tokio::time::timeout_at(terms.first_call_by, shaking).await {
                 Ok(Ok(io)) => {
-                    // Refused only when nobody serves any more.
-                    let _ = through.send(Guarded::new(io, Link::new(peer), place, terms)).await;
+                    // Fails only when serving has ended.
+                    let _ = through.send(Connection::new(io, ConnectionState::new(peer), permit, terms)).await;
                 }
                 Ok(Err(error)) => {
                     metrics::counter!("gleaner_connections_closed_total", "reason" => "handshake").increment(1);
@@ -103,48 +103,47 @@ async fn accept<T, H, F>(
     }
 }
 
-/// A place for a new connection and what it is watched for; `None` closes it.
-fn admit(connections: &Connections, stream: &TcpStream, peer: SocketAddr) -> Option<(super::places::Place, Terms)> {
-    let rules = &connections.0;
-    let place = match rules.places.take(peer.ip()) {
-        Ok(place) => place,
+/// A permit for a new connection and its limits; `None` closes it.
+fn admit(rules: &Rules, stream: &TcpStream, peer: SocketAddr) -> Option<(Permit, Terms)> {
+    let permit = match rules.permits.take(peer.ip()) {
+        Ok(permit) => permit,
         Err(full) => {
             refused(peer, full);
             return None;
         }
     };
-    // Without it a small answer can wait 40 ms for the peer's acknowledgement.
+    // Without it a small response can wait 40 ms for the peer's acknowledgement.
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(peer.address = %peer, %error, "a connection was gone at once");
         return None;
     }
     let terms = Terms {
-        first_call_by: Instant::now() + spread(rules.config.first_call()),
-        stall: rules.config.stall(),
+        first_call_by: Instant::now() + spread(rules.config.first_call),
+        write_timeout: rules.config.write_timeout,
         cut: rules.cut.clone(),
     };
-    Some((place, terms))
+    Some((permit, terms))
 }
 
-/// Between three quarters of a time and all of it, each next one elsewhere: those who came together and say nothing do
-/// not go together, which would hold up everybody else.
+/// Between three quarters of a time and all of it, each next one elsewhere: silent peers that came together are not
+/// closed together, which would delay every other connection.
 fn spread(time: Duration) -> Duration {
     static PLACE: AtomicU32 = AtomicU32::new(0);
     let place = PLACE.fetch_add(GOLDEN, Relaxed);
     time - time.mul_f64(f64::from(place) / f64::from(u32::MAX) / 4.0)
 }
 
-/// Says that a connection was refused, but not of each one: a flood must not fill the log.
+/// Logs a refused connection, at powers of two only: a flood must not fill the log.
 fn refused(peer: SocketAddr, full: Full) {
     static REFUSED: AtomicU64 = AtomicU64::new(0);
-    let (reason, flag) = match full {
-        Full::All => ("all", "--max-connections"),
-        Full::Address => ("address", "--max-connections-per-address"),
+    let (reason, limit) = match full {
+        Full::All => ("all", "max-connections"),
+        Full::Address => ("address", "max-connections-per-address"),
     };
     metrics::counter!("gleaner_connections_refused_total", "reason" => reason).increment(1);
     let before = REFUSED.fetch_add(1, Relaxed);
     if before.is_power_of_two() || before == 0 {
-        tracing::warn!(peer.address = %peer, limit = flag, refused = before + 1, "too many connections: one was refused");
+        tracing::warn!(peer.address = %peer, limit, refused = before + 1, "too many connections: one was refused");
     }
 }
 
@@ -153,7 +152,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn those_who_come_together_do_not_go_together() {
+    fn deadlines_of_simultaneous_connections_are_spread() {
         let mut times: Vec<Duration> = (0..1000).map(|_| spread(Duration::from_secs(8))).collect();
         times.sort_unstable();
         assert!(times[0] >= Duration::from_secs(6) && times[999] <= Duration::from_secs(8));

@@ -1,4 +1,5 @@
-//! The bodies of calls: requests that must come in at a least rate, and answers that hold their call's place.
+//! The bodies of calls: requests that must keep a minimum rate, and responses that hold their call. Must not depend on
+//! what they carry.
 
 use std::{
     pin::Pin,
@@ -10,26 +11,32 @@ use http_body::{Body, Frame, SizeHint};
 use tokio::time::{Sleep, sleep_until};
 use tonic::Status;
 
-use super::{calls::Call, link::Link, offer::Offer, rate::LeastRate};
-use crate::{error::Error, wire::status::from_error};
+use crate::{calls::Call, error::EdgeError, pending::PendingResponse, rate::MinimumRate, state::ConnectionState};
 
-/// A request that ends with an error when it comes too slowly. What counts is every byte of its connection: frames may
-/// be large, and what is on its way within one shows in no body.
-pub(super) struct Incoming {
+/// A request that fails when it comes too slowly. Every byte of its connection counts: frames may be large, and a frame
+/// on its way shows in no body.
+pub(crate) struct RequestBody {
     body: tonic::body::Body,
-    link: Link,
-    rate: LeastRate,
+    state: ConnectionState,
+    rate: MinimumRate,
+    /// The status of a request that is too slow.
+    status: fn(EdgeError) -> Status,
     /// While a frame is waited for.
     alarm: Option<Pin<Box<Sleep>>>,
 }
 
-impl Incoming {
-    pub(super) fn new(body: tonic::body::Body, link: Link, rate: LeastRate) -> Self {
-        Self { body, link, rate, alarm: None }
+impl RequestBody {
+    pub(crate) fn new(
+        body: tonic::body::Body,
+        state: ConnectionState,
+        rate: MinimumRate,
+        status: fn(EdgeError) -> Status,
+    ) -> Self {
+        Self { body, state, rate, status, alarm: None }
     }
 }
 
-impl Body for Incoming {
+impl Body for RequestBody {
     type Data = Bytes;
     type Error = Status;
 
@@ -40,17 +47,14 @@ impl Body for Incoming {
             this.rate.rest();
             return frame;
         }
-        let deadline = this.rate.wait(this.link.received());
+        let deadline = this.rate.wait(this.state.received());
         let alarm = this.alarm.get_or_insert_with(|| Box::pin(sleep_until(deadline)));
         while alarm.as_mut().poll(cx).is_ready() {
-            // It was set before the newest bytes had come.
-            let deadline = this.rate.wait(this.link.received());
+            // The alarm was set before the newest bytes came.
+            let deadline = this.rate.wait(this.state.received());
             if deadline <= alarm.deadline() {
                 metrics::counter!("gleaner_calls_refused_total", "reason" => "slow").increment(1);
-                return Poll::Ready(Some(Err(from_error(Error::late(
-                    "the request comes in too slowly (--min-bytes-per-second); send it again, an upload from its \
-                     committed size on",
-                )))));
+                return Poll::Ready(Some(Err((this.status)(EdgeError::SlowRequest))));
             }
             alarm.as_mut().reset(deadline);
         }
@@ -66,21 +70,20 @@ impl Body for Incoming {
     }
 }
 
-/// An answer; its call runs until it is dropped. It is handed out in pieces, and its connection sees when one is not
-/// taken.
-pub(crate) struct Answer<B> {
+/// A response; its call runs until it is dropped. It is sent in pieces, and its connection ends when one stays unread.
+pub struct ResponseBody<B> {
     body: B,
-    /// What was not handed out yet of a frame that is larger than a piece.
+    /// The unsent rest of a frame that is larger than a piece.
     rest: Bytes,
     /// The largest piece.
     piece: usize,
-    offer: Option<Offer>,
+    pending: Option<PendingResponse>,
     _call: Option<Call>,
 }
 
-impl<B> Answer<B> {
-    pub(super) fn new(body: B, piece: usize, offer: Option<Offer>, call: Option<Call>) -> Self {
-        Self { body, rest: Bytes::new(), piece, offer, _call: call }
+impl<B> ResponseBody<B> {
+    pub(crate) fn new(body: B, piece: usize, pending: Option<PendingResponse>, call: Option<Call>) -> Self {
+        Self { body, rest: Bytes::new(), piece, pending, _call: call }
     }
 
     /// The next piece of what is left of a frame.
@@ -88,19 +91,19 @@ impl<B> Answer<B> {
         if self.rest.len() > self.piece {
             return self.rest.split_to(self.piece);
         }
-        // A copy: the transport may keep the last piece for long, and must not keep all that came before it.
+        // A copy: the transport may hold the last piece for long, and must not hold all the pieces before it.
         Bytes::copy_from_slice(&std::mem::take(&mut self.rest))
     }
 }
 
-impl<B: Body<Data = Bytes> + Unpin> Body for Answer<B> {
+impl<B: Body<Data = Bytes> + Unpin> Body for ResponseBody<B> {
     type Data = Bytes;
     type Error = B::Error;
 
     fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, B::Error>>> {
         let this = &mut *self;
-        if let Some(offer) = &this.offer {
-            offer.taken();
+        if let Some(pending) = &this.pending {
+            pending.piece_read();
         }
         let piece = if this.rest.is_empty() {
             let frame = match ready!(Pin::new(&mut this.body).poll_frame(cx)) {
@@ -118,8 +121,8 @@ impl<B: Body<Data = Bytes> + Unpin> Body for Answer<B> {
         } else {
             this.next_piece()
         };
-        if let Some(offer) = &this.offer {
-            offer.made();
+        if let Some(pending) = &this.pending {
+            pending.piece_sent();
         }
         Poll::Ready(Some(Ok(Frame::data(piece))))
     }

@@ -1,35 +1,32 @@
-//! The pages' listener: connections under the same watch as those of calls, and encrypted like them. Each carries one
-//! request of HTTP/1, so that what is silent afterwards is nobody's.
+//! The pages' listener: connections with the same limits and encryption as those of calls. Each carries one HTTP/1
+//! request, so that no idle connection holds a permit.
 
 use std::{convert::Infallible, sync::Arc};
 
 use axum::{Router, body::Body, extract::ConnectInfo};
 use futures::StreamExt as _;
+use gleaner_edge::{Connection, Protocol, Tls, Transport};
 use http::{Request, Response};
 use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::net::TcpListener;
 use tower::ServiceExt as _;
 
-use crate::{
-    access::tls::{self, Line, Tls},
-    connections::{self, Connections, Guarded},
-};
+use crate::connections::Connections;
 
-/// Serves pages to who connects, until nobody can any more.
+/// Serves pages until the listener closes.
 pub(super) async fn serve(connections: Connections, listener: TcpListener, tls: Option<Arc<Tls>>, pages: Router) {
-    let handshake = move |stream| tls::handshake_of_pages(tls.clone(), stream);
-    let mut incoming = connections::incoming(&connections, listener, handshake);
+    let mut incoming = connections.accept(listener, tls, Protocol::Http1);
     while let Some(Ok(connection)) = incoming.next().await {
         tokio::spawn(one(connection, pages.clone()));
     }
 }
 
 /// Serves one request.
-async fn one(connection: Guarded<Line>, pages: Router) {
-    let link = connection.link().clone();
+async fn one(connection: Connection<Transport>, pages: Router) {
+    let state = connection.state().clone();
     let answer = service_fn(move |mut request: Request<Incoming>| {
-        request.extensions_mut().insert(ConnectInfo(link.clone()));
+        request.extensions_mut().insert(ConnectInfo(state.clone()));
         let pages = pages.clone();
         async move { answered(pages, request.map(Body::new)).await }
     });
