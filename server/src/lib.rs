@@ -41,7 +41,7 @@ use gleaner_edge::Tls;
 use tokio::net::{TcpListener, TcpSocket};
 
 use crate::{
-    access::{Book, tls},
+    access::{TokenCache, tls},
     config::ServeConfig,
     error::{Error, Result},
     lock::DataLock,
@@ -145,10 +145,10 @@ pub async fn run(
         telemetry::metrics::recorder()?;
     }
     let rooms = Rooms::open(config, listeners.for_workers()?).await?;
-    let (book, _keeping_up) = Book::kept_up(rooms.store.clone()).await?;
+    let (tokens, _refreshing) = TokenCache::open_refreshed(rooms.store.clone()).await?;
     let (pages, tls) = (listeners.pages.take(), listeners.tls.clone());
-    let _pages = pages.map(|listener| web::open(rooms.clone(), listener, tls, book.clone())).transpose()?;
-    let served = service::serve(&rooms, listeners, book, stop).await;
+    let _pages = pages.map(|listener| web::open(rooms.clone(), listener, tls, tokens.clone())).transpose()?;
+    let served = service::serve(&rooms, listeners, tokens, stop).await;
     rooms.close().await;
     tracing::info!("stopped");
     served

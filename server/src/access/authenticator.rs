@@ -1,44 +1,45 @@
-//! Who somebody is: by the token they show, or anybody where none is asked for. Calls and pages ask here.
+//! The identity of a caller: by its token, or anonymous where no token is required. Calls and pages share it. Must not
+//! depend on either.
 
 use std::sync::Arc;
 
 use super::{
-    book::{Book, Held},
     caller::Caller,
+    token_cache::{Held, TokenCache},
 };
 use crate::error::{Error, Result};
 
-/// Says who somebody is; clones share the book.
+/// Authenticates callers; clones share the tokens.
 #[derive(Debug, Clone)]
-pub(super) struct Reception {
-    book: Book,
-    /// Whether who shows no token is sent away.
+pub(super) struct Authenticator {
+    tokens: TokenCache,
+    /// Whether a caller without a token is rejected.
     required: bool,
 }
 
-impl Reception {
-    pub(super) fn new(book: Book, required: bool) -> Self {
-        Self { book, required }
+impl Authenticator {
+    pub(super) fn new(tokens: TokenCache, required: bool) -> Self {
+        Self { tokens, required }
     }
 
-    /// The token with this hash, if the book has it already: nothing is asked of the disk.
+    /// The token with this hash, if it is in the cache; does not read the disk.
     pub(super) fn known(&self, hash: &str) -> Option<Arc<Held>> {
-        self.book.known(hash)
+        self.tokens.known(hash)
     }
 
-    /// Who it is that shows the token with the hash `shown`, which may be known already.
+    /// The caller with the token whose hash is `shown`, which may be known already.
     ///
     /// # Errors
-    /// Unauthenticated when a token is shown that is none of ours, or none where one is asked for.
+    /// Unauthenticated for an unknown token, or without a token where one is required.
     pub(super) async fn authenticate(&self, shown: Option<&str>, known: Option<Arc<Held>>) -> Result<Caller> {
         let Some(hash) = shown else {
             return if self.required { Err(no_token()) } else { Ok(Caller::Anyone) };
         };
         let held = match known {
             Some(held) => held,
-            None => self.book.find(hash).await?.ok_or_else(unknown_token)?,
+            None => self.tokens.find(hash).await?.ok_or_else(unknown_token)?,
         };
-        self.book.used(&held);
+        self.tokens.used(&held);
         Ok(Caller::Known(held))
     }
 }
@@ -50,7 +51,7 @@ fn no_token() -> Error {
     )
 }
 
-/// What a caller hears whose token is none, or none any more. Which of the two it is, is not said.
+/// The rejection of an unknown, expired or revoked token; it does not reveal which.
 pub(super) fn unknown_token() -> Error {
     Error::unauthenticated(
         "this token is not known, has expired or was revoked; who runs the server makes one with \

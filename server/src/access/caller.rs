@@ -5,8 +5,8 @@ use std::sync::Arc;
 use gleaner_edge::ConnectionState;
 
 use super::{
-    book::{Held, Over},
     table::Need,
+    token_cache::{Held, Over},
 };
 use crate::{
     connections,
@@ -166,12 +166,12 @@ mod tests {
     use gleaner_proto::Rpc;
 
     use super::{
-        super::{book, table::rule},
+        super::{table::rule, token_cache},
         *,
     };
 
     fn caller(role: Role) -> Caller {
-        Caller::Known(Arc::new(book::held(role, &["arm@prod"])))
+        Caller::Known(Arc::new(token_cache::held(role, &["arm@prod"])))
     }
 
     /// Every rpc with every role: who is let through must be who the design lets through, by the rpc's kind of work.

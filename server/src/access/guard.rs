@@ -19,13 +19,13 @@ use tower::{Layer, Service};
 use super::{
     answer::Answer,
     asked::Asked,
-    book::{Book, Held},
+    authenticator::Authenticator,
     caller::Caller,
     entry::Entry,
-    reception::Reception,
     refusals::Refusals,
     secret,
     table::{Need, Rule, rule},
+    token_cache::{Held, TokenCache},
     worker::Worker,
 };
 use crate::{
@@ -53,7 +53,7 @@ enum GuardMode {
 }
 
 struct Callers {
-    reception: Reception,
+    authenticator: Authenticator,
     store: Store,
     connections: Connections,
     refusals: Refusals,
@@ -61,9 +61,9 @@ struct Callers {
 
 impl Guard {
     /// Stands before what everybody calls.
-    pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
-        let (reception, refusals) = (Reception::new(book, required), Refusals::new());
-        Self(Arc::new(GuardMode::Callers(Callers { reception, store, connections, refusals })))
+    pub(crate) fn new(tokens: TokenCache, store: Store, required: bool, connections: Connections) -> Self {
+        let (authenticator, refusals) = (Authenticator::new(tokens, required), Refusals::new());
+        Self(Arc::new(GuardMode::Callers(Callers { authenticator, store, connections, refusals })))
     }
 
     /// Stands before what workers call.
@@ -153,7 +153,7 @@ impl Callers {
     {
         // Counted before anything is asked of the disk: a flood, of unknown tokens too, costs no more than its answers.
         let shown = secret::shown(request.headers());
-        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.reception.known(hash));
+        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.authenticator.known(hash));
         match self.count(&request, known.as_deref()) {
             Ok(None) => {}
             Ok(Some(call)) => {
@@ -207,7 +207,7 @@ impl Callers {
     }
 
     async fn authenticate(&self, shown: Result<Option<String>>, known: Option<Arc<Held>>) -> Result<Caller> {
-        self.reception.authenticate(shown?.as_deref(), known).await
+        self.authenticator.authenticate(shown?.as_deref(), known).await
     }
 }
 

@@ -1,4 +1,4 @@
-//! New tokens: 256 random bits behind a prefix that tells people, and scanners for leaked secrets, what it is.
+//! New tokens: 256 random bits behind a prefix that people and secret scanners recognise. Must not depend on commands.
 
 use super::secret;
 use crate::{
@@ -14,21 +14,21 @@ use crate::{
 
 const PREFIX: &str = "gleaner_";
 
-/// A token that was just made.
-pub(super) struct Minted {
-    /// What to hand out, once.
+/// A new token.
+pub(super) struct IssuedToken {
+    /// The secret, to be shown once.
     pub(super) secret: Secret,
-    /// What to find it by.
+    /// The hash that the token is found by.
     pub(super) hash: String,
-    /// What to keep.
+    /// The row to store.
     pub(super) token: Token,
 }
 
-/// Makes a token.
+/// Issues a token.
 ///
 /// # Errors
 /// Invalid, naming the flag.
-pub(super) fn mint(config: NewTokenConfig) -> Result<Minted> {
+pub(super) fn issue(config: NewTokenConfig) -> Result<IssuedToken> {
     let NewTokenConfig { role, name, deployments, expires } = config;
     match (role, deployments.is_empty()) {
         (Role::Robot, true) => {
@@ -42,10 +42,10 @@ pub(super) fn mint(config: NewTokenConfig) -> Result<Minted> {
     let deployments =
         deployments.into_iter().map(|name| deployment_name("--deployment", name)).collect::<Result<Vec<_>>>()?;
     let now = Millis::now();
-    let expires_at = expires.map(|text| super::command::span(&text).map(|span| now.after(span))).transpose();
+    let expires_at = expires.map(|text| super::span::span(&text).map(|span| now.after(span))).transpose();
     let bits: [u8; 32] = rand::random();
     let secret = format!("{PREFIX}{}", blake3::Hash::from_bytes(bits).to_hex());
-    Ok(Minted {
+    Ok(IssuedToken {
         hash: secret::hash(&secret),
         secret: Secret::from(secret),
         token: Token {
@@ -65,9 +65,9 @@ pub(super) fn mint(config: NewTokenConfig) -> Result<Minted> {
 mod tests {
     use super::*;
 
-    fn new(role: Role, deployments: &[&str], expires: Option<&str>) -> Result<Minted> {
+    fn new(role: Role, deployments: &[&str], expires: Option<&str>) -> Result<IssuedToken> {
         let deployments = deployments.iter().map(|&name| name.to_owned()).collect();
-        mint(NewTokenConfig { role, name: "arm".into(), deployments, expires: expires.map(str::to_owned) })
+        issue(NewTokenConfig { role, name: "arm".into(), deployments, expires: expires.map(str::to_owned) })
     }
 
     #[test]

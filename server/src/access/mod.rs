@@ -5,30 +5,31 @@
 
 mod answer;
 mod asked;
-mod book;
+mod authenticator;
 mod caller;
 pub mod command;
 mod entry;
 mod guard;
-mod mint;
+mod issue;
 mod overheard;
 mod page;
 mod pages;
-mod reception;
 mod refusals;
 mod secret;
+mod span;
 mod subject;
 mod table;
 pub mod tls;
+mod token_cache;
 mod worker;
 
 pub(crate) use self::{
-    book::Book,
     caller::Caller,
     guard::Guard,
     page::Page,
     pages::{Done, PageGuard},
     secret::hash as token_hash,
     table::method,
+    token_cache::TokenCache,
     worker::Worker,
 };

@@ -1,6 +1,6 @@
 //! The guard of the pages: who looks, what they may see and change, and what of it the audit log hears.
 //!
-//! The same book, table, log and connections as for calls. Knows no page's content.
+//! The same tokens, table, log and connections as for calls. Knows no page's content.
 
 use std::sync::Arc;
 
@@ -9,12 +9,12 @@ use gleaner_edge::{Call, ConnectionState};
 use http_body::Body;
 
 use super::{
-    book::{Book, Held},
+    authenticator::Authenticator,
     caller::Caller,
     page::Page,
-    reception::Reception,
     refusals::Refusals,
     table::{Need, page_rule},
+    token_cache::{Held, TokenCache},
 };
 use crate::{
     connections::{self, Connections, refused},
@@ -26,7 +26,7 @@ use crate::{
 /// Stands before the pages.
 #[derive(Clone)]
 pub(crate) struct PageGuard {
-    reception: Reception,
+    authenticator: Authenticator,
     store: Store,
     connections: Connections,
     refusals: Arc<Refusals>,
@@ -34,8 +34,13 @@ pub(crate) struct PageGuard {
 
 impl PageGuard {
     /// `required`: whether who shows no token is sent away.
-    pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
-        Self { reception: Reception::new(book, required), store, connections, refusals: Arc::new(Refusals::new()) }
+    pub(crate) fn new(tokens: TokenCache, store: Store, required: bool, connections: Connections) -> Self {
+        Self {
+            authenticator: Authenticator::new(tokens, required),
+            store,
+            connections,
+            refusals: Arc::new(Refusals::new()),
+        }
     }
 
     /// Counts a request for the token with the hash `shown` if that is known, else for the address; and says who it is.
@@ -48,13 +53,13 @@ impl PageGuard {
         shown: Option<&str>,
         connection: &ConnectionState,
     ) -> Result<(Call, Result<Caller>)> {
-        let known: Option<Arc<Held>> = shown.and_then(|hash| self.reception.known(hash));
+        let known: Option<Arc<Held>> = shown.and_then(|hash| self.authenticator.known(hash));
         let client = match &known {
             Some(held) => Client::token(&held.token.id),
             None => connections::client(connection),
         };
         let call = self.connections.count(client).map_err(refused)?;
-        Ok((call, self.reception.authenticate(shown, known).await))
+        Ok((call, self.authenticator.authenticate(shown, known).await))
     }
 
     /// Who it is that shows no token.
@@ -62,7 +67,7 @@ impl PageGuard {
     /// # Errors
     /// Unauthenticated where one is asked for.
     pub(crate) async fn nobody(&self) -> Result<Caller> {
-        self.reception.authenticate(None, None).await
+        self.authenticator.authenticate(None, None).await
     }
 
     /// Who it is that shows the token with this hash.
@@ -70,7 +75,7 @@ impl PageGuard {
     /// # Errors
     /// Unauthenticated when it is none of ours.
     pub(crate) async fn known(&self, hash: &str) -> Result<Caller> {
-        self.reception.authenticate(Some(hash), None).await
+        self.authenticator.authenticate(Some(hash), None).await
     }
 
     /// A response body watched by its connection: sent in pieces that must be read, and its call runs until it ends.

@@ -1,4 +1,4 @@
-//! The book of live tokens, in memory. It is read anew every second, so that what another process made or revoked is
+//! The live tokens, in memory. They are read again every second, so that what another process made or revoked is
 //! seen, and at once when a token is shown that it does not have.
 
 use std::{
@@ -23,7 +23,7 @@ use crate::{
     store::Store,
 };
 
-/// How old the book may be.
+/// Maximum age of the cache.
 const READ_EVERY: Duration = Duration::from_secs(1);
 /// A token's last use is kept to this.
 const USE_MS: i64 = 60_000;
@@ -49,7 +49,7 @@ impl Held {
 
 /// Every live token; clones share it.
 #[derive(Debug, Clone)]
-pub(crate) struct Book(Arc<Inner>);
+pub(crate) struct TokenCache(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
@@ -60,35 +60,35 @@ struct Inner {
     read: tokio::sync::Mutex<Instant>,
 }
 
-impl Book {
-    /// Reads the book.
+impl TokenCache {
+    /// Reads the tokens.
     ///
     /// # Errors
     /// When the database cannot be read.
     pub(crate) async fn open(store: Store) -> Result<Self> {
-        let book =
+        let cache =
             Self(Arc::new(Inner { store, live: Mutex::default(), read: tokio::sync::Mutex::new(Instant::now()) }));
-        book.read().await?;
-        Ok(book)
+        cache.read().await?;
+        Ok(cache)
     }
 
-    /// Opens it and keeps it up to date, until what is given second is dropped.
+    /// Reads the tokens and refreshes them until the second part of the result is dropped.
     ///
     /// # Errors
-    /// As [`Book::open`].
-    pub(crate) async fn kept_up(store: Store) -> Result<(Self, AbortOnDropHandle<()>)> {
-        let book = Self::open(store).await?;
-        let keeping = book.clone();
-        Ok((book, AbortOnDropHandle::new(tokio::spawn(async move { keeping.keep_up().await }))))
+    /// As [`TokenCache::open`].
+    pub(crate) async fn open_refreshed(store: Store) -> Result<(Self, AbortOnDropHandle<()>)> {
+        let cache = Self::open(store).await?;
+        let refreshing = cache.clone();
+        Ok((cache, AbortOnDropHandle::new(tokio::spawn(async move { refreshing.refresh().await }))))
     }
 
-    /// Whether anybody could be let in.
+    /// Whether there is no live token.
     pub(crate) fn is_empty(&self) -> bool {
         self.live().is_empty()
     }
 
-    /// Reads it again and again, until dropped.
-    pub(super) async fn keep_up(&self) {
+    /// Reads the tokens again every second, until dropped.
+    pub(super) async fn refresh(&self) {
         loop {
             tokio::time::sleep(READ_EVERY).await;
             let mut read = self.0.read.lock().await;
@@ -139,7 +139,7 @@ impl Book {
         });
     }
 
-    /// The live token with this hash, if the book has it already.
+    /// The live token with this hash, if it is in the cache.
     pub(super) fn known(&self, hash: &str) -> Option<Arc<Held>> {
         self.live().get(hash).filter(|held| held.token.is_live(Millis::now())).cloned()
     }
@@ -170,7 +170,7 @@ impl Book {
     }
 }
 
-/// A live token that is in no book.
+/// A live token that is in no cache.
 #[cfg(test)]
 pub(super) fn held(role: crate::domain::access::Role, deployments: &[&str]) -> Held {
     let token = Token {
@@ -210,19 +210,19 @@ mod tests {
     #[tokio::test]
     async fn what_is_made_later_is_found_and_what_is_revoked_ends() {
         let (_dir, store) = testing::store().await;
-        let book = Book::open(store.clone()).await.unwrap();
-        assert!(book.is_empty() && book.find("one").await.unwrap().is_none());
+        let cache = TokenCache::open(store.clone()).await.unwrap();
+        assert!(cache.is_empty() && cache.find("one").await.unwrap().is_none());
         let made = token(None);
         store.insert_token(&made, "one").await.unwrap();
-        let held = book.find("one").await.unwrap().unwrap();
+        let held = cache.find("one").await.unwrap().unwrap();
         assert_eq!(held.token, made);
         store.revoke_token(made.id.as_str()).await.unwrap();
-        let keeping_up = book.keep_up();
+        let refreshing = cache.refresh();
         tokio::select! {
-            () = keeping_up => {}
+            () = refreshing => {}
             () = held.over.cancelled() => {}
         }
-        assert!(book.find("one").await.unwrap().is_none());
+        assert!(cache.find("one").await.unwrap().is_none());
     }
 
     #[tokio::test]
@@ -231,23 +231,23 @@ mod tests {
         let soon = Millis::now().after(Duration::from_millis(60));
         store.insert_token(&token(Some(soon)), "soon").await.unwrap();
         store.insert_token(&token(Some(Millis(1))), "past").await.unwrap();
-        let book = Book::open(store).await.unwrap();
-        assert!(book.find("past").await.unwrap().is_none());
+        let cache = TokenCache::open(store).await.unwrap();
+        assert!(cache.find("past").await.unwrap().is_none());
         while Millis::now() < soon {
             tokio::task::yield_now().await;
         }
-        assert!(book.find("soon").await.unwrap().is_none(), "also between two readings");
+        assert!(cache.find("soon").await.unwrap().is_none(), "also between two readings");
     }
 
     #[tokio::test]
     async fn a_use_is_noted_once_a_minute() {
         let (_dir, store) = testing::store().await;
         store.insert_token(&token(None), "one").await.unwrap();
-        let book = Book::open(store.clone()).await.unwrap();
-        let held = book.find("one").await.unwrap().unwrap();
-        book.used(&held);
+        let cache = TokenCache::open(store.clone()).await.unwrap();
+        let held = cache.find("one").await.unwrap().unwrap();
+        cache.used(&held);
         let noted = held.noted.load(Relaxed);
-        book.used(&held);
+        cache.used(&held);
         assert_eq!(held.noted.load(Relaxed), noted);
         while store.tokens().await.unwrap()[0].1.last_used_at != Some(Millis(noted)) {
             tokio::task::yield_now().await;

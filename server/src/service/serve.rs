@@ -30,7 +30,7 @@ use super::{
 };
 use crate::{
     Listeners,
-    access::{self, Book, Guard},
+    access::{self, Guard, TokenCache},
     connections::{Connections, connections},
     error::{Error, Result},
     telemetry::RpcLayer,
@@ -54,12 +54,12 @@ const FAREWELL: Duration = Duration::from_secs(1);
 pub(crate) async fn serve(
     rooms: &Rooms,
     listeners: Listeners,
-    book: Book,
+    tokens: TokenCache,
     stop: impl Future<Output = ()> + Send,
 ) -> Result<()> {
     let connections = connections(&rooms.config.connections);
     let Listeners { calls, tls, workers, pages: _ } = listeners;
-    let guard = guard(rooms, book, tls.is_some(), &connections);
+    let guard = guard(rooms, tokens, tls.is_some(), &connections);
     let _workers = for_workers(rooms, workers);
     let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
     let (routes, health) = routes(rooms).await?;
@@ -111,7 +111,7 @@ pub(crate) async fn serve(
 }
 
 /// The guard before the services.
-fn guard(rooms: &Rooms, book: Book, encrypted: bool, connections: &Connections) -> Guard {
+fn guard(rooms: &Rooms, tokens: TokenCache, encrypted: bool, connections: &Connections) -> Guard {
     let config = &rooms.config;
     let loopback = config.listen.ip().is_loopback();
     let required = config.access.tokens_required(loopback, config.insecure);
@@ -121,10 +121,10 @@ fn guard(rooms: &Rooms, book: Book, encrypted: bool, connections: &Connections) 
     if !loopback && !required {
         tracing::warn!("other machines can reach this server, and none is asked who it is: anybody may do anything");
     }
-    if required && book.is_empty() {
+    if required && tokens.is_empty() {
         tracing::warn!("callers must show a token and there is none: make one with `gleaner-server token create`");
     }
-    Guard::new(book, rooms.store.clone(), required, connections.clone())
+    Guard::new(tokens, rooms.store.clone(), required, connections.clone())
 }
 
 /// Serves our own workers: nothing but their service, on this machine only. Each call shows the token of its job, and what

@@ -42,7 +42,7 @@ use tokio_util::task::AbortOnDropHandle;
 
 use self::browser::{Browser, SignedIn};
 use crate::{
-    access::{Book, PageGuard},
+    access::{PageGuard, TokenCache},
     config::ConnectionsConfig,
     connections::connections,
     error::{Error, Result},
@@ -79,7 +79,7 @@ pub(crate) fn open(
     rooms: Rooms,
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
-    book: Book,
+    tokens: TokenCache,
 ) -> Result<AbortOnDropHandle<()>> {
     let metrics = telemetry::metrics::recorder()?;
     let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
@@ -91,7 +91,7 @@ pub(crate) fn open(
         ..config.connections.clone()
     });
     let (encrypted, cookie) = (tls.is_some(), Browser::cookie_name(address.port()));
-    let guard = PageGuard::new(book, rooms.store.clone(), required, connections.clone());
+    let guard = PageGuard::new(tokens, rooms.store.clone(), required, connections.clone());
     let house = Arc::new(House { rooms, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
     Ok(AbortOnDropHandle::new(tokio::spawn(async move {
         let pages = routes::all(&house);

@@ -18,7 +18,7 @@ use tower::ServiceExt as _;
 
 use super::{House, routes};
 use crate::{
-    access::{Book, PageGuard, token_hash},
+    access::{PageGuard, TokenCache, token_hash},
     config::{Cli, Command},
     connections::connections,
     domain::{
@@ -61,8 +61,8 @@ impl Pages {
         let Command::Serve(config) = cli.command else { panic!("not serve") };
         let connections = connections(&config.connections);
         let rooms = Rooms::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
-        let book = Book::open(rooms.store.clone()).await.unwrap();
-        let guard = PageGuard::new(book, rooms.store.clone(), required, connections);
+        let tokens = TokenCache::open(rooms.store.clone()).await.unwrap();
+        let guard = PageGuard::new(tokens, rooms.store.clone(), required, connections);
         let metrics = telemetry::metrics::recorder().unwrap();
         let house = House {
             rooms: rooms.clone(),

@@ -66,7 +66,7 @@ impl http_body::Body for Says {
 struct Bench {
     _dir: TempDir,
     store: Store,
-    book: Book,
+    tokens: TokenCache,
     connections: Connections,
     /// Whose connection calls come over.
     connection: Option<ConnectionState>,
@@ -75,9 +75,9 @@ struct Bench {
 impl Bench {
     async fn new() -> Self {
         let (dir, store) = testing::store().await;
-        let book = Book::open(store.clone()).await.unwrap();
+        let tokens = TokenCache::open(store.clone()).await.unwrap();
         let connections = connections(&ConnectionsConfig::default());
-        Self { _dir: dir, store, book, connections, connection: None }
+        Self { _dir: dir, store, tokens, connections, connection: None }
     }
 
     /// Makes a token that is the word itself.
@@ -104,7 +104,7 @@ impl Bench {
     }
 
     fn guard(&self, required: bool) -> Guard {
-        Guard::new(self.book.clone(), self.store.clone(), required, self.connections.clone())
+        Guard::new(self.tokens.clone(), self.store.clone(), required, self.connections.clone())
     }
 
     fn request(&self, path: &str, token: Option<&str>, body: Body) -> Request<Body> {

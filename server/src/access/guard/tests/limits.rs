@@ -29,7 +29,7 @@ impl Bench {
 async fn who_has_no_good_token_is_counted_for_the_address_and_who_has_one_is_not() {
     let bench = Bench::strict().await;
     bench.token("anna", Role::Viewer, None).await;
-    assert!(bench.book.find(&secret::hash("anna")).await.unwrap().is_some());
+    assert!(bench.tokens.find(&secret::hash("anna")).await.unwrap().is_some());
     let path = Rpc::TaskServiceListTasks.path();
     assert!(bench.until_refused(path, Some("unknown"), Code::Unauthenticated).await >= 2);
     // Of all of these, which are the same address, at most one is let through again.
@@ -43,7 +43,7 @@ async fn who_has_no_good_token_is_counted_for_the_address_and_who_has_one_is_not
 async fn a_call_too_many_is_refused_before_anything_is_written() {
     let bench = Bench::strict().await;
     bench.token("viewer", Role::Viewer, None).await;
-    bench.book.find(&secret::hash("viewer")).await.unwrap();
+    bench.tokens.find(&secret::hash("viewer")).await.unwrap();
     let path = Rpc::PolicyServiceDeploy.path();
     let counted = bench.until_refused(path, Some("viewer"), Code::PermissionDenied).await;
     assert_eq!(bench.log().await.len(), counted);
