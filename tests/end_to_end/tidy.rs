@@ -1,5 +1,6 @@
 //! The house's own rules, read off the sources: which crate is named where, and that every file says what it is.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Every Rust source of the workspace with its path from the root.
@@ -141,7 +142,8 @@ fn each_crate_depends_only_on_the_crates_it_may() {
         for kind in ["dependencies", "dev-dependencies", "build-dependencies"] {
             let Some(listed) = manifest.get(kind).and_then(toml::Value::as_table) else { continue };
             let ours = listed.keys().filter_map(|name| name.strip_prefix("gleaner-"));
-            broken.extend(ours.filter(|name| !allowed.contains(name)).map(|name| format!("{folder} depends on {name}")));
+            broken
+                .extend(ours.filter(|name| !allowed.contains(name)).map(|name| format!("{folder} depends on {name}")));
         }
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
@@ -168,6 +170,41 @@ fn modules_whose_circle_was_cut_stay_apart() {
         }
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// The modules that `from` leads to, by their names in `graph`.
+fn reachable<'a>(graph: &BTreeMap<&'a str, Vec<&'a str>>, from: &str, found: &mut BTreeSet<&'a str>) {
+    for next in graph.get(from).into_iter().flatten() {
+        if found.insert(next) {
+            reachable(graph, next, found);
+        }
+    }
+}
+
+#[test]
+fn modules_of_the_general_crates_have_no_circle() {
+    let sources = sources();
+    for folder in ["crates/edge/src/", "crates/search/src/"] {
+        let modules: Vec<(&str, &str)> = sources
+            .iter()
+            .filter_map(|(name, source)| {
+                let module = name.strip_prefix(folder)?.strip_suffix(".rs")?;
+                let code = source.split("#[cfg(test)]").next()?;
+                (!["lib", "tests", "testing"].contains(&module)).then_some((module, code))
+            })
+            .collect();
+        assert!(modules.len() > 10, "{folder}: the walk found too little");
+        let names_of = |code: &str, own: &str| {
+            let others = modules.iter().map(|(module, _)| *module).filter(|module| *module != own);
+            others.filter(|module| names(code, module)).collect()
+        };
+        let graph = modules.iter().map(|(module, code)| (*module, names_of(code, module))).collect();
+        for (module, _) in &modules {
+            let mut found = BTreeSet::new();
+            reachable(&graph, module, &mut found);
+            assert!(!found.contains(module), "{folder}{module}.rs leads back to itself: {found:?}");
+        }
+    }
 }
 
 #[test]

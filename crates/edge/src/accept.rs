@@ -24,8 +24,8 @@ use tokio_util::task::AbortOnDropHandle;
 
 use crate::{
     connection::{Connection, Terms},
-    connections::Rules,
     permits::{Full, Permit},
+    rules::Rules,
     state::ConnectionState,
 };
 

@@ -167,10 +167,9 @@ mod tests {
         let calls = calls(1, 100, 3);
         calls.begin("a").unwrap();
         calls.begin("a").unwrap();
-        match calls.begin("a").err().unwrap() {
-            EdgeError::CallRate { limit: 1, retry_after } => assert!(retry_after >= Duration::from_millis(1)),
-            other => panic!("{other}"),
-        }
+        let refusal = calls.begin("a").err().unwrap();
+        let EdgeError::CallRate { limit: 1, retry_after } = refusal else { panic!("{refusal}") };
+        assert!(retry_after >= Duration::from_millis(1));
         calls.begin("b").unwrap();
         calls.begin("c").unwrap();
     }

@@ -15,14 +15,13 @@ use crate::{
     error::EdgeError,
     layer::CallsLayer,
     permits::Permits,
+    rules::Rules,
     state::ConnectionState,
     tls::{Protocol, Tls, Transport, handshake},
 };
 
 /// Descriptors kept for other uses: databases, files, pipes to children.
 const SPARED: u64 = 256;
-/// The smallest upper limit of a response's piece.
-const PIECE: usize = 16 << 10;
 
 /// Raises the limit on file descriptors to the most this process may have: each connection needs one, and the usual
 /// initial limit is a thousand.
@@ -54,15 +53,6 @@ impl<K: ClientKey> Clone for Connections<K> {
     }
 }
 
-/// What holds whatever the client.
-pub(crate) struct Rules {
-    pub(crate) config: EdgeConfig,
-    pub(crate) call_rules: CallRules,
-    pub(crate) permits: Permits,
-    /// Cancelled when every connection is to end now.
-    pub(crate) cut: CancellationToken,
-}
-
 impl<K: ClientKey> Connections<K> {
     /// Limits for one listener. Warns when the limit on open files leaves no room for all connections.
     pub fn new(config: EdgeConfig, call_rules: CallRules) -> Self {
@@ -71,7 +61,7 @@ impl<K: ClientKey> Connections<K> {
             tracing::warn!(
                 connections.most = most,
                 connections.asked = config.max_connections,
-                "the limit on open files (ulimit -n) leaves no room for --max-connections"
+                "the limit on open files (ulimit -n) leaves no room for max-connections"
             );
         }
         let permits = Permits::new(most, config.max_connections_per_address);
@@ -115,14 +105,5 @@ impl<K: ClientKey> Connections<K> {
     /// A watched response body, whose call runs until the body is dropped: for responses outside of [`Self::layer`].
     pub fn response<B>(&self, body: B, connection: &ConnectionState, call: Call) -> ResponseBody<B> {
         ResponseBody::new(body, self.rules.piece(), Some(connection.pending().begin()), Some(call))
-    }
-}
-
-impl Rules {
-    /// The largest piece of a response: as much as its peer reads at the minimum rate within the write timeout.
-    pub(crate) fn piece(&self) -> usize {
-        let rate = u64::from(self.config.min_bytes_per_second);
-        let bytes = rate.saturating_mul(self.config.write_timeout.as_secs());
-        usize::try_from(bytes).unwrap_or(usize::MAX).max(PIECE)
     }
 }

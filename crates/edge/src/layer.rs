@@ -15,8 +15,8 @@ use tower::{Layer, Service};
 use crate::{
     body::{RequestBody, ResponseBody},
     calls::Call,
-    connections::Rules,
     rate::MinimumRate,
+    rules::Rules,
     state::ConnectionState,
 };
 

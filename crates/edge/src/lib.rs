@@ -1,4 +1,5 @@
-//! The edge of a gRPC server: who may connect, how long a peer may be silent or slow, and how many calls it may make.
+//! The edge of a gRPC server: how many connections are open, how long a peer may be silent or slow, and how many calls
+//! it may make.
 //! The transport limits none of this.
 //!
 //! [`Connections`] holds the limits for every connection of a listener. [`Connections::accept`] returns the connections
@@ -21,6 +22,7 @@ mod layer;
 mod pending;
 mod permits;
 mod rate;
+mod rules;
 mod state;
 #[cfg(test)]
 mod tests;

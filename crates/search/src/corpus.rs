@@ -2,7 +2,7 @@
 //! Must not depend on the filters.
 
 use crate::bound::Frame;
-use crate::index::Match;
+use crate::matched::Match;
 use crate::metric::Metric;
 use crate::points::{PARTS, Points};
 

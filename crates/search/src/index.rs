@@ -13,6 +13,7 @@ use crate::codes::Codes;
 use crate::corpus::{Corpus, Tiles};
 use crate::error::SearchError;
 use crate::level::{Level, View};
+use crate::matched::Match;
 use crate::metric::Metric;
 use crate::points::{PARTS, Points};
 use crate::scan::{self, Scan};
@@ -21,27 +22,6 @@ use crate::threads;
 
 /// Fewer pairs than this are not worth another thread.
 const PAIRS_A_THREAD: usize = 1 << 17;
-
-/// A query's nearest point.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Match {
-    /// The number of its group.
-    pub group: u32,
-    /// Its row within the group.
-    pub row: u32,
-    /// The distance under the index's metric, exact to double precision.
-    pub distance: f64,
-    /// The distance in each part, before any scale.
-    pub parts: [f32; PARTS],
-}
-
-impl Match {
-    /// Nearer, or as near and of an earlier group, or of the same and an earlier row.
-    pub(crate) fn beats(&self, other: &Option<Self>) -> bool {
-        let order = |found: &Self| (found.distance, found.group, found.row);
-        other.as_ref().is_none_or(|other| order(self) < order(other))
-    }
-}
 
 /// Groups of points, ready to be searched. Uses as many threads as the tensor library has.
 pub struct Index {

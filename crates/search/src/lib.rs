@@ -16,6 +16,7 @@ mod error;
 mod index;
 mod lanes;
 mod level;
+mod matched;
 mod metric;
 mod neighbours;
 mod points;
@@ -27,7 +28,8 @@ mod testing;
 mod threads;
 
 pub use error::SearchError;
-pub use index::{Index, Match};
+pub use index::Index;
+pub use matched::Match;
 pub use metric::{Distance, Metric};
 pub use neighbours::Neighbours;
 pub use points::{PARTS, Points};

@@ -4,8 +4,8 @@
 use crate::bound::limit;
 use crate::codes::{Codes, Queries};
 use crate::corpus::Corpus;
-use crate::index::Match;
 use crate::lanes::{self, Lanes, PANELS, QUERIES, WIDE};
+use crate::matched::Match;
 use crate::points::Points;
 
 /// Queries that stay near it while points pass.

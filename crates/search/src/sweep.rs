@@ -5,8 +5,8 @@ use tch::{Device, Kind, Tensor};
 
 use crate::bound::{Framed, limit};
 use crate::corpus::Corpus;
-use crate::index::Match;
 use crate::level::{GROUP, Level, Placed};
+use crate::matched::Match;
 use crate::points::Points;
 use crate::tensor::int;
 

@@ -163,13 +163,12 @@ fn a_file_that_is_given_its_old_time_has_changed() {
 #[test]
 fn unusable_files_are_named() {
     let bench = Bench::new();
-    let refused = |files: TlsFiles, (expected, words): (TlsFile, [&str; 2])| match open(files).unwrap_err() {
-        EdgeError::Certificate { file, path, problem } => {
-            assert_eq!(file, expected);
-            let (path, [name, word]) = (path.display().to_string(), words);
-            assert!(path.ends_with(name) && problem.contains(word), "{path}: {problem}");
-        }
-        other => panic!("{other}"),
+    let refused = |files: TlsFiles, (expected, words): (TlsFile, [&str; 2])| {
+        let error = open(files).unwrap_err();
+        let EdgeError::Certificate { file, path, problem } = error else { panic!("{error}") };
+        assert_eq!(file, expected);
+        let (path, [name, word]) = (path.display().to_string(), words);
+        assert!(path.ends_with(name) && problem.contains(word), "{path}: {problem}");
     };
     let (files, path) = (bench.files(true), |name: &str| bench.path(name));
     refused(TlsFiles { certificate: path("none"), ..files.clone() }, (TlsFile::Certificate, ["none", ""]));
