@@ -46,7 +46,7 @@ impl Authenticator {
 
 fn no_token() -> Error {
     Error::unauthenticated(
-        "this server asks for a token: give one with --token or GLEANER_TOKEN; who runs the server makes one with \
+        "this server requires a token: pass one with --token or GLEANER_TOKEN; the server's operator creates one with \
          `gleaner-server token create`",
     )
 }
@@ -54,7 +54,7 @@ fn no_token() -> Error {
 /// The rejection of an unknown, expired or revoked token; it does not reveal which.
 pub(super) fn unknown_token() -> Error {
     Error::unauthenticated(
-        "this token is not known, has expired or was revoked; who runs the server makes one with \
+        "this token is not known, has expired or was revoked; the server's operator creates one with \
          `gleaner-server token create`",
     )
 }

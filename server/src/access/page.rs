@@ -29,7 +29,7 @@ macro_rules! pages {
 pages! {
     /// For Prometheus.
     Metrics = GET "/metrics",
-    /// For whoever keeps the server running.
+    /// For whatever keeps the server running.
     Health = GET "/healthz",
     /// Styles and scripts.
     Asset = GET "/assets/{name}",
@@ -85,7 +85,7 @@ pages! {
     Job = GET "/jobs/{id}",
     /// How far it is, for a page that is open.
     JobCourse = GET "/jobs/{id}/course",
-    /// What its workers said.
+    /// The output of its workers.
     JobLog = GET "/jobs/{id}/log",
     /// Ends it, and those that wait for it.
     CancelJob = POST "/jobs/{id}/cancel",

@@ -81,7 +81,7 @@ pub(super) async fn pass(
         let said = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
         response = tell(status, &Told(String::from_utf8_lossy(&said).into_owned()), wants_data);
     }
-    // Who only fetches a picture or data needs no name.
+    // A client that only fetches pictures or data needs no cookie.
     let remembered = (come.is_none() && !wants_data && page != Page::Asset).then_some(browser);
     finish(&house, &mut response, remembered);
     response
@@ -96,7 +96,7 @@ async fn serve(
 ) -> Result<Response> {
     house.expects(request.headers())?;
     let bearer = bearer(request.headers());
-    let (call, caller) = who(house, page, connection, (browser, bearer.as_deref())).await?;
+    let (call, caller) = identify(house, page, connection, (browser, bearer.as_deref())).await?;
     let changes = PageGuard::changes(page);
     if let Err(error) = PageGuard::permit(&caller, page) {
         if changes && house.guard.tells_of_refusal(&caller) {
@@ -109,7 +109,7 @@ async fn serve(
     let mut request = request;
     if page.method() == "POST" {
         let most = if PageGuard::is_open(page) { OPEN_BODY_BYTES } else { BODY_BYTES };
-        // Who shows a token in a header is no browser that another site has sent.
+        // A request with a token in its header does not come from a browser that another site has sent.
         request = whole(request, most, bearer.is_none().then_some(visit.proof.as_str())).await?;
     }
     request.extensions_mut().insert(browser.clone());
@@ -134,11 +134,11 @@ async fn serve(
     }))
 }
 
-/// Counts a request, and says who it is from: by the token in its header, or by the one that its browser once showed.
+/// Counts a request and identifies its caller: by the token in its header, or by the one that its browser once showed.
 ///
 /// # Errors
 /// Exhausted; Unauthenticated, but for pages that anybody may have.
-async fn who(
+async fn identify(
     house: &House,
     page: Page,
     connection: &ConnectionState,
@@ -268,8 +268,8 @@ fn finish(house: &House, response: &mut Response, new: Option<Browser>) {
 }
 
 impl House {
-    /// Whether a request is for us by name. Where nobody is asked who they are, another site's name that was made to
-    /// lead here would let that site read everything.
+    /// Whether a request is for us by name. Without tokens, a foreign name that resolves to this machine would let that
+    /// site read everything.
     ///
     /// # Errors
     /// Forbidden.
