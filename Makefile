@@ -92,7 +92,7 @@ deny:
 
 # What a training step, encoding, an ACT inference and the nearest search cost here.
 bench: .libtorch
-	$(CARGO) bench -p gleaner-learn --bench '*' --locked --profile $(BENCH_PROFILE)
+	$(CARGO) bench -p gleaner-search -p gleaner-learn --bench '*' --locked --profile $(BENCH_PROFILE)
 
 # The pretraining step beside eager PyTorch's. Fetches PyTorch (about 3 GB) the first time.
 peers: .libtorch

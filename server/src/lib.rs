@@ -37,10 +37,11 @@ use std::{
     sync::Arc,
 };
 
+use gleaner_edge::Tls;
 use tokio::net::{TcpListener, TcpSocket};
 
 use crate::{
-    access::{Book, tls::Tls},
+    access::{TokenCache, tls},
     config::ServeConfig,
     error::{Error, Result},
     lock::DataLock,
@@ -64,7 +65,7 @@ impl Listeners {
     /// # Errors
     /// Precondition when an address is taken or not ours, or the certificate cannot be used.
     pub async fn bind(config: &ServeConfig) -> Result<Self> {
-        let tls = Tls::open(&config.access)?.map(Arc::new);
+        let tls = tls::open(&config.access)?;
         let workers = bind((Ipv4Addr::LOCALHOST, 0).into())?;
         let pages = match config.telemetry.web_listen {
             Some(address) => Some(bind(address)?),
@@ -138,16 +139,16 @@ pub async fn run(
 ) -> Result<()> {
     let address = listeners.address()?;
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
-    connections::claim_descriptors();
+    gleaner_edge::raise_descriptor_limit();
     if listeners.pages.is_some() {
         // Before anything is counted.
         telemetry::metrics::recorder()?;
     }
     let rooms = Rooms::open(config, listeners.for_workers()?).await?;
-    let (book, _keeping_up) = Book::kept_up(rooms.store.clone()).await?;
+    let (tokens, _refreshing) = TokenCache::open_refreshed(rooms.store.clone()).await?;
     let (pages, tls) = (listeners.pages.take(), listeners.tls.clone());
-    let _pages = pages.map(|listener| web::open(rooms.clone(), listener, tls, book.clone())).transpose()?;
-    let served = service::serve(&rooms, listeners, book, stop).await;
+    let _pages = pages.map(|listener| web::open(rooms.clone(), listener, tls, tokens.clone())).transpose()?;
+    let served = service::serve(&rooms, listeners, tokens, stop).await;
     rooms.close().await;
     tracing::info!("stopped");
     served

@@ -1,5 +1,6 @@
 //! The house's own rules, read off the sources: which crate is named where, and that every file says what it is.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 /// Every Rust source of the workspace with its path from the root.
@@ -42,8 +43,8 @@ fn names(source: &str, word: &str) -> bool {
 
 #[test]
 fn each_crate_is_named_in_its_room_only() {
-    let rules: [(&str, &[&str]); 7] = [
-        ("tch", &["crates/learn/"]),
+    let rules: [(&str, &[&str]); 11] = [
+        ("tch", &["crates/learn/", "crates/search/"]),
         ("sqlx", &["server/src/store/"]),
         ("mcap", &["crates/recording/"]),
         ("image", &["crates/recording/"]),
@@ -60,6 +61,21 @@ fn each_crate_is_named_in_its_room_only() {
             ],
         ),
         ("axum", &["server/src/web/"]),
+        ("gleaner_search", &["crates/search/", "crates/learn/"]),
+        (
+            "gleaner_edge",
+            &[
+                "crates/edge/",
+                "server/src/access/",
+                "server/src/config/connections.rs",
+                "server/src/connections.rs",
+                "server/src/lib.rs",
+                "server/src/service/",
+                "server/src/web/",
+            ],
+        ),
+        ("governor", &["crates/edge/", "server/src/access/"]),
+        ("tokio_rustls", &["crates/edge/", "server/src/access/tls/"]),
         (
             "gleaner_sim",
             &[
@@ -93,6 +109,103 @@ fn each_crate_is_named_in_its_room_only() {
         }
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// Every crate of the workspace but its tests and benches, and the others that it may name.
+const CRATES: [(&str, &[&str]); 10] = [
+    ("proto", &[]),
+    ("crates/core", &[]),
+    ("crates/edge", &[]),
+    ("crates/inspector", &["recording"]),
+    ("crates/learn", &["core", "search"]),
+    ("crates/recording", &[]),
+    ("crates/search", &[]),
+    ("crates/sim", &["recording"]),
+    ("client", &["core", "proto", "recording", "sim"]),
+    ("server", &["core", "edge", "inspector", "learn", "proto", "recording", "sim"]),
+];
+
+#[test]
+fn each_crate_depends_only_on_the_crates_it_may() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let mut folders: Vec<String> = ["proto", "client", "server"].map(str::to_owned).to_vec();
+    for entry in root.join("crates").read_dir().unwrap() {
+        folders.push(format!("crates/{}", entry.unwrap().file_name().to_str().unwrap()));
+    }
+    let mut broken = Vec::new();
+    for folder in folders.iter().filter(|folder| root.join(folder).join("Cargo.toml").is_file()) {
+        let Some((_, allowed)) = CRATES.iter().find(|(name, _)| name == folder) else {
+            broken.push(format!("{folder} has no row in CRATES"));
+            continue;
+        };
+        let manifest: toml::Table =
+            std::fs::read_to_string(root.join(folder).join("Cargo.toml")).unwrap().parse().unwrap();
+        for kind in ["dependencies", "dev-dependencies", "build-dependencies"] {
+            let Some(listed) = manifest.get(kind).and_then(toml::Value::as_table) else { continue };
+            let ours = listed.keys().filter_map(|name| name.strip_prefix("gleaner-"));
+            broken
+                .extend(ours.filter(|name| !allowed.contains(name)).map(|name| format!("{folder} depends on {name}")));
+        }
+    }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn modules_whose_circle_was_cut_stay_apart() {
+    let rules: [(&str, &[&str]); 6] = [
+        ("server/src/access/", &["web"]),
+        ("server/src/access/issue.rs", &["command"]),
+        ("server/src/access/span.rs", &["command", "issue"]),
+        ("crates/edge/src/pending.rs", &["state", "connection", "connections"]),
+        ("crates/recording/src/plan", &["inspect"]),
+        ("crates/recording/src/inspect", &["planner"]),
+    ];
+    let mut broken = Vec::new();
+    for (name, source) in sources() {
+        for (from, to) in rules {
+            let planner = name == "crates/recording/src/planner.rs";
+            if name.starts_with(from) && !planner {
+                let named = to.iter().filter(|word| names(&source, word));
+                broken.extend(named.map(|word| format!("{name} names {word}, which names it")));
+            }
+        }
+    }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// The modules that `from` leads to, by their names in `graph`.
+fn reachable<'a>(graph: &BTreeMap<&'a str, Vec<&'a str>>, from: &str, found: &mut BTreeSet<&'a str>) {
+    for next in graph.get(from).into_iter().flatten() {
+        if found.insert(next) {
+            reachable(graph, next, found);
+        }
+    }
+}
+
+#[test]
+fn modules_of_the_general_crates_have_no_circle() {
+    let sources = sources();
+    for folder in ["crates/edge/src/", "crates/search/src/"] {
+        let modules: Vec<(&str, &str)> = sources
+            .iter()
+            .filter_map(|(name, source)| {
+                let module = name.strip_prefix(folder)?.strip_suffix(".rs")?;
+                let code = source.split("#[cfg(test)]").next()?;
+                (!["lib", "tests", "testing"].contains(&module)).then_some((module, code))
+            })
+            .collect();
+        assert!(modules.len() > 10, "{folder}: the walk found too little");
+        let names_of = |code: &str, own: &str| {
+            let others = modules.iter().map(|(module, _)| *module).filter(|module| *module != own);
+            others.filter(|module| names(code, module)).collect()
+        };
+        let graph = modules.iter().map(|(module, code)| (*module, names_of(code, module))).collect();
+        for (module, _) in &modules {
+            let mut found = BTreeSet::new();
+            reachable(&graph, module, &mut found);
+            assert!(!found.contains(module), "{folder}{module}.rs leads back to itself: {found:?}");
+        }
+    }
 }
 
 #[test]

@@ -38,7 +38,8 @@ pub fn schema_of(job: &str) -> Vec<(Setting, Vec<&'static str>)> {
 #[must_use]
 pub fn jobs() -> BTreeMap<&'static str, Vec<Setting>> {
     let listed = ["policy", "objectives", "scorer"];
-    let without = |settings: Vec<Setting>| settings.into_iter().filter(|setting| !listed.contains(&setting.name.as_str()));
+    let without =
+        |settings: Vec<Setting>| settings.into_iter().filter(|setting| !listed.contains(&setting.name.as_str()));
     let job = |settings: Vec<Setting>| without(settings).collect();
     BTreeMap::from([
         ("pretrain", job(PretrainSpec::schema())),

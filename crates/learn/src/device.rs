@@ -40,37 +40,6 @@ fn keep_memory() {
     ONCE.call_once(|| drop(black_box(Vec::<u8>::with_capacity(KEPT))));
 }
 
-/// Runs `work` for each of `workers` on a thread of its own with one intra-op thread, and waits
-/// for all; a single worker stays on this thread. What one of them panics with, this panics with.
-pub(crate) fn side_by_side<W: Send>(mut workers: Vec<W>, work: impl Fn(W) + Sync) {
-    if workers.len() < 2 {
-        return workers.pop().map_or((), work);
-    }
-    // The setting is the process's for threads yet to begin; dropped, it is as it was.
-    let _restore = Threads(tch::get_num_threads());
-    let work = &work;
-    std::thread::scope(|scope| {
-        let run = |worker| {
-            scope.spawn(move || {
-                tch::set_num_threads(1);
-                work(worker);
-            })
-        };
-        let running: Vec<_> = workers.into_iter().map(run).collect();
-        for thread in running {
-            thread.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
-        }
-    });
-}
-
-struct Threads(i32);
-
-impl Drop for Threads {
-    fn drop(&mut self) {
-        tch::set_num_threads(self.0);
-    }
-}
-
 #[cfg(all(test, target_os = "linux", target_env = "gnu"))]
 mod tests {
     #![allow(clippy::unwrap_used, reason = "clippy sees a test module only under a plain cfg(test)")]

@@ -4,6 +4,7 @@ use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use gleaner_core::Problem;
+use gleaner_search::SearchError;
 use safetensors::SafeTensorError;
 use tch::TchError;
 
@@ -78,6 +79,12 @@ pub(crate) fn within(field: &str, value: f64, low: f64, high: f64) -> Result<(),
 impl From<TchError> for LearnError {
     fn from(error: TchError) -> Self {
         Self::Torch(first_line(&error.to_string()))
+    }
+}
+
+impl From<SearchError> for LearnError {
+    fn from(error: SearchError) -> Self {
+        Self::invalid(error.field, error.message)
     }
 }
 

@@ -40,8 +40,3 @@ pub use score::{
 pub use shape::{CameraShape, TaskShape};
 pub use train::{Monitor, Silent};
 pub use trajectory::{FrameBytes, Trajectory, WeightedSegments};
-
-/// Exact nearest search over segments' features, by itself.
-pub mod nearest {
-    pub use crate::score::{Features, Match, Metric, Reference};
-}

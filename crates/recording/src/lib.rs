@@ -31,6 +31,7 @@ mod mutants;
 mod path;
 mod picture;
 mod plan;
+mod planner;
 pub mod printable;
 mod read;
 mod report;

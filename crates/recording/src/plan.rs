@@ -1,26 +1,17 @@
-//! From tracks to steps: which mapping fits, which messages make up each step, and the steps' numbers.
+//! The plan of an episode: which messages make up each step, and the steps' numbers. Everything but the pixels.
 //!
-//! Everything of an episode but its pixels. Findings about the data are made in `inspect`.
+//! Data and the parts it is made of. Must not depend on the planner, which fills it, or on the inspection, which reads it.
 
-mod choice;
-mod clocks;
+pub(crate) mod choice;
+pub(crate) mod clocks;
 mod steps;
-mod streams;
+pub(crate) mod streams;
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use crate::channels::Channels;
-use crate::container::Ending;
-use crate::error::RecordingError;
-use crate::inspect;
-use crate::limits::Limits;
 use crate::picture::Channel;
-use crate::report::{FindingCode, Report, Severity};
-use crate::spec::TaskSpec;
-use crate::tracks::{Tracks, collect};
-use clocks::Clocks;
-use streams::Source;
+use crate::report::Report;
 
 pub(crate) use steps::Steps;
 
@@ -57,102 +48,4 @@ pub(crate) struct ImageStream {
     pub(crate) channel: Channel,
     /// The message of each step, by its index in the topic.
     pub(crate) picks: Vec<usize>,
-}
-
-/// Works the steps of a recording out.
-///
-/// # Errors
-/// [`RecordingError::Rejected`] when no step can be made; findings that leave steps are in the report.
-pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan, RecordingError> {
-    let (spec, own) = (&choice::readable(spec), spec.mappings.len());
-    let tracks = collect(path, spec, limits)?;
-    let mut report = begin_report(&tracks);
-    let at = choice::choose_mapping(&tracks, spec, own, &mut report)?;
-    let mapping = &spec.mappings[at];
-    let topics = mapping.topics(spec);
-    for entry in &mut report.topics {
-        entry.used = topics.contains(entry.topic.as_str());
-    }
-    inspect::failures(&tracks, spec, at, &mut report);
-    let clocks = Clocks::new(&tracks, mapping, spec, &mut report);
-    let streams = streams::streams(&tracks, at, spec, &clocks);
-    let Some(streams) = streams.filter(|_| !report.has_errors()) else {
-        return Err(RecordingError::Rejected(Box::new(report.sorted())));
-    };
-    let clock_topic = mapping.clock_topic(spec).unwrap_or_default();
-    let steps = Steps::new(spec, clocks.timeline(&tracks, clock_topic), streams);
-    let uses = Uses::new(&tracks, clock_topic, &steps);
-    let (proprioception, action) = (steps.gather(&spec.proprioception), steps.gather(&spec.action));
-    inspect::steps(&steps, spec, &mut report);
-    inspect::values(&proprioception, &spec.proprioception, &mut report);
-    inspect::values(&action, &spec.action, &mut report);
-    inspect::frozen_joints(&proprioception, &spec.proprioception, &mut report);
-    Ok(Plan {
-        clock_topic: clock_topic.to_owned(),
-        stamps: steps.stamps.clone(),
-        declared_late: tracks.undeclared.iter().any(|(_, _, topic)| topic.is_some()),
-        clock: uses.clock,
-        log_times: uses.log_times,
-        images: uses.images,
-        used: uses.used,
-        profile: tracks.profile,
-        channels: tracks.channels,
-        proprioception,
-        action,
-        report,
-    })
-}
-
-/// The messages that the steps use: the fields of the same names in [`Plan`].
-struct Uses {
-    clock: Vec<usize>,
-    log_times: Vec<i64>,
-    images: Vec<ImageStream>,
-    used: BTreeMap<String, Vec<Vec<usize>>>,
-}
-
-impl Uses {
-    fn new(tracks: &Tracks, clock_topic: &str, steps: &Steps<'_>) -> Self {
-        let clock: Vec<usize> = steps.ticks.iter().map(|&at| steps.clock.order[at]).collect();
-        let clock_stamps = tracks.tracks.get(clock_topic).map(|track| track.stamps.as_slice()).unwrap_or_default();
-        let mut used = BTreeMap::from([(clock_topic.to_owned(), vec![clock.clone()])]);
-        let mut images = Vec::new();
-        for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
-            let picks: Vec<usize> = picks.iter().map(|&at| stream.message(at)).collect();
-            used.entry(stream.topic.clone()).or_default().push(picks.clone());
-            if let Source::Images { camera, channel } = stream.source {
-                images.push(ImageStream { topic: stream.topic.clone(), camera, channel, picks });
-            }
-        }
-        let log_times = clock.iter().map(|&message| clock_stamps[message].log).collect();
-        Self { clock, log_times, images, used }
-    }
-}
-
-/// A report on the file itself: its topics, and whether it is whole and sound.
-fn begin_report(tracks: &Tracks) -> Report {
-    let messages = tracks.topics.iter().map(|topic| topic.messages).sum();
-    let mut report = Report { messages, topics: tracks.topics.clone(), ..Report::default() };
-    if tracks.scanned.ending == Ending::Cut {
-        let detail = format!(
-            "the file ends in the middle; the {messages} whole messages before the cut were read. Let the recorder close \
-             its files to get all of them"
-        );
-        report.add(Severity::Warning, FindingCode::Truncated, "file", None, detail);
-    }
-    for problem in &tracks.scanned.problems {
-        report.add(Severity::Warning, problem.code, problem.subject, None, problem.detail.clone());
-    }
-    for (channel, count, topic) in &tracks.undeclared {
-        let detail = match topic {
-            Some(topic) => format!(
-                "{count} messages of topic {topic} come before the record that declares their channel; they were read. \
-                 Copy the file again if its parts are in the wrong order"
-            ),
-            None => format!("{count} messages were left out: no record declares their channel; copy the file again"),
-        };
-        let subject = format!("channel {channel}");
-        report.add(Severity::Warning, FindingCode::UndeclaredChannel, &subject, None, detail);
-    }
-    report
 }

@@ -6,7 +6,7 @@ use crate::error::RecordingError;
 use crate::fill::fill;
 use crate::frames::Episode;
 use crate::limits::Limits;
-use crate::plan::plan;
+use crate::planner::plan;
 use crate::report::Report;
 use crate::spec::TaskSpec;
 

@@ -14,7 +14,7 @@ use tonic::{
     codegen::http::{HeaderMap, Response},
 };
 
-use super::{book::Over, caller::Caller, entry::Entry, reception::unknown_token};
+use super::{authenticator::unknown_token, caller::Caller, entry::Entry, token_cache::Over};
 use crate::wire::status::last_words;
 
 type Writing = Pin<Box<dyn Future<Output = ()> + Send>>;

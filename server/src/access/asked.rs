@@ -9,7 +9,7 @@ use bytes::Bytes;
 use http_body::{Frame, SizeHint};
 use tonic::{Status, body::Body};
 
-use super::{book::Over, caller::Caller, reception::unknown_token};
+use super::{authenticator::unknown_token, caller::Caller, token_cache::Over};
 use crate::{error::Error, wire::status::from_error};
 
 /// Most bytes of a request that nobody is asked a token for.

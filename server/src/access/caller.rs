@@ -2,12 +2,14 @@
 
 use std::sync::Arc;
 
+use gleaner_edge::ConnectionState;
+
 use super::{
-    book::{Held, Over},
     table::Need,
+    token_cache::{Held, Over},
 };
 use crate::{
-    connections::Link,
+    connections,
     domain::{access::Role, client::Client, id::TokenId},
     error::{Error, Result},
 };
@@ -39,7 +41,7 @@ impl Caller {
         if let Self::Known(held) = Self::of(request)? {
             return Ok(Client::token(&held.token.id));
         }
-        let client = request.extensions().get::<Link>().map(Link::client);
+        let client = request.extensions().get::<ConnectionState>().map(connections::client);
         client.ok_or_else(|| Error::internal("finding a request's client", "its connection has no address"))
     }
 
@@ -164,12 +166,12 @@ mod tests {
     use gleaner_proto::Rpc;
 
     use super::{
-        super::{book, table::rule},
+        super::{table::rule, token_cache},
         *,
     };
 
     fn caller(role: Role) -> Caller {
-        Caller::Known(Arc::new(book::held(role, &["arm@prod"])))
+        Caller::Known(Arc::new(token_cache::held(role, &["arm@prod"])))
     }
 
     /// Every rpc with every role: who is let through must be who the design lets through, by the rpc's kind of work.

@@ -1,11 +1,14 @@
 //! `gleaner-server token …` and `audit`: what is done by hand, beside a running server or without one.
 
-use std::{io::Write, path::Path, time::Duration};
+use std::{io::Write, path::Path};
 
 use gleaner_recording::printable;
-use jiff::{SpanRelativeTo, Timestamp, civil, tz::TimeZone};
+use jiff::{Timestamp, civil, tz::TimeZone};
 
-use super::mint::{Minted, mint};
+use super::{
+    issue::{IssuedToken, issue},
+    span::span,
+};
 use crate::{
     blobs::Blobs,
     config::{AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
@@ -53,7 +56,7 @@ pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
 }
 
 async fn create(store: &Store, new: NewTokenConfig, out: &mut impl Write) -> Result<()> {
-    let Minted { secret, hash, token } = mint(new)?;
+    let IssuedToken { secret, hash, token } = issue(new)?;
     store.insert_token(&token, &hash).await?;
     note(store, "token create", &token).await?;
     writeln!(out, "{}", secret.reveal()).map_err(unwritten)?;
@@ -123,17 +126,6 @@ async fn open(data_dir: &Path, make: bool) -> Result<Store> {
     }
 }
 
-/// A time such as 30d or 12h.
-pub(super) fn span(text: &str) -> std::result::Result<Duration, String> {
-    let mend = "must be a time such as 30d or 12h";
-    let span: jiff::Span = text.parse().map_err(|_| format!("{text:?}: {mend}"))?;
-    let span = span.to_duration(SpanRelativeTo::days_are_24_hours()).map_err(|_| format!("{text:?}: {mend}"))?;
-    match Duration::try_from(span) {
-        Ok(span) if !span.is_zero() => Ok(span),
-        Ok(_) | Err(_) => Err(format!("{text:?}: {mend}, more than nothing")),
-    }
-}
-
 fn since(text: &str, now: Millis) -> std::result::Result<Millis, String> {
     if let Ok(time) = text.parse::<Timestamp>() {
         return Ok(Millis(time.as_millisecond()));
@@ -162,11 +154,6 @@ mod tests {
 
     #[test]
     fn times_are_read_as_people_write_them() {
-        assert_eq!(span("30d").unwrap(), Duration::from_secs(30 * 86_400));
-        assert_eq!(span("1h 30m").unwrap(), Duration::from_secs(5400));
-        for text in ["", "soon", "0s", "-3d", "12"] {
-            assert!(span(text).unwrap_err().contains("30d"), "{text}");
-        }
         let now = Millis(10_000_000);
         assert_eq!(since("1h", now).unwrap(), Millis(6_400_000));
         assert_eq!(since("1970-01-01T00:00:05Z", now).unwrap(), Millis(5000));

@@ -8,6 +8,7 @@ use std::{
 };
 
 use bytes::Bytes;
+use gleaner_edge::{Call, ConnectionState, refuse};
 use tonic::{
     Status,
     body::Body,
@@ -18,17 +19,17 @@ use tower::{Layer, Service};
 use super::{
     answer::Answer,
     asked::Asked,
-    book::{Book, Held},
+    authenticator::Authenticator,
     caller::Caller,
     entry::Entry,
-    reception::Reception,
     refusals::Refusals,
     secret,
     table::{Need, Rule, rule},
+    token_cache::{Held, TokenCache},
     worker::Worker,
 };
 use crate::{
-    connections::{self, Call, Connections, Link},
+    connections::{self, Connections, refused},
     domain::client::Client,
     error::Result,
     jobs::Jobs,
@@ -41,18 +42,18 @@ type Answered = std::result::Result<Response<Body>, Infallible>;
 
 /// Stands before the services; clones share it.
 #[derive(Clone)]
-pub(crate) struct Guard(Arc<Door>);
+pub(crate) struct Guard(Arc<GuardMode>);
 
-/// Where it stands.
-enum Door {
-    /// Where everybody calls, and nobody's worker.
+/// The listener that it guards.
+enum GuardMode {
+    /// The listener of all clients; workers' calls are rejected.
     Callers(Callers),
-    /// Where workers call, and nobody else.
+    /// The listener of our own workers; all other calls are rejected.
     Workers(Jobs),
 }
 
 struct Callers {
-    reception: Reception,
+    authenticator: Authenticator,
     store: Store,
     connections: Connections,
     refusals: Refusals,
@@ -60,14 +61,14 @@ struct Callers {
 
 impl Guard {
     /// Stands before what everybody calls.
-    pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
-        let (reception, refusals) = (Reception::new(book, required), Refusals::new());
-        Self(Arc::new(Door::Callers(Callers { reception, store, connections, refusals })))
+    pub(crate) fn new(tokens: TokenCache, store: Store, required: bool, connections: Connections) -> Self {
+        let (authenticator, refusals) = (Authenticator::new(tokens, required), Refusals::new());
+        Self(Arc::new(GuardMode::Callers(Callers { authenticator, store, connections, refusals })))
     }
 
     /// Stands before what workers call.
     pub(crate) fn of_workers(jobs: Jobs) -> Self {
-        Self(Arc::new(Door::Workers(jobs)))
+        Self(Arc::new(GuardMode::Workers(jobs)))
     }
 }
 
@@ -116,8 +117,8 @@ impl Guard {
     {
         secret::hide(request.headers_mut());
         match &*self.0 {
-            Door::Callers(callers) => callers.serve(inner, request).await,
-            Door::Workers(jobs) => serve_worker(jobs, inner, request).await,
+            GuardMode::Callers(callers) => callers.serve(inner, request).await,
+            GuardMode::Workers(jobs) => serve_worker(jobs, inner, request).await,
         }
     }
 }
@@ -139,7 +140,7 @@ where
         }
         Err(error) => {
             drop(request);
-            Ok(connections::refused(error).await)
+            Ok(refuse(from_error(error)).await)
         }
     }
 }
@@ -152,7 +153,7 @@ impl Callers {
     {
         // Counted before anything is asked of the disk: a flood, of unknown tokens too, costs no more than its answers.
         let shown = secret::shown(request.headers());
-        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.reception.known(hash));
+        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.authenticator.known(hash));
         match self.count(&request, known.as_deref()) {
             Ok(None) => {}
             Ok(Some(call)) => {
@@ -160,7 +161,7 @@ impl Callers {
             }
             Err(error) => {
                 drop(request);
-                return Ok(connections::refused(error).await);
+                return Ok(refuse(from_error(error)).await);
             }
         }
         let path = request.uri().path().to_owned();
@@ -168,7 +169,7 @@ impl Callers {
             Some(Rule { need: Need::Nothing, .. }) => {
                 return Ok(inner.call(request.map(Asked::by_anybody)).await?.map(Body::new));
             }
-            // Workers have a door of their own.
+            // Workers have a listener of their own.
             Some(Rule { need: Need::Job, .. }) | None => return Ok(no_such_rpc().into_http()),
             Some(rule) => rule,
         };
@@ -200,18 +201,18 @@ impl Callers {
         let client = match known {
             Some(held) => Some(Client::token(&held.token.id)),
             // None over a connection that is not ours.
-            None => request.extensions().get::<Link>().map(Link::client),
+            None => request.extensions().get::<ConnectionState>().map(connections::client),
         };
-        client.map(|client| self.connections.count(client)).transpose()
+        client.map(|client| self.connections.count(client)).transpose().map_err(refused)
     }
 
     async fn authenticate(&self, shown: Result<Option<String>>, known: Option<Arc<Held>>) -> Result<Caller> {
-        self.reception.authenticate(shown?.as_deref(), known).await
+        self.authenticator.authenticate(shown?.as_deref(), known).await
     }
 }
 
 fn peer(request: &Request<Body>) -> String {
-    request.extensions().get::<Link>().map(|link| link.peer().to_string()).unwrap_or_default()
+    request.extensions().get::<ConnectionState>().map(|connection| connection.peer().to_string()).unwrap_or_default()
 }
 
 #[cfg(test)]

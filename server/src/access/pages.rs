@@ -1,31 +1,32 @@
 //! The guard of the pages: who looks, what they may see and change, and what of it the audit log hears.
 //!
-//! The same book, table, log and connections as for calls. Knows no page's content.
+//! The same tokens, table, log and connections as for calls. Knows no page's content.
 
 use std::sync::Arc;
 
 use bytes::Bytes;
+use gleaner_edge::{Call, ConnectionState};
 use http_body::Body;
 
 use super::{
-    book::{Book, Held},
+    authenticator::Authenticator,
     caller::Caller,
-    reception::Reception,
+    page::Page,
     refusals::Refusals,
     table::{Need, page_rule},
+    token_cache::{Held, TokenCache},
 };
 use crate::{
-    connections::{Call, Connections, Link},
+    connections::{self, Connections, refused},
     domain::{access::AuditEntry, client::Client, time::Millis},
     error::Result,
     store::Store,
-    web::Page,
 };
 
 /// Stands before the pages.
 #[derive(Clone)]
 pub(crate) struct PageGuard {
-    reception: Reception,
+    authenticator: Authenticator,
     store: Store,
     connections: Connections,
     refusals: Arc<Refusals>,
@@ -33,8 +34,13 @@ pub(crate) struct PageGuard {
 
 impl PageGuard {
     /// `required`: whether who shows no token is sent away.
-    pub(crate) fn new(book: Book, store: Store, required: bool, connections: Connections) -> Self {
-        Self { reception: Reception::new(book, required), store, connections, refusals: Arc::new(Refusals::new()) }
+    pub(crate) fn new(tokens: TokenCache, store: Store, required: bool, connections: Connections) -> Self {
+        Self {
+            authenticator: Authenticator::new(tokens, required),
+            store,
+            connections,
+            refusals: Arc::new(Refusals::new()),
+        }
     }
 
     /// Counts a request for the token with the hash `shown` if that is known, else for the address; and says who it is.
@@ -42,14 +48,18 @@ impl PageGuard {
     ///
     /// # Errors
     /// Exhausted when there are too many; Unauthenticated.
-    pub(crate) async fn admit(&self, shown: Option<&str>, link: &Link) -> Result<(Call, Result<Caller>)> {
-        let known: Option<Arc<Held>> = shown.and_then(|hash| self.reception.known(hash));
+    pub(crate) async fn admit(
+        &self,
+        shown: Option<&str>,
+        connection: &ConnectionState,
+    ) -> Result<(Call, Result<Caller>)> {
+        let known: Option<Arc<Held>> = shown.and_then(|hash| self.authenticator.known(hash));
         let client = match &known {
             Some(held) => Client::token(&held.token.id),
-            None => link.client(),
+            None => connections::client(connection),
         };
-        let call = self.connections.count(client)?;
-        Ok((call, self.reception.authenticate(shown, known).await))
+        let call = self.connections.count(client).map_err(refused)?;
+        Ok((call, self.authenticator.authenticate(shown, known).await))
     }
 
     /// Who it is that shows no token.
@@ -57,7 +67,7 @@ impl PageGuard {
     /// # Errors
     /// Unauthenticated where one is asked for.
     pub(crate) async fn nobody(&self) -> Result<Caller> {
-        self.reception.authenticate(None, None).await
+        self.authenticator.authenticate(None, None).await
     }
 
     /// Who it is that shows the token with this hash.
@@ -65,17 +75,17 @@ impl PageGuard {
     /// # Errors
     /// Unauthenticated when it is none of ours.
     pub(crate) async fn known(&self, hash: &str) -> Result<Caller> {
-        self.reception.authenticate(Some(hash), None).await
+        self.authenticator.authenticate(Some(hash), None).await
     }
 
-    /// An answer's body as its connection watches it: in pieces that must be taken, and its call runs until it is.
+    /// A response body watched by its connection: sent in pieces that must be read, and its call runs until it ends.
     pub(crate) fn watched<B: Body<Data = Bytes> + Unpin>(
         &self,
         body: B,
-        link: &Link,
+        connection: &ConnectionState,
         call: Call,
     ) -> impl Body<Data = Bytes, Error = B::Error> + use<B> {
-        self.connections.answer(body, link.clone(), call)
+        self.connections.response(body, connection, call)
     }
 
     /// Whether the audit log hears of one more refusal.
@@ -103,12 +113,12 @@ impl PageGuard {
 
     /// Writes a change, or one that was refused, to the audit log. Ends when it is on disk, and is written also if nobody
     /// waits for that. One that cannot be written undoes nothing; the log has it instead.
-    pub(crate) async fn note(&self, caller: &Caller, link: &Link, done: Done) {
+    pub(crate) async fn note(&self, caller: &Caller, connection: &ConnectionState, done: Done) {
         let entry = AuditEntry {
             at: Millis::now(),
             token_id: caller.token_id(),
             who: caller.who().to_owned(),
-            peer: link.peer().to_string(),
+            peer: connection.peer().to_string(),
             rpc: format!("pages/{:?}", done.page),
             subjects: done.subjects,
             outcome: done.outcome,

@@ -6,7 +6,8 @@ use std::{collections::HashMap, sync::LazyLock};
 
 use gleaner_proto::Rpc;
 
-use crate::{domain::access::Role, web::Page};
+use super::page::Page;
+use crate::domain::access::Role;
 
 /// What a caller must have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,88 +1,80 @@
-//! Limits on connections and calls of one peer, and on silent and slow peers.
+//! Limits on connections and calls: how much of the server one peer may use, and how long it may be silent or slow.
 
 use std::time::Duration;
 
 use clap::Args;
+use gleaner_edge::EdgeConfig;
 
 /// Limits on connections and calls.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Connections and calls")]
 pub struct ConnectionsConfig {
-    /// Maximum number of open connections; further ones are closed at once. Each one needs a file descriptor.
+    /// Maximum number of open connections; further ones are closed on arrival.
     #[arg(long, env = "GLEANER_MAX_CONNECTIONS", default_value_t = 4096, value_name = "N")]
     pub max_connections: usize,
-    /// Maximum number of open connections from one address (IPv6: one /64). A low limit stops one machine from using
-    /// them all; clients behind one NAT share it.
+    /// Maximum number of open connections from one address (for IPv6: from one /64).
     #[arg(long, env = "GLEANER_MAX_CONNECTIONS_PER_ADDRESS", default_value_t = 2048, value_name = "N")]
     pub max_connections_per_address: usize,
     /// Close a new connection that has not finished its handshake and made a call within this many seconds.
     #[arg(long, env = "GLEANER_FIRST_CALL_SECONDS", default_value_t = 8, value_name = "S")]
     pub first_call_seconds: u64,
-    /// Seconds without a word, not even an answer to a ping, after which a peer is gone.
-    #[arg(long, env = "GLEANER_LOST_SECONDS", default_value_t = 30, value_name = "S")]
-    pub lost_seconds: u64,
-    /// Seconds for which a peer may take none of what is sent to it, or less of an answer than the least rate says.
-    #[arg(long, env = "GLEANER_STALL_SECONDS", default_value_t = 30, value_name = "S")]
-    pub stall_seconds: u64,
-    /// Minimum rate in bytes per second at which a request or upload must arrive, sessions excepted, and a response
-    /// must be read. Higher values free resources from slow peers sooner but cut off bad links.
+    /// Close a connection whose peer sends nothing, not even the reply to a ping, for this many seconds.
+    #[arg(long, env = "GLEANER_KEEPALIVE_TIMEOUT", default_value_t = 30, value_name = "S")]
+    pub keepalive_timeout: u64,
+    /// Close a connection whose peer reads nothing, or reads a response below `--min-bytes-per-second`, for this many
+    /// seconds.
+    #[arg(long, env = "GLEANER_WRITE_TIMEOUT", default_value_t = 30, value_name = "S")]
+    pub write_timeout: u64,
+    /// Minimum rate, in bytes per second, at which a request or an upload must be sent and a response be read; sessions
+    /// are exempt.
     #[arg(long, env = "GLEANER_MIN_BYTES_PER_SECOND", default_value_t = 4096, value_name = "N")]
     pub min_bytes_per_second: u32,
-    /// Close a request or upload below `--min-bytes-per-second` for this many seconds.
+    /// End a request or an upload that is below `--min-bytes-per-second` for this many seconds.
     #[arg(long, env = "GLEANER_SLOW_SECONDS", default_value_t = 8, value_name = "S")]
     pub slow_seconds: u64,
-    /// Maximum rate of short calls per second of one token, or of one address without a token; bursts of twice as many
-    /// are allowed and further ones are queued. Short calls are all but sessions, actions, deployments and transfers.
-    #[arg(long, env = "GLEANER_QUESTIONS_PER_SECOND", default_value_t = 350, value_name = "N")]
-    pub questions_per_second: u32,
-    /// Maximum number of short calls of one token or address that run at once; further ones are queued. More let one
-    /// client use all readers of the database.
-    #[arg(long, env = "GLEANER_QUESTIONS_IN_HAND", default_value_t = 3, value_name = "N")]
-    pub questions_in_hand: usize,
-    /// Maximum rate of calls per second of one token, or of one address without a token; bursts of twice as many are
-    /// allowed and further ones are rejected.
+    /// Unary calls per second of one token, or of one address without a token; twice as many may come in a burst, further
+    /// ones wait. All calls are unary but sessions, actions, deployments and transfers of recordings.
+    #[arg(long, env = "GLEANER_UNARY_CALLS_PER_SECOND", default_value_t = 350, value_name = "N")]
+    pub unary_calls_per_second: u32,
+    /// Unary calls of one token, or of one address without a token, that run at the same time; further ones wait.
+    #[arg(long, env = "GLEANER_UNARY_CALLS_AT_ONCE", default_value_t = 3, value_name = "N")]
+    pub unary_calls_at_once: usize,
+    /// Calls per second of one token, or of one address without a token; twice as many may come in a burst, further ones
+    /// are refused.
     #[arg(long, env = "GLEANER_CALLS_PER_SECOND", default_value_t = 1000, value_name = "N")]
     pub calls_per_second: u32,
-    /// Maximum number of calls of one token or address that run at once, sessions included; further ones are rejected.
+    /// Calls of one token, or of one address without a token, that may run at the same time; a session is one call.
     #[arg(long, env = "GLEANER_CALLS_AT_ONCE", default_value_t = 2048, value_name = "N")]
     pub calls_at_once: usize,
 }
 
 impl ConnectionsConfig {
-    /// The time in which a new connection must make its first call.
-    pub fn first_call(&self) -> Duration {
-        Duration::from_secs(self.first_call_seconds)
+    /// The limits as the edge takes them.
+    pub fn limits(&self) -> EdgeConfig {
+        EdgeConfig {
+            max_connections: self.max_connections,
+            max_connections_per_address: self.max_connections_per_address,
+            first_call: Duration::from_secs(self.first_call_seconds),
+            keepalive_timeout: Duration::from_secs(self.keepalive_timeout),
+            write_timeout: Duration::from_secs(self.write_timeout),
+            min_bytes_per_second: self.min_bytes_per_second,
+            slow: Duration::from_secs(self.slow_seconds),
+            calls_per_second: self.calls_per_second,
+            calls_at_once: self.calls_at_once,
+            unary_calls_per_second: self.unary_calls_per_second,
+            unary_calls_at_once: self.unary_calls_at_once,
+        }
     }
 
-    /// The interval of pings to a silent peer: two thirds of the time after which it is closed.
-    pub fn ping_every(&self) -> Duration {
-        Duration::from_secs(self.lost_seconds) * 2 / 3
-    }
-
-    /// The time allowed for the response to a ping.
-    pub fn ping_timeout(&self) -> Duration {
-        Duration::from_secs(self.lost_seconds) / 3
-    }
-
-    /// The time for which a peer may read nothing.
-    pub fn stall(&self) -> Duration {
-        Duration::from_secs(self.stall_seconds)
-    }
-
-    /// The time for which a request may be below the minimum rate.
-    pub fn slow(&self) -> Duration {
-        Duration::from_secs(self.slow_seconds)
-    }
-
-    /// Checks ranges.
+    /// Checks the ranges that the types do not.
     ///
     /// # Errors
-    /// A sentence that names the flag and the range.
+    /// A message that names the flag and its range.
     pub fn validate(&self) -> Result<(), String> {
         for (flag, seconds) in [
             ("--first-call-seconds", self.first_call_seconds),
-            ("--lost-seconds", self.lost_seconds),
-            ("--stall-seconds", self.stall_seconds),
+            ("--keepalive-timeout", self.keepalive_timeout),
+            ("--write-timeout", self.write_timeout),
             ("--slow-seconds", self.slow_seconds),
         ] {
             if !(1..=3600).contains(&seconds) {
@@ -95,8 +87,8 @@ impl ConnectionsConfig {
             ("--min-bytes-per-second", self.min_bytes_per_second == 0),
             ("--calls-per-second", self.calls_per_second == 0),
             ("--calls-at-once", self.calls_at_once == 0),
-            ("--questions-per-second", self.questions_per_second == 0),
-            ("--questions-in-hand", self.questions_in_hand == 0),
+            ("--unary-calls-per-second", self.unary_calls_per_second == 0),
+            ("--unary-calls-at-once", self.unary_calls_at_once == 0),
         ] {
             if none {
                 return Err(format!("{flag}: must be at least 1"));
@@ -113,14 +105,14 @@ impl Default for ConnectionsConfig {
             max_connections: 8,
             max_connections_per_address: 4,
             first_call_seconds: 8,
-            lost_seconds: 30,
-            stall_seconds: 30,
+            keepalive_timeout: 30,
+            write_timeout: 30,
             min_bytes_per_second: 4096,
             slow_seconds: 8,
             calls_per_second: 1000,
             calls_at_once: 2048,
-            questions_per_second: 350,
-            questions_in_hand: 3,
+            unary_calls_per_second: 350,
+            unary_calls_at_once: 3,
         }
     }
 }

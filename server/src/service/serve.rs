@@ -2,6 +2,7 @@
 
 use std::{sync::Arc, time::Duration};
 
+use gleaner_edge::Protocol;
 use gleaner_proto::{
     inference::grpc_inference_service_server::GrpcInferenceServiceServer,
     v1::{
@@ -29,8 +30,8 @@ use super::{
 };
 use crate::{
     Listeners,
-    access::{self, Book, Guard, tls},
-    connections::{self, Connections},
+    access::{self, Guard, TokenCache},
+    connections::{Connections, connections},
     error::{Error, Result},
     telemetry::RpcLayer,
 };
@@ -53,12 +54,12 @@ const FAREWELL: Duration = Duration::from_secs(1);
 pub(crate) async fn serve(
     rooms: &Rooms,
     listeners: Listeners,
-    book: Book,
+    tokens: TokenCache,
     stop: impl Future<Output = ()> + Send,
 ) -> Result<()> {
-    let connections = Connections::new(rooms.config.connections.clone());
+    let connections = connections(&rooms.config.connections);
     let Listeners { calls, tls, workers, pages: _ } = listeners;
-    let guard = guard(rooms, book, tls.is_some(), &connections);
+    let guard = guard(rooms, tokens, tls.is_some(), &connections);
     let _workers = for_workers(rooms, workers);
     let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
     let (routes, health) = routes(rooms).await?;
@@ -70,7 +71,7 @@ pub(crate) async fn serve(
     }));
     let config = connections.config();
     let server = Server::builder()
-        .http2_keepalive_interval(Some(config.ping_every()))
+        .http2_keepalive_interval(Some(config.ping_interval()))
         .http2_keepalive_timeout(Some(config.ping_timeout()))
         .initial_stream_window_size(STREAM_WINDOW)
         .initial_connection_window_size(CONNECTION_WINDOW)
@@ -80,7 +81,7 @@ pub(crate) async fn serve(
         .layer(guard)
         .layer(connections.layer())
         .add_routes(routes);
-    let incoming = connections::incoming(&connections, calls, move |stream| tls::handshake(tls.clone(), stream));
+    let incoming = connections.accept(calls, tls, Protocol::Http2);
     let (tell, told) = oneshot::channel::<()>();
     let serving = server.serve_with_incoming_shutdown(incoming, async {
         // An error means the sender is gone, which is a stop too.
@@ -110,7 +111,7 @@ pub(crate) async fn serve(
 }
 
 /// The guard before the services.
-fn guard(rooms: &Rooms, book: Book, encrypted: bool, connections: &Connections) -> Guard {
+fn guard(rooms: &Rooms, tokens: TokenCache, encrypted: bool, connections: &Connections) -> Guard {
     let config = &rooms.config;
     let loopback = config.listen.ip().is_loopback();
     let required = config.access.tokens_required(loopback, config.insecure);
@@ -120,16 +121,16 @@ fn guard(rooms: &Rooms, book: Book, encrypted: bool, connections: &Connections) 
     if !loopback && !required {
         tracing::warn!("other machines can reach this server, and none is asked who it is: anybody may do anything");
     }
-    if required && book.is_empty() {
+    if required && tokens.is_empty() {
         tracing::warn!("callers must show a token and there is none: make one with `gleaner-server token create`");
     }
-    Guard::new(book, rooms.store.clone(), required, connections.clone())
+    Guard::new(tokens, rooms.store.clone(), required, connections.clone())
 }
 
 /// Serves our own workers: nothing but their service, on this machine only. Each call shows the token of its job, and what
 /// happens on the callers' connections takes nothing from theirs.
 fn for_workers(rooms: &Rooms, listener: TcpListener) -> AbortOnDropHandle<()> {
-    let connections = Connections::new(rooms.config.connections.clone());
+    let connections = connections(&rooms.config.connections);
     let limit = rooms.config.limits.max_message_bytes;
     let service = WorkerServiceServer::new(Workers(rooms.clone()))
         .max_decoding_message_size(limit)
@@ -140,7 +141,7 @@ fn for_workers(rooms: &Rooms, listener: TcpListener) -> AbortOnDropHandle<()> {
         .layer(Guard::of_workers(rooms.jobs.clone()))
         .layer(connections.layer())
         .add_service(service);
-    let incoming = connections.plain(listener);
+    let incoming = connections.accept(listener, None, Protocol::Http2);
     AbortOnDropHandle::new(tokio::spawn(async move {
         if let Err(error) = server.serve_with_incoming(incoming).await {
             tracing::error!(%error, "workers are not served any more");

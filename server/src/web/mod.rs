@@ -1,23 +1,22 @@
 //! The curation pages, for people, and what programs ask for, on an address of their own.
 //!
 //! Another face of the same rooms as `service`, behind the same table of roles. Knows HTTP and HTML; must not know gRPC,
-//! SQL or tensors. No page without a row in the authorisation table, no handler without the door.
+//! SQL or tensors. No page without a row in the authorisation table, no handler without the middleware.
 
 mod assets;
 mod browser;
 mod change;
 mod deployments;
-mod door;
 mod episode;
 mod episodes;
 mod escape;
 mod frames;
-mod gate;
+mod http1;
 mod jobs;
 mod machines;
 mod made;
+mod middleware;
 mod overview;
-mod page;
 mod paging;
 mod plot;
 mod refusal;
@@ -37,16 +36,16 @@ mod vitals;
 
 use std::{sync::Arc, time::Duration};
 
+use gleaner_edge::Tls;
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::net::TcpListener;
 use tokio_util::task::AbortOnDropHandle;
 
 use self::browser::{Browser, SignedIn};
-pub(crate) use self::page::Page;
 use crate::{
-    access::{Book, PageGuard, tls::Tls},
+    access::{PageGuard, TokenCache},
     config::ConnectionsConfig,
-    connections::Connections,
+    connections::connections,
     error::{Error, Result},
     service::Rooms,
     telemetry,
@@ -81,24 +80,24 @@ pub(crate) fn open(
     rooms: Rooms,
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
-    book: Book,
+    tokens: TokenCache,
 ) -> Result<AbortOnDropHandle<()>> {
     let metrics = telemetry::metrics::recorder()?;
     let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
     let (config, loopback) = (&rooms.config, address.ip().is_loopback());
     let required = config.access.tokens_required(loopback && config.listen.ip().is_loopback(), config.insecure);
-    let connections = Connections::new(ConnectionsConfig {
+    let connections = connections(&ConnectionsConfig {
         max_connections: CONNECTIONS,
         max_connections_per_address: CONNECTIONS_PER_ADDRESS,
         ..config.connections.clone()
     });
     let (encrypted, cookie) = (tls.is_some(), Browser::cookie_name(address.port()));
-    let guard = PageGuard::new(book, rooms.store.clone(), required, connections.clone());
+    let guard = PageGuard::new(tokens, rooms.store.clone(), required, connections.clone());
     let house = Arc::new(House { rooms, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
     Ok(AbortOnDropHandle::new(tokio::spawn(async move {
         let pages = routes::all(&house);
         tokio::select! {
-            () = gate::serve(connections, listener, tls, pages) => {}
+            () = http1::serve(connections, listener, tls, pages) => {}
             () = keep_up(&house) => {}
         }
     })))

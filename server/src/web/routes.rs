@@ -10,19 +10,19 @@ use axum::{
 };
 
 use super::{
-    House, assets, deployments, door, episode, episodes, frames, jobs, machines, made, overview, page::Page, runs,
-    sign_in,
+    House, assets, deployments, episode, episodes, frames, jobs, machines, made, middleware, overview, runs, sign_in,
 };
+use crate::access::Page;
 
-/// Every page behind its door.
+/// Every page behind the middleware.
 pub(super) fn all(house: &Arc<House>) -> Router {
     let pages = Page::ALL.iter().fold(Router::new(), |pages, &page| {
-        let door = from_fn_with_state((Arc::clone(house), page), door::pass);
-        pages.route(page.path(), made(page).layer(door))
+        let guarded = from_fn_with_state((Arc::clone(house), page), middleware::pass);
+        pages.route(page.path(), made(page).layer(guarded))
     });
     let lost = {
         let house = Arc::clone(house);
-        move |ConnectInfo(link), request| door::nowhere(house, link, request)
+        move |ConnectInfo(connection), request| middleware::nowhere(house, connection, request)
     };
     pages.fallback(lost.clone()).method_not_allowed_fallback(lost)
 }

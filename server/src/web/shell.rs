@@ -3,8 +3,8 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 
-use super::{assets, made::link, page::Page, visit::Visit};
-use crate::access::Caller;
+use super::{assets, made::link, visit::Visit};
+use crate::access::{Caller, Page};
 
 /// Which of the pages' families one belongs to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

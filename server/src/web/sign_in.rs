@@ -11,9 +11,9 @@ use axum::{
 use maud::html;
 use serde::Deserialize;
 
-use super::{browser::Browser, page::Page, refusal::Answer, shell, visit::Visit};
+use super::{browser::Browser, refusal::Answer, shell, visit::Visit};
 use crate::{
-    access::{PageGuard, token_hash},
+    access::{Page, PageGuard, token_hash},
     config::Secret,
 };
 

@@ -12,14 +12,15 @@ use axum::{
     },
 };
 use clap::Parser as _;
+use gleaner_edge::ConnectionState;
 use tempfile::TempDir;
 use tower::ServiceExt as _;
 
 use super::{House, routes};
 use crate::{
-    access::{Book, PageGuard, token_hash},
+    access::{PageGuard, TokenCache, token_hash},
     config::{Cli, Command},
-    connections::{Connections, Link},
+    connections::connections,
     domain::{
         access::{Role, Token},
         id::TokenId,
@@ -58,10 +59,10 @@ impl Pages {
         let data = dir.path().to_str().unwrap();
         let cli = Cli::try_parse_from(["gleaner-server", "serve", "--workers", "0", "--data-dir", data]).unwrap();
         let Command::Serve(config) = cli.command else { panic!("not serve") };
-        let connections = Connections::new(config.connections.clone());
+        let connections = connections(&config.connections);
         let rooms = Rooms::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
-        let book = Book::open(rooms.store.clone()).await.unwrap();
-        let guard = PageGuard::new(book, rooms.store.clone(), required, connections);
+        let tokens = TokenCache::open(rooms.store.clone()).await.unwrap();
+        let guard = PageGuard::new(tokens, rooms.store.clone(), required, connections);
         let metrics = telemetry::metrics::recorder().unwrap();
         let house = House {
             rooms: rooms.clone(),
@@ -157,7 +158,7 @@ impl Client {
             request = request.header("x-gleaner-proof", proof);
         }
         let peer: SocketAddr = ([127, 0, 0, 1], 4000).into();
-        request.extension(ConnectInfo(Link::new(peer))).body(body).unwrap()
+        request.extension(ConnectInfo(ConnectionState::new(peer))).body(body).unwrap()
     }
 }
 

@@ -8,10 +8,8 @@ use axum::{
     },
 };
 
-use super::{
-    page::Page,
-    testing::{Client, FORM, JSON, Pages},
-};
+use super::testing::{Client, FORM, JSON, Pages};
+use crate::access::Page;
 use crate::{access::PageGuard, domain::access::Role, domain::time::Millis};
 
 /// A page's address with something in every brace.

@@ -8,9 +8,9 @@ use axum::{
 };
 use serde::de::DeserializeOwned;
 
-use super::{House, page::Page};
+use super::House;
 use crate::{
-    access::{Caller, PageGuard},
+    access::{Caller, Page, PageGuard},
     error::{Error, Result},
     service::Rooms,
 };

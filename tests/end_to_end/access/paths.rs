@@ -56,7 +56,7 @@ fn tree(folder: &Path) -> BTreeSet<String> {
 #[tokio::test]
 async fn no_text_of_any_rpc_leads_out_of_the_data_folder() {
     let server = Guarded::start(
-        &["--workers", "0", "--questions-per-second", "100000", "--calls-per-second", "100000"],
+        &["--workers", "0", "--unary-calls-per-second", "100000", "--calls-per-second", "100000"],
         &[("GLEANER_LOG", "warn")],
     )
     .await;

@@ -37,7 +37,7 @@ async fn call(calls: &mut SendRequest<Bytes>, url: &str, rpc: Rpc, message: Vec<
 
 #[tokio::test]
 async fn who_takes_nothing_of_an_answer_is_given_up_though_the_socket_is_read() {
-    let server = TestServer::start_with(&["--stall-seconds", "1", "--workers", "0"]).await;
+    let server = TestServer::start_with(&["--write-timeout", "1", "--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
     let episode = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();

@@ -2,7 +2,8 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::nearest::Match;
+use gleaner_search::Match;
+
 use super::{EpisodeScores, ScoreBase};
 use crate::error::LearnError;
 use crate::shape::TaskShape;
@@ -51,9 +52,9 @@ impl<'a> Known<'a> {
     pub(super) fn matches(&self, id: &str) -> Option<Vec<Option<Match>>> {
         let scores = self.scores.get(id)?;
         let known = |step: usize| {
-            let (episode, _) = self.experts[scores.match_episode[step] as usize];
-            let (step_matched, parts) = (scores.match_step[step], scores.distances[step]);
-            Some(Match { episode, step: step_matched, distance: -scores.w[step], parts })
+            let (number, _) = self.experts[scores.match_episode[step] as usize];
+            let (row, parts) = (scores.match_step[step], scores.distances[step]);
+            Some(Match { group: number, row, distance: -scores.w[step], parts })
         };
         Some((0..scores.w.len()).map(known).collect())
     }

@@ -4,16 +4,15 @@
 use std::collections::HashSet;
 use std::fmt;
 
+use gleaner_search::{Index, Match, Metric};
 use tch::no_grad_guard;
 
 use super::comparison::{Comparison, Source};
 use super::features::{Features, episode_features, newest_features};
-use super::local::Neighbourhoods;
-use super::nearest::{Match, Reference};
 use super::normaliser::Normaliser;
 use super::run::sound;
-use super::similarity::Metric;
-use super::{EpisodeScores, Opened, scorer};
+use super::similarity::metric;
+use super::{EpisodeScores, Opened, local, scorer};
 use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout};
 use crate::shape::TaskShape;
@@ -39,7 +38,7 @@ pub struct SegmentScore {
 pub struct LiveScorer {
     opened: Opened,
     comparison: Comparison,
-    reference: Reference,
+    index: Index,
     /// For every number that matches count in, the expert's place in the order given.
     places: Vec<u32>,
     /// Per number and step, how near experts are around it; `None` if w is measured against nothing.
@@ -87,12 +86,12 @@ impl LiveScorer {
                 expert.validate(&opened.network.shape)?;
                 features.push(sound(episode_features(opened.encoder(), expert, &comparison), &expert.id)?);
             }
-            let metric = Metric::new(comparison.similarity, comparison.scale);
+            let metric = metric(comparison.similarity, comparison.scale);
             let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
-            let reference = Reference::new(&numbered, metric);
-            let local = if comparison.local_scale { local_scale(&features, &reference, metric)? } else { None };
+            let index = Index::new(&numbered, metric)?;
+            let local = if comparison.local_scale { local_scale(&features, &index, metric)? } else { None };
             let places = sorted.into_iter().map(|(place, _)| place).collect();
-            Ok(Self { opened, comparison, reference, places, local, normaliser })
+            Ok(Self { opened, comparison, index, places, local, normaliser })
         })
     }
 
@@ -161,13 +160,13 @@ impl LiveScorer {
     }
 
     fn judge(&self, features: &Features) -> Result<Vec<SegmentScore>, LearnError> {
-        let matches = self.reference.nearest(features, None);
+        let matches = self.index.nearest(features, None)?;
         let matches = matches.ok_or_else(|| LearnError::Torch("the search had no expert to compare with".into()))?;
         Ok(matches.iter().map(|found| self.segment(found)).collect())
     }
 
     fn segment(&self, found: &Match) -> SegmentScore {
-        let (episode, step) = (found.episode as usize, found.step as usize);
+        let (episode, step) = (found.group as usize, found.row as usize);
         // Not −distance: that would make −0 of the best there is.
         let w = 0.0 - found.distance;
         let measured = self.local.as_ref().map_or(w, |local| w / local[episode][step]);
@@ -175,7 +174,7 @@ impl LiveScorer {
             w,
             q: self.normaliser.q(measured),
             match_episode: self.places[episode],
-            match_step: found.step,
+            match_step: found.row,
             distances: found.parts,
         }
     }
@@ -191,18 +190,15 @@ impl LiveScorer {
 }
 
 /// How near experts are to one another around each of their segments; `None` if there is only one.
-fn local_scale(
-    experts: &[Features],
-    reference: &Reference,
-    metric: Metric,
-) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
+fn local_scale(experts: &[Features], index: &Index, metric: Metric) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
     let alone = |(number, features): (u32, &Features)| {
-        let matches = reference.nearest(features, Some(number))?;
-        Some(matches.iter().map(|found| 0.0 - found.distance).collect::<Vec<f64>>())
+        let matches = index.nearest(features, Some(number))?;
+        Ok(matches.map(|matches| matches.iter().map(|found| 0.0 - found.distance).collect::<Vec<f64>>()))
     };
-    let Some(alone) = (0..).zip(experts).map(alone).collect::<Option<Vec<_>>>() else { return Ok(None) };
+    let alone: Option<Vec<_>> = (0..).zip(experts).map(alone).collect::<Result<_, LearnError>>()?;
+    let Some(alone) = alone else { return Ok(None) };
     let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
-    Neighbourhoods::new(experts, metric).means(&alone, || Ok(())).map(Some)
+    local::means(experts, metric, &alone, || Ok(())).map(Some)
 }
 
 #[cfg(test)]

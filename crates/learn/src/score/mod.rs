@@ -10,7 +10,6 @@ mod comparison;
 mod features;
 mod live;
 mod local;
-mod nearest;
 mod normaliser;
 mod run;
 pub(crate) mod scorer;
@@ -18,11 +17,9 @@ mod similarity;
 
 pub use comparison::{FeatureScale, Similarity};
 pub(crate) use features::last_steps;
-pub use features::{FeatureStore, Features, Forgetful, features_kind};
+pub use features::{FeatureStore, Forgetful, features_kind};
 pub use live::{LiveScorer, SegmentScore};
-pub use nearest::{Match, Reference};
 pub use normaliser::Normaliser;
-pub use similarity::Metric;
 
 use std::collections::HashSet;
 

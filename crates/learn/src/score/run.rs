@@ -2,13 +2,13 @@
 
 use std::time::Instant;
 
-use super::EpisodeScores;
+use gleaner_search::{Index, Match, Metric};
+
 use super::base::Known;
 use super::comparison::Comparison;
-use super::features::{Encoder, FeatureStore, Features, episode_features, widths};
-use super::local::Neighbourhoods;
-use super::nearest::{Match, Reference};
-use super::similarity::Metric;
+use super::features::{Encoder, FeatureStore, Features, episode_features, kept, widths};
+use super::similarity::metric;
+use super::{EpisodeScores, local};
 use crate::error::LearnError;
 use crate::model::Network;
 use crate::train::Monitor;
@@ -46,7 +46,7 @@ pub(super) fn count<'a>(network: &Network, episodes: impl IntoIterator<Item = &'
 
 /// Features of episode `of` that can be compared.
 pub(super) fn sound(features: Features, of: &str) -> Result<Features, LearnError> {
-    if features.sound() {
+    if features.comparable() {
         return Ok(features);
     }
     let message = format!("gives features of episode {of} that are not finite; train the encoder again");
@@ -79,10 +79,10 @@ pub(super) struct Found {
 }
 
 /// What queries are compared with.
-struct References {
-    all: Reference,
+struct Indexes {
+    all: Index,
     /// The experts that the earlier run did not have; `None` if it had all.
-    new: Option<Reference>,
+    new: Option<Index>,
 }
 
 impl Run<'_> {
@@ -105,21 +105,21 @@ impl Run<'_> {
         for expert in self.experts {
             features.push(self.features(expert)?);
         }
-        let metric = Metric::new(self.comparison.similarity, self.comparison.scale);
+        let metric = metric(self.comparison.similarity, self.comparison.scale);
         let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
         let new: Vec<(u32, &Features)> = numbered.iter().filter(|(number, _)| !had.contains(number)).copied().collect();
-        let references = References {
-            all: Reference::new(&numbered, metric),
-            new: (!had.is_empty() && news).then(|| Reference::new(&new, metric)),
+        let indexes = Indexes {
+            all: Index::new(&numbered, metric)?,
+            new: (!had.is_empty() && news).then(|| Index::new(&new, metric)).transpose()?,
         };
         let mut scored = Vec::with_capacity(imperfect.len());
         for episode in imperfect {
-            scored.push(self.imperfect(episode, &references)?);
+            scored.push(self.imperfect(episode, &indexes)?);
         }
         let mut experts = Vec::with_capacity(self.experts.len());
         for (expert, features) in self.experts.iter().zip(&features) {
             let known = self.known.matches(&expert.id);
-            experts.extend(self.nearest(&expert.id, features, &references, known));
+            experts.extend(self.nearest(&expert.id, features, &indexes, known)?);
             self.progress.advance(features.count())?;
         }
         let local = if plain { None } else { self.local(&features, metric, &experts)? };
@@ -138,7 +138,7 @@ impl Run<'_> {
         }
         let alone: Vec<&[f64]> = experts.iter().map(|expert| expert.w.as_slice()).collect();
         let progress = &mut self.progress;
-        Neighbourhoods::new(features, metric).means(&alone, || progress.advance(0)).map(Some)
+        local::means(features, metric, &alone, || progress.advance(0)).map(Some)
     }
 
     /// There is nothing to compare: everything is as it was.
@@ -154,15 +154,15 @@ impl Run<'_> {
         }
     }
 
-    fn imperfect(&mut self, episode: &Trajectory, references: &References) -> Result<EpisodeScores, LearnError> {
+    fn imperfect(&mut self, episode: &Trajectory, indexes: &Indexes) -> Result<EpisodeScores, LearnError> {
         let known = self.known.matches(&episode.id);
-        if let (Some(known), None) = (&known, &references.new) {
+        if let (Some(known), None) = (&known, &indexes.new) {
             let matches: Vec<Match> = known.iter().flatten().copied().collect();
             self.progress.advance(matches.len())?;
             return Ok(self.describe(&episode.id, &matches));
         }
         let features = self.features(episode)?;
-        self.nearest(&episode.id, &features, references, known).ok_or_else(|| {
+        self.nearest(&episode.id, &features, indexes, known)?.ok_or_else(|| {
             LearnError::invalid(
                 format!("episode {}", episode.id),
                 "is also the only expert, and an episode never matches itself; leave it out or add experts",
@@ -176,21 +176,21 @@ impl Run<'_> {
         &self,
         id: &str,
         queries: &Features,
-        references: &References,
+        indexes: &Indexes,
         known: Option<Vec<Option<Match>>>,
-    ) -> Option<EpisodeScores> {
+    ) -> Result<Option<EpisodeScores>, LearnError> {
         let own = self.experts.binary_search_by(|expert| expert.id.as_str().cmp(id)).ok();
         let own = own.and_then(|number| u32::try_from(number).ok());
-        let matches = match (known, &references.new) {
-            (None, _) => references.all.nearest(queries, own)?,
+        let matches = match (known, &indexes.new) {
+            (None, _) => indexes.all.nearest(queries, own)?,
             (Some(mut known), new) => {
                 if let Some(new) = new {
-                    new.improve(queries, own, &mut known);
+                    new.improve(queries, own, &mut known)?;
                 }
-                known.into_iter().collect::<Option<_>>()?
+                known.into_iter().collect::<Option<Vec<Match>>>()
             }
         };
-        Some(self.describe(id, &matches))
+        Ok(matches.map(|matches| self.describe(id, &matches)))
     }
 
     fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
@@ -205,13 +205,13 @@ impl Run<'_> {
     fn kept_features(&self, trajectory: &Trajectory) -> Option<Features> {
         let network = self.encoder.network;
         let bytes = self.kept?.get(&trajectory.id)?;
-        Features::from_bytes(&bytes, trajectory.steps(&network.shape), widths(network, self.comparison))
+        kept::from_bytes(&bytes, trajectory.steps(&network.shape), widths(network, self.comparison))
     }
 
     fn encoded(&self, trajectory: &Trajectory) -> Result<Features, LearnError> {
         let features = sound(episode_features(self.encoder, trajectory, self.comparison), &trajectory.id)?;
-        if let (Some(kept), Ok(bytes)) = (self.kept, features.to_bytes()) {
-            kept.put(&trajectory.id, &bytes);
+        if let (Some(store), Ok(bytes)) = (self.kept, kept::to_bytes(&features)) {
+            store.put(&trajectory.id, &bytes);
         }
         Ok(features)
     }
@@ -222,8 +222,8 @@ impl Run<'_> {
             // Not −distance: that would make −0 of the best there is.
             w: matches.iter().map(|found| 0.0 - found.distance).collect(),
             q: Vec::new(),
-            match_episode: matches.iter().map(|found| self.places[found.episode as usize]).collect(),
-            match_step: matches.iter().map(|found| found.step).collect(),
+            match_episode: matches.iter().map(|found| self.places[found.group as usize]).collect(),
+            match_step: matches.iter().map(|found| found.row).collect(),
             distances: matches.iter().map(|found| found.parts).collect(),
         }
     }

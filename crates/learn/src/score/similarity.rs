@@ -1,128 +1,18 @@
-//! How two segments' features compare. Exact: double precision, a fixed order of additions.
+//! Similarities as the search's metrics.
 //!
-//! `last_*` and `segment_*` differ in the features, not here: z of the last step, or of all the
-//! segment's steps one after the other. Similarities are kept as distances, their negatives.
+//! sim(τ_imp, τ_exp) is minus the metric's distance: Σ over o, m, a of −‖z_imp − z_exp‖₂, or of cos(z_imp, z_exp) − 1.
+//! `last_*` and `segment_*` differ in the features, not here: z of the last step, or of all the segment's steps one
+//! after the other.
+
+use gleaner_search::{Distance, Metric};
 
 use super::comparison::Similarity;
-use super::features::Features;
 
-/// What a modality's distance is made of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Kind {
-    /// sim(τ_imp, τ_exp) = −‖z^o_imp − z^o_exp‖₂ − ‖z^m_imp − z^m_exp‖₂ − ‖z^a_imp − z^a_exp‖₂.
-    Euclidean,
-    /// sim(τ_imp, τ_exp) = Σ over o, m, a of cos(z_imp, z_exp) − 1, which is −‖u − v‖² / 2 for the
-    /// unit vectors u, v of z_imp, z_exp: 0 where directions are the same. A zero vector has no
-    /// direction; it stands for itself, so it is 0 from another zero and 1/2 from anything else.
-    Angular,
-}
-
-/// A similarity with the factors of its three parts.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Metric {
-    pub(crate) kind: Kind,
-    /// Factors of the three distances.
-    pub(crate) scale: [f64; 3],
-}
-
-impl Metric {
-    /// With factors of the distances of o, m and a.
-    pub fn new(similarity: Similarity, scale: [f64; 3]) -> Self {
-        let kind = match similarity {
-            Similarity::LastL2 | Similarity::SegmentL2 => Kind::Euclidean,
-            Similarity::LastCosine | Similarity::SegmentCosine => Kind::Angular,
-        };
-        Self { kind, scale }
-    }
-
-    /// Distances of o, m and a between row `i` of `a` and row `j` of `b`.
-    pub(crate) fn parts(&self, a: (&Features, usize), b: (&Features, usize)) -> [f64; 3] {
-        std::array::from_fn(|modality| {
-            let (a, b) = (a.0.row(modality, a.1), b.0.row(modality, b.1));
-            match self.kind {
-                Kind::Euclidean => sum(a, b, |a, b| (a - b) * (a - b)).sqrt(),
-                Kind::Angular => {
-                    let (to_u, to_v) = (to_unit(a), to_unit(b));
-                    sum(a, b, |a, b| (a * to_u - b * to_v) * (a * to_u - b * to_v)) / 2.0
-                }
-            }
-        })
-    }
-
-    /// The scaled sum of `parts`: minus the similarity.
-    pub(crate) fn distance(&self, parts: [f64; 3]) -> f64 {
-        let scaled = parts.iter().zip(&self.scale);
-        scaled.map(|(part, scale)| part * scale).sum()
-    }
-}
-
-/// The factor that makes `row` a unit vector; 0 for a zero vector.
-pub(crate) fn to_unit(row: &[f32]) -> f64 {
-    let norm = sum(row, row, |x, y| x * y).sqrt();
-    if norm > 0.0 { 1.0 / norm } else { 0.0 }
-}
-
-/// Σ `term`(aᵢ, bᵢ) in eight interleaved lanes: a fixed order of additions that a processor can
-/// nevertheless do side by side.
-fn sum(a: &[f32], b: &[f32], term: impl Fn(f64, f64) -> f64) -> f64 {
-    let mut lanes = [0f64; 8];
-    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-    for (a, b) in a.iter().zip(b) {
-        for lane in 0..8 {
-            lanes[lane] += term(f64::from(a[lane]), f64::from(b[lane]));
-        }
-    }
-    for (lane, (a, b)) in lanes.iter_mut().zip(a_rest.iter().zip(b_rest)) {
-        *lane += term(f64::from(*a), f64::from(*b));
-    }
-    lanes.iter().sum()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn features(o: [f32; 2], m: [f32; 2], a: [f32; 1]) -> Features {
-        Features::new([o.to_vec(), m.to_vec(), a.to_vec()], [2, 2, 1]).unwrap()
-    }
-
-    fn parts(similarity: Similarity, a: &Features, b: &Features) -> [f64; 3] {
-        let metric = Metric::new(similarity, [1.0; 3]);
-        assert_eq!(metric.parts((a, 0), (b, 0)), metric.parts((b, 0), (a, 0)));
-        metric.parts((a, 0), (b, 0))
-    }
-
-    #[test]
-    fn euclidean_parts_are_the_distances_of_each_modality() {
-        let (a, b) = (features([1.0, 1.0], [0.0, 2.0], [5.0]), features([4.0, 5.0], [0.0, 2.0], [3.0]));
-        assert_eq!(parts(Similarity::LastL2, &a, &b), [5.0, 0.0, 2.0]);
-        let metric = Metric::new(Similarity::LastL2, [2.0, 1.0, 0.5]);
-        assert_eq!(metric.distance([5.0, 0.0, 2.0]), 11.0);
-    }
-
-    #[test]
-    fn angular_parts_are_one_less_the_cosine() {
-        let (a, b) = (features([1.0, 0.0], [3.0, 4.0], [5.0]), features([0.0, 7.0], [6.0, 8.0], [-2.0]));
-        let found = parts(Similarity::LastCosine, &a, &b);
-        for (found, expected) in found.iter().zip([1.0, 0.0, 2.0]) {
-            assert!((found - expected).abs() < 1e-15, "{found} {expected}");
-        }
-        assert_eq!(parts(Similarity::LastCosine, &a, &a), [0.0; 3]);
-    }
-
-    #[test]
-    fn a_zero_vector_is_like_itself_and_half_like_anything_else() {
-        let (zero, other) = (features([0.0; 2], [0.0; 2], [0.0]), features([3.0, 0.0], [0.0; 2], [1e-30]));
-        assert_eq!(parts(Similarity::SegmentCosine, &zero, &other), [0.5, 0.0, 0.5]);
-        assert_eq!(parts(Similarity::SegmentL2, &zero, &other), [3.0, 0.0, f64::from(1e-30f32)]);
-    }
-
-    #[test]
-    fn every_value_counts_whatever_the_width() {
-        for width in [1usize, 7, 8, 9, 24, 31] {
-            let (a, b) = (vec![2.0f32; width], vec![1.0f32; width]);
-            let expected = f64::from(u32::try_from(width).unwrap());
-            assert_eq!(sum(&a, &b, |a, b| a * a - b * 3.0), expected);
-        }
-    }
+/// The metric of a similarity, with factors of the distances of o, m and a.
+pub(super) fn metric(similarity: Similarity, scale: [f64; 3]) -> Metric {
+    let kind = match similarity {
+        Similarity::LastL2 | Similarity::SegmentL2 => Distance::Euclidean,
+        Similarity::LastCosine | Similarity::SegmentCosine => Distance::Angular,
+    };
+    Metric { kind, scale }
 }

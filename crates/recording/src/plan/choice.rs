@@ -12,7 +12,7 @@ use crate::tracks::Tracks;
 use crate::write::written_mapping;
 
 /// The task with one more mapping at the end, unless it has it: that of what [`crate::EpisodeWriter`] writes.
-pub(super) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {
+pub(crate) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {
     let written = written_mapping(spec);
     if spec.mappings.contains(&written) {
         return Cow::Borrowed(spec);
@@ -24,7 +24,7 @@ pub(super) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {
 
 /// The mapping with the most topics among those of which all are there. Only the first `own` are the task's: one
 /// beyond is chosen when none of those fits and it does, and is never what a finding speaks of.
-pub(super) fn choose_mapping(
+pub(crate) fn choose_mapping(
     tracks: &Tracks,
     spec: &TaskSpec,
     own: usize,

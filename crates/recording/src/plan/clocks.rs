@@ -9,14 +9,14 @@ use crate::tracks::{Stamp, Tracks};
 const MAX_CLOCK_SKEW: u64 = 1_000_000_000;
 
 /// The choice for one recording.
-pub(super) struct Clocks {
+pub(crate) struct Clocks {
     log_only: bool,
 }
 
 impl Clocks {
     /// Header stamps first. Only when some topic has none, and the others' are of another clock than the
     /// recorder's, is the one clock that all share used: log time.
-    pub(super) fn new(tracks: &Tracks, mapping: &Mapping, spec: &TaskSpec, report: &mut Report) -> Self {
+    pub(crate) fn new(tracks: &Tracks, mapping: &Mapping, spec: &TaskSpec, report: &mut Report) -> Self {
         let topics = mapping.topics(spec);
         let headless = topics.iter().find(|&&topic| stamps(tracks, topic).iter().all(|stamp| stamp.header.is_none()));
         let skewed = topics.iter().find(|&&topic| {
@@ -36,11 +36,11 @@ impl Clocks {
         Self { log_only: true }
     }
 
-    pub(super) fn time(&self, stamp: Stamp) -> i64 {
+    pub(crate) fn time(&self, stamp: Stamp) -> i64 {
         stamp.header.filter(|_| !self.log_only).unwrap_or(stamp.log)
     }
 
-    pub(super) fn timeline(&self, tracks: &Tracks, topic: &str) -> Timeline {
+    pub(crate) fn timeline(&self, tracks: &Tracks, topic: &str) -> Timeline {
         Timeline::new(stamps(tracks, topic).iter().map(|&stamp| self.time(stamp)))
     }
 }

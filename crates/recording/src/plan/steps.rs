@@ -17,7 +17,7 @@ pub(crate) struct Steps<'a> {
 }
 
 impl<'a> Steps<'a> {
-    pub(super) fn new(spec: &TaskSpec, clock: Timeline, streams: Vec<Stream<'a>>) -> Self {
+    pub(crate) fn new(spec: &TaskSpec, clock: Timeline, streams: Vec<Stream<'a>>) -> Self {
         let rule = Rule::new(spec);
         let mut ticks = clock.ticks(rule);
         // Once a stream has begun it stays so, so the first tick that has all of them decides.
@@ -33,7 +33,7 @@ impl<'a> Steps<'a> {
     }
 
     /// The fields' values of each step, one field after the other, row-major.
-    pub(super) fn gather(&self, fields: &[FieldSpec]) -> Vec<f32> {
+    pub(crate) fn gather(&self, fields: &[FieldSpec]) -> Vec<f32> {
         let of_field =
             |field: &FieldSpec| self.streams.iter().zip(&self.picks).find(|(stream, _)| stream.is_field(&field.name));
         let columns: Vec<_> = fields.iter().filter_map(of_field).collect();

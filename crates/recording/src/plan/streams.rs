@@ -12,11 +12,11 @@ pub(crate) struct Stream<'a> {
     pub(crate) subject: String,
     pub(crate) topic: String,
     pub(crate) timeline: Timeline,
-    pub(super) source: Source<'a>,
+    pub(crate) source: Source<'a>,
 }
 
 /// What a stream's messages carry.
-pub(super) enum Source<'a> {
+pub(crate) enum Source<'a> {
     Images {
         /// Index of the camera in the task.
         camera: usize,
@@ -27,12 +27,12 @@ pub(super) enum Source<'a> {
 
 impl Stream<'_> {
     /// Whether this is the field of that name; a topic could be called the same.
-    pub(super) fn is_field(&self, name: &str) -> bool {
+    pub(crate) fn is_field(&self, name: &str) -> bool {
         matches!(self.source, Source::Field(_)) && self.subject == name
     }
 
     /// Index in the topic of the message at a position of the timeline.
-    pub(super) fn message(&self, at: usize) -> usize {
+    pub(crate) fn message(&self, at: usize) -> usize {
         let sample = self.timeline.order[at];
         match self.source {
             Source::Images { .. } => sample,
@@ -41,7 +41,7 @@ impl Stream<'_> {
     }
 
     /// Numbers of a field at a position of the timeline; none of an image.
-    pub(super) fn values(&self, at: usize) -> &[f32] {
+    pub(crate) fn values(&self, at: usize) -> &[f32] {
         let sample = self.timeline.order[at];
         match self.source {
             Source::Images { .. } => &[],
@@ -52,7 +52,7 @@ impl Stream<'_> {
 
 /// All streams of a mapping: images in the order of the cameras, then fields in the order of proprioception
 /// and action. `None` when a field has no values.
-pub(super) fn streams<'a>(
+pub(crate) fn streams<'a>(
     tracks: &'a Tracks,
     mapping: usize,
     spec: &TaskSpec,

@@ -18,6 +18,7 @@ use tower::service_fn;
 use super::*;
 use crate::{
     config::ConnectionsConfig,
+    connections::connections,
     domain::{
         access::{AuditEntry, Role, Token},
         id::TokenId,
@@ -65,18 +66,18 @@ impl http_body::Body for Says {
 struct Bench {
     _dir: TempDir,
     store: Store,
-    book: Book,
+    tokens: TokenCache,
     connections: Connections,
     /// Whose connection calls come over.
-    link: Option<Link>,
+    connection: Option<ConnectionState>,
 }
 
 impl Bench {
     async fn new() -> Self {
         let (dir, store) = testing::store().await;
-        let book = Book::open(store.clone()).await.unwrap();
-        let connections = Connections::new(ConnectionsConfig::default());
-        Self { _dir: dir, store, book, connections, link: None }
+        let tokens = TokenCache::open(store.clone()).await.unwrap();
+        let connections = connections(&ConnectionsConfig::default());
+        Self { _dir: dir, store, tokens, connections, connection: None }
     }
 
     /// Makes a token that is the word itself.
@@ -103,7 +104,7 @@ impl Bench {
     }
 
     fn guard(&self, required: bool) -> Guard {
-        Guard::new(self.book.clone(), self.store.clone(), required, self.connections.clone())
+        Guard::new(self.tokens.clone(), self.store.clone(), required, self.connections.clone())
     }
 
     fn request(&self, path: &str, token: Option<&str>, body: Body) -> Request<Body> {
@@ -112,8 +113,8 @@ impl Bench {
         if let Some(token) = token {
             request.headers_mut().insert(AUTHORIZATION, format!("Bearer {token}").parse().unwrap());
         }
-        if let Some(link) = &self.link {
-            request.extensions_mut().insert(link.clone());
+        if let Some(connection) = &self.connection {
+            request.extensions_mut().insert(connection.clone());
         }
         request
     }

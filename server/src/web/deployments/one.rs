@@ -10,10 +10,10 @@ use serde_json::json;
 
 use super::live;
 use crate::{
+    access::Page,
     domain::policy::{Deployment, DeploymentChange},
     web::{
         change::about,
-        page::Page,
         refusal::Answer,
         say,
         sheet::{self, Format, Sheet},

@@ -13,7 +13,6 @@ use serde_json::json;
 
 pub(super) use self::data::{recording, scores};
 use super::{
-    page::Page,
     refusal::Answer,
     say,
     sheet::{Format, Sheet},
@@ -21,6 +20,7 @@ use super::{
     visit::Visit,
 };
 use crate::{
+    access::Page,
     curation::Numbers,
     domain::{
         curation::SnapshotUse,

@@ -17,7 +17,6 @@ pub(in crate::web) use self::{
     label::{buttons, label, live},
 };
 use super::{
-    page::Page,
     paging,
     refusal::Answer,
     say,
@@ -26,6 +25,7 @@ use super::{
     visit::Visit,
 };
 use crate::{
+    access::Page,
     curation::Summary,
     domain::{
         curation::{TableRow, sort},

@@ -5,6 +5,7 @@ use maud::{Markup, html};
 
 use super::{course, spec};
 use crate::{
+    access::Page,
     domain::{
         id::{EvaluationId, ExportId, JobId},
         job::{Job, JobKind, JobState},
@@ -13,7 +14,6 @@ use crate::{
     service::Rooms,
     web::{
         made::{self, link},
-        page::Page,
         refusal::Answer,
         say,
         shell::{self, Head, Tab},

@@ -11,6 +11,7 @@ use super::{
     contact, kept, picture,
 };
 use crate::{
+    access::Page,
     curation::Summary,
     domain::{
         id::ScoreRunId,
@@ -22,7 +23,6 @@ use crate::{
     error::Result,
     web::{
         made::{self, link},
-        page::Page,
         refusal::Answer,
         say, settings,
         sheet::Format,

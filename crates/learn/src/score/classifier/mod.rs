@@ -109,7 +109,7 @@ fn gather<'a>(
     let mut all = Vec::with_capacity(episodes.len());
     for trajectory in episodes {
         let features = raw::steps(network, trajectory);
-        if !features.sound() {
+        if !features.comparable() {
             return Err(LearnError::invalid(
                 format!("episode {}", trajectory.id),
                 "is too far from the encoder's data to be standardised; mend it or leave it out",

@@ -3,7 +3,7 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Encoder, Features};
+use super::{CHUNK, Encoder, Features, extend};
 use crate::batch::{Batch, Segment, Segments, Windows, int};
 use crate::model::{Modality, Network};
 use crate::trajectory::Trajectory;
@@ -21,7 +21,7 @@ pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usiz
         let needed: Vec<i64> = needed.iter().map(|(_, t)| int(*t)).collect();
         let needed = Tensor::from_slice(&needed).to_device(network.device());
         let steps = steps.index_select(0, &needed);
-        features.extend(&pass(encoder, &steps, &windows, keep));
+        extend(&mut features, &pass(encoder, &steps, &windows, keep));
     }
     features
 }

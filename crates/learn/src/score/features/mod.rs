@@ -1,12 +1,11 @@
 //! Features of an episode's segments: what similarities compare. Every frame is encoded once.
 //! Knows nothing of how features are compared.
 
-mod kept;
+pub(super) mod kept;
 mod learned;
 pub(super) mod raw;
 
 use crate::batch::{rows, values};
-use crate::error::LearnError;
 use crate::history::Stacked;
 use crate::model::{Network, View};
 use crate::normalize::FeatureScale;
@@ -20,78 +19,12 @@ pub use kept::{FeatureStore, Forgetful, features_kind};
 /// episode the same features whatever it is scored with.
 const CHUNK: usize = 128;
 
-/// Features of T segments, row-major in single precision; o, m and a may differ in width.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Features {
-    values: [Vec<f32>; 3],
-    widths: [usize; 3],
-}
+/// Features of T segments: a point each, whose parts are o, m and a.
+pub(super) type Features = gleaner_search::Points;
 
-impl Features {
-    /// For o, m, a: T rows of `widths` values each.
-    ///
-    /// # Errors
-    /// [`LearnError::Invalid`] if a width is zero, the modalities do not have the same number of
-    /// rows, or a value is not finite or so large that its square could overflow.
-    pub fn new(values: [Vec<f32>; 3], widths: [usize; 3]) -> Result<Self, LearnError> {
-        if widths.contains(&0) {
-            return Err(LearnError::invalid("widths", "has a zero; every modality needs at least one value"));
-        }
-        let features = Self { values, widths };
-        let count = features.count();
-        if (0..3).any(|i| features.values[i].len() != count * widths[i]) {
-            return Err(LearnError::invalid("values", "do not have the same number of rows in every modality"));
-        }
-        if !features.sound() {
-            return Err(LearnError::invalid("values", "must be finite and below 1e15"));
-        }
-        Ok(features)
-    }
-
-    /// No segment yet.
-    pub(crate) fn empty(widths: [usize; 3]) -> Self {
-        Self { values: Default::default(), widths }
-    }
-
-    /// Appends rows, `[N, width]` per modality.
-    fn extend(&mut self, parts: &[Tensor; 3]) {
-        for (all, part) in self.values.iter_mut().zip(parts) {
-            all.extend(values(part));
-        }
-    }
-
-    /// Appends the rows of `other`, which has the same widths.
-    pub(crate) fn append(&mut self, other: &Self) {
-        for (all, part) in self.values.iter_mut().zip(&other.values) {
-            all.extend_from_slice(part);
-        }
-    }
-
-    /// Number of segments T.
-    pub fn count(&self) -> usize {
-        self.values[0].len() / self.widths[0].max(1)
-    }
-
-    /// Values a row, per modality.
-    pub(crate) fn widths(&self) -> [usize; 3] {
-        self.widths
-    }
-
-    /// All values of `modality`, row-major.
-    pub(crate) fn values(&self, modality: usize) -> &[f32] {
-        &self.values[modality]
-    }
-
-    /// Feature `modality` of segment `at`.
-    pub(crate) fn row(&self, modality: usize, at: usize) -> &[f32] {
-        let width = self.widths[modality];
-        &self.values[modality][at * width..(at + 1) * width]
-    }
-
-    /// Whether every value is a number whose square does not overflow when many are summed.
-    pub(crate) fn sound(&self) -> bool {
-        self.values.iter().flatten().all(|value| value.abs() < 1e15)
-    }
+/// Appends rows, `[N, width]` per modality.
+fn extend(features: &mut Features, parts: &[Tensor; 3]) {
+    features.extend(parts.each_ref().map(values));
 }
 
 /// How features are taken.
@@ -110,7 +43,7 @@ pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, compariso
     let keep = keep(network, comparison);
     let steps = network.steps(&stacked.embedded, &stacked.proprioception, &stacked.action);
     let mut features = Features::empty(widths(network, comparison));
-    features.extend(&learned::pass(encoder, &steps, &stacked.windows, keep));
+    extend(&mut features, &learned::pass(encoder, &steps, &stacked.windows, keep));
     features
 }
 

@@ -3,7 +3,7 @@
 
 use tch::Tensor;
 
-use super::{CHUNK, Features};
+use super::{CHUNK, Features, extend};
 use crate::batch::{Batch, Segment, Segments};
 use crate::model::Network;
 use crate::trajectory::Trajectory;
@@ -11,12 +11,13 @@ use crate::trajectory::Trajectory;
 /// Of every segment's last step, or of all the steps of the `whole` segment. Each value is divided
 /// by the root of its modality's width, so that o, m and a weigh the same whatever their sizes.
 pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Features {
-    let mut steps = steps(network, trajectory);
-    for (values, width) in steps.values.iter_mut().zip(steps.widths) {
+    let standard = steps(network, trajectory);
+    let mut steps = Features::empty(standard.widths());
+    steps.extend([0, 1, 2].map(|modality| {
         #[expect(clippy::cast_precision_loss, reason = "a step has far fewer values than 2^24")]
-        let root = (width as f32).sqrt();
-        values.iter_mut().for_each(|value| *value /= root);
-    }
+        let root = (standard.widths()[modality] as f32).sqrt();
+        standard.values(modality).iter().map(|value| value / root).collect::<Vec<f32>>()
+    }));
     if whole { windows(&steps, network.spec.window()) } else { steps }
 }
 
@@ -26,7 +27,7 @@ pub(in crate::score) fn steps(network: &Network, trajectory: &Trajectory) -> Fea
     let parts: Vec<[Tensor; 3]> = every.all().chunks(CHUNK).map(|chunk| standard(network, trajectory, chunk)).collect();
     let widths = [0, 1, 2].map(|i| parts.first().map_or(1, |part| usize::try_from(part[i].size()[1]).unwrap_or(1)));
     let mut features = Features::empty(widths);
-    parts.iter().for_each(|part| features.extend(part));
+    parts.iter().for_each(|part| extend(&mut features, part));
     features
 }
 
@@ -46,15 +47,17 @@ fn standard(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> [T
 /// The last `window` steps one after the other, for every step; places before the episode are
 /// zero.
 fn windows(steps: &Features, window: usize) -> Features {
-    let mut all = Features::empty(steps.widths.map(|width| width * window));
-    for (modality, values) in all.values.iter_mut().enumerate() {
+    let mut all = Features::empty(steps.widths().map(|width| width * window));
+    all.extend([0, 1, 2].map(|modality| {
+        let mut values = Vec::new();
         for last in 0..steps.count() {
             let padding = window.saturating_sub(last + 1);
-            values.resize(values.len() + padding * steps.widths[modality], 0.0);
+            values.resize(values.len() + padding * steps.widths()[modality], 0.0);
             for step in last + 1 + padding - window..=last {
                 values.extend_from_slice(steps.row(modality, step));
             }
         }
-    }
+        values
+    }));
     all
 }

@@ -105,12 +105,3 @@ fn raw_features_are_the_standardised_values_and_weigh_alike() {
     assert_close(raw.values(2), &expected);
     assert_eq!((raw.widths(), raw.count()), ([4 * 8 * 8, 3, 2], 9));
 }
-
-#[test]
-fn features_that_cannot_be_compared_are_refused() {
-    let new = |values: [Vec<f32>; 3], widths| Features::new(values, widths).map(|features| features.count());
-    assert_eq!(new([vec![1.0; 4], vec![1.0; 2], vec![1.0; 6]], [2, 1, 3]).unwrap(), 2);
-    assert!(new([vec![1.0; 4], vec![1.0; 2], vec![1.0; 5]], [2, 1, 3]).is_err());
-    assert!(new([vec![1.0; 4], vec![1.0; 2], Vec::new()], [2, 1, 0]).is_err());
-    assert!(new([vec![f32::NAN], vec![1.0], vec![1.0]], [1, 1, 1]).is_err());
-}

@@ -21,10 +21,10 @@ impl Bench {
         tokio::time::timeout(PATIENCE, first).await.unwrap()
     }
 
-    /// Waits for a call to end while the book is kept up to date.
+    /// Waits for a call to end while the tokens are refreshed.
     async fn ends<T>(&self, call: impl Future<Output = T>) -> T {
         tokio::select! {
-            () = self.book.keep_up() => panic!("the book was closed"),
+            () = self.tokens.refresh() => panic!("the refresh ended"),
             ended = tokio::time::timeout(PATIENCE, call) => ended.unwrap(),
         }
     }

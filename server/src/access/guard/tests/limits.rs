@@ -7,9 +7,9 @@ use super::{ending::all, *};
 impl Bench {
     /// A bench where a client has one call a second, two in a burst.
     async fn strict() -> Self {
-        let connections = Connections::new(ConnectionsConfig { calls_per_second: 1, ..ConnectionsConfig::default() });
-        let link = Some(Link::new(([10, 0, 0, 1], 7).into()));
-        Self { connections, link, ..Self::new().await }
+        let connections = connections(&ConnectionsConfig { calls_per_second: 1, ..ConnectionsConfig::default() });
+        let connection = Some(ConnectionState::new(([10, 0, 0, 1], 7).into()));
+        Self { connections, connection, ..Self::new().await }
     }
 
     /// How many calls went as they go without a limit, before one was refused by it.
@@ -29,7 +29,7 @@ impl Bench {
 async fn who_has_no_good_token_is_counted_for_the_address_and_who_has_one_is_not() {
     let bench = Bench::strict().await;
     bench.token("anna", Role::Viewer, None).await;
-    assert!(bench.book.find(&secret::hash("anna")).await.unwrap().is_some());
+    assert!(bench.tokens.find(&secret::hash("anna")).await.unwrap().is_some());
     let path = Rpc::TaskServiceListTasks.path();
     assert!(bench.until_refused(path, Some("unknown"), Code::Unauthenticated).await >= 2);
     // Of all of these, which are the same address, at most one is let through again.
@@ -43,7 +43,7 @@ async fn who_has_no_good_token_is_counted_for_the_address_and_who_has_one_is_not
 async fn a_call_too_many_is_refused_before_anything_is_written() {
     let bench = Bench::strict().await;
     bench.token("viewer", Role::Viewer, None).await;
-    bench.book.find(&secret::hash("viewer")).await.unwrap();
+    bench.tokens.find(&secret::hash("viewer")).await.unwrap();
     let path = Rpc::PolicyServiceDeploy.path();
     let counted = bench.until_refused(path, Some("viewer"), Code::PermissionDenied).await;
     assert_eq!(bench.log().await.len(), counted);

@@ -3,8 +3,9 @@
 use std::{os::unix::fs::PermissionsExt as _, path::PathBuf, sync::Arc, time::Duration};
 
 use clap::Parser as _;
+use gleaner_edge::{Protocol, Tls};
 use tokio_rustls::{
-    TlsAcceptor, TlsConnector,
+    TlsConnector,
     rustls::{
         ClientConfig, RootCertStore, crypto,
         pki_types::{CertificateDer, PrivateKeyDer, ServerName, pem::PemObject as _},
@@ -14,7 +15,7 @@ use x509_parser::prelude::{FromDer as _, X509Certificate};
 
 use super::*;
 use crate::{
-    access::tls::Tls,
+    access::tls,
     config::{AccessConfig, Cli, Command},
     error::Kind,
 };
@@ -54,14 +55,14 @@ impl Lab {
         CertificateDer::from_pem_file(self.file(name)).unwrap()
     }
 
-    fn serves(&self, client_ca: bool) -> Tls {
+    fn serves(&self, client_ca: bool) -> Arc<Tls> {
         let config = AccessConfig {
             require_tokens: None,
             tls_cert: Some(self.file("server.pem")),
             tls_key: Some(self.file("server.key")),
             client_ca: client_ca.then(|| self.file("ca.pem")),
         };
-        Tls::open(&config).unwrap().unwrap()
+        tls::open(&config).unwrap().unwrap()
     }
 
     /// Shakes hands with a server as this name, as a client that trusts `ca`, with the certificate `own` if any.
@@ -82,10 +83,8 @@ impl Lab {
         client.alpn_protocols = vec![b"h2".to_vec()];
         let (near, far) = tokio::io::duplex(1 << 16);
         let name = ServerName::try_from(name.to_owned()).unwrap();
-        let (called, served) = tokio::join!(
-            TlsConnector::from(Arc::new(client)).connect(name, near),
-            TlsAcceptor::from(tls.current()).accept(far)
-        );
+        let (called, served) =
+            tokio::join!(TlsConnector::from(Arc::new(client)).connect(name, near), tls.accept(Protocol::Http2, far));
         called.is_ok() && served.is_ok()
     }
 }

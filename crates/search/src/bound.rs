@@ -1,0 +1,193 @@
+//! The filter's frame and the margins that make its bounds proven. Knows nothing of tiles, nor of
+//! which distances win.
+
+use tch::Tensor;
+
+use crate::lanes::{Lanes, WIDE};
+use crate::metric::{Distance, Metric, to_unit};
+use crate::points::Points;
+use crate::tensor::{int, rows};
+
+/// Unit roundoff of single precision.
+pub(crate) const U: f64 = 5.960_464_477_539_063e-8;
+/// More than the relative rounding of the roots, factors and sums that follow the products.
+const SLACK: f64 = 16.0 * U;
+/// More than what products below the range of single precision lose; far below any distance that
+/// is distinguished.
+pub(crate) const UNDERFLOW: f64 = 1e-32;
+/// A smaller factor is as good as none.
+const LEAST_FACTOR: f64 = 1e-30;
+
+/// What brings rows into the filter's frame: any centre is right, a central one is good.
+pub(crate) struct Frame {
+    kind: Distance,
+    centre: [Vec<f32>; 3],
+    /// The same, padded with zeros.
+    lanes: [Vec<Lanes<f32>>; 3],
+}
+
+/// One part's rows in the frame: centred, for angles centred unit vectors.
+pub(crate) struct Framed {
+    /// `[N, d]`.
+    pub(crate) rows: Tensor,
+    /// No value is larger in size.
+    pub(crate) largest: f64,
+    /// How far any row may lie from where it should.
+    pub(crate) moved: f64,
+}
+
+impl Framed {
+    /// `rows` whose error follows from what no ‖x‖ exceeds by `moved`.
+    pub(crate) fn new(rows: Tensor, moved: impl Fn(f64) -> f64) -> Self {
+        let mut framed = Self { rows, largest: 0.0, moved: 0.0 };
+        if framed.count() > 0 {
+            let (least, most) = framed.rows.aminmax(None, false);
+            framed.largest = most.double_value(&[]).max(-least.double_value(&[]));
+        }
+        framed.moved = moved(framed.longest());
+        framed
+    }
+
+    /// No ‖x‖ exceeds this.
+    pub(crate) fn longest(&self) -> f64 {
+        #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
+        let width = self.width() as f64;
+        self.largest * width.sqrt() * 1.001
+    }
+
+    pub(crate) fn width(&self) -> usize {
+        usize::try_from(self.rows.size()[1]).unwrap_or_default()
+    }
+
+    pub(crate) fn count(&self) -> usize {
+        usize::try_from(self.rows.size()[0]).unwrap_or_default()
+    }
+}
+
+/// Per row ‖x‖², in whatever order of additions: off by less than γ(d + 4), γ(n) ≈ n U.
+pub(crate) fn squares(rows: &Tensor) -> Tensor {
+    rows.norm_scalaropt_dim(2.0, [1i64].as_slice(), false).square_()
+}
+
+/// `squares` less the margin ε ‖x‖² that makes the product a lower bound, times `factor` (which is
+/// at most 1 for values, so that nothing below single precision becomes large).
+///
+/// The product errs by at most γ(d) · 2 ‖x‖ ‖y‖ ≤ γ(d) (‖x‖² + ‖y‖²), whatever the order of its
+/// additions; the squares by γ(d + 4) of each; the factors, and adding the three, by less than
+/// 10 U (‖x‖² + ‖y‖²).
+pub(crate) fn shrunk(squares: &Tensor, width: usize, factor: f64) -> Tensor {
+    #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
+    let epsilon = 2.5 * U * (width as f64 + 16.0);
+    (squares * ((1.0 - epsilon) * factor)).g_sub_scalar_(UNDERFLOW)
+}
+
+impl Frame {
+    /// The frame whose centre is the mean of `features`.
+    pub(crate) fn new(features: &Points, kind: Distance) -> Self {
+        let centre = |part: usize| {
+            let width = features.widths()[part];
+            let mut sum = vec![0f64; width];
+            for row in features.values(part).chunks(width) {
+                let factor = if kind == Distance::Angular { to_unit(row) } else { 1.0 };
+                for (sum, x) in sum.iter_mut().zip(row) {
+                    *sum += f64::from(*x) * factor;
+                }
+            }
+            #[expect(clippy::cast_precision_loss, reason = "far fewer rows than 2^52")]
+            let count = features.count().max(1) as f64;
+            sum.iter().map(|sum| single(sum / count)).collect()
+        };
+        let centre = [0, 1, 2].map(centre);
+        let padded = |values: &[f32]| Lanes(std::array::from_fn(|i| values.get(i).copied().unwrap_or_default()));
+        let lanes = centre.each_ref().map(|centre: &Vec<f32>| centre.chunks(WIDE).map(padded).collect());
+        Self { kind, centre, lanes }
+    }
+
+    /// The centre of `part`, padded with zeros.
+    pub(crate) fn lanes(&self, part: usize) -> &[Lanes<f32>] {
+        &self.lanes[part]
+    }
+
+    /// Row `at` of `part` before it is centred: for angles its unit vector, put into `unit`.
+    pub(crate) fn row<'a>(
+        &self,
+        features: &'a Points,
+        (part, at): (usize, usize),
+        unit: &'a mut Vec<f32>,
+    ) -> &'a [f32] {
+        let row = features.row(part, at);
+        if self.kind == Distance::Euclidean {
+            return row;
+        }
+        let factor = to_unit(row);
+        unit.clear();
+        unit.extend(row.iter().map(|x| single(f64::from(*x) * factor)));
+        unit
+    }
+
+    /// How far a row that in the frame is no longer than `norm` may lie from where it should.
+    pub(crate) fn moved(&self, norm: f64) -> f64 {
+        // Centring errs by U of every difference, a unit vector by U of every value: 1 in all.
+        let unit = if self.kind == Distance::Angular { 1.0 } else { 0.0 };
+        1.01 * U * (norm + unit)
+    }
+
+    /// Rows `from..to` of `part`.
+    pub(crate) fn apply(&self, features: &Points, part: usize, (from, to): (usize, usize)) -> Framed {
+        let centre = &self.centre[part];
+        let width = centre.len();
+        let values = &features.values(part)[from * width..to * width];
+        let mut placed = match self.kind {
+            Distance::Euclidean => rows(values, width),
+            Distance::Angular => {
+                let unit = |row: &[f32]| {
+                    let factor = to_unit(row);
+                    row.iter().map(move |x| single(f64::from(*x) * factor)).collect::<Vec<f32>>()
+                };
+                let units: Vec<f32> = values.chunks_exact(width).flat_map(unit).collect();
+                rows(&units, width)
+            }
+        };
+        let _ = placed.g_sub_(&Tensor::from_slice(centre).view([1, int(width)]));
+        Framed::new(placed, |norm| self.moved(norm))
+    }
+}
+
+/// What squared distances of `part` are multiplied by, so that they (angles) or their roots
+/// (Euclidean) need only be added; for rows whose distances may have grown by the factor `stretch`.
+/// 0, which is a lower bound too, where single precision could not hold it.
+pub(crate) fn factor(metric: &Metric, part: usize, stretch: f64) -> f64 {
+    let scale = metric.scale[part];
+    let factor = match metric.kind {
+        Distance::Euclidean => (scale / stretch).powi(2),
+        Distance::Angular => scale / (2.0 * stretch * stretch),
+    };
+    if factor > LEAST_FACTOR { factor } else { 0.0 }
+}
+
+/// Turns the products −2 x·y, with what is to be added to each column and to each row, into
+/// lower bounds.
+pub(crate) fn finish(kind: Distance, products: &mut Tensor, columns: &Tensor, rows: &Tensor) {
+    let _ = products.g_add_(columns).g_add_(rows).relu_();
+    if kind == Distance::Euclidean {
+        let _ = products.sqrt_();
+    }
+}
+
+/// A lower bound above this rules out a distance of at most `distance` between rows that were moved
+/// by at most `moved` in all, per part.
+pub(crate) fn limit(metric: &Metric, moved: [f64; 3], distance: f64) -> f32 {
+    let scaled = moved.iter().zip(&metric.scale);
+    let reach: f64 = match metric.kind {
+        // |‖x′ − y′‖ − ‖x − y‖| ≤ r.
+        Distance::Euclidean => scaled.map(|(r, scale)| r * scale).sum(),
+        // ‖u′ − v′‖² / 2 ≤ (‖u − v‖ + r)² / 2, and scale ‖u − v‖² / 2 ≤ distance.
+        Distance::Angular => scaled.map(|(r, scale)| ((2.0 * distance * scale).sqrt() + r * scale / 2.0) * r).sum(),
+    };
+    single((distance + reach) * (1.0 + SLACK)).next_up()
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margins")]
+fn single(x: f64) -> f32 {
+    x as f32
+}

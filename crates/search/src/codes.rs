@@ -1,0 +1,217 @@
+//! Points as byte codes: every value as one of 255 multiples of a step. Products of codes are
+//! exact, and four times as fast where the processor has an instruction for them; a distance
+//! changes by no more than rounding to steps moved the two points. Knows nothing of the search.
+
+use crate::bound::{Frame, U, UNDERFLOW, factor};
+use crate::lanes::{self, CODES, Lanes, MOST, Panels, Query, Terms, WIDE};
+use crate::metric::Metric;
+use crate::points::Points;
+
+/// Wider rows could overflow what sums of codes' products are kept in.
+const MOST_WIDE: usize = 1024;
+/// So that its inverse is finite.
+const LEAST_STEP: f32 = 1e-32;
+/// A square so large that what fills up the last panel is never near, but its root is finite.
+const FAR: f32 = 1e30;
+/// More than any error of a value divided by its step: three roundings of at most 127.
+const DIVISION: f64 = 3e-5;
+/// A square and its rounding, the sum of two, and adding the product to it, err by less.
+const ROUNDING: f64 = 16.0 * U;
+
+/// Points' codes.
+pub(crate) struct Codes {
+    sides: [Side; 3],
+    /// Per panel of sixteen points, part and four codes: those codes, 128 larger, of each.
+    panels: Vec<Lanes<i32>>,
+    /// Per panel and part: the points' squares.
+    squares: Vec<Lanes<f32>>,
+    /// How often four codes, per part.
+    groups: [usize; 3],
+    /// In all.
+    all: usize,
+    roots: bool,
+}
+
+/// One part.
+struct Side {
+    step: f32,
+    /// What squared distances are multiplied by.
+    factor: f64,
+    /// The most that an point was moved.
+    moved: f64,
+    /// The root of the number of values.
+    root: f64,
+}
+
+/// Queries' codes.
+pub(crate) struct Queries {
+    codes: Vec<i32>,
+    terms: Vec<[Terms; 3]>,
+    /// Per part how far query and points may have been moved in all.
+    pub(crate) moved: Vec<[f64; 3]>,
+    scratch: Scratch,
+}
+
+/// What a row is brought into the frame in.
+#[derive(Default)]
+pub(crate) struct Scratch {
+    unit: Vec<f32>,
+    placed: [Vec<Lanes<f32>>; 3],
+}
+
+impl Scratch {
+    /// Row `at` of `part`, in the frame, and its largest value's size.
+    fn place(&mut self, frame: &Frame, features: &Points, (part, at): (usize, usize)) -> f32 {
+        let centre = frame.lanes(part);
+        let placed = &mut self.placed[part];
+        placed.resize(centre.len(), Lanes([0.0; WIDE]));
+        let row = frame.row(features, (part, at), &mut self.unit);
+        lanes::centre(row, centre, placed)
+    }
+
+    /// Codes of the row of `part` last placed into `codes`.
+    fn code(&self, part: usize, grid: Grid, codes: &mut [i32]) -> lanes::Sums {
+        lanes::code(&self.placed[part], grid.inverse, codes)
+    }
+}
+
+/// What values are rounded to the multiples of.
+#[derive(Clone, Copy)]
+struct Grid {
+    step: f32,
+    inverse: f32,
+}
+
+impl Grid {
+    /// For values that are no larger than `largest` in size.
+    fn new(largest: f32) -> Self {
+        Self { step: (largest / MOST).max(LEAST_STEP), inverse: (MOST / largest).min(1.0 / LEAST_STEP) }
+    }
+}
+
+/// At most `square`, however it is rounded and added; and no more wrong below single precision.
+fn below(square: f64) -> f32 {
+    #[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margin")]
+    let square = (square * (1.0 - ROUNDING) - UNDERFLOW) as f32;
+    square
+}
+
+impl Codes {
+    /// Of all of `points`; `None` if that is not possible, or would not be faster.
+    pub(crate) fn new(corpus: &Points, frame: &Frame, metric: &Metric) -> Option<Self> {
+        if !lanes::fast() || corpus.count() == 0 || corpus.widths().iter().any(|width| *width > MOST_WIDE) {
+            return None;
+        }
+        let groups = corpus.widths().map(|width| width.div_ceil(WIDE) * (WIDE / CODES));
+        let (all, panels) = (groups.iter().sum(), corpus.count().div_ceil(WIDE));
+        let mut codes = Self {
+            sides: [0, 1, 2].map(|i| Side::new(factor(metric, i, 1.0), corpus.widths()[i])),
+            panels: vec![Lanes([0; WIDE]); panels * all],
+            squares: vec![Lanes([FAR; WIDE]); panels * 3],
+            groups,
+            all,
+            roots: metric.kind == crate::metric::Distance::Euclidean,
+        };
+        for part in 0..3 {
+            codes.fill(corpus, frame, part);
+        }
+        Some(codes)
+    }
+
+    fn fill(&mut self, corpus: &Points, frame: &Frame, part: usize) {
+        let mut scratch = Scratch::default();
+        let largest = (0..corpus.count()).map(|at| scratch.place(frame, corpus, (part, at))).fold(0.0, f32::max);
+        let (all, from) = (self.all, self.groups[..part].iter().sum::<usize>());
+        let side = &mut self.sides[part];
+        let grid = Grid::new(largest);
+        side.step = grid.step;
+        let scale = side.factor * f64::from(side.step).powi(2);
+        let mut row = vec![0i32; self.groups[part]];
+        for at in 0..corpus.count() {
+            scratch.place(frame, corpus, (part, at));
+            let sums = scratch.code(part, grid, &mut row);
+            side.moved = side.moved.max(side.moved(frame, (largest, grid), &sums));
+            let (panel, lane) = (at / WIDE, at % WIDE);
+            self.squares[panel * 3 + part].0[lane] = below(scale * f64::from(sums.squares));
+            for (to, code) in self.panels[panel * all + from..].iter_mut().zip(&row) {
+                // Adds 128 to each of the four.
+                to.0[lane] = code ^ i32::from_ne_bytes([0x80; 4]);
+            }
+        }
+    }
+
+    pub(crate) fn panels(&self) -> usize {
+        self.squares.len() / 3
+    }
+
+    /// Panels `from..to`.
+    pub(crate) fn some(&self, (from, to): (usize, usize)) -> Panels<'_> {
+        Panels {
+            codes: &self.panels[from * self.all..to * self.all],
+            squares: &self.squares[from * 3..to * 3],
+            groups: self.groups,
+            all: self.all,
+            count: to - from,
+            roots: self.roots,
+        }
+    }
+}
+
+impl Queries {
+    pub(crate) fn new() -> Self {
+        Self { codes: Vec::new(), terms: Vec::new(), moved: Vec::new(), scratch: Scratch::default() }
+    }
+
+    /// Rows `from..to` of `features`, in place of whatever was here.
+    pub(crate) fn fill(&mut self, (codes, frame): (&Codes, &Frame), features: &Points, (from, to): (usize, usize)) {
+        self.codes.resize((to - from) * codes.all, 0);
+        self.terms.resize(to - from, [Terms::default(); 3]);
+        self.moved.resize(to - from, [0.0; 3]);
+        let rows = self.codes.chunks_exact_mut(codes.all).zip(&mut self.terms).zip(&mut self.moved);
+        for (at, ((mut place, terms), moved)) in (from..to).zip(rows) {
+            // The parts side by side: none waits for another.
+            let mut largest = [0f32; 3];
+            for (part, largest) in largest.iter_mut().enumerate() {
+                *largest = self.scratch.place(frame, features, (part, at));
+            }
+            let grids = largest.map(Grid::new);
+            let mut sums = [lanes::Sums::default(); 3];
+            for (part, sums) in sums.iter_mut().enumerate() {
+                let (of_part, rest) = place.split_at_mut(codes.groups[part]);
+                *sums = self.scratch.code(part, grids[part], of_part);
+                place = rest;
+            }
+            for (i, side) in codes.sides.iter().enumerate() {
+                terms[i] = side.terms(grids[i].step, &sums[i]);
+                moved[i] = side.moved(frame, (largest[i], grids[i]), &sums[i]) + side.moved;
+            }
+        }
+    }
+
+    pub(crate) fn get(&self, at: usize, codes: &Codes, limit: f32) -> Query<'_> {
+        Query { codes: &self.codes[at * codes.all..][..codes.all], terms: &self.terms[at], limit }
+    }
+}
+
+impl Side {
+    /// How far from where it should be a row with `sums` lies, as many steps of `grid`, that had no
+    /// value larger than `largest`.
+    fn moved(&self, frame: &Frame, (largest, grid): (f32, Grid), sums: &lanes::Sums) -> f64 {
+        let rests = f64::from(sums.rests.sqrt()) * 1.001 + DIVISION * self.root;
+        frame.moved(f64::from(largest) * self.root * 1.001) + f64::from(grid.step) * rests
+    }
+
+    fn new(factor: f64, width: usize) -> Self {
+        #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
+        let root = (width as f64).sqrt();
+        Self { step: 0.0, factor, moved: 0.0, root }
+    }
+
+    /// Of a query with `sums` in steps of `step`.
+    fn terms(&self, step: f32, sums: &lanes::Sums) -> Terms {
+        let own = f64::from(step);
+        #[expect(clippy::cast_possible_truncation, reason = "whole and small, or the rounding is in the margin")]
+        let (begin, factor) = ((-128.0 * sums.codes) as i32, (-2.0 * self.factor * own * f64::from(self.step)) as f32);
+        Terms { begin, factor, square: below(self.factor * own * own * f64::from(sums.squares)) }
+    }
+}

@@ -1,0 +1,67 @@
+//! A cheaper filter first: rows seen only along the few directions in which the points differ
+//! most. A projection never makes a distance longer, ‖P x − P y‖ ≤ ‖x − y‖, so what it rules out
+//! is ruled out; a narrower product is all it costs. Knows nothing of tiles.
+
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use tch::{Kind, Tensor};
+
+use crate::bound::{Framed, U};
+use crate::tensor::int;
+
+/// Narrower rows are not worth projecting.
+const LEAST_WIDTH: usize = 96;
+/// Fewer rows than this a direction say too little of where rows differ, and cost too little.
+const ROWS_A_DIRECTION: usize = 16;
+/// More than this and the directions are not what they should be.
+const MOST_STRETCH: f64 = 1.001;
+/// Rows looked at to find them.
+const SAMPLE: usize = 2048;
+
+/// Some directions of one part.
+pub(crate) struct Directions {
+    /// `[d, count]`, orthonormal but for rounding.
+    basis: Tensor,
+    count: usize,
+    /// At least the most that rounding lets them stretch a row.
+    pub(crate) stretch: f64,
+}
+
+impl Directions {
+    /// The principal directions of `framed`; `None` if a narrower product would not pay.
+    pub(crate) fn principal(framed: &Framed) -> Option<Self> {
+        let (width, rows) = (framed.width(), framed.count());
+        let count = (width / 8).clamp(16, 128);
+        if width < LEAST_WIDTH || rows < ROWS_A_DIRECTION * count {
+            return None;
+        }
+        let all = framed.rows.slice(0, None, None, int(rows.div_ceil(SAMPLE))).to_kind(Kind::Double);
+        // Subspace iteration from any start; how good the directions are changes only the speed.
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let start: Vec<f64> = (0..width * count).map(|_| rng.random_range(-1.0..1.0)).collect();
+        let mut basis = Tensor::from_slice(&start).view([int(width), int(count)]);
+        for _ in 0..3 {
+            basis = Tensor::linalg_qr(&all.tr().matmul(&all.matmul(&basis)), "reduced").0;
+        }
+        let basis = basis.to_kind(Kind::Float).contiguous();
+        let exact = basis.to_kind(Kind::Double);
+        let sums = exact.tr().matmul(&exact).abs().sum_dim_intlist([1i64].as_slice(), false, Kind::Double);
+        // The largest row sum of |Bᵀ B| is at least its largest eigenvalue.
+        let stretch = sums.max().double_value(&[]).sqrt().max(1.0);
+        (stretch < MOST_STRETCH).then(|| Self { basis, count, stretch })
+    }
+
+    /// The same for another thread.
+    pub(crate) fn share(&self) -> Self {
+        Self { basis: self.basis.shallow_clone(), ..*self }
+    }
+
+    /// `framed` along these directions.
+    pub(crate) fn apply(&self, framed: &Framed) -> Framed {
+        // Each of the values errs by at most γ(d) ‖x‖, so all by √count times that.
+        #[expect(clippy::cast_precision_loss, reason = "small counts")]
+        let rounding = 1.1 * U * framed.width() as f64 * (self.count as f64).sqrt() * self.stretch;
+        let moved = self.stretch * framed.moved + rounding * framed.longest();
+        Framed::new(framed.rows.mm(&self.basis), |_| moved)
+    }
+}

@@ -1,0 +1,175 @@
+//! Exact nearest search over points.
+//!
+//! Products per part, ‖x − y‖² = ‖x‖² + ‖y‖² − 2 x·y after centring, are the filter: they give a lower bound of the
+//! distance with a proven margin. First cheap products, of codes of one byte a value or along few directions, then some
+//! in single precision where those leave too much. Whatever the bound cannot rule out is compared again directly in
+//! double precision. So the winner and its distance are exact and do not depend on tiles, threads or the processor. The
+//! product itself would not do: near zero, where the best match is, its error exceeds the distance.
+
+use std::cell::OnceCell;
+use std::sync::{Mutex, PoisonError};
+
+use crate::codes::Codes;
+use crate::corpus::{Corpus, Tiles};
+use crate::error::SearchError;
+use crate::level::{Level, View};
+use crate::matched::Match;
+use crate::metric::Metric;
+use crate::points::{PARTS, Points};
+use crate::scan::{self, Scan};
+use crate::sweep::Sweep;
+use crate::threads;
+
+/// Fewer pairs than this are not worth another thread.
+const PAIRS_A_THREAD: usize = 1 << 17;
+
+/// Groups of points, ready to be searched. Uses as many threads as the tensor library has.
+pub struct Index {
+    corpus: Corpus,
+    /// The first filter, where the processor is made for it.
+    codes: Option<Codes>,
+    /// The filter for what that leaves, or leaves out: the cheaper views first; the last rules out all that can be.
+    views: Vec<View>,
+    levels: OnceCell<Vec<[Level; PARTS]>>,
+}
+
+impl Index {
+    /// The points of `groups`, each group with its number.
+    ///
+    /// # Errors
+    /// The numbers do not rise, or the groups differ in their widths.
+    pub fn new(groups: &[(u32, &Points)], metric: Metric) -> Result<Self, SearchError> {
+        if !groups.is_sorted_by(|(a, _), (b, _)| a < b) {
+            return Err(SearchError::new("groups", "must come with rising numbers, each once"));
+        }
+        let index = Self::with_tiles(groups, metric, Tiles::default());
+        groups.iter().try_for_each(|(_, points)| index.check("groups", points)).map(|()| index)
+    }
+
+    pub(crate) fn with_tiles(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles) -> Self {
+        let mut index = Self::with_views(groups, metric, tiles, &[View::Along, View::Whole]);
+        let corpus = &index.corpus;
+        index.codes = Codes::new(&corpus.points, &corpus.frame, &corpus.relative);
+        if index.codes.is_some() {
+            // Points that codes do not distinguish are not distinguished along few directions.
+            index.views = vec![View::Whole];
+        }
+        index
+    }
+
+    /// Without codes; the filter has the levels of `views` that pay.
+    fn with_views(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles, views: &[View]) -> Self {
+        let corpus = Corpus::new(groups, metric, tiles);
+        Self { corpus, codes: None, views: views.to_vec(), levels: OnceCell::new() }
+    }
+
+    fn levels(&self) -> &[[Level; PARTS]] {
+        let corpus = &self.corpus;
+        self.levels.get_or_init(|| {
+            let all = (0, corpus.points.count());
+            let framed = [0, 1, 2].map(|part| corpus.frame.apply(&corpus.points, part, all));
+            let level = |view: &View| {
+                let [o, m, a] = [0, 1, 2].map(|i| Level::new(&framed[i], *view, (&corpus.relative, i)));
+                Some([o?, m?, a?])
+            };
+            self.views.iter().filter_map(level).collect()
+        })
+    }
+
+    /// Improves `matches`, one per query, by the nearest of these points outside group number `without`. A match stays
+    /// where none is nearer; a tie goes to the lowest group number, then to the first row.
+    ///
+    /// # Errors
+    /// The queries differ in their widths from the points, or in their number from `matches`.
+    pub fn improve(
+        &self,
+        queries: &Points,
+        without: Option<u32>,
+        matches: &mut [Option<Match>],
+    ) -> Result<(), SearchError> {
+        self.check("queries", queries)?;
+        if matches.len() != queries.count() {
+            let message = format!("expected {} (one for each query), got {}", queries.count(), matches.len());
+            return Err(SearchError::new("matches", message));
+        }
+        let worth = queries.count() * self.corpus.points.count() / PAIRS_A_THREAD;
+        let threads = threads::available().min(worth).max(1);
+        let left = match &self.codes {
+            Some(codes) => self.scan(codes, (queries, threads), without, matches),
+            None => (0..queries.count()).collect(),
+        };
+        if !left.is_empty() {
+            self.sweep(&left, (queries, threads), without, matches);
+        }
+        Ok(())
+    }
+
+    /// The nearest of these points to each query, outside group number `without`; `None` if that leaves no point.
+    ///
+    /// # Errors
+    /// As [`Self::improve`].
+    pub fn nearest(&self, queries: &Points, without: Option<u32>) -> Result<Option<Vec<Match>>, SearchError> {
+        let mut matches = vec![None; queries.count()];
+        self.improve(queries, without, &mut matches)?;
+        Ok(matches.into_iter().collect())
+    }
+
+    /// Fails unless `points` can be compared with those of the index.
+    fn check(&self, field: &'static str, points: &Points) -> Result<(), SearchError> {
+        let (expected, got) = (self.corpus.points.widths(), points.widths());
+        if points.count() == 0 || self.corpus.points.count() == 0 || got == expected {
+            return Ok(());
+        }
+        Err(SearchError::new(field, format!("expected widths {expected:?} as the first group has, got {got:?}")))
+    }
+
+    /// Looks at all queries through `codes`; the numbers of those that are yet to be looked at.
+    fn scan(
+        &self,
+        codes: &Codes,
+        (queries, threads): (&Points, usize),
+        without: Option<u32>,
+        matches: &mut [Option<Match>],
+    ) -> Vec<usize> {
+        let blocks = Mutex::new(matches.chunks_mut(scan::BLOCK).enumerate());
+        let left = Mutex::new(Vec::new());
+        let without = self.corpus.left_out(without);
+        let scans = std::iter::repeat_with(|| Scan::new(&self.corpus, codes, queries, without));
+        threads::side_by_side(scans.take(threads).collect(), |mut scan| {
+            let mut own = Vec::new();
+            // A thread that failed cannot have left the list half taken from.
+            let next = || blocks.lock().unwrap_or_else(PoisonError::into_inner).next();
+            while let Some((block, best)) = next() {
+                scan.block(block * scan::BLOCK, best, &mut own);
+            }
+            left.lock().unwrap_or_else(PoisonError::into_inner).append(&mut own);
+        });
+        let mut left = left.into_inner().unwrap_or_else(PoisonError::into_inner);
+        left.sort_unstable();
+        left
+    }
+
+    /// Looks at the queries numbered `rows`, in rising order.
+    fn sweep(
+        &self,
+        rows: &[usize],
+        (queries, threads): (&Points, usize),
+        without: Option<u32>,
+        matches: &mut [Option<Match>],
+    ) {
+        let ranges = self.corpus.ranges(without);
+        let size = self.corpus.tiles.queries_of(self.corpus.points.count());
+        let blocks = Mutex::new(matches.chunks_mut(size).enumerate());
+        let sweeps: Vec<Sweep<'_>> =
+            (0..threads).map(|_| Sweep::new(&self.corpus, self.levels(), (queries, size), &ranges)).collect();
+        threads::side_by_side(sweeps, |mut sweep| {
+            let next = || blocks.lock().unwrap_or_else(PoisonError::into_inner).next();
+            while let Some((block, best)) = next() {
+                sweep.block(block * size, rows, best);
+            }
+        });
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,212 @@
+//! One thread's way over the tiles: bounds, and a direct comparison of whatever the bounds cannot
+//! rule out.
+
+use tch::{Device, Kind, Tensor};
+
+use crate::bound::{Framed, limit};
+use crate::corpus::Corpus;
+use crate::level::{GROUP, Level, Placed};
+use crate::matched::Match;
+use crate::points::Points;
+use crate::tensor::int;
+
+/// More candidates than this in a row of a tile, and a full product costs less than comparing them.
+const CANDIDATES: usize = 32;
+/// Rows of tiles after which to judge whether a level pays.
+const TRIAL: usize = 1024;
+
+/// What one thread works with.
+pub(crate) struct Sweep<'a> {
+    corpus: &'a Corpus,
+    levels: Vec<[Level; 3]>,
+    queries: &'a Points,
+    ranges: &'a [(usize, usize)],
+    /// Where a tile's products are written.
+    buffer: Tensor,
+    /// The lower bounds of a tile, `[rows, GROUP, groups]` one after the other, and what is least in
+    /// each group: as the library writes them and as we read them.
+    sum: Tensor,
+    bounds: Vec<f32>,
+    lows: Vec<f32>,
+    /// Per level the rows of tiles that it has seen, and those it could not settle.
+    tried: Vec<usize>,
+    failed: Vec<usize>,
+}
+
+/// A block of queries on one level.
+struct Block {
+    placed: [Placed; 3],
+    /// Per part how far queries and points may have been moved in all.
+    moved: [f64; 3],
+}
+
+/// A row's lower bounds to the points from `from` to `to`.
+struct Row<'a> {
+    from: usize,
+    to: usize,
+    /// Group g holds the bounds at g, g + groups, g + 2 groups, …
+    bounds: &'a [f32],
+    /// The least of each group.
+    lows: &'a [f32],
+}
+
+impl<'a> Sweep<'a> {
+    /// Blocks have at most `rows` queries.
+    pub(crate) fn new(
+        corpus: &'a Corpus,
+        levels: &[[Level; 3]],
+        (queries, rows): (&'a Points, usize),
+        ranges: &'a [(usize, usize)],
+    ) -> Self {
+        let widest = ranges.iter().map(|(from, to)| to - from).max().unwrap_or(0);
+        let size = rows.min(queries.count()) * widest.next_multiple_of(GROUP);
+        let zeros = || Tensor::zeros([int(size)], (Kind::Float, Device::Cpu));
+        Self {
+            corpus,
+            levels: levels.iter().map(|level| level.each_ref().map(Level::share)).collect(),
+            queries,
+            ranges,
+            buffer: zeros(),
+            sum: zeros(),
+            bounds: vec![0.0; size],
+            lows: vec![0.0; size / GROUP],
+            tried: vec![0; levels.len()],
+            failed: vec![0; levels.len()],
+        }
+    }
+
+    /// Improves `best`, of those of the queries that begin at `begin` whose numbers `rows` has.
+    pub(crate) fn block(&mut self, begin: usize, rows: &[usize], best: &mut [Option<Match>]) {
+        let rows = &rows[rows.partition_point(|row| *row < begin)..];
+        let rows = &rows[..rows.partition_point(|row| *row < begin + best.len())];
+        if rows.is_empty() {
+            return;
+        }
+        let corpus = self.corpus;
+        let framed: [Framed; 3] =
+            std::array::from_fn(|i| corpus.frame.apply(self.queries, i, (begin, begin + best.len())));
+        let mut blocks: Vec<Option<Block>> = self.levels.iter().map(|_| None).collect();
+        for range in self.ranges {
+            let mut open: Vec<usize> = rows.iter().map(|row| row - begin).collect();
+            for (level, block) in blocks.iter_mut().enumerate().skip(self.first_level()) {
+                let block = block.get_or_insert_with(|| place(&self.levels[level], &framed));
+                self.bound((level, block), *range, (&open, best.len()));
+                let last = level + 1 == self.levels.len();
+                let most = if last { usize::MAX } else { CANDIDATES };
+                self.tried[level] += open.len();
+                self.settle((begin, block.moved, most), *range, &mut open, best);
+                self.failed[level] += open.len();
+                if open.is_empty() {
+                    break;
+                }
+            }
+        }
+    }
+
+    /// The level to begin with: none that leaves most rows to the next.
+    fn first_level(&self) -> usize {
+        let pays = |level: &usize| self.tried[*level] < TRIAL || self.failed[*level] * 2 < self.tried[*level];
+        let last = self.levels.len() - 1;
+        (0..last).find(pays).unwrap_or(last)
+    }
+
+    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the points
+    /// `from..to`, and a few more that make the last group whole.
+    fn bound(&mut self, (level, block): (usize, &Block), (from, to): (usize, usize), (open, all): (&[usize], usize)) {
+        let (width, count) = ((to - from).next_multiple_of(GROUP), open.len());
+        let mut sum = self.sum.narrow(0, 0, int(count * width)).view([int(count), int(width)]);
+        let some = (count < all).then(|| {
+            let open: Vec<i64> = open.iter().map(|row| int(*row)).collect();
+            Tensor::from_slice(&open)
+        });
+        let mut first = true;
+        for (level, placed) in self.levels[level].iter().zip(&block.placed).filter(|(level, _)| level.counts()) {
+            let tile = (&self.corpus.relative, &self.buffer);
+            level.bound((placed, some.as_ref()), from, (&mut sum, first), tile);
+            first = false;
+        }
+        if first {
+            let _ = sum.zero_();
+        }
+        let lows = sum.view([int(count), int(GROUP), -1]).amin([1i64].as_slice(), false);
+        lows.copy_data(&mut self.lows, count * width / GROUP);
+        sum.copy_data(&mut self.bounds, count * width);
+    }
+
+    /// Leaves in `open` the rows for which the bounds leave more than `most` candidates; improves
+    /// the others' `best`.
+    fn settle(
+        &self,
+        (begin, moved, most): (usize, [f64; 3], usize),
+        (from, to): (usize, usize),
+        open: &mut Vec<usize>,
+        best: &mut [Option<Match>],
+    ) {
+        let width = (to - from).next_multiple_of(GROUP);
+        let mut rows = self.bounds.chunks_exact(width).zip(self.lows.chunks_exact(width / GROUP));
+        open.retain(|row| {
+            rows.next().is_some_and(|(bounds, lows)| {
+                let bounds = Row { from, to, bounds, lows };
+                !self.refine((begin + row, moved), &bounds, most, &mut best[*row])
+            })
+        });
+    }
+
+    /// Compares query `at` directly with whatever points `row` cannot rule out; false if those
+    /// are more than `most`.
+    fn refine(&self, (at, moved): (usize, [f64; 3]), row: &Row<'_>, most: usize, best: &mut Option<Match>) -> bool {
+        let corpus = self.corpus;
+        let allowed = |best: &Option<Match>| {
+            best.as_ref().map_or(f32::INFINITY, |best| limit(&corpus.relative, moved, best.distance / corpus.unit))
+        };
+        let mut most_allowed = allowed(best);
+        if row.lows.iter().all(|low| *low > most_allowed) {
+            return true;
+        }
+        let mut consider = |place: usize| {
+            let found = corpus.compare((self.queries, at), place);
+            if found.beats(best) {
+                *best = Some(found);
+            }
+            allowed(best)
+        };
+        // The likeliest winner first: its distance rules out nearly all the others.
+        let likeliest = row.likeliest();
+        if let Some(likeliest) = likeliest {
+            most_allowed = most_allowed.min(consider(likeliest));
+        }
+        if row.candidates(most_allowed).nth(most).is_some() {
+            return false;
+        }
+        // In order, so that there is no need to look at what the last comparison ruled out.
+        for (place, bound) in row.candidates(most_allowed) {
+            if bound <= most_allowed && Some(place) != likeliest {
+                most_allowed = consider(place);
+            }
+        }
+        true
+    }
+}
+
+impl Row<'_> {
+    /// The point with the least bound.
+    fn likeliest(&self) -> Option<usize> {
+        let lowest = self.lows.iter().copied().fold(f32::INFINITY, f32::min);
+        self.candidates(lowest).next().map(|(place, _)| place)
+    }
+
+    /// The points, and their bounds, that a bound of more than `allowed` does not rule out.
+    fn candidates(&self, allowed: f32) -> impl Iterator<Item = (usize, f32)> {
+        let groups = self.lows.len();
+        let open = self.lows.iter().enumerate().filter(move |(_, low)| **low <= allowed).map(|(group, _)| group);
+        let members = open.flat_map(move |group| (group..self.bounds.len()).step_by(groups));
+        let bounds = members.map(|offset| (self.from + offset, self.bounds[offset]));
+        bounds.filter(move |(place, bound)| *bound <= allowed && *place < self.to)
+    }
+}
+
+fn place(level: &[Level; 3], framed: &[Framed; 3]) -> Block {
+    let placed: [Placed; 3] = std::array::from_fn(|i| level[i].place(&framed[i]));
+    let moved = std::array::from_fn(|i| placed[i].moved + level[i].moved);
+    Block { placed, moved }
+}
