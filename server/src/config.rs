@@ -3,7 +3,7 @@
 mod access;
 mod children;
 mod connections;
-mod keeping;
+mod maintenance;
 mod policies;
 mod telemetry;
 mod tls;
@@ -18,7 +18,7 @@ pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
     children::{WorkerConfig, worker_environment},
     connections::ConnectionsConfig,
-    keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RebuildConfig, RestoreConfig},
+    maintenance::{BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, RebuildConfig, RestoreConfig},
     policies::PoliciesConfig,
     telemetry::TelemetryConfig,
     tls::{TlsClientConfig, TlsCommand, TlsConfig, TlsFolderConfig, TlsServerConfig},
@@ -53,9 +53,9 @@ const FAIL_POINT: &str = "GLEANER_FAIL_POINT";
 pub enum Command {
     /// Serve episodes, jobs, scores, datasets and policies.
     Serve(Box<ServeConfig>),
-    /// Look after a data folder.
+    /// ReadOnlyDatabase after a data folder.
     #[command(flatten)]
-    Keep(KeepingCommand),
+    Keep(MaintenanceCommand),
     /// Make, list and revoke the tokens that let callers in.
     Token(TokenConfig),
     /// Make and renew certificates for encrypted connections.
@@ -99,7 +99,7 @@ pub struct ServeConfig {
     pub uploads: UploadsConfig,
     /// How long what nobody wants is kept, and what the disk is spared.
     #[command(flatten)]
-    pub keeping: KeepingConfig,
+    pub maintenance: MaintenanceConfig,
     /// How jobs run.
     #[command(flatten)]
     pub jobs: JobsConfig,
@@ -204,7 +204,7 @@ impl ServeConfig {
         self.connections.validate()?;
         self.telemetry.validate(self.access.tls_cert.is_some())?;
         self.limits.recordings.validate()?;
-        self.keeping.validate()?;
+        self.maintenance.validate()?;
         self.policies.validate()
     }
 }
@@ -253,7 +253,7 @@ mod tests {
             ("--policy-batch", "0"),
             ("--policy-batch-wait", "0.6"),
             ("--policy-batch-wait", "NaN"),
-            ("--policy-awake-us", "100001"),
+            ("--policy-spin-us", "100001"),
             ("--session-idle-seconds", "0"),
             ("--drain-seconds", "3601"),
         ] {

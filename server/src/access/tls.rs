@@ -36,7 +36,7 @@ use crate::{
 };
 
 /// How often the files are looked at.
-const LOOK_EVERY: Duration = Duration::from_secs(2);
+const POLL_INTERVAL: Duration = Duration::from_secs(2);
 
 /// How connections are encrypted.
 #[derive(Debug)]
@@ -126,7 +126,7 @@ impl Tls {
             tokio::select! {
                 _ = asked => {}
                 // What could not be read may be readable now, though no file has changed.
-                () = tokio::time::sleep(LOOK_EVERY) => {
+                () = tokio::time::sleep(POLL_INTERVAL) => {
                     if problem.is_none() && self.files.stamps() == seen {
                         continue;
                     }

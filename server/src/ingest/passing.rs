@@ -18,7 +18,7 @@ use crate::{
 pub(super) const AT_ONCE: usize = 4;
 
 /// After so many bytes it is asked again whether the disk has room.
-const LOOK_EVERY: u64 = 4 << 20;
+const POLL_INTERVAL: u64 = 4 << 20;
 
 /// What a client says of a recording that it is going to send.
 #[derive(Debug, Clone, Default)]
@@ -102,7 +102,7 @@ impl Ingest {
             if declared.size_bytes.is_some_and(|declared| size > declared) {
                 break;
             }
-            if size - looked >= LOOK_EVERY {
+            if size - looked >= POLL_INTERVAL {
                 self.blobs.expect_room(0)?;
                 looked = size;
             }

@@ -53,7 +53,7 @@ fn too_slow() -> Error {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Look, testing};
+    use super::super::{ReadOnlyDatabase, testing};
     use crate::{domain::episode::Outcome, error::Kind};
 
     /// SQLite says the same of a database that may not grow as of a disk that is full.
@@ -87,7 +87,7 @@ mod tests {
         let (dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         store.close().await;
-        let look = Look::open(&dir.path().join("gleaner.db")).await.unwrap();
+        let look = ReadOnlyDatabase::open(&dir.path().join("gleaner.db")).await.unwrap();
         let error = look.store.insert_upload(&testing::upload(&task, b"x"), None).await.unwrap_err();
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
         assert!(error.message().contains("cannot be written"), "{error}");

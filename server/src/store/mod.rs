@@ -5,7 +5,6 @@
 
 mod audit;
 pub(crate) mod backlog;
-mod beside;
 mod blob;
 mod check;
 mod clock;
@@ -21,12 +20,13 @@ pub(crate) mod finish;
 mod job;
 mod kept;
 mod lab;
-mod look;
 mod made;
 mod metric;
+mod open_shared;
 mod packed;
 mod policy;
 pub(crate) mod queue;
+mod read_only;
 mod row;
 mod schedule;
 mod score;
@@ -51,7 +51,7 @@ use sqlx::{
 };
 
 use self::fault::fault;
-pub(crate) use self::{blob::NamedBlob, look::Look, sidecar::Described};
+pub(crate) use self::{blob::NamedBlob, read_only::ReadOnlyDatabase, sidecar::Described};
 use crate::error::{Error, Result};
 
 static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("../migrations");
@@ -98,7 +98,7 @@ impl Store {
         let options = options.create_if_missing(false);
         writer.set_connect_options(options.clone());
         check_version(&writer).await?;
-        look::known_schema(&writer, path).await?;
+        read_only::known_schema(&writer, path).await?;
         MIGRATIONS.run(&writer).await.map_err(|error| {
             if let sqlx::migrate::MigrateError::VersionMissing(version) = error {
                 return Error::precondition(format!(

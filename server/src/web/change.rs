@@ -11,7 +11,7 @@ use axum::{
 };
 use serde_json::Value;
 
-use super::{door::Subjects, refusal::Answer};
+use super::{middleware::Subjects, refusal::Answer};
 
 /// Most characters of a value in the audit log.
 const LONGEST: usize = 160;

@@ -46,7 +46,7 @@ fn kept(character: char) -> bool {
 /// Where in a page's markup a character is. The markup is our own templates': quotes and angle brackets of text are
 /// escaped, so that these characters only ever are markup.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum Context {
     Text,
     Tag,
     /// An attribute that is shown, such as a title.
@@ -59,50 +59,50 @@ enum Place {
 
 fn html(markup: &str) -> String {
     let mut out = String::with_capacity(markup.len() + 16);
-    let (mut place, mut tag) = (Place::Text, 0);
+    let (mut context, mut tag) = (Context::Text, 0);
     for (at, character) in markup.char_indices() {
         if !kept(character) {
-            write(character, place, &mut out);
+            write(character, context, &mut out);
             continue;
         }
         out.push(character);
-        place = match (place, character) {
-            (Place::Text, '<') => {
+        context = match (context, character) {
+            (Context::Text, '<') => {
                 tag = at;
-                Place::Tag
+                Context::Tag
             }
-            (Place::Script, '<') if markup[at..].starts_with("</script") => {
+            (Context::Script, '<') if markup[at..].starts_with("</script") => {
                 tag = at;
-                Place::Tag
+                Context::Tag
             }
-            (Place::Tag, '>') if markup[tag..].starts_with("<script") => Place::Script,
-            (Place::Tag, '>') => Place::Text,
-            (Place::Tag, '"') => attribute(&markup[tag..at]),
-            (Place::Shown | Place::Kept, '"') => Place::Tag,
-            (place, _) => place,
+            (Context::Tag, '>') if markup[tag..].starts_with("<script") => Context::Script,
+            (Context::Tag, '>') => Context::Text,
+            (Context::Tag, '"') => attribute(&markup[tag..at]),
+            (Context::Shown | Context::Kept, '"') => Context::Tag,
+            (context, _) => context,
         };
     }
     out
 }
 
 /// What the attribute is that a tag so far ends with.
-fn attribute(tag: &str) -> Place {
+fn attribute(tag: &str) -> Context {
     let name = tag.trim_end_matches('=').rsplit(' ').next().unwrap_or_default();
     if matches!(name, "title" | "alt" | "placeholder" | "label") || name.starts_with("aria-") {
-        Place::Shown
+        Context::Shown
     } else {
-        Place::Kept
+        Context::Kept
     }
 }
 
-fn write(character: char, place: Place, out: &mut String) {
+fn write(character: char, context: Context, out: &mut String) {
     let mut buffer = [0; 4];
     let text: &str = character.encode_utf8(&mut buffer);
-    match place {
-        Place::Text | Place::Shown => out.push_str(&Escape::Field.apply(text)),
-        Place::Script => out.push_str(&Escape::Json.apply(text)),
+    match context {
+        Context::Text | Context::Shown => out.push_str(&Escape::Field.apply(text)),
+        Context::Script => out.push_str(&Escape::Json.apply(text)),
         // Writing to a string cannot fail.
-        Place::Tag | Place::Kept => {
+        Context::Tag | Context::Kept => {
             let _ = write!(out, "&#x{:x};", u32::from(character));
         }
     }

@@ -8,8 +8,8 @@ use axum::{
 use serde::Deserialize;
 
 use super::{
+    page_request::{PageRequest, escaped},
     refusal::Answer,
-    visit::{Visit, escaped},
 };
 use crate::{curation::View, domain::id::EpisodeId, error::Error};
 
@@ -17,7 +17,7 @@ use crate::{curation::View, domain::id::EpisodeId, error::Error};
 pub(super) const THUMBNAIL: u32 = 160;
 
 #[derive(Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     depth: bool,
     size: Option<u32>,
@@ -34,11 +34,11 @@ pub(super) fn before_step(episode: &EpisodeId, camera: &str) -> String {
 }
 
 /// A recording never changes, and so its pictures do not.
-pub(super) async fn show(visit: Visit, Path((id, camera, step)): Path<(String, String, String)>) -> Answer {
-    let Asked { depth, size } = visit.asked()?;
+pub(super) async fn show(request: PageRequest, Path((id, camera, step)): Path<(String, String, String)>) -> Answer {
+    let Parameters { depth, size } = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
     let step = step.parse().map_err(|_| Error::invalid("step", "must be a whole number, counted from 0"))?;
-    let jpeg = visit.rooms().curation.frame(&id, View { step, camera, depth, size }).await?;
+    let jpeg = request.services().curation.frame(&id, View { step, camera, depth, size }).await?;
     let headers = [(CONTENT_TYPE, "image/jpeg"), (CACHE_CONTROL, "private, max-age=31536000, immutable")];
     Ok((headers, jpeg).into_response())
 }

@@ -1,29 +1,29 @@
 //! The curation pages, for people, and what programs ask for, on an address of their own.
 //!
-//! Another face of the same rooms as `service`, behind the same table of roles. Knows HTTP and HTML; must not know gRPC,
+//! Another face of the same services as `service`, behind the same table of roles. Knows HTTP and HTML; must not know gRPC,
 //! SQL or tensors. No page without a row in the authorisation table, no handler without the door.
 
+mod artifacts;
 mod assets;
 mod browser;
 mod change;
 mod deployments;
-mod door;
 mod episode;
 mod episodes;
 mod escape;
 mod frames;
-mod gate;
+mod http1;
 mod jobs;
 mod machines;
-mod made;
+mod middleware;
 mod overview;
 mod page;
+mod page_request;
 mod paging;
 mod plot;
 mod refusal;
 mod routes;
 mod runs;
-mod say;
 mod sheet;
 mod shell;
 mod sign_in;
@@ -31,7 +31,7 @@ mod sign_in;
 mod testing;
 #[cfg(test)]
 mod tests;
-mod visit;
+mod text;
 mod vitals;
 
 use std::{sync::Arc, time::Duration};
@@ -47,7 +47,7 @@ use crate::{
     config::ConnectionsConfig,
     connections::Connections,
     error::{Error, Result},
-    service::Rooms,
+    service::Services,
     telemetry,
 };
 
@@ -59,8 +59,8 @@ const CONNECTIONS_PER_ADDRESS: usize = 128;
 const UPKEEP: Duration = Duration::from_secs(5);
 
 /// What every page may look at.
-struct House {
-    rooms: Rooms,
+struct AppState {
+    services: Services,
     guard: PageGuard,
     signed_in: SignedIn,
     metrics: PrometheusHandle,
@@ -77,14 +77,14 @@ struct House {
 /// # Errors
 /// Internal when metrics cannot be set up or the address is gone.
 pub(crate) fn open(
-    rooms: Rooms,
+    services: Services,
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
     book: Book,
 ) -> Result<AbortOnDropHandle<()>> {
     let metrics = telemetry::metrics::recorder()?;
     let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
-    let (config, loopback) = (&rooms.config, address.ip().is_loopback());
+    let (config, loopback) = (&services.config, address.ip().is_loopback());
     let required = config.access.tokens_required(loopback && config.listen.ip().is_loopback(), config.insecure);
     let connections = Connections::new(ConnectionsConfig {
         max_connections: CONNECTIONS,
@@ -92,22 +92,23 @@ pub(crate) fn open(
         ..config.connections.clone()
     });
     let (encrypted, cookie) = (tls.is_some(), Browser::cookie_name(address.port()));
-    let guard = PageGuard::new(book, rooms.store.clone(), required, connections.clone());
-    let house = Arc::new(House { rooms, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
+    let guard = PageGuard::new(book, services.store.clone(), required, connections.clone());
+    let state =
+        Arc::new(AppState { services, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
     Ok(AbortOnDropHandle::new(tokio::spawn(async move {
-        let pages = routes::all(&house);
+        let pages = routes::all(&state);
         tokio::select! {
-            () = gate::serve(connections, listener, tls, pages) => {}
-            () = keep_up(&house) => {}
+            () = http1::serve(connections, listener, tls, pages) => {}
+            () = keep_up(&state) => {}
         }
     })))
 }
 
 /// Does again and again what need not wait until somebody looks.
-async fn keep_up(house: &House) {
+async fn keep_up(state: &AppState) {
     loop {
-        house.metrics.run_upkeep();
-        if let Err(error) = house.rooms.curation.warm().await {
+        state.metrics.run_upkeep();
+        if let Err(error) = state.services.curation.warm().await {
             tracing::warn!(%error, "the newest score run was not summed up ahead");
         }
         tokio::time::sleep(UPKEEP).await;

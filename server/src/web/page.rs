@@ -36,7 +36,7 @@ pages! {
     SignIn = GET "/sign-in",
     /// The token.
     SigningIn = POST "/sign-in",
-    /// The end of a browser's visit.
+    /// The end of a browser's request.
     SigningOut = POST "/sign-out",
     /// Every task, what runs, what is left of the disk.
     Overview = GET "/",

@@ -25,12 +25,12 @@ impl From<Error> for Refusal {
 
 /// What a browser is told, until the door has said it.
 #[derive(Debug, Clone)]
-pub(super) struct Told(pub(super) String);
+pub(super) struct ErrorText(pub(super) String);
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         let status = status(self.0.kind());
-        let told = if self.0.kind() == Kind::Internal {
+        let message = if self.0.kind() == Kind::Internal {
             let request_id = request::id();
             tracing::error!(request.id = %request_id, error = %self.0, "a page failed");
             format!("Something went wrong in the server; its log tells more under request {request_id}.")
@@ -39,7 +39,7 @@ impl IntoResponse for Refusal {
             self.0.message().to_owned()
         };
         let mut response = status.into_response();
-        response.extensions_mut().insert(Told(told));
+        response.extensions_mut().insert(ErrorText(message));
         response
     }
 }

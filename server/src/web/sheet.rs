@@ -8,7 +8,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::visit::Visit;
+use super::page_request::PageRequest;
 use crate::error::{Error, Result};
 
 /// How a page is asked for.
@@ -26,7 +26,7 @@ pub(super) enum Format {
 
 /// What the address of a page asks for that has nothing else to ask.
 #[derive(Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     format: Format,
 }
@@ -35,8 +35,8 @@ struct Asked {
 ///
 /// # Errors
 /// Invalid.
-pub(super) fn asked(visit: &Visit) -> Result<Format> {
-    visit.asked().map(|Asked { format }| format)
+pub(super) fn format(request: &PageRequest) -> Result<Format> {
+    request.parameters().map(|Parameters { format }| format)
 }
 
 /// A table: its file's name, its columns, its rows.
@@ -84,10 +84,10 @@ fn cell(value: &Value) -> String {
 }
 
 /// The links under a table to the same for programs.
-pub(super) fn links(visit: &Visit) -> Markup {
+pub(super) fn links(request: &PageRequest) -> Markup {
     html! {
-        p.formats { "This table as " a href=(visit.with("format", Some("json"))) { "JSON" } " or "
-            a href=(visit.with("format", Some("csv"))) { "CSV" } }
+        p.formats { "This table as " a href=(request.with("format", Some("json"))) { "JSON" } " or "
+            a href=(request.with("format", Some("csv"))) { "CSV" } }
     }
 }
 

@@ -3,7 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 
-use super::{assets, made::link, page::Page, visit::Visit};
+use super::{artifacts::link, assets, page::Page, page_request::PageRequest};
 use crate::access::Caller;
 
 /// Which of the pages' families one belongs to.
@@ -32,7 +32,7 @@ pub(super) struct Head<'a> {
 }
 
 /// A page with its surroundings.
-pub(super) fn page(visit: &Visit, head: &Head, body: &Markup) -> Markup {
+pub(super) fn page(request: &PageRequest, head: &Head, body: &Markup) -> Markup {
     let link = |tab: Tab, to: &str, name: &str| {
         html! { a href=(to) aria-current=[(head.tab == tab).then_some("page")] { (name) } }
     };
@@ -50,11 +50,11 @@ pub(super) fn page(visit: &Visit, head: &Head, body: &Markup) -> Markup {
                 (link(Tab::Jobs, "/jobs", "Jobs"))
                 (link(Tab::Deployments, "/deployments", "Deployments"))
             }
-            div.who { (who(visit)) }
+            div.who { (who(request)) }
         }
         main #main { (body) }
     };
-    whole(head.title, Some(&visit.proof), head.script, &top)
+    whole(head.title, Some(&request.proof), head.script, &top)
 }
 
 /// A page without surroundings: for who is not in yet.
@@ -83,12 +83,12 @@ pub(super) fn data(id: &str, value: &Value) -> Markup {
     html! { script type="application/json" id=(id) { (PreEscaped(text)) } }
 }
 
-fn who(visit: &Visit) -> Markup {
-    match &visit.caller {
+fn who(request: &PageRequest) -> Markup {
+    match &request.caller {
         Caller::Known(_) => html! {
-            span { (visit.caller.who()) }
+            span { (request.caller.who()) }
             form method="post" action=(Page::SigningOut.path()) {
-                input type="hidden" name="proof" value=(visit.proof);
+                input type="hidden" name="proof" value=(request.proof);
                 button.plain type="submit" { "Sign out" }
             }
         },

@@ -11,7 +11,7 @@ use axum::{
 use maud::html;
 use serde::Deserialize;
 
-use super::{browser::Browser, page::Page, refusal::Answer, shell, visit::Visit};
+use super::{browser::Browser, page::Page, page_request::PageRequest, refusal::Answer, shell};
 use crate::{
     access::{PageGuard, token_hash},
     config::Secret,
@@ -43,8 +43,8 @@ impl From<String> for Unlogged {
     }
 }
 
-pub(super) async fn form(visit: Visit) -> Answer {
-    let Next { next } = visit.asked()?;
+pub(super) async fn form(request: PageRequest) -> Answer {
+    let Next { next } = request.parameters()?;
     let body = html! {
         form.sign-in method="post" action="/sign-in" {
             h1 { "gleaner" }
@@ -52,7 +52,7 @@ pub(super) async fn form(visit: Visit) -> Answer {
             label for="token" { "Token" }
             input #token name="token" type="password" autocomplete="current-password" required autofocus;
             input type="hidden" name="next" value=(next);
-            input type="hidden" name="proof" value=(visit.proof);
+            input type="hidden" name="proof" value=(request.proof);
             button.primary type="submit" { "Sign in" }
         }
     };
@@ -60,22 +60,22 @@ pub(super) async fn form(visit: Visit) -> Answer {
 }
 
 pub(super) async fn sign_in(
-    visit: Visit,
+    request: PageRequest,
     Extension(browser): Extension<Browser>,
     Form(Shown { token, next }): Form<Shown>,
 ) -> Answer {
     let hash = token_hash(token.0.reveal().trim());
-    let caller = visit.house.guard.known(&hash).await?;
+    let caller = request.state.guard.known(&hash).await?;
     // One that opens no page is not worth remembering.
     PageGuard::permit(&caller, Page::Overview)?;
-    visit.house.signed_in.sign_out(&browser);
-    let browser = visit.house.signed_in.sign_in(hash);
-    let cookie = browser.cookie(&visit.house.cookie, visit.house.encrypted);
+    request.state.signed_in.sign_out(&browser);
+    let browser = request.state.signed_in.sign_in(hash);
+    let cookie = browser.cookie(&request.state.cookie, request.state.encrypted);
     Ok((StatusCode::SEE_OTHER, [(LOCATION, local(&next).to_owned())], [(SET_COOKIE, cookie)]).into_response())
 }
 
-pub(super) async fn sign_out(visit: Visit, Extension(browser): Extension<Browser>) -> Response {
-    visit.house.signed_in.sign_out(&browser);
+pub(super) async fn sign_out(request: PageRequest, Extension(browser): Extension<Browser>) -> Response {
+    request.state.signed_in.sign_out(&browser);
     (StatusCode::SEE_OTHER, [(LOCATION, "/sign-in")]).into_response()
 }
 

@@ -15,7 +15,7 @@ use clap::Parser as _;
 use tempfile::TempDir;
 use tower::ServiceExt as _;
 
-use super::{House, routes};
+use super::{AppState, routes};
 use crate::{
     access::{Book, PageGuard, token_hash},
     config::{Cli, Command},
@@ -25,13 +25,13 @@ use crate::{
         id::TokenId,
         time::Millis,
     },
-    service::Rooms,
+    service::Services,
     telemetry,
 };
 
-/// The pages, and the rooms behind them.
+/// The pages, and the services behind them.
 pub(super) struct Pages {
-    pub(super) rooms: Rooms,
+    pub(super) services: Services,
     router: Router,
     _dir: TempDir,
 }
@@ -59,12 +59,12 @@ impl Pages {
         let cli = Cli::try_parse_from(["gleaner-server", "serve", "--workers", "0", "--data-dir", data]).unwrap();
         let Command::Serve(config) = cli.command else { panic!("not serve") };
         let connections = Connections::new(config.connections.clone());
-        let rooms = Rooms::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
-        let book = Book::open(rooms.store.clone()).await.unwrap();
-        let guard = PageGuard::new(book, rooms.store.clone(), required, connections);
+        let services = Services::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
+        let book = Book::open(services.store.clone()).await.unwrap();
+        let guard = PageGuard::new(book, services.store.clone(), required, connections);
         let metrics = telemetry::metrics::recorder().unwrap();
-        let house = House {
-            rooms: rooms.clone(),
+        let state = AppState {
+            services: services.clone(),
             guard,
             signed_in: super::browser::SignedIn::default(),
             metrics,
@@ -72,7 +72,7 @@ impl Pages {
             encrypted: false,
             loopback: true,
         };
-        Self { rooms, router: routes::all(&Arc::new(house)), _dir: dir }
+        Self { services, router: routes::all(&Arc::new(state)), _dir: dir }
     }
 
     /// Makes a token of this role.
@@ -95,16 +95,16 @@ impl Pages {
             revoked_at: None,
             last_used_at: None,
         };
-        self.rooms.store.insert_token(&token, &token_hash(&word)).await.unwrap();
+        self.services.store.insert_token(&token, &token_hash(&word)).await.unwrap();
         word
     }
 
     /// Makes an admin's token and revokes it.
     pub(super) async fn revoked(&self) -> String {
         let word = self.token_until(Role::Admin, Some(Millis(i64::MAX))).await;
-        let tokens = self.rooms.store.tokens().await.unwrap();
+        let tokens = self.services.store.tokens().await.unwrap();
         let (_, token) = tokens.iter().find(|(hash, _)| *hash == token_hash(&word)).unwrap();
-        self.rooms.store.revoke_token(token.id.as_str()).await.unwrap();
+        self.services.store.revoke_token(token.id.as_str()).await.unwrap();
         word
     }
 

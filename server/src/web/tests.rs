@@ -91,7 +91,7 @@ async fn another_site_cannot_make_a_browser_change_anything() {
     let form = format!("proof={}", visitor.proof.clone().unwrap());
     let by_form = Client { proof: None, ..visitor };
     assert_eq!(pages.post(&by_form, &path, (FORM, &form)).await.status, StatusCode::NOT_FOUND);
-    let log = pages.rooms.store.audit(Millis(0), 10).await.unwrap();
+    let log = pages.services.store.audit(Millis(0), 10).await.unwrap();
     assert!(log.iter().any(|entry| entry.rpc == "pages/RollBack" && entry.outcome == "Not Found"), "{log:?}");
 }
 
@@ -191,7 +191,7 @@ async fn a_flood_of_refusals_does_not_fill_the_audit_log() {
     for _ in 0..50 {
         assert_eq!(status(&pages, &viewer, Page::RollBack).await, StatusCode::FORBIDDEN);
     }
-    let written = pages.rooms.store.audit(Millis(0), 100).await.unwrap().len();
+    let written = pages.services.store.audit(Millis(0), 100).await.unwrap().len();
     assert!((10..15).contains(&written), "{written}");
 }
 

@@ -31,9 +31,9 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
         ))
     })?;
     // Read-only: a write-ahead log that is another database's must not be written into this one.
-    let look = crate::store::look::read_only(path).await.map_err(|error| unusable(error.to_string()))?;
+    let look = crate::store::read_only::open_read_only(path).await.map_err(|error| unusable(error.to_string()))?;
     let read = async {
-        if crate::store::look::known_schema(&look.readers, path).await? == 0 {
+        if crate::store::read_only::known_schema(&look.readers, path).await? == 0 {
             return Ok(None);
         }
         let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = 'lab')")

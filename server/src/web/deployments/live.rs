@@ -16,7 +16,7 @@ use crate::{
     },
     error::{Error, Result},
     policies::{LiveSession, Now},
-    web::{refusal::Answer, say, visit::Visit},
+    web::{page_request::PageRequest, refusal::Answer, text},
 };
 
 /// Sessions that are shown; a fleet's others are counted.
@@ -25,20 +25,20 @@ const MOST: usize = 24;
 const QUALITY: u8 = 80;
 
 /// What a page that is open asks for again and again.
-pub(in crate::web) async fn fragment(visit: Visit, Path(name): Path<String>) -> Answer {
-    visit.rooms().store.deployment(&name).await?;
-    Ok(sessions(&visit, &name).into_response())
+pub(in crate::web) async fn fragment(request: PageRequest, Path(name): Path<String>) -> Answer {
+    request.services().store.deployment(&name).await?;
+    Ok(sessions(&request, &name).into_response())
 }
 
 /// The sessions of a deployment.
-pub(super) fn sessions(visit: &Visit, deployment: &str) -> Markup {
-    let all = visit.rooms().policies.live();
+pub(super) fn sessions(request: &PageRequest, deployment: &str) -> Markup {
+    let all = request.services().policies.live();
     let own: Vec<_> = all.iter().filter(|(session, _)| session.deployment == deployment).collect();
     html! {
         @if own.is_empty() {
             p.panel.empty { "No session is open." }
         } @else {
-            p.soft { (say::counted(own.len() as u64, "session")) " open"
+            p.soft { (text::counted(own.len() as u64, "session")) " open"
                 @if own.len() > MOST { ", the newest " (MOST) " are shown" } "." }
             div.cards { @for (session, now) in own.iter().take(MOST) { (card(session, now)) } }
         }
@@ -60,9 +60,9 @@ fn card(session: &LiveSession, now: &Now) -> Markup {
             }
             dl.facts {
                 dt { "Session" } dd.id { (session.id) }
-                dt { "Since" } dd { (say::time(session.since)) " UTC" @if session.recorded { ", recorded" } }
+                dt { "Since" } dd { (text::time(session.since)) " UTC" @if session.recorded { ", recorded" } }
                 dt { "Last seen" } dd { (ago(now.seen_at)) }
-                dt { "Answers" } dd { (say::count(now.answered)) }
+                dt { "Answers" } dd { (text::count(now.answered)) }
                 dt { "p50 / p99" } dd { (milliseconds(0.5)) " / " (milliseconds(0.99)) }
                 dt { "q" } dd { (quality(now)) }
                 dt { "Policy" } dd { a.id href=(format!("/policies/{}", session.policy_id)) { (session.policy_id) } }
@@ -86,7 +86,7 @@ fn quality(now: &Now) -> Markup {
 fn ago(at: Option<Millis>) -> String {
     at.map_or("never".to_owned(), |at| {
         let milliseconds = u32::try_from((Millis::now().0 - at.0).max(0)).unwrap_or(u32::MAX);
-        format!("{} ago", say::seconds(f64::from(milliseconds) / 1000.0))
+        format!("{} ago", text::seconds(f64::from(milliseconds) / 1000.0))
     })
 }
 
@@ -96,14 +96,14 @@ fn milliseconds(microseconds: u64) -> String {
 }
 
 /// What a session's camera saw last.
-pub(in crate::web) async fn frame(visit: Visit, Path((session, camera)): Path<(String, String)>) -> Answer {
+pub(in crate::web) async fn frame(request: PageRequest, Path((session, camera)): Path<(String, String)>) -> Answer {
     let id = SessionId::parse("session", &session)?;
-    let rooms = visit.rooms();
-    let (session, now) = rooms.policies.live_session(&id)?;
+    let services = request.services();
+    let (session, now) = services.policies.live_session(&id)?;
     let missing = || Error::not_found("camera of this session", camera.escape_debug());
     let seen = now.cameras.into_iter().find(|seen| seen.camera == camera).and_then(|seen| seen.color);
     let image = seen.ok_or_else(missing)?;
-    let task = rooms.store.task_by_id(&session.task_id).await?;
+    let task = services.store.task_by_id(&session.task_id).await?;
     let spec = task.spec.cameras.iter().find(|spec| spec.name == camera).ok_or_else(missing)?;
     let (kind, bytes) = picture(image, (spec.height, spec.width)).await?;
     Ok(([(CONTENT_TYPE, kind), (CACHE_CONTROL, "private, max-age=60")], bytes).into_response())

@@ -28,21 +28,21 @@ async fn lab() -> Lab {
     let pages = Pages::open(false).await;
     let camera = CameraSpec { name: "front".into(), height: 16, width: 16, depth: true };
     let spec = TaskSpec { cameras: vec![camera], ..testing::spec() };
-    let task = pages.rooms.store.insert_task(&spec).await.unwrap();
+    let task = pages.services.store.insert_task(&spec).await.unwrap();
     Lab { pages, task }
 }
 
 impl Lab {
     /// An episode of 20 steps, ten a second, whose frames are in the cache.
     async fn recorded(&self, outcome: Outcome) -> Episode {
-        let episode = testing::episode(&self.pages.rooms.store, &self.task, outcome, "").await;
+        let episode = testing::episode(&self.pages.services.store, &self.task, outcome, "").await;
         let spec = &self.task.spec;
         let frames = (0..20_u8).flat_map(|step| vec![step * 10; frame_bytes_per_step(spec)]).collect();
         let numbers = |size: usize| (0..20 * size).map(|n| f32::from(u16::try_from(n).unwrap())).collect();
         let stamps = (0..20).map(|step| 5_000_000_000 + step * 100_000_000).collect();
         let (proprioception, action) = (numbers(spec.proprioception_size()), numbers(spec.action_size()));
         let decoded = Decoded::new(spec, stamps, proprioception, action, frames).unwrap();
-        let place = frames_path(&self.pages.rooms.config.data_dir, &episode.recording, spec);
+        let place = frames_path(&self.pages.services.config.data_dir, &episode.recording, spec);
         decoded.write_cache(&place).unwrap();
         episode
     }
@@ -56,11 +56,11 @@ impl Lab {
 async fn an_episode_that_was_scored_shows_what_is_kept_and_whom_it_resembles() {
     let lab = lab().await;
     let (expert, weak) = (lab.recorded(Outcome::Success).await, lab.recorded(Outcome::Failure).await);
-    let encoder = results::encoder(&lab.pages.rooms.store, &lab.task).await;
+    let encoder = results::encoder(&lab.pages.services.store, &lab.task).await;
     let q: Vec<f32> = (0..20).map(|step: u8| f32::from(step) / 20.0).collect();
     let scores =
         [results::scores(&expert.id, Role::Expert, &[1.0; 20]), results::scores(&weak.id, Role::Imperfect, &q)];
-    let run = results::run(&lab.pages.rooms.store, &lab.task, &encoder, &scores).await;
+    let run = results::run(&lab.pages.services.store, &lab.task, &encoder, &scores).await;
 
     let page = lab.get(&format!("/episodes/{}?step=7&beta=0.8", weak.id)).await;
     assert_eq!(page.status, StatusCode::OK, "{}", page.text());
@@ -101,7 +101,7 @@ async fn a_frame_is_a_picture_that_browsers_keep() {
 async fn what_is_missing_is_said_and_the_rest_is_shown() {
     let lab = lab().await;
     // Neither frames nor a recording to make them from, nor scores.
-    let bare = testing::episode(&lab.pages.rooms.store, &lab.task, Outcome::Unknown, "").await;
+    let bare = testing::episode(&lab.pages.services.store, &lab.task, Outcome::Unknown, "").await;
     let text = lab.get(&format!("/episodes/{}", bare.id)).await.text();
     assert!(text.contains("No finished score run has scored this episode"));
     assert!(
@@ -110,7 +110,7 @@ async fn what_is_missing_is_said_and_the_rest_is_shown() {
     );
     assert!(text.contains("reach.mcap") && text.contains("data-label=\"success\""));
 
-    lab.pages.rooms.store.delete_episodes(std::slice::from_ref(&bare.id), false).await.unwrap();
+    lab.pages.services.store.delete_episodes(std::slice::from_ref(&bare.id), false).await.unwrap();
     let page = lab.get(&format!("/episodes/{}", bare.id)).await;
     assert!(page.status == StatusCode::OK && page.text().contains("In the trash since"));
     assert!(!page.text().contains("data-label="), "it takes no label");
@@ -119,7 +119,7 @@ async fn what_is_missing_is_said_and_the_rest_is_shown() {
 #[tokio::test]
 async fn the_page_leads_to_the_snapshots_it_went_into() {
     let lab = lab().await;
-    let store = &lab.pages.rooms.store;
+    let store = &lab.pages.services.store;
     let expert = testing::episode(store, &lab.task, Outcome::Success, "").await;
     let weak = testing::episode(store, &lab.task, Outcome::Failure, "bob").await;
     assert!(!lab.get(&format!("/episodes/{}", weak.id)).await.text().contains("Went into"));
@@ -160,10 +160,10 @@ async fn an_address_that_is_wrong_is_refused_by_name() {
 async fn the_recording_and_the_labels_can_be_taken_along() {
     let lab = lab().await;
     let content = b"an mcap";
-    let episode = testing::episode(&lab.pages.rooms.store, &lab.task, Outcome::Success, "weak").await;
-    let blob = lab.pages.rooms.blobs.put(content).unwrap();
+    let episode = testing::episode(&lab.pages.services.store, &lab.task, Outcome::Success, "weak").await;
+    let blob = lab.pages.services.blobs.put(content).unwrap();
     let rename = format!("update episodes set recording = '{blob}', size_bytes = 7 where id = '{}'", episode.id);
-    testing::run(&lab.pages.rooms.store, &rename).await;
+    testing::run(&lab.pages.services.store, &rename).await;
     let reply = lab.get(&format!("/episodes/{}/recording.mcap", episode.id)).await;
     assert_eq!((reply.status, reply.body.as_slice()), (StatusCode::OK, content.as_slice()));
     assert!(reply.headers[CONTENT_DISPOSITION].to_str().unwrap().contains(&format!("{}.mcap", episode.id)));

@@ -10,7 +10,7 @@ use crate::{
     web::{
         episodes::said,
         plot::{Frame, roomy},
-        say,
+        text,
     },
 };
 
@@ -66,7 +66,7 @@ fn quality(view: &View, scored: &Scored, times: &[f64]) -> Markup {
         div.panel {
             (drawn(view, scores.q.as_slice(), &stretches, times))
             p.formats aria-live="polite" {
-                span #kept { (say::count(count)) " of " (say::counted(of, "segment")) " kept (" (say::share(count, of)) ")" }
+                span #kept { (text::count(count)) " of " (text::counted(of, "segment")) " kept (" (text::share(count, of)) ")" }
             }
         }
         p.formats {
@@ -74,7 +74,7 @@ fn quality(view: &View, scored: &Scored, times: &[f64]) -> Markup {
                 "An expert of this run: compared with the other experts, and kept whole whatever β is. "
             }
             "Shaded where a kept segment ends: q > β there. Each covers that step and the "
-            (say::counted(u64::from(scored.segment_length), "step")) " before. "
+            (text::counted(u64::from(scored.segment_length), "step")) " before. "
             a href=(format!("/runs/{}?beta={}", scored.run.id, view.beta)) { "The run" } ", "
             a href=(format!("/episodes/{}/scores.json?run={}", view.id(), scored.run.id)) { "these scores as JSON" }
         }

@@ -2,38 +2,38 @@
 
 use maud::{Markup, html};
 
-use super::{View, asked::NO_COHORT};
+use super::{View, query::NO_COHORT};
 use crate::{
     domain::{episode::Outcome, score::ScoreRun},
-    web::{made::link, say},
+    web::{artifacts::link, text},
 };
 
 /// The form. What is filled in is what the address says.
 pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
-    let asked = view.asked;
+    let parameters = view.parameters;
     let outcomes = [Outcome::Success, Outcome::Failure, Outcome::Unknown].map(|outcome| {
         let word = outcome.as_str();
         (word.to_owned(), word.to_owned())
     });
     html! {
         form.filters method="get" role="search" aria-label="Which episodes" {
-            (choice(("outcome", "Outcome"), &asked.outcome, "any", &outcomes))
-            (choice(("cohort", "Cohort"), &asked.cohort, "any", &cohort_choices(&asked.cohort, cohorts)))
-            (choice(("findings", "Report"), &asked.findings, "any", &[
+            (choice(("outcome", "Outcome"), &parameters.outcome, "any", &outcomes))
+            (choice(("cohort", "Cohort"), &parameters.cohort, "any", &cohort_choices(&parameters.cohort, cohorts)))
+            (choice(("findings", "Report"), &parameters.findings, "any", &[
                 ("some".to_owned(), "with warnings".to_owned()), ("none".to_owned(), "without".to_owned()),
             ]))
-            label { "From (UTC)" input type="date" name="from" value=(asked.from); }
-            label { "To (UTC)" input type="date" name="to" value=(asked.to); }
-            label { "Name or id" input type="search" name="text" value=(asked.text) maxlength="255"; }
+            label { "From (UTC)" input type="date" name="from" value=(parameters.from); }
+            label { "To (UTC)" input type="date" name="to" value=(parameters.to); }
+            label { "Name or id" input type="search" name="text" value=(parameters.text) maxlength="255"; }
             @if !runs.is_empty() {
-                (choice(("run", "q of run"), &asked.run, "the newest", &run_choices(runs)))
-                label { "Mean q from" (number("q_from", &asked.q_from)) }
-                label { "to" (number("q_to", &asked.q_to)) }
+                (choice(("run", "q of run"), &parameters.run, "the newest", &run_choices(runs)))
+                label { "Mean q from" (number("q_from", &parameters.q_from)) }
+                label { "to" (number("q_to", &parameters.q_to)) }
             }
-            @if !asked.sort.is_empty() { input type="hidden" name="sort" value=(asked.sort); }
+            @if !parameters.sort.is_empty() { input type="hidden" name="sort" value=(parameters.sort); }
             button.primary type="submit" { "Filter" }
-            @if view.visit.uri.query().is_some_and(|query| !query.is_empty()) {
-                a.button href=(view.visit.uri.path()) { "Clear" }
+            @if view.request.uri.query().is_some_and(|query| !query.is_empty()) {
+                a.button href=(view.request.uri.path()) { "Clear" }
             }
         }
     }
@@ -73,7 +73,7 @@ fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
 
 /// A run as a list names it.
 pub(in crate::web) fn said(run: &ScoreRun) -> String {
-    format!("{} UTC · {} · {}", say::time(run.created_at), run.scorer, link::short(run.id.as_str()))
+    format!("{} UTC · {} · {}", text::time(run.created_at), run.scorer, link::short(run.id.as_str()))
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::asked::outcome;
+use super::query::outcome;
 use crate::{
     domain::{
         curation::{Labelled, Overtaken},
@@ -22,9 +22,9 @@ use crate::{
     store::Store,
     web::{
         change::about,
+        page_request::{PageRequest, read},
         refusal::Answer,
-        say,
-        visit::{Visit, read},
+        text,
     },
     wire::field,
 };
@@ -38,7 +38,7 @@ const NAMED: usize = 31;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sent {
-    episodes: Vec<Seen>,
+    episodes: Vec<LabelledVersion>,
     outcome: String,
     /// Left out, each keeps its own.
     cohort: Option<String>,
@@ -48,7 +48,7 @@ struct Sent {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Seen {
+struct LabelledVersion {
     id: String,
     version: i64,
 }
@@ -58,8 +58,9 @@ impl Sent {
         if self.episodes.is_empty() || self.episodes.len() > MANY {
             return Err(Error::invalid("episodes", format!("name 1 to {MANY} of them")));
         }
-        let id =
-            |(at, seen): (usize, Seen)| Ok((EpisodeId::parse(&format!("episodes[{at}].id"), &seen.id)?, seen.version));
+        let id = |(at, labelled): (usize, LabelledVersion)| {
+            Ok((EpisodeId::parse(&format!("episodes[{at}].id"), &labelled.id)?, labelled.version))
+        };
         let label = NewLabel {
             outcome: outcome("outcome", &self.outcome)?,
             cohort: self.cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
@@ -70,24 +71,24 @@ impl Sent {
     }
 }
 
-pub(in crate::web) async fn label(visit: Visit, Path(task): Path<String>, body: Bytes) -> Response {
+pub(in crate::web) async fn label(request: PageRequest, Path(task): Path<String>, body: Bytes) -> Response {
     let sent = match read::<Sent>(&body) {
         Ok(sent) => sent,
         Err(error) => return about([("task", task.as_str())], Err(error.into())),
     };
-    let ids: Vec<String> = sent.episodes.iter().take(NAMED).map(|seen| seen.id.clone()).collect();
+    let ids: Vec<String> = sent.episodes.iter().take(NAMED).map(|labelled| labelled.id.clone()).collect();
     let episodes = ids.iter().map(|id| ("episode_id", id.as_str()));
-    about([("task", task.as_str())].into_iter().chain(episodes), given(&visit, &task, sent).await)
+    about([("task", task.as_str())].into_iter().chain(episodes), given(&request, &task, sent).await)
 }
 
-async fn given(visit: &Visit, task: &str, sent: Sent) -> Answer {
-    let (seen, label) = sent.read(visit.caller.who())?;
-    let rooms = visit.rooms();
-    let task = rooms.store.task(task).await?;
-    belong(&rooms.store, &task.id, &seen).await?;
-    Ok(match rooms.store.label_episodes_as_seen(&seen, &label).await? {
+async fn given(request: &PageRequest, task: &str, sent: Sent) -> Answer {
+    let (labelled, label) = sent.read(request.caller.who())?;
+    let services = request.services();
+    let task = services.store.task(task).await?;
+    belong(&services.store, &task.id, &labelled).await?;
+    Ok(match services.store.label_episodes_as_seen(&labelled, &label).await? {
         Labelled::Done(episodes) => {
-            rooms.jobs.labelled();
+            services.jobs.labelled();
             done(&episodes, &label.author)
         }
         Labelled::Changed(changed) => overtaken(&changed),
@@ -95,8 +96,8 @@ async fn given(visit: &Visit, task: &str, sent: Sent) -> Answer {
 }
 
 /// Refuses episodes of another task: who labels looks at this one's.
-async fn belong(store: &Store, task: &TaskId, seen: &[(EpisodeId, i64)]) -> Result<()> {
-    for (id, _) in seen {
+async fn belong(store: &Store, task: &TaskId, labelled: &[(EpisodeId, i64)]) -> Result<()> {
+    for (id, _) in labelled {
         if store.recording_of(id).await?.0 != *task {
             return Err(Error::invalid("episodes", format!("{id} is of another task; nothing was labelled")));
         }
@@ -105,7 +106,7 @@ async fn belong(store: &Store, task: &TaskId, seen: &[(EpisodeId, i64)]) -> Resu
 }
 
 fn done(episodes: &[(Episode, i64)], author: &str) -> Response {
-    let now = say::time(Millis::now());
+    let now = text::time(Millis::now());
     let row = |(episode, version): &(Episode, i64)| -> Value {
         json!({
             "id": episode.id, "version": version, "outcome": episode.outcome.as_str(), "cohort": episode.cohort,
@@ -119,7 +120,7 @@ fn overtaken(changed: &[Overtaken]) -> Response {
     let row = |one: &Overtaken| -> Value {
         json!({
             "id": one.episode_id, "version": one.label_version, "outcome": one.label.outcome.as_str(),
-            "cohort": one.label.cohort, "by": one.label.author, "at": say::time(one.label.created_at),
+            "cohort": one.label.cohort, "by": one.label.author, "at": text::time(one.label.created_at),
         })
     };
     let told = json!({
@@ -212,21 +213,21 @@ mod tests {
     #[test]
     fn a_label_says_which_versions_were_seen() {
         let body = json!({ "episodes": [{ "id": ID, "version": 3 }], "outcome": "success", "reason": "held it" });
-        let (seen, label) = sent(&body).unwrap();
-        assert_eq!((seen[0].0.as_str(), seen[0].1), (ID, 3));
+        let (labelled, label) = sent(&body).unwrap();
+        assert_eq!((labelled[0].0.as_str(), labelled[0].1), (ID, 3));
         assert_eq!((label.outcome, label.cohort, label.author.as_str()), (Outcome::Success, None, "ann"));
     }
 
     #[test]
     fn what_is_wrong_is_named() {
-        let seen = json!([{ "id": ID, "version": 3 }]);
+        let labelled = json!([{ "id": ID, "version": 3 }]);
         for (field, body) in [
             ("episodes: ", json!({ "episodes": [], "outcome": "success" })),
             ("episodes[0].id: ", json!({ "episodes": [{ "id": "7", "version": 1 }], "outcome": "success" })),
-            ("outcome: ", json!({ "episodes": seen, "outcome": "won" })),
-            ("cohort: ", json!({ "episodes": seen, "outcome": "success", "cohort": "a\nb" })),
-            ("reason: ", json!({ "episodes": seen, "outcome": "success", "reason": "x".repeat(300) })),
-            ("body: ", json!({ "episodes": seen, "outcome": "success", "author": "somebody else" })),
+            ("outcome: ", json!({ "episodes": labelled, "outcome": "won" })),
+            ("cohort: ", json!({ "episodes": labelled, "outcome": "success", "cohort": "a\nb" })),
+            ("reason: ", json!({ "episodes": labelled, "outcome": "success", "reason": "x".repeat(300) })),
+            ("body: ", json!({ "episodes": labelled, "outcome": "success", "author": "somebody else" })),
         ] {
             let error = sent(&body).unwrap_err();
             assert!(error.message().starts_with(field), "{field} {error}");

@@ -24,14 +24,14 @@ struct Lab {
 
 async fn lab() -> Lab {
     let pages = Pages::open(false).await;
-    let task = testing::task(&pages.rooms.store).await;
+    let task = testing::task(&pages.services.store).await;
     let visitor = pages.visitor().await;
     Lab { pages, task, visitor }
 }
 
 impl Lab {
     async fn episode(&self, outcome: Outcome, cohort: &str) -> Episode {
-        testing::episode(&self.pages.rooms.store, &self.task, outcome, cohort).await
+        testing::episode(&self.pages.services.store, &self.task, outcome, cohort).await
     }
 
     async fn table(&self, query: &str) -> Reply {
@@ -59,14 +59,14 @@ async fn the_table_filters_sorts_and_shows_q_of_the_newest_run() {
     let lab = lab().await;
     let (expert, weak) = (lab.episode(Outcome::Success, "expert").await, lab.episode(Outcome::Failure, "").await);
     let other = lab.episode(Outcome::Failure, "other").await;
-    let encoder = results::encoder(&lab.pages.rooms.store, &lab.task).await;
+    let encoder = results::encoder(&lab.pages.services.store, &lab.task).await;
     let scores = [
         results::scores(&expert.id, Part::Expert, &[1.0; 20]),
         results::scores(&weak.id, Part::Imperfect, &[0.25; 20]),
         results::scores(&other.id, Part::Imperfect, &[0.75; 20]),
     ];
-    let run = results::run(&lab.pages.rooms.store, &lab.task, &encoder, &scores).await;
-    results::set_state(&lab.pages.rooms.store, &run.job_id, crate::domain::job::JobState::Succeeded, "").await;
+    let run = results::run(&lab.pages.services.store, &lab.task, &encoder, &scores).await;
+    results::set_state(&lab.pages.services.store, &run.job_id, crate::domain::job::JobState::Succeeded, "").await;
 
     let ids = |rows: &[Value]| rows.iter().map(|row| row["id"].as_str().unwrap().to_owned()).collect::<Vec<_>>();
     let of = |episodes: &[&Episode]| episodes.iter().map(|episode| episode.id.to_string()).collect::<Vec<_>>();
@@ -101,9 +101,9 @@ async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
     let first = &answer["changed"][0];
     assert_eq!((&first["outcome"], &first["version"]), (&json!("success"), &now["version"]));
     assert_eq!(first["by"], now["by"]);
-    let labels = lab.pages.rooms.store.labels(&episode.id).await.unwrap();
+    let labels = lab.pages.services.store.labels(&episode.id).await.unwrap();
     assert_eq!((labels.len(), labels[1].reason.as_str()), (2, "held it"));
-    let audit = lab.pages.rooms.store.audit(Millis(0), 10).await.unwrap();
+    let audit = lab.pages.services.store.audit(Millis(0), 10).await.unwrap();
     let named = ["task=reach".to_owned(), format!("episode_id={}", episode.id)];
     let mut outcomes: Vec<&str> =
         audit.iter().filter(|entry| entry.subjects == named).map(|entry| entry.outcome.as_str()).collect();
@@ -117,7 +117,7 @@ async fn a_label_that_cannot_be_changes_nothing() {
     let episode = lab.episode(Outcome::Unknown, "").await;
     let version = lab.rows("").await[0]["label_version"].clone();
     let elsewhere = crate::domain::id::EpisodeId::new();
-    let store = &lab.pages.rooms.store;
+    let store = &lab.pages.services.store;
     let other = store.insert_task(&TaskSpec { name: "push".into(), ..testing::spec() }).await.unwrap();
     let foreign = testing::episode(store, &other, Outcome::Unknown, "").await;
     let foreign = json!({ "id": foreign.id, "version": store.label_version(&foreign.id).await.unwrap() });
@@ -144,10 +144,10 @@ async fn a_label_that_cannot_be_changes_nothing() {
     let about = |id: &str| audit.iter().filter(|entry| entry.subjects.contains(&format!("episode_id={id}"))).count();
     assert_eq!([elsewhere.as_str(), foreign["id"].as_str().unwrap(), episode.id.as_str()].map(about), [1, 1, 3]);
     assert!(audit.iter().all(|entry| entry.subjects[0] == "task=reach" && entry.subjects.len() <= 32), "{audit:?}");
-    lab.pages.rooms.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
+    lab.pages.services.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
     let (status, answer) = lab.label(&lab.visitor, &json!({ "episodes": [seen], "outcome": "success" })).await;
     assert_eq!((status, answer["changed"].is_array()), (StatusCode::CONFLICT, false));
-    assert_eq!(lab.pages.rooms.store.labels(&episode.id).await.unwrap().len(), 1);
+    assert_eq!(lab.pages.services.store.labels(&episode.id).await.unwrap().len(), 1);
 }
 
 #[tokio::test]

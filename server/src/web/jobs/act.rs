@@ -8,19 +8,19 @@ use crate::{
     error::Result,
     web::{
         change::{about, done, is_json},
-        visit::Visit,
+        page_request::PageRequest,
     },
 };
 
 /// Cancels a job, and those that wait for it.
-pub(in crate::web) async fn cancel(visit: Visit, Path(id): Path<String>, headers: HeaderMap) -> Response {
-    let cancelled = async { visit.rooms().jobs.cancel(&JobId::parse("id", &id)?).await };
+pub(in crate::web) async fn cancel(request: PageRequest, Path(id): Path<String>, headers: HeaderMap) -> Response {
+    let cancelled = async { request.services().jobs.cancel(&JobId::parse("id", &id)?).await };
     answer(&id, &headers, cancelled.await)
 }
 
 /// Orders the same anew, and what waited for it.
-pub(in crate::web) async fn retry(visit: Visit, Path(id): Path<String>, headers: HeaderMap) -> Response {
-    let again = async { visit.rooms().jobs.retry(&JobId::parse("id", &id)?).await };
+pub(in crate::web) async fn retry(request: PageRequest, Path(id): Path<String>, headers: HeaderMap) -> Response {
+    let again = async { request.services().jobs.retry(&JobId::parse("id", &id)?).await };
     answer(&id, &headers, again.await)
 }
 

@@ -11,25 +11,25 @@ use crate::{
         time::Millis,
     },
     error::Result,
-    service::Rooms,
-    web::{made::link, refusal::Answer, say, visit::Visit},
+    service::Services,
+    web::{artifacts::link, page_request::PageRequest, refusal::Answer, text},
 };
 
 /// Points of a curve: more than its picture has room for.
 const POINTS: u32 = 2000;
 
 /// The part by itself.
-pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let rooms = visit.rooms();
-    let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
-    Ok(course(rooms, &job).await?.into_response())
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let services = request.services();
+    let job = services.store.job(&JobId::parse("id", &id)?).await?;
+    Ok(course(services, &job).await?.into_response())
 }
 
 /// Progress, message, error, curves and log.
-pub(super) async fn course(rooms: &Rooms, job: &Job) -> Result<Markup> {
-    let metrics = rooms.store.sparse_metrics(&job.id, POINTS).await?;
+pub(super) async fn course(services: &Services, job: &Job) -> Result<Markup> {
+    let metrics = services.store.sparse_metrics(&job.id, POINTS).await?;
     // What else there is to see and do does not depend on it.
-    let said = rooms.jobs.log(&job.id, log::LOOKED_AT).await;
+    let said = services.jobs.log(&job.id, log::LOOKED_AT).await;
     if let Err(error) = &said {
         tracing::warn!(job.id = %job.id, %error, "a job's log cannot be shown");
     }
@@ -50,21 +50,21 @@ fn standing(job: &Job, now: Millis) -> Markup {
                 (state(job))
                 @if job.total > 0 {
                     progress value=(job.done.min(job.total)) max=(job.total) aria-label="Progress" {}
-                    span { (say::count(job.done)) " of " (say::count(job.total)) }
-                    span.soft { (say::share(job.done, job.total)) }
+                    span { (text::count(job.done)) " of " (text::count(job.total)) }
+                    span.soft { (text::share(job.done, job.total)) }
                 }
-                @if let Some(left) = left(job, now) { span.soft { "about " (say::seconds(left)) " left" } }
+                @if let Some(left) = left(job, now) { span.soft { "about " (text::seconds(left)) " left" } }
             }
             @if !job.message.is_empty() { p.message { (link::text(&job.message)) } }
             dl.facts.settings {
-                div { dt { "Submitted" } dd { (say::time(job.created_at)) " UTC" } }
-                @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (say::time(started)) " UTC" } } }
+                div { dt { "Submitted" } dd { (text::time(job.created_at)) " UTC" } }
+                @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (text::time(started)) " UTC" } } }
                 @if let Some(took) = took(job, now) {
-                    div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (say::seconds(took)) } }
+                    div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (text::seconds(took)) } }
                 }
                 div { dt { "Attempts" } dd { (job.attempt) " of " (job.max_attempts) } }
-                @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (say::bytes(job.peak_memory_bytes)) } } }
-                @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (say::count(step)) } } }
+                @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (text::bytes(job.peak_memory_bytes)) } } }
+                @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (text::count(step)) } } }
             }
         }
     }

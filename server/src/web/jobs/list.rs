@@ -18,12 +18,12 @@ use crate::{
     error::{Error, Result},
     store::Store,
     web::{
-        made::link,
+        artifacts::link,
+        page_request::PageRequest,
         refusal::Answer,
-        say,
         sheet::{self, Format, Sheet},
         shell::{self, Head, Tab},
-        visit::Visit,
+        text,
     },
 };
 
@@ -32,7 +32,7 @@ const SIZE: u32 = 100;
 
 /// After the `?`; a form that leaves a field alone sends it empty.
 #[derive(Default, Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     task: String,
     #[serde(default)]
@@ -45,22 +45,22 @@ struct Asked {
     format: Format,
 }
 
-pub(in crate::web) async fn show(visit: Visit) -> Answer {
-    let asked: Asked = visit.asked()?;
-    let store = &visit.rooms().store;
+pub(in crate::web) async fn show(request: PageRequest) -> Answer {
+    let parameters: Parameters = request.parameters()?;
+    let store = &request.services().store;
     let tasks = store.task_names().await?;
-    let before = if asked.before.is_empty() { None } else { Some(JobId::parse("before", &asked.before)?) };
-    let (jobs, next) = store.jobs(&asked.filter(store).await?, before.as_ref(), SIZE).await?;
+    let before = if parameters.before.is_empty() { None } else { Some(JobId::parse("before", &parameters.before)?) };
+    let (jobs, next) = store.jobs(&parameters.filter(store).await?, before.as_ref(), SIZE).await?;
     let names: HashMap<&TaskId, &str> = tasks.iter().map(|(id, name)| (id, name.as_str())).collect();
-    if asked.format != Format::Html {
-        return Ok(sheet_of(&jobs, &names).answer(asked.format)?);
+    if parameters.format != Format::Html {
+        return Ok(sheet_of(&jobs, &names).answer(parameters.format)?);
     }
     let now = Millis::now();
     let live = jobs.iter().any(|job| !job.state.ended());
     let body = html! {
         h1 { "Jobs" }
         p.lead { "What was submitted to all tasks, newest first." }
-        (asked.form(&tasks))
+        (parameters.form(&tasks))
         @if jobs.is_empty() {
             p.panel.empty { "No job is like this." }
         } @else {
@@ -71,17 +71,17 @@ pub(in crate::web) async fn show(visit: Visit) -> Answer {
                 } }
                 tbody #jobs data-live[live] { @for job in &jobs { (row(job, &names, now)) } }
             } }
-            (sheet::links(&visit))
+            (sheet::links(&request))
         }
         @if let Some(next) = &next {
-            p.pages { a.button href=(visit.with("before", Some(next.as_str()))) { "Older" } }
+            p.pages { a.button href=(request.with("before", Some(next.as_str()))) { "Older" } }
         }
     };
     let head = Head { title: "Jobs", tab: Tab::Jobs, task: None, script: Some("jobs.js") };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-impl Asked {
+impl Parameters {
     async fn filter(&self, store: &Store) -> Result<JobFilter> {
         let task_id = if self.task.is_empty() { None } else { Some(store.task(&self.task).await?.id) };
         let state = word("state", &self.state, JobState::from_word, &JobState::ALL.map(JobState::as_str))?;
@@ -129,12 +129,12 @@ fn row(job: &Job, names: &HashMap<&TaskId, &str>, now: Millis) -> Markup {
         td.progress {
             @if job.total > 0 {
                 progress value=(job.done.min(job.total)) max=(job.total) aria-label="Progress" {}
-                small.soft { " " (say::count(job.done)) " of " (say::count(job.total)) }
+                small.soft { " " (text::count(job.done)) " of " (text::count(job.total)) }
             }
         }
         td.said { (link::text(said)) }
         td.number { (job.attempt) span.soft { " of " (job.max_attempts) } }
-        td.number title=(say::stamp(job.created_at)) { (age(job.created_at, now)) }
+        td.number title=(text::stamp(job.created_at)) { (age(job.created_at, now)) }
     } }
 }
 
@@ -167,9 +167,9 @@ fn sheet_of(jobs: &[Job], names: &HashMap<&TaskId, &str>) -> Sheet {
             json!(job.key),
             json!(job.result_id),
             json!(job.peak_memory_bytes),
-            json!(say::stamp(job.created_at)),
-            json!(job.started_at.map(say::stamp)),
-            json!(job.ended_at.map(say::stamp)),
+            json!(text::stamp(job.created_at)),
+            json!(job.started_at.map(text::stamp)),
+            json!(job.ended_at.map(text::stamp)),
         ]
     };
     let columns = &[

@@ -6,7 +6,7 @@ use maud::{Markup, html};
 use crate::{
     domain::id::JobId,
     error::Result,
-    web::{refusal::Answer, visit::Visit},
+    web::{page_request::PageRequest, refusal::Answer},
 };
 
 /// Lines that the job's page shows, and bytes that it looks for them in.
@@ -14,10 +14,10 @@ const SHOWN: usize = 200;
 pub(super) const LOOKED_AT: u64 = 48 << 10;
 
 /// All that is kept, as text.
-pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let rooms = visit.rooms();
-    let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
-    let said = rooms.jobs.log(&job.id, u64::MAX).await?;
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let services = request.services();
+    let job = services.store.job(&JobId::parse("id", &id)?).await?;
+    let said = services.jobs.log(&job.id, u64::MAX).await?;
     Ok(([(CONTENT_TYPE, "text/plain; charset=utf-8")], said).into_response())
 }
 

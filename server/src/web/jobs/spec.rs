@@ -6,7 +6,7 @@ use serde_json::Value;
 use crate::{
     domain::job::JobSpec,
     error::{Error, Result},
-    web::made::link,
+    web::artifacts::link,
 };
 
 /// Every setting, and the same as JSON.

@@ -15,7 +15,7 @@ async fn with_tasks(count: usize) -> Pages {
     for number in 0..count {
         let kind = if number % 10 == 0 { "pour" } else { "fold" };
         let spec = TaskSpec { name: format!("{kind}_{number:04}"), ..testing::spec() };
-        pages.rooms.store.insert_task(&spec).await.unwrap();
+        pages.services.store.insert_task(&spec).await.unwrap();
     }
     pages
 }
@@ -57,8 +57,8 @@ async fn tasks_are_found_by_a_part_of_their_name() {
 #[tokio::test]
 async fn figures_sum_up_every_task_and_not_the_page() {
     let pages = with_tasks(PER_PAGE + 1).await;
-    let oldest = pages.rooms.store.task("pour_0000").await.unwrap();
-    testing::episode(&pages.rooms.store, &oldest, Outcome::Success, "").await;
+    let oldest = pages.services.store.task("pour_0000").await.unwrap();
+    testing::episode(&pages.services.store, &oldest, Outcome::Success, "").await;
     let first = text(&pages, "/").await;
     assert!(!first.contains("pour_0000"));
     assert!(first.contains("<dt>Tasks</dt><dd>49</dd>") && first.contains("<dt>Episodes</dt><dd>1</dd>"), "{first}");

@@ -5,7 +5,7 @@ use maud::{Markup, html};
 
 use crate::{
     domain::{curation::SegmentRef, id::ScoreRunId},
-    web::{made::link, visit::escaped},
+    web::{artifacts::link, page_request::escaped},
 };
 
 /// Segments of a sheet.

@@ -5,14 +5,14 @@ use std::cmp::Ordering;
 use maud::{Markup, html};
 use serde_json::{Value, json};
 
-use super::asked::{Key, Order, parameter};
+use super::query::{Key, Order, parameter};
 use crate::{
     curation::Summary,
     domain::{
         id::{EpisodeId, ScoreRunId},
         selection::{Kept, Selection, WhatIf},
     },
-    web::{made::link, say, sheet::Sheet},
+    web::{artifacts::link, sheet::Sheet, text},
 };
 
 /// Episodes that the page shows; the rest is in the table for programs.
@@ -57,9 +57,9 @@ pub(in crate::web) fn figures(what: &WhatIf) -> Markup {
     let Kept { segments, of_segments, episodes, of_episodes } = what.total;
     html! {
         dl.figures {
-            div { dt { "Segments kept" } dd { (say::count(segments)) small { " of " (say::count(of_segments)) } } }
-            div { dt { "Share kept" } dd { (say::share(segments, of_segments)) } }
-            div { dt { "Episodes that contribute" } dd { (say::count(episodes)) small { " of " (say::count(of_episodes)) } } }
+            div { dt { "Segments kept" } dd { (text::count(segments)) small { " of " (text::count(of_segments)) } } }
+            div { dt { "Share kept" } dd { (text::share(segments, of_segments)) } }
+            div { dt { "Episodes that contribute" } dd { (text::count(episodes)) small { " of " (text::count(of_episodes)) } } }
             div {
                 dt { "Lowest similarity kept" }
                 dd { @match what.threshold { Some(w) => (format!("{w:.3}")), None => "–" } }
@@ -91,9 +91,9 @@ pub(in crate::web) fn cohorts(what: &WhatIf) -> Markup {
                     tr {
                         td { @if cohort.is_empty() { span.soft { "none" } } @else { (cohort) } }
                         td.wide { (bar(kept.segments, kept.of_segments)) }
-                        td.number { (say::share(kept.segments, kept.of_segments)) }
-                        td.number { (say::count(kept.segments)) span.soft { " of " (say::count(kept.of_segments)) } }
-                        td.number { (say::count(kept.episodes)) span.soft { " of " (say::count(kept.of_episodes)) } }
+                        td.number { (text::share(kept.segments, kept.of_segments)) }
+                        td.number { (text::count(kept.segments)) span.soft { " of " (text::count(kept.of_segments)) } }
+                        td.number { (text::count(kept.episodes)) span.soft { " of " (text::count(kept.of_episodes)) } }
                     }
                 }
             }
@@ -136,14 +136,14 @@ pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, row
             tbody { @for row in rows.iter().take(SHOWN) { tr {
                 td { (link::brief(row.episode.as_str(), Some(&format!("/episodes/{}?run={run}", row.episode)))) }
                 td.wide { (bar(row.kept, row.of)) }
-                td.number { (say::share(row.kept, row.of)) }
-                td.number { (say::count(row.kept)) }
-                td.number { (say::count(row.of)) }
+                td.number { (text::share(row.kept, row.of)) }
+                td.number { (text::count(row.kept)) }
+                td.number { (text::count(row.of)) }
                 td.number { @match row.mean_q { Some(q) => (format!("{q:.3}")), None => "–" } }
             } } }
         } }
         p.formats {
-            @if rows.len() > SHOWN { "The first " (SHOWN) " of " (say::counted(rows.len() as u64, "episode")) ". " }
+            @if rows.len() > SHOWN { "The first " (SHOWN) " of " (text::counted(rows.len() as u64, "episode")) ". " }
             "All as " a href=(format!("{here}&sort={}&format=json", order.word())) { "JSON" } " or "
             a href=(format!("{here}&sort={}&format=csv", order.word())) { "CSV" }
         }

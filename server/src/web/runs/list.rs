@@ -21,12 +21,12 @@ use crate::{
     error::Result,
     store::Store,
     web::{
-        made::link,
+        artifacts::link,
+        page_request::PageRequest,
         refusal::Answer,
-        say,
         sheet::{self, Format, Sheet},
         shell::{self, Head, Tab},
-        visit::Visit,
+        text,
     },
 };
 
@@ -34,7 +34,7 @@ use crate::{
 const COMING: u32 = 50;
 
 #[derive(Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     format: Format,
     #[serde(default)]
@@ -51,7 +51,7 @@ enum Table {
 }
 
 /// Everything the page shows.
-struct Made {
+struct RunsOfTask {
     runs: Vec<ScoreRun>,
     snapshots: HashMap<SnapshotId, Snapshot>,
     datasets: Vec<Dataset>,
@@ -59,11 +59,11 @@ struct Made {
     policies: Vec<Policy>,
 }
 
-pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answer {
-    let Asked { format, table } = visit.asked()?;
-    let store = &visit.rooms().store;
+pub(in crate::web) async fn show(request: PageRequest, Path(task): Path<String>) -> Answer {
+    let Parameters { format, table } = request.parameters()?;
+    let store = &request.services().store;
     let task = store.task(&task).await?;
-    let made = Made::of(store, &task).await?;
+    let made = RunsOfTask::of(store, &task).await?;
     if format != Format::Html {
         let sheet = if table == Table::Policies { made.policy_sheet(&task) } else { made.run_sheet(&task) };
         return Ok(sheet.answer(format)?);
@@ -76,7 +76,7 @@ pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answ
             p.panel.empty { "No run yet. " code { "gleaner score" } " makes one." }
         } @else {
             (made.run_table())
-            (sheet::links(&visit))
+            (sheet::links(&request))
         }
         h2 { "Policies" }
         @if made.policies.is_empty() {
@@ -89,10 +89,10 @@ pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answ
         }
     };
     let head = Head { title: "Score runs", tab: Tab::Runs, task: Some(name), script: None };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-impl Made {
+impl RunsOfTask {
     async fn of(store: &Store, task: &Task) -> Result<Self> {
         let runs = store.score_runs(&task.id).await?;
         let mut coming = Vec::new();
@@ -122,7 +122,7 @@ impl Made {
         html! {
             div.scroll { table {
                 thead { tr {
-                    th { "Run" } th { "Made (UTC)" } th.number { "Experts" } th.number { "Imperfect" } th { "Scored by" }
+                    th { "Run" } th { "RunsOfTask (UTC)" } th.number { "Experts" } th.number { "Imperfect" } th { "Scored by" }
                     th { "Normaliser" } th { "Encoder" } th { "Datasets" }
                 } }
                 tbody {
@@ -144,9 +144,9 @@ impl Made {
         let snapshot = self.snapshots.get(&run.snapshot_id);
         html! { tr {
             td { (link::brief(run.id.as_str(), Some(&format!("/runs/{}", run.id)))) }
-            td.when { (say::time(run.created_at)) }
-            td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.expert_episodes)) } }
-            td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.imperfect_episodes)) } }
+            td.when { (text::time(run.created_at)) }
+            td.number { @if let Some(snapshot) = snapshot { (text::count(snapshot.expert_episodes)) } }
+            td.number { @if let Some(snapshot) = snapshot { (text::count(snapshot.imperfect_episodes)) } }
             td.when { (run.scorer) span.soft { ", " (run.similarity) } }
             td { (run.normaliser) }
             td { (link::brief(run.encoder_id.as_str(), Some(&format!("/encoders/{}", run.encoder_id)))) }
@@ -159,10 +159,10 @@ impl Made {
     fn policy_table(&self) -> Markup {
         html! {
             div.scroll { table {
-                thead { tr { th { "Policy" } th { "Made (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
+                thead { tr { th { "Policy" } th { "RunsOfTask (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
                 tbody { @for policy in &self.policies { tr {
                     td { (link::brief(policy.id.as_str(), Some(&format!("/policies/{}", policy.id)))) }
-                    td.when { (say::time(policy.created_at)) }
+                    td.when { (text::time(policy.created_at)) }
                     td { (policy.kind) }
                     td { "experts" @if let Some(id) = &policy.dataset_id {
                         " and " a.tag.kept href=(format!("/datasets/{id}")) {
@@ -181,7 +181,7 @@ impl Made {
             let datasets: Vec<&str> = self.datasets_of(run).map(|dataset| dataset.id.as_str()).collect();
             vec![
                 json!(run.id),
-                json!(say::stamp(run.created_at)),
+                json!(text::stamp(run.created_at)),
                 json!(run.snapshot_id),
                 json!(snapshot.map(|snapshot| snapshot.expert_episodes)),
                 json!(snapshot.map(|snapshot| snapshot.imperfect_episodes)),
@@ -214,7 +214,7 @@ impl Made {
             let Policy { id, kind, encoder_id, dataset_id, job_id, created_at, .. } = policy;
             vec![
                 json!(id),
-                json!(say::stamp(*created_at)),
+                json!(text::stamp(*created_at)),
                 json!(kind),
                 json!(encoder_id),
                 json!(dataset_id),

@@ -41,7 +41,7 @@ async fn json(pages: &Pages, path: &str) -> Value {
 #[tokio::test]
 async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
     let pages = Pages::open(false).await;
-    let (_, run) = run(&pages.rooms.store).await;
+    let (_, run) = run(&pages.services.store).await;
     let visitor = pages.visitor().await;
     let shown = pages.get(&visitor, &format!("/runs/{}?beta=0.4", run.id)).await;
     assert_eq!(shown.status, StatusCode::OK);
@@ -64,9 +64,9 @@ async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
 #[tokio::test]
 async fn a_wrong_threshold_or_run_is_refused_by_name() {
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
-    let encoder = pages.rooms.store.encoder(&run.encoder_id).await.unwrap();
-    let (_, coming) = results::scoring(&pages.rooms.store, &task, &encoder).await;
+    let (task, run) = run(&pages.services.store).await;
+    let encoder = pages.services.store.encoder(&run.encoder_id).await.unwrap();
+    let (_, coming) = results::scoring(&pages.services.store, &task, &encoder).await;
     for (path, status, said) in [
         (format!("/runs/{}?beta=high", run.id), StatusCode::BAD_REQUEST, "beta: "),
         (format!("/runs/{}?beta=1.5", run.id), StatusCode::BAD_REQUEST, "beta: is 1.5"),
@@ -88,7 +88,7 @@ async fn a_wrong_threshold_or_run_is_refused_by_name() {
 #[tokio::test]
 async fn a_dataset_is_made_once_and_its_page_shows_what_it_keeps() {
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
+    let (task, run) = run(&pages.services.store).await;
     let visitor = pages.visitor().await;
     let path = format!("/runs/{}/datasets", run.id);
     let proof = visitor.proof.clone().unwrap();
@@ -104,7 +104,7 @@ async fn a_dataset_is_made_once_and_its_page_shows_what_it_keeps() {
         let refused = pages.post(&visitor, &path, (JSON, body)).await;
         assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(said), "{}", refused.text());
     }
-    assert_eq!(pages.rooms.store.datasets(&task.id).await.unwrap().len(), 1);
+    assert_eq!(pages.services.store.datasets(&task.id).await.unwrap().len(), 1);
 
     let list = pages.get(&visitor, &format!("/tasks/{}/runs", task.spec.name)).await.text();
     assert!(list.contains(&page) && list.contains(run.id.as_str()), "{list}");
@@ -115,8 +115,8 @@ async fn a_dataset_is_made_once_and_its_page_shows_what_it_keeps() {
 #[tokio::test]
 async fn a_dataset_of_a_run_to_come_says_so() {
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
-    let store = &pages.rooms.store;
+    let (task, run) = run(&pages.services.store).await;
+    let store = &pages.services.store;
     let encoder = store.encoder(&run.encoder_id).await.unwrap();
     let (job, coming) = results::scoring(store, &task, &encoder).await;
     let dataset = store.insert_dataset(&coming, Selection::Beta(0.5)).await.unwrap();
@@ -131,7 +131,7 @@ async fn a_dataset_of_a_run_to_come_says_so() {
 #[tokio::test]
 async fn who_may_only_look_is_offered_no_change() {
     let pages = Pages::open(true).await;
-    let (_, run) = run(&pages.rooms.store).await;
+    let (_, run) = run(&pages.services.store).await;
     let path = format!("/runs/{}", run.id);
     for (role, offered) in [(crate::domain::access::Role::Viewer, false), (crate::domain::access::Role::Trainer, true)]
     {
@@ -151,8 +151,8 @@ async fn a_policy_shows_how_it_does_and_what_it_came_from() {
         time::Millis,
     };
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
-    let store = &pages.rooms.store;
+    let (task, run) = run(&pages.services.store).await;
+    let store = &pages.services.store;
     let encoder = store.encoder(&run.encoder_id).await.unwrap();
     let policy = results::policy(store, &task, &encoder, blake3::hash(b"policy").into()).await;
     let evaluation = Evaluation {

@@ -1,0 +1,287 @@
+//! The door of every page: who is it, may they, does the request come from a page of ours; and what every answer says to
+//! the browser.
+
+use std::{sync::Arc, time::Duration};
+
+use axum::{
+    body::Body,
+    extract::{ConnectInfo, Request, State},
+    http::{
+        HeaderMap, HeaderValue, StatusCode,
+        header::{
+            AUTHORIZATION, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, LOCATION, REFERRER_POLICY,
+            SET_COOKIE, X_CONTENT_TYPE_OPTIONS,
+        },
+    },
+    middleware::Next,
+    response::{IntoResponse as _, Response},
+};
+use futures::StreamExt as _;
+use gleaner_recording::printable;
+
+use super::{
+    AppState,
+    browser::Browser,
+    escape,
+    page::Page,
+    page_request::{PageRequest, escaped},
+    refusal::{ErrorText, Refusal},
+    shell,
+};
+use crate::{
+    access::{Caller, Done, PageGuard, token_hash},
+    connections::{Call, Link},
+    error::{Error, Kind, Result},
+};
+
+/// Largest body that a page takes: labels of some ten thousand episodes.
+const BODY_BYTES: usize = 1 << 20;
+/// Largest body of what anybody may send.
+const OPEN_BODY_BYTES: usize = 64 << 10;
+/// How long a page may take to be asked for and made. What it streams afterwards is watched by the connection.
+const WITHIN: Duration = Duration::from_secs(30);
+/// What a change was about: pages give it with their answer, for the audit log.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Subjects(pub(super) Vec<String>);
+
+/// The header in which scripts bring the proof that they are ours.
+const PROOF: &str = "x-gleaner-proof";
+/// Nothing of others, nothing inline, and no frame around us.
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
+                      form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
+
+/// Lets a request in to its page, or does not.
+pub(super) async fn pass(
+    State((state, page)): State<(Arc<AppState>, Page)>,
+    ConnectInfo(link): ConnectInfo<Link>,
+    request: Request,
+    next: Next,
+) -> Response {
+    link.call();
+    let come = Browser::of(request.headers(), &state.cookie);
+    let browser = come.clone().unwrap_or_else(Browser::new);
+    let wants_data = wants_data(&request);
+    let uri = request.uri().clone();
+    let served = tokio::time::timeout(WITHIN, serve(&state, page, &link, &browser, (request, next))).await;
+    let mut response = match served {
+        Ok(Ok(response)) => response,
+        Ok(Err(error)) if error.kind() == Kind::Unauthenticated && page.method() == "GET" && !wants_data => {
+            let back = uri.path_and_query().map_or("/", |back| back.as_str());
+            (StatusCode::SEE_OTHER, [(LOCATION, format!("/sign-in?next={}", escaped(back)))]).into_response()
+        }
+        Ok(Err(error)) => Refusal(error).into_response(),
+        Err(_) => {
+            Refusal(Error::late("this took too long; look whether it was done before you try again")).into_response()
+        }
+    };
+    if let Some(text) = response.extensions_mut().remove::<ErrorText>() {
+        response = error_response(response.status(), &text, wants_data);
+    } else if response.status().is_client_error() && says_text(response.headers()) {
+        // What could not even be given to a page, such as a form that is none.
+        let status = response.status();
+        let body = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
+        response = error_response(status, &ErrorText(String::from_utf8_lossy(&body).into_owned()), wants_data);
+    }
+    // Who only fetches a picture or data needs no name.
+    let remembered = (come.is_none() && !wants_data && page != Page::Asset).then_some(browser);
+    finish(&state, &mut response, remembered);
+    response
+}
+
+async fn serve(
+    state: &Arc<AppState>,
+    page: Page,
+    link: &Link,
+    browser: &Browser,
+    (request, next): (Request, Next),
+) -> Result<Response> {
+    state.expects(request.headers())?;
+    let bearer = bearer(request.headers());
+    let (call, caller) = who(state, page, link, (browser, bearer.as_deref())).await?;
+    let changes = PageGuard::changes(page);
+    if let Err(error) = PageGuard::permit(&caller, page) {
+        if changes && state.guard.tells_of_refusal(&caller) {
+            note(state, page, link, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
+        }
+        return Err(error);
+    }
+    let page_request = PageRequest {
+        state: Arc::clone(state),
+        caller: caller.clone(),
+        proof: browser.proof(),
+        uri: request.uri().clone(),
+    };
+    let mut request = request;
+    if page.method() == "POST" {
+        let most = if PageGuard::is_open(page) { OPEN_BODY_BYTES } else { BODY_BYTES };
+        // Who shows a token in a header is no browser that another site has sent.
+        request = whole(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
+    }
+    request.extensions_mut().insert(browser.clone());
+    request.extensions_mut().insert(page_request);
+    // Its client's further questions wait meanwhile.
+    let turn = call.turn().await;
+    let response =
+        if changes { made(state, page, link, &caller, next.run(request)).await? } else { next.run(request).await };
+    drop(turn);
+    let response = escape::answer(response).await?;
+    let over = if page == Page::EpisodeRecording { caller.over() } else { None };
+    Ok(response.map(|body| {
+        let body = match over {
+            // What is downloaded ends with the token it was asked for with.
+            Some(over) => Body::from_stream(body.into_data_stream().take_until(over)),
+            None => body,
+        };
+        Body::new(state.guard.watched(body, link, call))
+    }))
+}
+
+/// Counts a request, and says who it is from: by the token in its header, or by the one that its browser once showed.
+///
+/// # Errors
+/// Exhausted; Unauthenticated, but for pages that anybody may have.
+async fn who(
+    state: &AppState,
+    page: Page,
+    link: &Link,
+    (browser, bearer): (&Browser, Option<&str>),
+) -> Result<(Call, Caller)> {
+    let remembered = if bearer.is_none() { state.signed_in.token_of(browser) } else { None };
+    let (call, mut caller) = state.guard.admit(bearer.or(remembered.as_deref()), link).await?;
+    if caller.is_err() && remembered.is_some() {
+        // What it showed is good no more: it is as if it had never been here.
+        state.signed_in.sign_out(browser);
+        caller = state.guard.nobody().await;
+    }
+    match caller {
+        Err(_) if PageGuard::is_open(page) => Ok((call, Caller::Anyone)),
+        caller => Ok((call, caller?)),
+    }
+}
+
+/// Makes a change and writes it down, to the end, even if whoever asked for it goes away.
+async fn made(
+    state: &Arc<AppState>,
+    page: Page,
+    link: &Link,
+    caller: &Caller,
+    making: impl Future<Output = Response> + Send + 'static,
+) -> Result<Response> {
+    let (state, link, caller) = (Arc::clone(state), link.clone(), caller.clone());
+    let making = tokio::spawn(async move {
+        let mut response = making.await;
+        let subjects = response.extensions_mut().remove::<Subjects>().unwrap_or_default().0;
+        let outcome = if response.status().is_success() || response.status().is_redirection() {
+            "ok".to_owned()
+        } else {
+            response.status().canonical_reason().unwrap_or("refused").to_owned()
+        };
+        note(&state, page, &link, &caller, (subjects, outcome)).await;
+        response
+    });
+    making.await.map_err(|error| Error::internal("making a change", error))
+}
+
+async fn note(state: &AppState, page: Page, link: &Link, caller: &Caller, (subjects, outcome): (Vec<String>, String)) {
+    state.guard.note(caller, link, Done { page, subjects, outcome }).await;
+}
+
+/// A request with its whole body; where a proof is asked for, only if it comes from a page of ours: from a script in a
+/// header, from a form in a field.
+///
+/// # Errors
+/// Forbidden; Invalid when its body is too large or does not come.
+async fn whole(request: Request, most: usize, proof: Option<&str>) -> Result<Request> {
+    let (parts, body) = request.into_parts();
+    let body = axum::body::to_bytes(body, most).await.map_err(|_| {
+        Error::invalid("body", format!("must come whole, with at most {most} bytes; send fewer at a time"))
+    })?;
+    if let Some(proof) = proof
+        && brought(&parts.headers, &body) != Some(proof)
+    {
+        return Err(Error::forbidden(
+            "this did not come from a page of this server that is still good; load the page again",
+        ));
+    }
+    Ok(Request::from_parts(parts, Body::from(body)))
+}
+
+/// The proof that a request brings.
+fn brought<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
+    let in_header = headers.get(PROOF).and_then(|value| value.to_str().ok());
+    let form = headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
+    let in_form = || {
+        let pairs = std::str::from_utf8(body).unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
+        pairs.into_iter().find(|(name, _)| *name == "proof").map(|(_, value)| value)
+    };
+    in_header.or_else(|| if form { in_form() } else { None })
+}
+
+/// The hash of the token in the header, for programs that read pages.
+fn bearer(headers: &HeaderMap) -> Option<String> {
+    let (scheme, token) = headers.get(AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token_hash(token.trim()))
+}
+
+fn says_text(headers: &HeaderMap) -> bool {
+    headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"text/plain"))
+}
+
+/// Whether a program reads the answer rather than a person.
+fn wants_data(request: &Request) -> bool {
+    let query = request.uri().query().unwrap_or_default();
+    let accepts = request.headers().get("accept").and_then(|value| value.to_str().ok()).unwrap_or_default();
+    query.split('&').any(|pair| pair.starts_with("format=")) || !accepts.contains("text/html")
+}
+
+fn error_response(status: StatusCode, text: &ErrorText, data: bool) -> Response {
+    let message = printable::field(&text.0);
+    if data {
+        return (status, axum::Json(serde_json::json!({ "error": message }))).into_response();
+    }
+    (status, shell::bare(status.canonical_reason().unwrap_or("Refused"), &message)).into_response()
+}
+
+/// The answer to a request for what is no page of ours.
+pub(super) async fn nowhere(state: Arc<AppState>, link: Link, request: Request) -> Response {
+    link.call();
+    let text = ErrorText("There is no such page here. Ids are written as the lists show them.".to_owned());
+    let mut response = error_response(StatusCode::NOT_FOUND, &text, wants_data(&request));
+    finish(&state, &mut response, None);
+    response
+}
+
+/// What every answer says to the browser.
+fn finish(state: &AppState, response: &mut Response, new: Option<Browser>) {
+    let headers = response.headers_mut();
+    headers.insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
+    headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
+    headers.insert(REFERRER_POLICY, HeaderValue::from_static("same-origin"));
+    headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
+    if let Some(browser) = new {
+        headers.entry(SET_COOKIE).or_insert(browser.cookie(&state.cookie, state.encrypted));
+    }
+}
+
+impl AppState {
+    /// Whether a request is for us by name. Where nobody is parameters who they are, another site's name that was made to
+    /// lead here would let that site read everything.
+    ///
+    /// # Errors
+    /// Forbidden.
+    fn expects(&self, headers: &HeaderMap) -> Result<()> {
+        let host = headers.get(HOST).and_then(|value| value.to_str().ok()).unwrap_or_default();
+        let name = host
+            .rsplit_once(':')
+            .map_or(host, |(name, port)| if port.bytes().all(|byte| byte.is_ascii_digit()) { name } else { host });
+        let name = name.trim_start_matches('[').trim_end_matches(']');
+        let here = name == "localhost" || name.parse::<std::net::IpAddr>().is_ok();
+        if here || !self.loopback {
+            return Ok(());
+        }
+        Err(Error::forbidden(format!(
+            "these pages are at localhost and 127.0.0.1, not at {}; have a proxy ask for one of those",
+            name.escape_debug()
+        )))
+    }
+}
