@@ -22,7 +22,7 @@ use std::{
 };
 
 use super::{
-    files::{Needed, Pace, grouped},
+    files::{Needed, Progress, grouped},
     manifest::{Lacking, Manifest},
     target,
 };
@@ -45,15 +45,15 @@ pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> R
     let _lock = target::claim(source, target)?;
     let blobs = Blobs::open(target)?;
     let copying = Copying::begin(source)?;
-    let (look, made_at) = copy_database(source, target).await?;
-    let needed = grouped(look.store.named_blobs().await?);
-    look.store.close().await;
+    let (database, made_at) = copy_database(source, target).await?;
+    let needed = grouped(database.store.named_blobs().await?);
+    database.store.close().await;
     let copied = copy_blobs(&Blobs::at(source), &blobs, &needed, config.verify)?;
     drop(copying);
     let manifest = Manifest {
         gleaner: env!("CARGO_PKG_VERSION").to_owned(),
         made_at,
-        schema: look.schema,
+        schema: database.schema,
         database: blobs::digest(&draft(target))?,
         blobs: copied.there + copied.new,
         bytes: copied.bytes,
@@ -61,7 +61,7 @@ pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> R
     };
     finish(target, &manifest)?;
     let removed = if config.prune { prune(&blobs, &needed)? } else { 0 };
-    tell(out, target, &manifest, copied.new, removed)
+    write_summary(out, target, &manifest, copied.new, removed)
         .map_err(|error| Error::internal("writing the backup's summary", error))?;
     Ok(manifest.lacking.is_empty())
 }
@@ -95,7 +95,7 @@ struct CopiedBlobs {
 }
 
 fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed], verify: bool) -> Result<CopiedBlobs> {
-    let (mut copied, mut pace) = (CopiedBlobs::default(), Pace::new("blobs backed up", needed.len()));
+    let (mut copied, mut progress) = (CopiedBlobs::default(), Progress::new("blobs backed up", needed.len()));
     for Needed { blob, by, size_bytes: _ } in needed {
         match target.copy_from(source, blob, verify)? {
             Copied::New(size) => {
@@ -108,7 +108,7 @@ fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed], verify: bool) -
             }
             Copied::Lacking(why) => copied.lacking.push(Lacking { blob: blob.clone(), why, needed_by: by.clone() }),
         }
-        pace.one_more();
+        progress.one_more();
     }
     Ok(copied)
 }
@@ -135,7 +135,13 @@ fn prune(blobs: &Blobs, needed: &[Needed]) -> Result<u64> {
     Ok(removed)
 }
 
-fn tell(out: &mut impl io::Write, target: &Path, manifest: &Manifest, new: u64, removed: u64) -> io::Result<()> {
+fn write_summary(
+    out: &mut impl io::Write,
+    target: &Path,
+    manifest: &Manifest,
+    new: u64,
+    removed: u64,
+) -> io::Result<()> {
     for Lacking { blob, why, needed_by } in &manifest.lacking {
         writeln!(out, "problem: blob {blob}: {why}; needed by {}", needed_by.join(", "))?;
     }
@@ -144,7 +150,10 @@ fn tell(out: &mut impl io::Write, target: &Path, manifest: &Manifest, new: u64, 
     writeln!(out, "schema {schema}; {blobs} blobs of {bytes} bytes, {new} of them new{pruned}")?;
     match manifest.lacking.len() {
         0 => writeln!(out, "backed up to {shown}"),
-        lacking => writeln!(out, "backed up to {shown}, without {lacking} blobs that are missing or damaged in the data folder"),
+        lacking => writeln!(
+            out,
+            "backed up to {shown}, without {lacking} blobs that are missing or damaged in the data folder"
+        ),
     }
 }
 

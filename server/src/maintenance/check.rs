@@ -18,31 +18,31 @@ use crate::{
 /// Precondition when there is no database that this program can read; Internal when the disk fails.
 pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<bool> {
     let report = look_through(config).await?;
-    let told = match config.json {
+    let written = match config.json {
         true => serde_json::to_writer_pretty(&mut *out, &report).map_err(Into::into).and_then(|()| writeln!(out)),
-        false => report.tell(out),
+        false => report.write_text(out),
     };
-    told.map_err(|error| Error::internal("writing the report", error))?;
+    written.map_err(|error| Error::internal("writing the report", error))?;
     Ok(report.sound)
 }
 
 pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
-    let look = ReadOnlyDatabase::open(&config.data_dir.join(DATABASE)).await?;
+    let database = ReadOnlyDatabase::open(&config.data_dir.join(DATABASE)).await?;
     // From here on a server beside this removes no blob between its row and its file being read.
     let _copying = Copying::begin(&config.data_dir)?;
-    let mut report = Report::new(config.data_dir.clone(), look.schema, !config.fast);
-    for (subject, detail) in look.store.integrity().await? {
+    let mut report = Report::new(config.data_dir.clone(), database.schema, !config.fast);
+    for (subject, detail) in database.store.integrity().await? {
         report.problem(subject, detail);
     }
-    for (subject, detail) in look.store.wrong_rows().await? {
+    for (subject, detail) in database.store.wrong_rows().await? {
         report.problem(subject, detail);
     }
-    let mut files = Files { store: &look.store, data_dir: &config.data_dir, report: &mut report };
+    let mut files = Files { store: &database.store, data_dir: &config.data_dir, report: &mut report };
     files.blobs(!config.fast).await?;
     files.uploads().await?;
     files.recordings()?;
     files.trash()?;
-    if let Some(misfit) = misfit(config, &look).await? {
+    if let Some(misfit) = misfit(config, &database).await? {
         report.problem(DATABASE, misfit);
     }
     if let Some(manifest) = Manifest::read(&config.data_dir)?
@@ -51,15 +51,15 @@ pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
     {
         report.problem(DATABASE, "is damaged: its digest differs from the backup's manifest");
     }
-    look.store.close().await;
+    database.store.close().await;
     Ok(report)
 }
 
 /// Why the database does not belong to the blobs beside it. A backup's database belongs to no folder yet.
-async fn misfit(config: &CheckConfig, look: &ReadOnlyDatabase) -> Result<Option<String>> {
+async fn misfit(config: &CheckConfig, database: &ReadOnlyDatabase) -> Result<Option<String>> {
     match Stamp::read(&config.data_dir) {
         Ok(None) if super::target::is_backup(&config.data_dir) => Ok(None),
-        Ok(stamp) => look.store.misfit(stamp.as_ref(), &Blobs::at(&config.data_dir)).await,
+        Ok(stamp) => database.store.misfit(stamp.as_ref(), &Blobs::at(&config.data_dir)).await,
         Err(error) => Ok(Some(error.message().to_owned())),
     }
 }

@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// The interval of progress lines on standard error.
-const TELL_AFTER: Duration = Duration::from_secs(2);
+const REPORT_EVERY: Duration = Duration::from_secs(2);
 
 /// The inputs of the comparison and its report.
 pub(super) struct Files<'a> {
@@ -34,24 +34,24 @@ pub(super) struct Needed {
 }
 
 /// Writes progress lines to standard error.
-pub(super) struct Pace {
+pub(super) struct Progress {
     what: &'static str,
     done: usize,
     all: usize,
-    told: Instant,
+    reported: Instant,
 }
 
-impl Pace {
+impl Progress {
     pub(super) fn new(what: &'static str, all: usize) -> Self {
-        Self { what, done: 0, all, told: Instant::now() }
+        Self { what, done: 0, all, reported: Instant::now() }
     }
 
     #[expect(clippy::print_stderr, reason = "the command's progress; its result is on standard output")]
     pub(super) fn one_more(&mut self) {
         self.done += 1;
-        if self.told.elapsed() > TELL_AFTER {
+        if self.reported.elapsed() > REPORT_EVERY {
             eprintln!("{} of {} {}", self.done, self.all, self.what);
-            self.told = Instant::now();
+            self.reported = Instant::now();
         }
     }
 }
@@ -62,9 +62,9 @@ impl Files<'_> {
     pub(super) async fn blobs(&mut self, digests: bool) -> Result<()> {
         let blobs = Blobs::at(self.data_dir);
         let needed = grouped(self.store.named_blobs().await?);
-        let mut pace = Pace::new("blobs checked", needed.len());
+        let mut progress = Progress::new("blobs checked", needed.len());
         for needed in &needed {
-            pace.one_more();
+            progress.one_more();
             self.report.blobs += 1;
             match inspect(&blobs, needed, digests) {
                 Ok(bytes) => self.report.bytes += bytes,
@@ -126,7 +126,10 @@ impl Files<'_> {
         let folder = self.data_dir.join("rollouts");
         for (folder, what) in [
             (folder.join("unusable"), "is unusable and was set aside"),
-            (folder, "is not stored as an episode yet; the server stores it at its next start or when its session ends"),
+            (
+                folder,
+                "is not stored as an episode yet; the server stores it at its next start or when its session ends",
+            ),
         ] {
             for path in entries(&folder)? {
                 if path.extension().is_some_and(|extension| extension == "mcap") {

@@ -129,18 +129,18 @@ impl Room {
 
     async fn sweep_and_tell(&self) {
         match self.sweep(SystemTime::now()).await {
-            Ok(tally) if tally == sweep::Tally::default() => {}
-            Ok(tally) => tracing::info!(
-                episodes.removed = tally.episodes,
-                episodes.purged = tally.purged,
-                blobs.removed = tally.blobs,
-                blobs.bytes = tally.bytes,
-                blobs.moved_to_trash = tally.trashed,
-                caches.removed = tally.caches,
-                uploads.forgotten = tally.uploads,
-                leavings.removed = tally.leavings,
-                logs.removed = tally.logs,
-                audit.forgotten = tally.audited,
+            Ok(counts) if counts == sweep::SweepCounts::default() => {}
+            Ok(counts) => tracing::info!(
+                episodes.removed = counts.episodes,
+                episodes.purged = counts.purged,
+                blobs.removed = counts.blobs,
+                blobs.bytes = counts.bytes,
+                blobs.moved_to_trash = counts.trashed,
+                caches.removed = counts.caches,
+                uploads.forgotten = counts.uploads,
+                leavings.removed = counts.leavings,
+                logs.removed = counts.logs,
+                audit.forgotten = counts.audited,
                 "swept"
             ),
             Err(error) => tracing::error!(%error, "the sweep failed and will be retried"),

@@ -8,7 +8,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use super::{describe::describe_queued, files::Pace, worth};
+use super::{describe::describe_queued, files::Progress, worth};
 use crate::{
     blobs::{self, Blobs, Found, sync_folder},
     config::RebuildConfig,
@@ -115,13 +115,13 @@ async fn set_aside(data_dir: &Path, stamp: Option<&Stamp>, blobs: &Blobs) -> Res
 
 /// `None` unless the database is intact and belongs to the blobs; otherwise whether it is as new as they are.
 async fn usable(path: &Path, stamp: Option<&Stamp>, blobs: &Blobs) -> Option<bool> {
-    let look = ReadOnlyDatabase::open(path).await.ok()?;
-    let sound = look.store.integrity().await.is_ok_and(|findings| findings.is_empty());
-    let compared = look.store.compare(stamp).await.ok();
+    let database = ReadOnlyDatabase::open(path).await.ok()?;
+    let sound = database.store.integrity().await.is_ok_and(|findings| findings.is_empty());
+    let compared = database.store.compare(stamp).await.ok();
     // A backup has no name for its folder and is judged by its rows.
-    let named = look.store.named_blobs().await.unwrap_or_default();
+    let named = database.store.named_blobs().await.unwrap_or_default();
     let shared = named.iter().any(|named| blobs.contains(&named.blob));
-    look.store.close().await;
+    database.store.close().await;
     compared.filter(|it| sound && it.whole && (it.same_folder || shared)).map(|it| it.current)
 }
 
@@ -142,9 +142,9 @@ impl Rebuild<'_> {
     async fn blobs(&mut self, data_dir: &Path) -> Result<()> {
         let trash = self.blobs.list_trash()?.into_iter().map(|found| (found, true));
         let all: Vec<_> = self.blobs.list()?.into_iter().map(|found| (found, false)).chain(trash).collect();
-        let mut pace = Pace::new("blobs looked at", all.len());
+        let mut progress = Progress::new("blobs looked at", all.len());
         for (found, in_trash) in all {
-            pace.one_more();
+            progress.one_more();
             let Some(id) = found.id.clone() else { continue };
             let restored = self.recording(&id, &found, in_trash).await?;
             let named = self.store.names_blob(&id).await?;

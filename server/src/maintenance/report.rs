@@ -59,7 +59,7 @@ impl Report {
     }
 
     /// Writes it as lines of text.
-    pub(super) fn tell(&self, out: &mut impl Write) -> std::io::Result<()> {
+    pub(super) fn write_text(&self, out: &mut impl Write) -> std::io::Result<()> {
         for Finding { severity, subject, detail } in &self.findings {
             let severity = match severity {
                 Severity::Problem => "problem",

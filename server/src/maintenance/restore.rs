@@ -4,7 +4,7 @@ use std::{fs, io, path::Path};
 
 use super::{
     check::look_through,
-    files::{Needed, Pace, grouped},
+    files::{Needed, Progress, grouped},
     manifest::Manifest,
     target,
 };
@@ -29,9 +29,7 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
         return Err(Error::precondition(format!("{} holds no finished backup", backup.display())));
     }
     if !target::is_free(place)? {
-        return Err(Error::precondition(format!(
-            "{shown} is not empty; name an empty or new folder with --data-dir"
-        )));
+        return Err(Error::precondition(format!("{shown} is not empty; name an empty or new folder with --data-dir")));
     }
     same_database(backup)?;
     let parent = target::parent(place);
@@ -47,7 +45,7 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
     let _ = draft.keep();
     sync_folder(&parent)?;
     report.data_dir = place.to_owned();
-    report.tell(out).map_err(|error| Error::internal("writing the report", error))?;
+    report.write_text(out).map_err(|error| Error::internal("writing the report", error))?;
     Ok(report.sound)
 }
 
@@ -69,17 +67,17 @@ async fn fill(backup: &Path, place: &Path) -> Result<()> {
     fs::copy(backup.join(DATABASE), &database)
         .and_then(|_| fs::File::open(&database)?.sync_all())
         .map_err(fault("copying the database to", &database))?;
-    let look = ReadOnlyDatabase::open(&database).await?;
-    let needed = grouped(look.store.named_blobs().await?);
-    look.store.close().await;
+    let database = ReadOnlyDatabase::open(&database).await?;
+    let needed = grouped(database.store.named_blobs().await?);
+    database.store.close().await;
     let (source, blobs) = (Blobs::at(backup), Blobs::open(place)?);
-    let mut pace = Pace::new("blobs restored", needed.len());
+    let mut progress = Progress::new("blobs restored", needed.len());
     for Needed { blob, .. } in &needed {
         // Missing blobs are reported by the check.
         if let Copied::Lacking(why) = blobs.copy_from(&source, blob, false)? {
             tracing::error!(blob.id = %blob, why, "the backup lacks a blob");
         }
-        pace.one_more();
+        progress.one_more();
     }
     Ok(())
 }

@@ -38,7 +38,7 @@ const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// The counts of a sweep.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(super) struct Tally {
+pub(super) struct SweepCounts {
     pub(super) episodes: u64,
     pub(super) purged: u64,
     /// Deleted blobs, and their bytes.
@@ -61,25 +61,25 @@ impl Room {
     ///
     /// # Errors
     /// Precondition when too large a share of the blobs has no row; when the database or the disk fails.
-    pub(super) async fn sweep(&self, now: SystemTime) -> Result<Tally> {
-        let mut tally = Tally::default();
+    pub(super) async fn sweep(&self, now: SystemTime) -> Result<SweepCounts> {
+        let mut counts = SweepCounts::default();
         // Deletions missing in the sidecars would make recordings stay for good.
         describe_queued(&self.store, &self.blobs).await?;
         let old = self.old_enough(now).await?;
         let orphans = self.orphans(old).await?;
         let trash_end = self.days_before(now, self.maintenance.trash_days).await?;
         let swept = self.store.sweep_trash(Millis::of(trash_end)).await?;
-        (tally.episodes, tally.purged) = (swept.removed, swept.purged);
+        (counts.episodes, counts.purged) = (swept.removed, swept.purged);
         for (episode, recording) in &swept.episodes {
             // Workers make no recordings: the recording of a deleted episode can be removed at once.
-            tally.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
+            counts.removed(forget_episode(&self.store, &self.blobs, episode, recording).await?);
         }
         let blobs = self.blobs.clone();
         let (deleted, bytes) = off_runtime(move || blobs.empty_trash(trash_end, worth::stays)).await?;
-        (tally.blobs, tally.bytes) = (tally.blobs + deleted, tally.bytes + bytes);
-        self.discard(&orphans, old, &mut tally).await?;
+        (counts.blobs, counts.bytes) = (counts.blobs + deleted, counts.bytes + bytes);
+        self.discard(&orphans, old, &mut counts).await?;
         let blobs = self.blobs.clone();
-        tally.leavings = off_runtime(move || blobs.remove_drafts(old)).await?;
+        counts.leavings = off_runtime(move || blobs.remove_drafts(old)).await?;
         let named = self.store.named_blobs().await?;
         let rules = Rules {
             folder: self.data_dir.join("cache"),
@@ -88,19 +88,19 @@ impl Room {
             features_used: self.days_before(now, self.maintenance.features_days).await?,
             most_bytes: self.maintenance.max_cache_bytes,
         };
-        tally.caches = off_runtime(move || rules.sweep()).await?;
+        counts.caches = off_runtime(move || rules.sweep()).await?;
         let tmp = self.data_dir.join("tmp");
-        tally.leavings += off_runtime(move || remove_unwritten(&tmp, old)).await?;
+        counts.leavings += off_runtime(move || remove_unwritten(&tmp, old)).await?;
         let logs = jobs::logs_folder(&self.data_dir);
         // Logs of running jobs may be written to, however seldom.
         let quiet = self.days_before(now, self.maintenance.log_days).await?.min(old);
-        tally.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
+        counts.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
         let jumped = self.store.jumped_within(self.ingest.keep_for()).await?;
-        tally.uploads = self.ingest.forget_abandoned(earlier(now, jumped)).await?;
+        counts.uploads = self.ingest.forget_abandoned(earlier(now, jumped)).await?;
         if let Some(days) = self.maintenance.audit_days {
-            tally.audited = self.store.forget_audit(Millis::of(self.days_before(now, days).await?)).await?;
+            counts.audited = self.store.forget_audit(Millis::of(self.days_before(now, days).await?)).await?;
         }
-        Ok(tally)
+        Ok(counts)
     }
 
     /// The time the given number of days before `now`, not counting jumps of the clock.
@@ -151,7 +151,7 @@ impl Room {
     }
 
     /// Moves blobs without a row to the trash.
-    async fn discard(&self, orphans: &[BlobId], old: SystemTime, tally: &mut Tally) -> Result<()> {
+    async fn discard(&self, orphans: &[BlobId], old: SystemTime, counts: &mut SweepCounts) -> Result<()> {
         for id in orphans {
             // It may have been put again since it was listed, before its row.
             let (blobs, again) = (self.blobs.clone(), id.clone());
@@ -166,7 +166,7 @@ impl Room {
             let (blobs, moved) = (self.blobs.clone(), id.clone());
             let size = off_runtime(move || blobs.discard(&moved, &removing)).await?;
             tracing::info!(blob.id = %id, blob.bytes = size, "no row names a blob: it moves to the trash");
-            tally.trashed += u64::from(size.is_some());
+            counts.trashed += u64::from(size.is_some());
         }
         Ok(())
     }
@@ -201,7 +201,7 @@ fn written(path: &Path) -> std::io::Result<SystemTime> {
     Ok(newest)
 }
 
-impl Tally {
+impl SweepCounts {
     fn removed(&mut self, bytes: Option<u64>) {
         if let Some(bytes) = bytes {
             self.blobs += 1;

@@ -12,7 +12,7 @@ const LOOK_AT_FILES_EVERY: Duration = Duration::from_secs(1);
 pub(super) async fn watch_disk(blobs: Blobs) {
     let mut refusing = false;
     loop {
-        refusing = look(&blobs, refusing);
+        refusing = log_change(&blobs, refusing);
         tokio::time::sleep(LOOK_AT_DISK_EVERY).await;
     }
 }
@@ -42,7 +42,7 @@ pub(super) async fn watch_files(store: Store, data_dir: PathBuf) {
 }
 
 /// Logs a change and returns whether new data is refused now.
-fn look(blobs: &Blobs, refusing: bool) -> bool {
+fn log_change(blobs: &Blobs, refusing: bool) -> bool {
     match (blobs.expect_room(0), refusing) {
         (Ok(()), true) => {
             tracing::info!("there is room on the disk again: uploads, recordings and jobs are accepted");

@@ -78,7 +78,7 @@ async fn lost_bytes_of_an_upload_are_found() {
 #[tokio::test]
 async fn rows_that_contradict_each_other_are_found() {
     let lab = lab().await;
-    for (breaking, told) in [
+    for (breaking, expected) in [
         ("update tasks set spec = '{}'", "its spec does not read"),
         ("update snapshots set rule = '{'", "its rule does not read"),
         ("update jobs set spec = '{\"kind\":\"dream\"}'", "its spec does not read"),
@@ -94,7 +94,7 @@ async fn rows_that_contradict_each_other_are_found() {
         lab.store.copy_to(&before).await.unwrap();
         testing::run(&lab.store, breaking).await;
         let found = problems(&lab, true).await;
-        assert!(found.iter().any(|problem| problem.contains(told)), "{breaking}: {found:?}");
+        assert!(found.iter().any(|problem| problem.contains(expected)), "{breaking}: {found:?}");
         // All repaired at once.
         testing::run(&lab.store, &format!("attach '{}' as before", before.display())).await;
         for table in ["deployments", "labels", "episodes", "snapshot_episodes", "snapshots", "jobs", "tasks"] {

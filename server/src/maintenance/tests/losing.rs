@@ -33,8 +33,8 @@ async fn a_sweep_that_would_take_a_large_share_stops_before_it_removes_anything(
     }
     assert!(lab.blobs.contains(&gone.recording) && lab.store.episode(&gone.id).await.is_ok());
     room.maintenance.max_sweep_share = 1.0;
-    let tally = room.sweep(in_days(2)).await.unwrap();
-    assert_eq!((tally.trashed, tally.episodes, tally.blobs), (9, 1, 1));
+    let counts = room.sweep(in_days(2)).await.unwrap();
+    assert_eq!((counts.trashed, counts.episodes, counts.blobs), (9, 1, 1));
     assert_eq!(lab.blobs.list_trash().unwrap().len(), 9);
 }
 
@@ -87,8 +87,8 @@ async fn a_clock_that_jumps_forty_days_at_boot_empties_no_trash() {
     room.note_time_as_of(in_days(0), None).await;
     // The machine boots with a clock forty days ahead.
     room.note_time_as_of(in_days(40), None).await;
-    let tally = room.sweep(in_days(40)).await.unwrap();
-    assert_eq!((tally.episodes, tally.blobs, tally.trashed, tally.uploads), (0, 0, 0, 0));
+    let counts = room.sweep(in_days(40)).await.unwrap();
+    assert_eq!((counts.episodes, counts.blobs, counts.trashed, counts.uploads), (0, 0, 0, 0));
     assert!(lab.blobs.contains(&gone.recording));
     for day in 41..=69 {
         room.note_time_as_of(in_days(day), Some(DAY)).await;
@@ -96,8 +96,8 @@ async fn a_clock_that_jumps_forty_days_at_boot_empties_no_trash() {
     assert_eq!(room.sweep(in_days(69)).await.unwrap().episodes, 0, "twenty-nine days have passed");
     room.note_time_as_of(in_days(70), Some(DAY)).await;
     room.note_time_as_of(in_days(71), Some(DAY)).await;
-    let tally = room.sweep(in_days(71)).await.unwrap();
-    assert_eq!((tally.episodes, tally.blobs), (1, 1), "the days have passed by the server's own count");
+    let counts = room.sweep(in_days(71)).await.unwrap();
+    assert_eq!((counts.episodes, counts.blobs), (1, 1), "the days have passed by the server's own count");
 }
 
 #[tokio::test]
@@ -137,8 +137,8 @@ async fn deletions_during_a_long_copy_stop_no_later_sweep() {
     }
     lab.store.delete_episodes(&gone, false).await.unwrap();
     let copying = crate::blobs::Copying::begin(lab.dir.path()).unwrap();
-    let tally = room.sweep(in_days(1)).await.unwrap();
-    assert_eq!((tally.episodes, tally.blobs), (12, 0));
+    let counts = room.sweep(in_days(1)).await.unwrap();
+    assert_eq!((counts.episodes, counts.blobs), (12, 0));
     drop(copying);
     assert_eq!(room.sweep(in_days(3)).await.unwrap().trashed, 12);
     assert_eq!(room.sweep(in_days(4)).await.unwrap().blobs, 12);

@@ -181,8 +181,8 @@ async fn an_undeleted_recording_stays_in_spite_of_an_older_database() {
         }
         let store = Store::open_with_blobs(lab.dir.path(), &lab.blobs, true).await.unwrap();
         let again = Lab { ingest: crate::ingest::testing::open_on(&lab.dir, &store).await, store, ..lab };
-        let tally = room(&again, 0).sweep(in_days(2)).await.unwrap();
-        assert_eq!(tally.episodes, 1, "the row of the older copy is removed");
+        let counts = room(&again, 0).sweep(in_days(2)).await.unwrap();
+        assert_eq!(counts.episodes, 1, "the row of the older copy is removed");
         room(&again, 0).sweep(in_days(9)).await.unwrap();
         assert_eq!(again.blobs.list_trash().unwrap()[0].id.as_ref(), Some(&episodes[1].recording));
         return;

@@ -5,7 +5,7 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use super::{super::sweep::Tally, *};
+use super::{super::sweep::SweepCounts, *};
 use crate::{
     blobs::Copying,
     config::MaintenanceConfig,
@@ -54,10 +54,10 @@ async fn the_trash_is_emptied_after_its_days() {
     let cache = room.data_dir.join(format!("cache/{}-0123456789abcdef.frames", gone.recording));
     fs::write(&cache, b"decoded").unwrap();
     lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
-    assert_eq!(room.sweep(in_days(29)).await.unwrap(), Tally::default());
+    assert_eq!(room.sweep(in_days(29)).await.unwrap(), SweepCounts::default());
     assert!(lab.blobs.contains(&gone.recording));
-    let tally = room.sweep(in_days(30)).await.unwrap();
-    assert_eq!(tally, Tally { episodes: 1, blobs: 1, bytes: 7, caches: 1, ..Tally::default() });
+    let counts = room.sweep(in_days(30)).await.unwrap();
+    assert_eq!(counts, SweepCounts { episodes: 1, blobs: 1, bytes: 7, caches: 1, ..SweepCounts::default() });
     assert!(!lab.blobs.contains(&gone.recording) && !cache.exists());
     assert!(checked(lab.dir.path(), false).await.findings.is_empty());
 }
@@ -68,8 +68,8 @@ async fn content_of_another_episode_stays() {
     // The same bytes as the encoder's.
     let (room, gone) = (room(&lab, 0), stored(&lab, b"encoder").await);
     lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
-    let tally = room.sweep(in_days(1)).await.unwrap();
-    assert_eq!((tally.episodes, tally.blobs), (1, 0));
+    let counts = room.sweep(in_days(1)).await.unwrap();
+    assert_eq!((counts.episodes, counts.blobs), (1, 0));
     assert!(lab.blobs.contains(&lab.checkpoint));
 }
 
@@ -176,8 +176,8 @@ async fn logs_unused_for_long_are_removed() {
     let (room, logs) = (room(&lab, 30), lab.dir.path().join("logs"));
     fs::create_dir_all(&logs).unwrap();
     let [quiet, newer] = ["a.log", "b.log"].map(|name| logs.join(name));
-    fs::write(&quiet, b"said").unwrap();
-    fs::write(&newer, b"said").unwrap();
+    fs::write(&quiet, b"line").unwrap();
+    fs::write(&newer, b"line").unwrap();
     fs::File::options().write(true).open(&newer).unwrap().set_modified(in_days(80)).unwrap();
     assert_eq!(room.sweep(in_days(89)).await.unwrap().logs, 0);
     assert_eq!(room.sweep(in_days(91)).await.unwrap().logs, 1);
@@ -202,8 +202,8 @@ async fn the_audit_log_is_kept_for_the_configured_time() {
     for entry in [&old, &new] {
         lab.store.insert_audit(entry).await.unwrap();
     }
-    assert_eq!(room.sweep(SystemTime::now()).await.unwrap(), Tally::default(), "no limit is set");
+    assert_eq!(room.sweep(SystemTime::now()).await.unwrap(), SweepCounts::default(), "no limit is set");
     room.maintenance.audit_days = Some(30);
-    assert_eq!(room.sweep(SystemTime::now()).await.unwrap(), Tally { audited: 1, ..Tally::default() });
+    assert_eq!(room.sweep(SystemTime::now()).await.unwrap(), SweepCounts { audited: 1, ..SweepCounts::default() });
     assert_eq!(lab.store.audit(Millis(0), 10).await.unwrap(), [new]);
 }
