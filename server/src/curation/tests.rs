@@ -1,4 +1,4 @@
-//! The room over a fresh database and real frame caches.
+//! Curation over a fresh database and real frame caches.
 
 use gleaner_recording::{
     CameraSpec, Episode as Decoded, FieldSpec, PixelFormat, TaskSpec, decode_color, frame_bytes_per_step,
@@ -46,7 +46,7 @@ fn seeing() -> TaskSpec {
     }
 }
 
-/// A stored episode whose frame cache holds so many steps; every byte of a step's frame is ten times the step.
+/// A stored episode whose frame cache holds `steps` steps; every byte of a step's frame is ten times the step.
 async fn recorded(lab: &Lab, steps: u8) -> Episode {
     let episode = testing::episode(&lab.store, &lab.task, Outcome::Failure, "").await;
     let spec = &lab.task.spec;
@@ -79,7 +79,7 @@ async fn a_frame_is_the_recorded_step() {
 }
 
 #[tokio::test]
-async fn a_step_or_camera_that_is_not_there_is_named() {
+async fn a_missing_step_or_camera_is_named() {
     let lab = lab(&seeing()).await;
     let episode = recorded(&lab, 20).await;
     for (view, start) in [
@@ -95,7 +95,7 @@ async fn a_step_or_camera_that_is_not_there_is_named() {
 }
 
 #[tokio::test]
-async fn what_was_deleted_for_good_is_not_shown_though_it_is_mapped() {
+async fn a_deleted_episode_is_not_shown_though_it_was_mapped() {
     let lab = lab(&seeing()).await;
     let episode = recorded(&lab, 20).await;
     lab.curation.frame(&episode.id, view(0, "front")).await.unwrap();
@@ -105,11 +105,11 @@ async fn what_was_deleted_for_good_is_not_shown_though_it_is_mapped() {
     let gone = lab.curation.frame(&episode.id, view(0, "front")).await.unwrap_err();
     assert_eq!(gone.kind(), Kind::NotFound);
     assert_eq!(lab.curation.numbers(&episode.id).await.unwrap_err().kind(), Kind::NotFound);
-    assert!(lab.curation.0.open.is_empty(), "its recording is mapped no more");
+    assert!(lab.curation.0.open.is_empty(), "its recording is no longer mapped");
 }
 
 #[tokio::test]
-async fn numbers_come_by_field() {
+async fn numbers_are_returned_by_field() {
     let lab = lab(&seeing()).await;
     let episode = recorded(&lab, 3).await;
     let numbers = lab.curation.numbers(&episode.id).await.unwrap();
@@ -138,7 +138,7 @@ async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
 }
 
 #[tokio::test]
-async fn a_summary_says_what_the_database_says() {
+async fn a_summary_agrees_with_the_database() {
     let lab = lab(&testing::spec()).await;
     let (run, episodes) = run_with(&lab, &[&[0.1, 0.9, 0.9], &[0.5, 1.0], &[0.9]]).await;
     let summary = lab.curation.summary(&run).await.unwrap();

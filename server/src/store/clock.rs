@@ -94,7 +94,7 @@ mod tests {
         store.note_time(start, None).await.unwrap();
         let hour = DAY / 24;
         assert_eq!(store.note_time(start.after(DAY + hour), Some(hour)).await.unwrap(), Some(DAY));
-        // Back again: nothing looks older than it is.
+        // Back again: ages are not overstated.
         assert_eq!(store.note_time(start.after(hour * 2), Some(hour)).await.unwrap(), None);
         assert_eq!(store.jumped_within(hour * 3).await.unwrap(), DAY);
     }

@@ -1,4 +1,4 @@
-//! Opening a database to write to it beside a running server: tokens are made and revoked while it serves.
+//! Opening a database for writing beside a running server: tokens are issued and revoked while it serves.
 
 use std::{path::Path, time::Duration};
 

@@ -1,4 +1,4 @@
-//! Opening a database only to look at it, beside a running server or on a backup; and which schema it has.
+//! Opening a database read-only, beside a running server or in a backup; and its schema version.
 
 use std::{path::Path, time::Duration};
 
@@ -14,20 +14,20 @@ use crate::error::{Error, Kind, Result};
 /// A database that is not written.
 #[derive(Debug)]
 pub(crate) struct ReadOnlyDatabase {
-    /// To read from; every write is refused.
+    /// For reading; every write is refused.
     pub(crate) store: Store,
     /// The newest migration it has.
     pub(crate) schema: i64,
-    /// Where a copy of an older database was brought up to date, to be read as the server would.
+    /// The folder of a migrated copy of an older database.
     _copy: Option<TempDir>,
 }
 
-/// The newest migration that this program knows.
+/// The newest migration of this program.
 pub(crate) fn newest_schema() -> i64 {
     MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or_default()
 }
 
-/// Refuses a database that a newer program has migrated; gives the newest migration it has, 0 for none.
+/// Refuses a database migrated by a newer program; returns its newest migration, 0 for none.
 pub(super) async fn known_schema(pool: &SqlitePool, path: &Path) -> Result<i64> {
     let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = '_sqlx_migrations')")
         .fetch_one(pool)
@@ -53,10 +53,10 @@ pub(super) async fn known_schema(pool: &SqlitePool, path: &Path) -> Result<i64> 
 }
 
 impl ReadOnlyDatabase {
-    /// Opens the database at `path`. One of an older schema is copied aside and migrated there.
+    /// Opens the database at `path`. An older schema is copied and migrated in the copy.
     ///
     /// # Errors
-    /// Precondition when it is not there, is no database of ours, or is newer than this program.
+    /// Precondition when it is missing, is not a gleaner database, or is newer than this program.
     pub(crate) async fn open(path: &Path) -> Result<Self> {
         if !path.is_file() {
             return Err(Error::precondition(format!(
@@ -80,7 +80,7 @@ impl ReadOnlyDatabase {
             ))
         })?;
         if schema == 0 {
-            return Err(Error::precondition(format!("{} is no database of gleaner", path.display())));
+            return Err(Error::precondition(format!("{} is not a gleaner database", path.display())));
         }
         if schema == newest_schema() {
             return Ok(Self { store, schema, _copy: None });
@@ -96,8 +96,8 @@ impl ReadOnlyDatabase {
 }
 
 impl Store {
-    /// Copies the database at `from`, of whatever schema, to a new file at `to`, but for what only means something
-    /// together with files that are not copied: open uploads.
+    /// Copies the database at `from`, of whatever schema, to a new file at `to`, without open uploads, whose files are
+    /// not copied.
     ///
     /// # Errors
     /// As for [`ReadOnlyDatabase::open`] and [`Store::copy_to`].
@@ -115,13 +115,13 @@ impl Store {
         Ok(())
     }
 
-    /// Writes the database as of one moment to a new file, whole and by itself, while others read and write on.
+    /// Writes the database at one moment to a new, self-contained file, beside concurrent readers and writers.
     ///
-    /// `VACUUM INTO` reads in one transaction, which in WAL mode holds nobody up. SQLite's other way, its backup calls,
-    /// begin again whenever another process has written, so that a busy server could keep a backup from ever ending.
+    /// `VACUUM INTO` reads in one transaction, which in WAL mode blocks no other. SQLite's backup API starts again
+    /// whenever another process has written, so that a busy server could prevent a backup from ever ending.
     ///
     /// # Errors
-    /// Exhausted when the disk is full; Internal when the database is damaged or the file is there already.
+    /// Exhausted when the disk is full; Internal when the database is damaged or the file exists already.
     pub(crate) async fn copy_to(&self, path: &Path) -> Result<()> {
         sqlx::query("vacuum into ?")
             .bind(path.display().to_string())
@@ -131,7 +131,7 @@ impl Store {
         Ok(())
     }
 
-    /// What SQLite itself finds wrong with the file, and rows that point at nothing.
+    /// SQLite's own integrity findings, and dangling rows.
     pub(crate) async fn integrity(&self) -> Result<Vec<(String, String)>> {
         let fault = || fault("checking the database");
         let lines: Vec<String> =
@@ -150,7 +150,7 @@ impl Store {
     }
 }
 
-/// Opens a database to read; nothing beside it is changed, not even by closing it.
+/// Opens a database read-only; no file is changed, not even on close.
 pub(super) async fn open_read_only(path: &Path) -> Result<Store> {
     let options = SqliteConnectOptions::new().filename(path).read_only(true).busy_timeout(Duration::from_secs(10));
     let pool = SqlitePoolOptions::new().max_connections(1).connect_with(options).await.map_err(|error| {

@@ -206,7 +206,7 @@ impl Store {
         newest.map(|id| row::id("score_runs.id", id)).transpose()
     }
 
-    /// How much a finished run covers.
+    /// The extent of a finished run.
     ///
     /// # Errors
     /// Internal.

@@ -113,7 +113,7 @@ impl Course {
                 }
             }
         }
-        self.look().await;
+        self.check().await;
     }
 
     async fn claim(&mut self) -> bool {
@@ -147,7 +147,7 @@ impl Course {
     }
 
     /// Holds every job against what it was before.
-    async fn look(&mut self) {
+    async fn check(&mut self) {
         for id in self.ids.clone() {
             let now = self.store.job(&id).await.unwrap();
             let before = &self.before[&id];
@@ -176,12 +176,12 @@ impl Course {
         loop {
             while let Some(attempt) = self.take(0) {
                 self.succeed(&attempt).await;
-                self.look().await;
+                self.check().await;
             }
             if !self.claim().await {
                 break;
             }
-            self.look().await;
+            self.check().await;
         }
         assert!(self.before.values().all(|job| job.state.ended()), "{:?}", self.before);
     }

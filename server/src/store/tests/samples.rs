@@ -47,10 +47,10 @@ async fn every_sample_is_migrated_whole() {
 
         // Looking migrates a copy, and leaves the file as it is.
         let before = std::fs::read(&path).unwrap();
-        let look = ReadOnlyDatabase::open(&path).await.unwrap();
-        assert_eq!(look.schema, version);
-        assert_eq!(look.store.wrong_rows().await.unwrap(), [], "schema {version}");
-        look.store.close().await;
+        let database = ReadOnlyDatabase::open(&path).await.unwrap();
+        assert_eq!(database.schema, version);
+        assert_eq!(database.store.wrong_rows().await.unwrap(), [], "schema {version}");
+        database.store.close().await;
         assert!(std::fs::read(&path).unwrap() == before, "schema {version}");
 
         let store = Store::open(&path).await.unwrap();
