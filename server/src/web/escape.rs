@@ -1,8 +1,8 @@
-//! Text in answers made safe to show: whatever a page repeats from recordings and callers, no control or bidirectional
-//! character of it reaches a browser or a terminal raw.
+//! Escaping of text in responses: control and bidirectional characters from recordings and callers never reach a
+//! browser or a terminal raw.
 //!
-//! It is done once, on the finished answer, so that no page can forget it. Readers see escapes; programs that read JSON,
-//! and values that a form or a script sends back, keep the text as it is.
+//! It is applied once, to the finished response, so that no page can omit it. Readers see escapes; JSON, and values
+//! that a form or a script sends back, keep the text unchanged.
 
 use std::fmt::Write as _;
 
@@ -15,10 +15,10 @@ use gleaner_recording::printable::{Escape, is_printable};
 
 use crate::error::{Error, Result};
 
-/// The answer with its text escaped; pictures, recordings and our own scripts pass as they are.
+/// The response with escaped text; images, recordings and our own scripts pass unchanged.
 ///
 /// # Errors
-/// Internal when the answer breaks off.
+/// Internal when the body fails.
 pub(super) async fn answer(response: Response) -> Result<Response> {
     let kind = response.headers().get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
     let kind = kind.split(';').next().unwrap_or_default();
@@ -43,13 +43,13 @@ fn kept(character: char) -> bool {
     is_printable(character) || matches!(character, '\n' | '\t')
 }
 
-/// Where in a page's markup a character is. The markup is our own templates': quotes and angle brackets of text are
-/// escaped, so that these characters only ever are markup.
+/// The context of a character in a page's markup. The markup is our own templates': quotes and angle brackets in text
+/// are escaped, so that these characters are always markup.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Context {
     Text,
     Tag,
-    /// An attribute that is shown, such as a title.
+    /// A displayed attribute, such as a title.
     Shown,
     /// An attribute that is sent back or followed, such as a value or an address.
     Kept,
@@ -85,7 +85,7 @@ fn html(markup: &str) -> String {
     out
 }
 
-/// What the attribute is that a tag so far ends with.
+/// The context of the attribute at the end of an open tag.
 fn attribute(tag: &str) -> Context {
     let name = tag.trim_end_matches('=').rsplit(' ').next().unwrap_or_default();
     if matches!(name, "title" | "alt" | "placeholder" | "label") || name.starts_with("aria-") {
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn text_and_titles_of_a_page_show_escapes_and_values_stay_what_they_are() {
+    async fn text_and_titles_show_escapes_and_values_are_unchanged() {
         let page = html! {
             p title=(HOSTILE) aria-label=(HOSTILE) { (HOSTILE) " a > b" }
             input value=(HOSTILE) data-cohort=(HOSTILE);

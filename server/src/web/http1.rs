@@ -1,5 +1,5 @@
-//! The pages' listener: connections under the same watch as those of calls, and encrypted like them. Each carries one
-//! request of HTTP/1, so that what is silent afterwards is nobody's.
+//! The pages' listener: HTTP/1 over connections with the limits and the encryption of the gRPC listener. Each
+//! connection carries one request, so that no idle connection is left open.
 
 use std::{convert::Infallible, sync::Arc};
 
@@ -16,7 +16,7 @@ use crate::{
     connections::{self, Connections, Guarded},
 };
 
-/// Serves pages to who connects, until nobody can any more.
+/// Serves pages until the listener is closed.
 pub(super) async fn serve(connections: Connections, listener: TcpListener, tls: Option<Arc<Tls>>, pages: Router) {
     let handshake = move |stream| tls::handshake_of_pages(tls.clone(), stream);
     let mut incoming = connections::incoming(&connections, listener, handshake);

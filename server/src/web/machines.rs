@@ -1,4 +1,4 @@
-//! What programs ask for: `/metrics` for Prometheus and `/healthz` for whoever keeps the server running.
+//! Endpoints for programs: `/metrics` for Prometheus and `/healthz` for a supervisor.
 
 use axum::{
     http::StatusCode,

@@ -1,5 +1,5 @@
-//! The door of every page: who is it, may they, does the request come from a page of ours; and what every answer says to
-//! the browser.
+//! The middleware of every page: authentication, authorisation, protection against forged requests, and the security
+//! headers of every response.
 
 use std::{sync::Arc, time::Duration};
 
@@ -34,23 +34,23 @@ use crate::{
     error::{Error, Kind, Result},
 };
 
-/// Largest body that a page takes: labels of some ten thousand episodes.
+/// The largest body of a page: labels of some ten thousand episodes.
 const BODY_BYTES: usize = 1 << 20;
-/// Largest body of what anybody may send.
+/// The largest body of an unauthenticated request.
 const OPEN_BODY_BYTES: usize = 64 << 10;
-/// How long a page may take to be asked for and made. What it streams afterwards is watched by the connection.
+/// The time limit of a request and its page. Streams after that are watched by the connection.
 const WITHIN: Duration = Duration::from_secs(30);
-/// What a change was about: pages give it with their answer, for the audit log.
+/// The subjects of a change, returned by pages for the audit log.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Subjects(pub(super) Vec<String>);
 
-/// The header in which scripts bring the proof that they are ours.
+/// The header with the proof that a request comes from one of our scripts.
 const PROOF: &str = "x-gleaner-proof";
-/// Nothing of others, nothing inline, and no frame around us.
+/// No foreign resource, no inline script, and no frame around the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
-/// Lets a request in to its page, or does not.
+/// Authenticates and authorises a request, then serves its page.
 pub(super) async fn pass(
     State((state, page)): State<(Arc<AppState>, Page)>,
     ConnectInfo(link): ConnectInfo<Link>,
@@ -71,18 +71,18 @@ pub(super) async fn pass(
         }
         Ok(Err(error)) => Refusal(error).into_response(),
         Err(_) => {
-            Refusal(Error::late("this took too long; look whether it was done before you try again")).into_response()
+            Refusal(Error::late("the request timed out; check whether it took effect before you retry")).into_response()
         }
     };
     if let Some(text) = response.extensions_mut().remove::<ErrorText>() {
         response = error_response(response.status(), &text, wants_data);
     } else if response.status().is_client_error() && says_text(response.headers()) {
-        // What could not even be given to a page, such as a form that is none.
+        // Errors of axum itself, such as a malformed form.
         let status = response.status();
         let body = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
         response = error_response(status, &ErrorText(String::from_utf8_lossy(&body).into_owned()), wants_data);
     }
-    // Who only fetches a picture or data needs no name.
+    // Requests for images and data need no cookie.
     let remembered = (come.is_none() && !wants_data && page != Page::Asset).then_some(browser);
     finish(&state, &mut response, remembered);
     response
@@ -114,12 +114,12 @@ async fn serve(
     let mut request = request;
     if page.method() == "POST" {
         let most = if PageGuard::is_open(page) { OPEN_BODY_BYTES } else { BODY_BYTES };
-        // Who shows a token in a header is no browser that another site has sent.
+        // A request with a token in a header does not come from a browser on another site.
         request = whole(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
     }
     request.extensions_mut().insert(browser.clone());
     request.extensions_mut().insert(page_request);
-    // Its client's further questions wait meanwhile.
+    // Further requests of this client wait meanwhile.
     let turn = call.turn().await;
     let response =
         if changes { made(state, page, link, &caller, next.run(request)).await? } else { next.run(request).await };
@@ -128,7 +128,7 @@ async fn serve(
     let over = if page == Page::EpisodeRecording { caller.over() } else { None };
     Ok(response.map(|body| {
         let body = match over {
-            // What is downloaded ends with the token it was asked for with.
+            // A download ends when its token expires or is revoked.
             Some(over) => Body::from_stream(body.into_data_stream().take_until(over)),
             None => body,
         };
@@ -136,10 +136,10 @@ async fn serve(
     }))
 }
 
-/// Counts a request, and says who it is from: by the token in its header, or by the one that its browser once showed.
+/// Counts a request and authenticates it: by the token in its header, or by the one its browser signed in with.
 ///
 /// # Errors
-/// Exhausted; Unauthenticated, but for pages that anybody may have.
+/// Exhausted; Unauthenticated, except for public pages.
 async fn who(
     state: &AppState,
     page: Page,
@@ -149,7 +149,7 @@ async fn who(
     let remembered = if bearer.is_none() { state.signed_in.token_of(browser) } else { None };
     let (call, mut caller) = state.guard.admit(bearer.or(remembered.as_deref()), link).await?;
     if caller.is_err() && remembered.is_some() {
-        // What it showed is good no more: it is as if it had never been here.
+        // The browser's token is no longer valid: the browser is signed out.
         state.signed_in.sign_out(browser);
         caller = state.guard.nobody().await;
     }
@@ -159,7 +159,7 @@ async fn who(
     }
 }
 
-/// Makes a change and writes it down, to the end, even if whoever asked for it goes away.
+/// Makes a change to the end and records it, even if its caller is gone.
 async fn made(
     state: &Arc<AppState>,
     page: Page,
@@ -186,27 +186,25 @@ async fn note(state: &AppState, page: Page, link: &Link, caller: &Caller, (subje
     state.guard.note(caller, link, Done { page, subjects, outcome }).await;
 }
 
-/// A request with its whole body; where a proof is asked for, only if it comes from a page of ours: from a script in a
+/// Reads the whole body; if a proof is required, checks that the request comes from our own page: from a script in a
 /// header, from a form in a field.
 ///
 /// # Errors
-/// Forbidden; Invalid when its body is too large or does not come.
+/// Forbidden; Invalid when the body is too large or incomplete.
 async fn whole(request: Request, most: usize, proof: Option<&str>) -> Result<Request> {
     let (parts, body) = request.into_parts();
     let body = axum::body::to_bytes(body, most).await.map_err(|_| {
-        Error::invalid("body", format!("must come whole, with at most {most} bytes; send fewer at a time"))
+        Error::invalid("body", format!("is incomplete or larger than {most} bytes; send fewer items at a time"))
     })?;
     if let Some(proof) = proof
         && brought(&parts.headers, &body) != Some(proof)
     {
-        return Err(Error::forbidden(
-            "this did not come from a page of this server that is still good; load the page again",
-        ));
+        return Err(Error::forbidden("the request's proof is missing or expired; reload the page and retry"));
     }
     Ok(Request::from_parts(parts, Body::from(body)))
 }
 
-/// The proof that a request brings.
+/// The proof in a request.
 fn brought<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
     let in_header = headers.get(PROOF).and_then(|value| value.to_str().ok());
     let form = headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
@@ -227,7 +225,7 @@ fn says_text(headers: &HeaderMap) -> bool {
     headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"text/plain"))
 }
 
-/// Whether a program reads the answer rather than a person.
+/// Whether a program rather than a person reads the response.
 fn wants_data(request: &Request) -> bool {
     let query = request.uri().query().unwrap_or_default();
     let accepts = request.headers().get("accept").and_then(|value| value.to_str().ok()).unwrap_or_default();
@@ -242,7 +240,7 @@ fn error_response(status: StatusCode, text: &ErrorText, data: bool) -> Response 
     (status, shell::bare(status.canonical_reason().unwrap_or("Refused"), &message)).into_response()
 }
 
-/// The answer to a request for what is no page of ours.
+/// The response to an unknown address.
 pub(super) async fn nowhere(state: Arc<AppState>, link: Link, request: Request) -> Response {
     link.call();
     let text = ErrorText("There is no such page here. Ids are written as the lists show them.".to_owned());
@@ -251,7 +249,7 @@ pub(super) async fn nowhere(state: Arc<AppState>, link: Link, request: Request) 
     response
 }
 
-/// What every answer says to the browser.
+/// Sets the headers of every response.
 fn finish(state: &AppState, response: &mut Response, new: Option<Browser>) {
     let headers = response.headers_mut();
     headers.insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
@@ -264,8 +262,8 @@ fn finish(state: &AppState, response: &mut Response, new: Option<Browser>) {
 }
 
 impl AppState {
-    /// Whether a request is for us by name. Where nobody is parameters who they are, another site's name that was made to
-    /// lead here would let that site read everything.
+    /// Checks the host name of a request. Without tokens, a foreign site's name that resolves to this address would let
+    /// that site read every page (DNS rebinding).
     ///
     /// # Errors
     /// Forbidden.
@@ -280,7 +278,7 @@ impl AppState {
             return Ok(());
         }
         Err(Error::forbidden(format!(
-            "these pages are at localhost and 127.0.0.1, not at {}; have a proxy ask for one of those",
+            "these pages are served at localhost and 127.0.0.1, not at {}; configure the proxy to request one of those",
             name.escape_debug()
         )))
     }

@@ -1,7 +1,7 @@
-//! The curation pages, for people, and what programs ask for, on an address of their own.
+//! The curation pages for people, and the endpoints for monitoring, on an address of their own.
 //!
-//! Another face of the same services as `service`, behind the same table of roles. Knows HTTP and HTML; must not know gRPC,
-//! SQL or tensors. No page without a row in the authorisation table, no handler without the door.
+//! Uses the same services as the gRPC interface, behind the same table of roles. Knows HTTP and HTML; must not know
+//! gRPC, SQL or tensors. Every page has a row in the authorisation table, and every handler the middleware.
 
 mod artifacts;
 mod assets;
@@ -51,28 +51,28 @@ use crate::{
     telemetry,
 };
 
-/// Connections at once, and from one address: a browser opens six, each for one request.
+/// Connections in total, and from one address: a browser opens six, each for one request.
 const CONNECTIONS: usize = 512;
 const CONNECTIONS_PER_ADDRESS: usize = 128;
-/// How often what was measured is summed up, so that it does not pile up when nobody looks; and a new score run, so that
-/// who looks first need not wait.
+/// The interval of metrics upkeep, which bounds their memory while they are not read, and of loading a new score run
+/// ahead of its first view.
 const UPKEEP: Duration = Duration::from_secs(5);
 
-/// What every page may look at.
+/// The state shared by all pages.
 struct AppState {
     services: Services,
     guard: PageGuard,
     signed_in: SignedIn,
     metrics: PrometheusHandle,
-    /// The name of the cookie that browsers come back with.
+    /// The name of the browsers' cookie.
     cookie: String,
-    /// Whether the way to the browser is encrypted.
+    /// Whether the connection to the browser is encrypted.
     encrypted: bool,
-    /// Whether only this machine reaches the pages.
+    /// Whether the pages are reachable from this machine only.
     loopback: bool,
 }
 
-/// Opens the pages, until what this gives is dropped.
+/// Serves the pages until the returned handle is dropped.
 ///
 /// # Errors
 /// Internal when metrics cannot be set up or the address is gone.
@@ -104,12 +104,12 @@ pub(crate) fn open(
     })))
 }
 
-/// Does again and again what need not wait until somebody looks.
+/// Runs the periodic work of the pages.
 async fn keep_up(state: &AppState) {
     loop {
         state.metrics.run_upkeep();
         if let Err(error) = state.services.curation.warm().await {
-            tracing::warn!(%error, "the newest score run was not summed up ahead");
+            tracing::warn!(%error, "loading the newest score run ahead failed");
         }
         tokio::time::sleep(UPKEEP).await;
     }

@@ -1,4 +1,4 @@
-//! The first page: tasks with their episodes, a page of them at a time, the latest jobs, live sessions, what is left of the disk.
+//! The overview page: tasks with their episodes, the latest jobs, live sessions and free disk space.
 
 use axum::response::IntoResponse as _;
 use maud::{Markup, html};
@@ -24,13 +24,13 @@ use crate::{
     service::Services,
 };
 
-/// Jobs that are shown.
+/// The number of jobs shown.
 const JOBS: u32 = 8;
 
 /// Tasks on one page.
 const PER_PAGE: usize = 48;
 
-/// After the `?`; a form that leaves a field alone sends it empty.
+/// The query; a form sends an unset field empty.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 struct Parameters {
@@ -62,7 +62,7 @@ pub(super) async fn show(request: PageRequest) -> Answer {
         } @else {
             @if pages.1 > 1 || !text.is_empty() { (search(text, found)) }
             @if tasks.is_empty() {
-                p.panel.empty { "No task has this in its name. " a href="/" { "Show all" } }
+                p.panel.empty { "No task name contains this text. " a href="/" { "Show all" } }
             } @else {
                 div.cards { @for task in &tasks { (card(task)) } }
                 (sheet::links(&request))
@@ -99,7 +99,7 @@ fn figures(services: &Services, totals: &Totals, disk: &Disk) -> Markup {
     }
 }
 
-/// The form over tasks that fill several pages.
+/// The search form, for tasks on several pages.
 fn search(text: &str, found: u64) -> Markup {
     html! {
         form.filters method="get" action="/" role="search" aria-label="Which tasks" {
@@ -107,7 +107,7 @@ fn search(text: &str, found: u64) -> Markup {
             button.primary type="submit" { "Find" }
             @if !text.is_empty() { a.button href="/" { "Clear" } }
         }
-        p.lead { (text::counted(found, "task")) @if !text.is_empty() { " with this in the name" } ", newest first." }
+        p.lead { (text::counted(found, "task")) @if !text.is_empty() { " with this text in the name" } ", newest first." }
     }
 }
 
@@ -133,7 +133,7 @@ fn card(task: &TaskOverview) -> Markup {
     }
 }
 
-/// How episodes ended, as parts of a bar.
+/// The outcomes of episodes, as parts of a bar.
 #[expect(clippy::cast_precision_loss, reason = "parts of a bar")]
 fn outcomes_bar(counts: &OutcomeCounts) -> Markup {
     let whole = all(counts).max(1) as f64;

@@ -1,4 +1,4 @@
-//! One request of a browser, as the page behind the door sees it: who looks, and the services to look into.
+//! One request of a browser, as its page sees it: the caller and the services.
 
 use std::{convert::Infallible, sync::Arc};
 
@@ -15,12 +15,12 @@ use crate::{
     service::Services,
 };
 
-/// A request that was let in.
+/// A request that has passed the middleware.
 #[derive(Clone)]
 pub(super) struct PageRequest {
     pub(super) state: Arc<AppState>,
     pub(super) caller: Caller,
-    /// What forms and scripts must bring when they change something.
+    /// The proof that forms and scripts must send with a change.
     pub(super) proof: String,
     pub(super) uri: Uri,
 }
@@ -31,21 +31,21 @@ impl PageRequest {
         &self.state.services
     }
 
-    /// Whether who looks may also have this page: what they may not do is not offered.
+    /// Whether the caller may also request this page; links to others are not shown.
     pub(super) fn may(&self, page: Page) -> bool {
         PageGuard::permit(&self.caller, page).is_ok()
     }
 
-    /// What the address asks for after its `?`.
+    /// The query of the address.
     ///
     /// # Errors
-    /// Invalid, naming the parameter where that is known.
+    /// Invalid, naming the parameter if it is known.
     pub(super) fn parameters<T: DeserializeOwned>(&self) -> Result<T> {
         let query = Query::try_from_uri(&self.uri);
         query.map(|Query(parameters)| parameters).map_err(|rejection| Error::invalid("address", rejection.body_text()))
     }
 
-    /// This address with one parameter set, or left out.
+    /// This address with one parameter set or removed.
     pub(super) fn with(&self, name: &str, value: Option<&str>) -> String {
         let query = self.uri.query().unwrap_or_default();
         let others = query.split('&').filter(|pair| !pair.is_empty());
@@ -57,26 +57,26 @@ impl PageRequest {
     }
 }
 
-/// A text as part of an address.
+/// Escapes a text for an address.
 pub(super) fn escaped(text: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_' | b'.' | b'~');
     text.bytes().map(|byte| if plain(byte) { char::from(byte).to_string() } else { format!("%{byte:02X}") }).collect()
 }
 
-/// A JSON body.
+/// Parses a JSON body.
 ///
 /// # Errors
-/// Invalid, saying where it is wrong.
+/// Invalid, with the place of the error.
 pub(super) fn read<T: DeserializeOwned>(body: &[u8]) -> Result<T> {
-    serde_json::from_slice(body).map_err(|error| Error::invalid("body", format!("cannot be read: {error}")))
+    serde_json::from_slice(body).map_err(|error| Error::invalid("body", format!("cannot be parsed: {error}")))
 }
 
 impl<S: Sync> FromRequestParts<S> for PageRequest {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, _: &S) -> std::result::Result<Self, Infallible> {
-        // The door puts it there; no route is without the door.
-        #[expect(clippy::expect_used, reason = "a route without its door must not serve anything")]
-        Ok(parts.extensions.get::<Self>().cloned().expect("every route has its door"))
+        // Set by the middleware, which every route has.
+        #[expect(clippy::expect_used, reason = "a route without its middleware must not serve any page")]
+        Ok(parts.extensions.get::<Self>().cloned().expect("every route has its middleware"))
     }
 }

@@ -1,4 +1,4 @@
-//! Pages of a long list: which one the address asks for, and links to its neighbours.
+//! Pages of a long list: parsing the page number, and links to the neighbouring pages.
 
 use maud::{Markup, html};
 

@@ -1,4 +1,4 @@
-//! Which handler makes which page. The `match` has no wildcard: a page without a handler does not build.
+//! The handler of each page. The `match` has no wildcard: a page without a handler does not build.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use super::{
     page::Page, runs, sign_in,
 };
 
-/// Every page behind its door.
+/// Every page behind the middleware.
 pub(super) fn all(state: &Arc<AppState>) -> Router {
     let pages = Page::ALL.iter().fold(Router::new(), |pages, &page| {
         let guarded = from_fn_with_state((Arc::clone(state), page), middleware::pass);

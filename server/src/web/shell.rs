@@ -1,4 +1,4 @@
-//! What is around every page: its head, the way to the other pages, who is looking.
+//! The frame of every page: its head, the navigation and the signed-in caller.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
@@ -6,32 +6,32 @@ use serde_json::Value;
 use super::{artifacts::link, assets, page::Page, page_request::PageRequest};
 use crate::access::Caller;
 
-/// Which of the pages' families one belongs to.
+/// The tab of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tab {
     /// Every task.
     Overview,
     /// A task's episodes.
     Episodes,
-    /// A task's score runs, and what was made from them.
+    /// A task's score runs and the results made from them.
     Runs,
     /// Jobs of all tasks.
     Jobs,
-    /// What is served.
+    /// All deployments.
     Deployments,
 }
 
-/// What a page says of itself.
+/// The head of a page.
 pub(super) struct Head<'a> {
     pub(super) title: &'a str,
     pub(super) tab: Tab,
-    /// The task it is about, by name.
+    /// The page's task, by name.
     pub(super) task: Option<&'a str>,
     /// Its script, if it has one.
     pub(super) script: Option<&'static str>,
 }
 
-/// A page with its surroundings.
+/// A page with its frame.
 pub(super) fn page(request: &PageRequest, head: &Head, body: &Markup) -> Markup {
     let link = |tab: Tab, to: &str, name: &str| {
         html! { a href=(to) aria-current=[(head.tab == tab).then_some("page")] { (name) } }
@@ -57,18 +57,18 @@ pub(super) fn page(request: &PageRequest, head: &Head, body: &Markup) -> Markup 
     whole(head.title, Some(&request.proof), head.script, &top)
 }
 
-/// A page without surroundings: for who is not in yet.
+/// A page without navigation, before the sign-in.
 pub(super) fn alone(title: &str, body: &Markup) -> Markup {
     whole(title, None, None, &html! { main { (body) } })
 }
 
-/// A page that only says something.
-pub(super) fn bare(title: &str, told: &str) -> Markup {
+/// A page with a message only.
+pub(super) fn bare(title: &str, message: &str) -> Markup {
     let body = html! {
         main {
             div.bare.panel role="alert" {
                 h1 { (title) }
-                p { (link::text(told)) }
+                p { (link::text(message)) }
                 p { a href="/" { "Overview" } }
             }
         }
@@ -76,9 +76,9 @@ pub(super) fn bare(title: &str, told: &str) -> Markup {
     whole(title, None, None, &body)
 }
 
-/// What a page's script reads, by the id of its element.
+/// Data for a page's script, by the id of its element.
 pub(super) fn data(id: &str, value: &Value) -> Markup {
-    // Escaped as JSON does it: markup is not read there, but for an end of the element.
+    // JSON escapes suffice: markup is not parsed there, except for the end of the element.
     let text = value.to_string().replace('<', "\\u003c");
     html! { script type="application/json" id=(id) { (PreEscaped(text)) } }
 }

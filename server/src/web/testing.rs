@@ -1,4 +1,4 @@
-//! The pages over a fresh folder, asked without a socket.
+//! The pages over a fresh folder, requested without a socket.
 
 use std::{net::SocketAddr, sync::Arc};
 
@@ -36,7 +36,7 @@ pub(super) struct Pages {
     _dir: TempDir,
 }
 
-/// What a page answered.
+/// The response of a page.
 pub(super) struct Reply {
     pub(super) status: StatusCode,
     pub(super) headers: HeaderMap,
@@ -52,7 +52,7 @@ pub(super) struct Client {
 }
 
 impl Pages {
-    /// Pages that ask for tokens, or do not.
+    /// Pages with or without tokens.
     pub(super) async fn open(required: bool) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let data = dir.path().to_str().unwrap();
@@ -75,18 +75,18 @@ impl Pages {
         Self { services, router: routes::all(&Arc::new(state)), _dir: dir }
     }
 
-    /// Makes a token of this role.
+    /// Issues a token of this role.
     pub(super) async fn token(&self, role: Role) -> String {
         self.token_until(role, None).await
     }
 
-    /// Makes a token of this role that expires.
+    /// Issues a token of this role that expires.
     pub(super) async fn token_until(&self, role: Role, expires_at: Option<Millis>) -> String {
         let deployments = if role == Role::Robot { vec!["arm".to_owned()] } else { Vec::new() };
         let word = format!("token {} of {}", expires_at.map_or(0, |at| at.0), role.as_str());
         let token = Token {
             id: TokenId::new(),
-            // A name is one live token's.
+            // Names of live tokens are unique.
             name: expires_at.map_or(role.as_str().to_owned(), |at| format!("{} until {}", role.as_str(), at.0)),
             role,
             deployments,
@@ -99,7 +99,7 @@ impl Pages {
         word
     }
 
-    /// Makes an admin's token and revokes it.
+    /// Issues an admin's token and revokes it.
     pub(super) async fn revoked(&self) -> String {
         let word = self.token_until(Role::Admin, Some(Millis(i64::MAX))).await;
         let tokens = self.services.store.tokens().await.unwrap();
@@ -108,7 +108,7 @@ impl Pages {
         word
     }
 
-    /// Asks for a page.
+    /// Requests a page.
     pub(super) async fn ask(&self, request: Request<Body>) -> Reply {
         let answer = self.router.clone().oneshot(request).await.unwrap();
         let (parts, body) = answer.into_parts();
@@ -116,7 +116,7 @@ impl Pages {
         Reply { status: parts.status, headers: parts.headers, body }
     }
 
-    /// Looks at a page as a browser does.
+    /// Requests a page as a browser does.
     pub(super) async fn get(&self, client: &Client, path: &str) -> Reply {
         self.ask(client.request(Method::GET, path, Body::empty())).await
     }
@@ -128,7 +128,7 @@ impl Pages {
         self.ask(request).await
     }
 
-    /// A browser on pages that ask for no token, once it has seen a page.
+    /// A browser on pages without tokens, after its first page.
     pub(super) async fn visitor(&self) -> Client {
         let reply = self.get(&Client::default(), "/").await;
         Client { cookie: reply.cookie(), proof: reply.proof(), token: None }
@@ -166,13 +166,13 @@ impl Reply {
         String::from_utf8(self.body.clone()).unwrap()
     }
 
-    /// The cookie that it sets, as a browser sends it back.
+    /// The cookie in the response, as a browser sends it back.
     pub(super) fn cookie(&self) -> Option<String> {
         let cookie = self.headers.get(SET_COOKIE)?.to_str().unwrap();
         cookie.split(';').next().map(str::to_owned)
     }
 
-    /// What scripts of the page would bring.
+    /// The proof that the page's scripts send.
     pub(super) fn proof(&self) -> Option<String> {
         let text = self.text();
         let begin = text.find("name=\"proof\" content=\"")? + "name=\"proof\" content=\"".len();

@@ -1,4 +1,4 @@
-//! Numbers, sizes and times as people read them.
+//! Numbers, sizes and times in readable form.
 
 use std::time::Duration;
 
@@ -9,14 +9,14 @@ use crate::domain::time::Millis;
 /// `12,345`.
 pub(super) fn count(number: u64) -> String {
     let digits = number.to_string();
-    let mut said = String::with_capacity(digits.len() + digits.len() / 3);
+    let mut out = String::with_capacity(digits.len() + digits.len() / 3);
     for (at, digit) in digits.char_indices() {
         if at > 0 && (digits.len() - at).is_multiple_of(3) {
-            said.push(',');
+            out.push(',');
         }
-        said.push(digit);
+        out.push(digit);
     }
-    said
+    out
 }
 
 /// `1 episode`, `2 episodes`.
@@ -48,7 +48,7 @@ pub(super) fn seconds(seconds: f64) -> String {
     }
 }
 
-/// `31.4 %` of a part; a dash of nothing.
+/// `31.4 %` of a part; a dash for an empty total.
 #[expect(clippy::cast_precision_loss, reason = "for reading")]
 pub(super) fn share(part: u64, of: u64) -> String {
     if of == 0 { "–".to_owned() } else { format!("{:.1} %", 100.0 * part as f64 / of as f64) }
@@ -61,7 +61,7 @@ pub(super) fn time(at: Millis) -> String {
         .unwrap_or_default()
 }
 
-/// As programs read it: `2026-11-21T23:50:12.345Z`.
+/// For programs: `2026-11-21T23:50:12.345Z`.
 pub(super) fn stamp(at: Millis) -> String {
     Timestamp::from_millisecond(at.0).map(|at| at.to_string()).unwrap_or_default()
 }
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_said_as_people_read_them() {
+    fn numbers_are_formatted() {
         assert_eq!(
             ["0", "999", "1,000", "1,234,567"],
             [0, 999, 1000, 1_234_567].map(count).each_ref().map(String::as_str)

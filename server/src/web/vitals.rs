@@ -1,4 +1,4 @@
-//! What is measured when somebody looks: jobs, the disk, memory.
+//! Metrics sampled on request: jobs, the disk, memory.
 
 use metrics::gauge;
 
@@ -9,7 +9,7 @@ use crate::{
     telemetry::memory,
 };
 
-/// Measures.
+/// Samples them.
 #[expect(clippy::cast_precision_loss, reason = "far below 2^52 of anything")]
 pub(super) async fn take(services: &Services) -> Result<()> {
     let backlog = services.store.backlog().await?;
@@ -26,13 +26,13 @@ pub(super) async fn take(services: &Services) -> Result<()> {
     Ok(())
 }
 
-/// What is left of the disk that holds the data, in bytes.
+/// Free and total bytes of the disk that holds the data.
 pub(super) struct Disk {
     pub(super) free: u64,
     pub(super) size: u64,
 }
 
-/// Asks the system.
+/// Reads them from the system.
 ///
 /// # Errors
 /// Internal.
@@ -40,7 +40,7 @@ pub(super) async fn disk(services: &Services) -> Result<Disk> {
     let folder = services.config.data_dir.clone();
     let disk = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&folder))
         .await
-        .map_err(|error| Error::internal("looking at the disk", error))?
-        .map_err(|error| Error::internal("looking at the disk", error))?;
+        .map_err(|error| Error::internal("reading the disk's free space", error))?
+        .map_err(|error| Error::internal("reading the disk's free space", error))?;
     Ok(Disk { free: disk.f_bavail * disk.f_frsize, size: disk.f_blocks * disk.f_frsize })
 }

@@ -1,4 +1,4 @@
-//! Tasks at a glance, and who is in them.
+//! Overview of all tasks with their cohorts.
 
 use crate::{
     domain::{

@@ -1,4 +1,4 @@
-//! Whether a database and a folder of blobs belong together. Nothing is written here: what is wrong must stay as it is.
+//! Whether a database and a folder of blobs belong together. Read-only: a mismatch must be left as it is.
 
 use std::{io::ErrorKind, os::unix::fs::MetadataExt as _, path::Path};
 
@@ -60,7 +60,7 @@ fn must_be_checked(path: &Path, data_dir: &Path) -> bool {
     other || file(&data_folder::beside_database(data_dir, "-wal")).1 > 0
 }
 
-/// Why a database and a folder of blobs do not belong together, if they do not.
+/// Why a database and a folder of blobs do not belong together; `None` if they do.
 pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<Option<String>> {
     let misfit = match (lab, stamp) {
         (None, None) if blobs.is_empty()? => return Ok(None),

@@ -1,6 +1,6 @@
-//! Databases as earlier versions left them, dumped as SQL: each is opened, migrated, and is sound afterwards.
+//! Databases of earlier versions, dumped as SQL: each is opened, migrated, and consistent afterwards.
 //!
-//! A change of the schema adds a sample of the schema before it: `tests/samples/README.md` says how.
+//! A change of the schema adds a sample of the schema before it; see `tests/samples/README.md`.
 
 use super::super::{read_only::newest_schema, *};
 use crate::{domain::order::JobFilter, error::Kind};
@@ -39,7 +39,7 @@ async fn load(path: &Path, dump: &'static str) {
 }
 
 #[tokio::test]
-async fn every_sample_is_migrated_whole() {
+async fn every_sample_is_migrated_completely() {
     for (version, dump, counts) in SAMPLES {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("gleaner.db");
@@ -118,10 +118,10 @@ async fn a_newer_database_is_refused_with_both_versions_and_left_alone() {
 }
 
 #[tokio::test]
-async fn a_file_that_is_no_database_of_ours_is_told() {
+async fn a_foreign_sqlite_file_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("gleaner.db");
     load(&path, "create table songs (name text)").await;
     let error = ReadOnlyDatabase::open(&path).await.unwrap_err();
-    assert!(error.kind() == Kind::Precondition && error.message().contains("no database of gleaner"), "{error}");
+    assert!(error.kind() == Kind::Precondition && error.message().contains("is not a gleaner database"), "{error}");
 }

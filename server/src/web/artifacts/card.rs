@@ -1,11 +1,11 @@
-//! Cards in a row: each stage of the way from episodes to robots, with what is there of one result's family.
+//! Cards in a row: each stage from episodes to robots, with the results of one lineage.
 
 use maud::{Markup, html};
 
 use super::link;
 use crate::domain::job::JobState;
 
-/// Most cards of a stage that are shown.
+/// The most cards of a stage shown.
 const MOST: usize = 6;
 
 /// A stage of the way, in its order.
@@ -34,21 +34,21 @@ impl Stage {
     }
 }
 
-/// One result, or somebody who uses it.
+/// One result, or a use of one.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Card {
     pub(super) stage: Stage,
-    /// What it is known by; two cards of one id are one.
+    /// Its id; cards with equal ids are merged.
     pub(super) id: String,
-    /// Where it leads.
+    /// The link of the card.
     pub(super) to: Option<String>,
-    /// What it is like, in a few words.
+    /// A short description.
     pub(super) says: String,
-    /// Where its job stands, if it is not there yet or will never be.
+    /// The state of its job, while the result does not exist.
     pub(super) state: Option<JobState>,
 }
 
-/// The cards by stage, left to right; `here` is the id of what the page is about.
+/// The cards by stage, left to right; `here` is the id of the page's own result.
 pub(super) fn row(cards: &[Card], here: &str) -> Markup {
     html! {
         ol.lineage {
@@ -68,7 +68,7 @@ pub(super) fn row(cards: &[Card], here: &str) -> Markup {
     }
 }
 
-/// The first few, with the one the page is about.
+/// The first few, including the page's own.
 fn shown<'a>(cards: &[&'a Card], here: &str) -> Vec<&'a Card> {
     let mut cards = cards.to_vec();
     cards.sort_by_key(|card| card.id != here);
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_are_in_order_and_the_page_itself_is_no_link() {
+    fn stages_are_in_order_and_the_page_itself_is_not_a_link() {
         let row = row(&[card(Stage::Policy, "pol"), card(Stage::Episodes, "snap")], "pol").into_string();
         assert!(row.find("Episodes").is_some_and(|at| Some(at) < row.find("Policy")));
         assert!(row.contains("href=\"/x/snap\"") && !row.contains("href=\"/x/pol\""));
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn the_page_itself_is_among_the_few_that_are_shown() {
+    fn the_pages_own_card_is_always_shown() {
         let cards: Vec<Card> = (0..10).map(|n| card(Stage::Dataset, &format!("ds{n}"))).collect();
         let row = row(&cards, "ds9").into_string();
         assert!(row.contains("ds9") && row.contains("and 4 more") && !row.contains("/x/ds8"));

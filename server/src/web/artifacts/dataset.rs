@@ -1,4 +1,4 @@
-//! One dataset: what it keeps of which run, and what was made from it.
+//! One dataset: its selection, its counts and the results made from it.
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -53,7 +53,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-/// What it keeps, and how many segments the experts have; or why that is not known.
+/// The kept segments and the experts' segments; or why they are unknown.
 async fn kept(services: &Services, dataset: &Dataset) -> Result<std::result::Result<(WhatIf, u64), String>> {
     match services.curation.summary(&dataset.score_run_id).await {
         Ok(summary) => {

@@ -1,4 +1,4 @@
-//! One encoder: how it was pretrained, on what, and what was made with it.
+//! One encoder: its pretraining, its data and the results made with it.
 
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_learn::{Objective, Preset, PretrainSpec};
@@ -21,7 +21,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
     let encoder = store.encoder(&EncoderId::parse("id", &id)?).await?;
     let (task, job) = (store.task_by_id(&encoder.task_id).await?, store.job(&encoder.job_id).await?);
     let JobSpec::Pretrain { spec, .. } = &job.spec else {
-        return Err(Error::internal("reading an encoder's spec", "its job is no pretraining").into());
+        return Err(Error::internal("reading an encoder's spec", "its job is not a pretraining job").into());
     };
     let snapshot = store.frozen(&encoder.snapshot_id).await?;
     let body = html! {

@@ -1,4 +1,4 @@
-//! How often a policy succeeds, and how sure that is.
+//! Success rates of a policy with their confidence intervals.
 
 use maud::{Markup, html};
 use serde_json::json;
@@ -58,7 +58,7 @@ pub(super) fn table(evaluations: &[Evaluation]) -> Markup {
     }
 }
 
-/// The same for programs.
+/// The same as a table for programs.
 pub(super) fn sheet(policy: &Policy, evaluations: &[Evaluation]) -> Sheet {
     let row = |evaluation: &Evaluation| {
         let success = evaluation.success();
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_rate_is_said_with_its_interval() {
+    fn a_rate_is_shown_with_its_interval() {
         let success = Success { episodes: 200, successes: 124, rate: 0.62, interval: (0.5511, 0.6844) };
         assert_eq!(rate(&success), "62.0 % (55.1 to 68.4)");
         let drawn = whisker(&success).into_string();

@@ -1,4 +1,4 @@
-//! The family of a result: everything it was made from, back to the episodes, and one step of what came of it.
+//! The lineage of a result: every input back to the episodes, and the results one step ahead.
 
 use std::collections::{BTreeSet, VecDeque};
 
@@ -22,7 +22,7 @@ use crate::{
     web::text,
 };
 
-/// The family of what a job makes.
+/// The lineage of a job's result.
 ///
 /// # Errors
 /// Internal.
@@ -42,7 +42,7 @@ pub(in crate::web) async fn of_job(store: &Store, job: &Job) -> Result<Markup> {
     Ok(card::row(&family.cards, &job.result_id))
 }
 
-/// The family of a dataset.
+/// The lineage of a dataset.
 ///
 /// # Errors
 /// Internal.
@@ -57,7 +57,7 @@ pub(in crate::web) async fn of_dataset(store: &Store, dataset: &Dataset) -> Resu
     Ok(card::row(&family.cards, dataset.id.as_str()))
 }
 
-/// A snapshot, what jobs make of it, and what is selected of its runs.
+/// A snapshot, the results of its jobs, and the selections of its runs.
 ///
 /// # Errors
 /// Internal.
@@ -90,7 +90,7 @@ impl<'a> Family<'a> {
         }
     }
 
-    /// Everything that a job's spec names, and what that was made from.
+    /// Every input named by a job's spec, and their own inputs.
     async fn before(&mut self, job: Job) -> Result<()> {
         let mut makers = VecDeque::from([job]);
         while let Some(job) = makers.pop_front() {
@@ -112,7 +112,7 @@ impl<'a> Family<'a> {
         Ok(())
     }
 
-    /// What jobs make of it, the newest first. Evaluations that are there are told with their rates instead.
+    /// The results of later jobs, the newest first. Finished evaluations are shown with their rates instead.
     fn after(&mut self, jobs: &[Job]) {
         let tried = |job: &&Job| job.spec.kind() == JobKind::Evaluate && job.state == JobState::Succeeded;
         jobs.iter().rev().filter(|job| !tried(job)).for_each(|job| self.add(of_result(job)));
@@ -132,7 +132,7 @@ impl<'a> Family<'a> {
     }
 }
 
-/// What a job makes.
+/// The card of a job's result.
 fn of_result(job: &Job) -> Card {
     let made_by = Some(format!("/jobs/{}", job.id));
     let own = link::page(&job.result_id).filter(|_| job.state == JobState::Succeeded).or_else(|| made_by.clone());
@@ -177,7 +177,7 @@ fn counts(snapshot: &Snapshot) -> String {
     format!("{}, {} imperfect", text::counted(*expert_episodes, "expert"), text::count(*imperfect_episodes))
 }
 
-/// Which episodes a snapshot has, and by which rule.
+/// The counts of a snapshot's episodes, and its rule.
 pub(in crate::web) fn episodes(snapshot: &Snapshot) -> String {
     let rule = &snapshot.rule;
     let roles = if rule.by_cohort() {
@@ -214,7 +214,7 @@ mod tests {
     };
 
     #[tokio::test]
-    async fn a_dataset_knows_its_episodes_encoder_and_run_and_what_learns_from_it() {
+    async fn a_dataset_shows_its_inputs_and_later_results() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         testing::episode(&store, &task, Outcome::Success, "").await;

@@ -1,4 +1,4 @@
-//! Where an id leads: every result that a page shows is a link to its own page, if it has one.
+//! Links of ids: each result shown on a page links to its own page, if it has one.
 
 use maud::{Markup, html};
 
@@ -7,7 +7,7 @@ use crate::domain::{
     selection::Selection,
 };
 
-/// The page of what has this id; `None` for what has none.
+/// The page of an id; `None` without a page.
 pub(in crate::web) fn page(id: &str) -> Option<String> {
     let found = |is: bool, folder: &str| is.then(|| format!("/{folder}/{id}"));
     found(JobId::parse("id", id).is_ok(), "jobs")
@@ -19,7 +19,7 @@ pub(in crate::web) fn page(id: &str) -> Option<String> {
         .or_else(|| found(EpisodeId::parse("id", id).is_ok(), "episodes"))
 }
 
-/// An id in full, as a link if it leads somewhere.
+/// An id in full, as a link if it has a page.
 pub(in crate::web) fn whole(id: &str) -> Markup {
     match page(id) {
         Some(to) => html! { a.id href=(to) { (id) } },
@@ -27,7 +27,7 @@ pub(in crate::web) fn whole(id: &str) -> Markup {
     }
 }
 
-/// An id by its kind and its last characters, which differ where ids of one day begin alike; leads to `to`.
+/// An id by its kind and its last characters, because ids of one day begin alike; linked to `to`.
 pub(in crate::web) fn brief(id: &str, to: Option<&str>) -> Markup {
     html! {
         @match to {
@@ -45,16 +45,16 @@ pub(in crate::web) fn short(id: &str) -> String {
     }
 }
 
-/// `…4RRFFQ69`, behind a word that says the kind.
+/// `…4RRFFQ69`, after a word for the kind.
 pub(in crate::web) fn tail(id: &str) -> String {
     short(id).split_once('…').map_or_else(|| id.to_owned(), |(_, tail)| format!("…{tail}"))
 }
 
-/// A text in which ids are links.
-pub(in crate::web) fn text(said: &str) -> Markup {
+/// A text with its ids as links.
+pub(in crate::web) fn text(source: &str) -> Markup {
     let inside = |character: char| character.is_ascii_alphanumeric() || character == '_';
     let mut parts = Vec::new();
-    let mut rest = said;
+    let mut rest = source;
     while !rest.is_empty() {
         let word = rest.find(|character| !inside(character)).unwrap_or(rest.len());
         let (now, later) =
@@ -73,13 +73,13 @@ pub(in crate::web) fn text(said: &str) -> Markup {
     }
 }
 
-/// Whether a word looks like an id, of whatever kind.
+/// Whether a word looks like an id of any kind.
 fn is_id(word: &str) -> bool {
     word.split_once('_')
         .is_some_and(|(_, rest)| rest.len() == 26 && rest.bytes().all(|byte| byte.is_ascii_alphanumeric()))
 }
 
-/// What a selection keeps, in a word or two.
+/// A short description of a selection.
 pub(in crate::web) fn selection(selection: Selection) -> String {
     match selection {
         Selection::Beta(beta) => format!("q > {beta}"),
@@ -95,7 +95,7 @@ mod tests {
     use crate::domain::id::ExportId;
 
     #[test]
-    fn ids_lead_to_their_pages() {
+    fn ids_link_to_their_pages() {
         let (job, run, export) = (JobId::new(), ScoreRunId::new(), ExportId::new());
         let (encoder, snapshot) = (EncoderId::new(), SnapshotId::new());
         assert_eq!(page(job.as_str()), Some(format!("/jobs/{job}")));
@@ -113,16 +113,16 @@ mod tests {
     #[test]
     fn ids_in_a_text_are_links_and_the_rest_is_text() {
         let job = JobId::new();
-        let said = text(&format!("{job}, which this job waits for, <failed>: é")).into_string();
-        assert!(said.starts_with(&format!("<a class=\"id\" href=\"/jobs/{job}\">{job}</a>, which")), "{said}");
-        assert!(said.ends_with("&lt;failed&gt;: é"), "{said}");
+        let markup = text(&format!("{job}, which this job waits for, <failed>: é")).into_string();
+        assert!(markup.starts_with(&format!("<a class=\"id\" href=\"/jobs/{job}\">{job}</a>, which")), "{markup}");
+        assert!(markup.ends_with("&lt;failed&gt;: é"), "{markup}");
         assert_eq!(text("").into_string(), "");
         let export = ExportId::new();
         assert_eq!(text(export.as_str()).into_string(), format!("<span class=\"id\">{export}</span>"));
     }
 
     #[test]
-    fn selections_are_said_briefly() {
+    fn selections_are_described_briefly() {
         assert_eq!(selection(Selection::Beta(0.85)), "q > 0.85");
         assert_eq!(selection(Selection::TopFraction(0.125)), "best 12.5 %");
         assert_eq!(selection(Selection::TopFraction(0.1)), "best 10 %");

@@ -1,4 +1,4 @@
-//! What was made of what: snapshots, encoders, datasets and policies, and every result's place on the way from episodes to
+//! Pages of results (snapshots, encoders, datasets and policies) and the lineage of every result from episodes to
 //! robots.
 
 mod card;

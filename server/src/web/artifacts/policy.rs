@@ -1,4 +1,4 @@
-//! One policy: what it was trained on, how well it does, where it is served.
+//! One policy: its training data, its success rates and its deployments.
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -33,7 +33,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
     let mut deployments = store.deployments(Some(&policy.task_id)).await?;
     deployments.retain(|deployment| deployment.policy_id() == Some(&policy.id));
     let Some(snapshot_id) = job.spec.snapshot_id() else {
-        return Err(Error::internal("reading a policy's spec", "its job is no training").into());
+        return Err(Error::internal("reading a policy's spec", "its job is not a training job").into());
     };
     let snapshot = store.frozen(snapshot_id).await?;
     let body = html! {
@@ -42,7 +42,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
             " of " (task.spec.name) ", " (text::time(policy.created_at)) " UTC" }
         h2 { "Evaluations" }
         @if tried.is_empty() {
-            p.panel.empty { "Not tried yet. " code { "gleaner evaluate" } " runs trials in the simulator; others are reported with "
+            p.panel.empty { "Not evaluated yet. " code { "gleaner evaluate" } " runs trials in the simulator; others are reported with "
                 code { "ReportEvaluation" } "." }
         } @else {
             (evaluations::table(&tried))

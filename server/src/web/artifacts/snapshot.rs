@@ -1,4 +1,4 @@
-//! One snapshot: which episodes jobs saw, in which role and with which labels, and what the labels say now.
+//! One snapshot: its episodes, their roles and labels then, and their labels now.
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -20,7 +20,7 @@ use crate::{
     },
 };
 
-/// Episodes that the page shows; the rest is in the table for programs.
+/// Episodes shown on the page; the table for programs has all.
 const SHOWN: usize = 200;
 
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
@@ -34,7 +34,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
     let task = store.task_by_id(&snapshot.task_id).await?;
     let body = html! {
         h1 { "Snapshot " (link::tail(snapshot.id.as_str())) }
-        p.lead { "What jobs see of " (task.spec.name) ", frozen " (text::time(snapshot.created_at)) " UTC: " (episodes(&snapshot)) }
+        p.lead { "The episodes of " (task.spec.name) ", frozen " (text::time(snapshot.created_at)) " UTC: " (episodes(&snapshot)) }
         (figures(&snapshot, &held))
         h2 { "Episodes" }
         (table(&held))
@@ -62,7 +62,7 @@ fn figures(snapshot: &Snapshot, held: &[FrozenEpisode]) -> Markup {
             @if deleted > 0 { div { dt { "Recordings deleted" } dd { (text::count(deleted)) } } }
         }
         @if deleted > 0 {
-            p.note.bad { "Recordings were deleted for good: nothing more can be learned from this snapshot. Make a new one, or push them again." }
+            p.note.bad { "Recordings were deleted for good: no job can use this snapshot any more. Make a new one, or push them again." }
         }
     }
 }
@@ -103,7 +103,7 @@ fn label(seen: &LabelSeen) -> Markup {
     }
 }
 
-/// Every episode for programs.
+/// Every episode, for programs.
 fn table_sheet(snapshot: &Snapshot, held: Vec<FrozenEpisode>) -> Sheet {
     let row = |held: FrozenEpisode| {
         let FrozenEpisode { episode_id, file_name, role, then, now, standing } = held;
@@ -153,7 +153,7 @@ mod tests {
     use crate::domain::{episode::Outcome, id::EpisodeId, snapshot::Role};
 
     #[test]
-    fn the_page_shows_only_so_many_and_the_sheet_all() {
+    fn the_page_is_limited_and_the_sheet_has_all_episodes() {
         let seen = LabelSeen { outcome: Outcome::Failure, cohort: String::new(), version: None };
         let one = || FrozenEpisode {
             episode_id: EpisodeId::new(),

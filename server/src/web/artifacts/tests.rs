@@ -1,4 +1,4 @@
-//! Snapshots and encoders as a browser and a program ask for them.
+//! Snapshots and encoders as requested by browsers and programs.
 
 use axum::http::StatusCode;
 use serde_json::Value;
@@ -39,7 +39,7 @@ async fn rows(pages: &Pages, path: &str) -> Vec<Value> {
 }
 
 #[tokio::test]
-async fn a_snapshot_shows_its_labels_though_they_were_changed() {
+async fn a_snapshot_shows_its_labels_after_they_changed() {
     let pages = Pages::open(false).await;
     let (_, encoder) = encoder(&pages).await;
     let path = format!("/snapshots/{}", encoder.snapshot_id);
@@ -48,8 +48,8 @@ async fn a_snapshot_shows_its_labels_though_they_were_changed() {
         before.contains("experts were labelled success, imperfect failure") && !before.contains(">now<"),
         "{before}"
     );
-    let told = rows(&pages, &format!("{path}?format=json")).await;
-    let failure = told.iter().find(|row| row["role"] == "imperfect").unwrap().clone();
+    let content = rows(&pages, &format!("{path}?format=json")).await;
+    let failure = content.iter().find(|row| row["role"] == "imperfect").unwrap().clone();
     assert_eq!((&failure["outcome"], &failure["outcome_now"]), (&"failure".into(), &"failure".into()));
 
     let episode = serde_json::from_value(failure["episode_id"].clone()).unwrap();
@@ -63,8 +63,8 @@ async fn a_snapshot_shows_its_labels_though_they_were_changed() {
     assert!(now.contains("tag unknown") && now.contains("=carol"), "{row}");
     assert!(after.contains("<dt>Labelled otherwise since</dt><dd>1</dd>"), "{after}");
 
-    let told = rows(&pages, &format!("{path}?format=json")).await;
-    let changed = told.iter().find(|row| row["episode_id"] == failure["episode_id"]).unwrap();
+    let content = rows(&pages, &format!("{path}?format=json")).await;
+    let changed = content.iter().find(|row| row["episode_id"] == failure["episode_id"]).unwrap();
     assert_eq!((&changed["outcome"], &changed["cohort"]), (&"failure".into(), &"bob".into()));
     assert_eq!(changed["label_version"], failure["label_version"]);
     assert!(changed["label_version_now"].as_i64() > failure["label_version_now"].as_i64());
@@ -75,12 +75,12 @@ async fn a_snapshot_shows_its_labels_though_they_were_changed() {
 }
 
 #[tokio::test]
-async fn a_recording_that_is_gone_is_no_link() {
+async fn a_removed_recording_is_not_a_link() {
     let pages = Pages::open(false).await;
     let (_, encoder) = encoder(&pages).await;
     let path = format!("/snapshots/{}", encoder.snapshot_id);
-    let told = rows(&pages, &format!("{path}?format=json")).await;
-    let episode = serde_json::from_value(told[0]["episode_id"].clone()).unwrap();
+    let content = rows(&pages, &format!("{path}?format=json")).await;
+    let episode = serde_json::from_value(content[0]["episode_id"].clone()).unwrap();
     let link = format!("href=\"/episodes/{episode}\"");
     let store = &pages.services.store;
     store.delete_episodes(std::slice::from_ref(&episode), true).await.unwrap();
@@ -94,7 +94,7 @@ async fn a_recording_that_is_gone_is_no_link() {
 }
 
 #[tokio::test]
-async fn a_snapshot_and_an_encoder_lead_to_what_was_made_of_them() {
+async fn a_snapshot_and_an_encoder_link_to_their_results() {
     let pages = Pages::open(false).await;
     let (task, encoder) = encoder(&pages).await;
     let store = &pages.services.store;
@@ -128,13 +128,13 @@ async fn a_snapshot_and_an_encoder_lead_to_what_was_made_of_them() {
 }
 
 #[tokio::test]
-async fn ids_that_are_none_or_name_nothing_are_refused() {
+async fn invalid_and_unknown_ids_are_refused() {
     let pages = Pages::open(false).await;
     let (task, encoder) = encoder(&pages).await;
     let coming = EncoderId::new();
     let job = pages.services.store.job(&encoder.job_id).await.unwrap();
     results::job(&pages.services.store, &task, job.spec, coming.as_str()).await;
-    for (path, status, said) in [
+    for (path, status, message) in [
         ("/snapshots/7".to_owned(), StatusCode::BAD_REQUEST, "id: "),
         (format!("/snapshots/{}", encoder.id), StatusCode::BAD_REQUEST, "a snapshot"),
         (format!("/snapshots/{}", SnapshotId::new()), StatusCode::NOT_FOUND, "snapshot"),
@@ -145,6 +145,6 @@ async fn ids_that_are_none_or_name_nothing_are_refused() {
     ] {
         let refused = pages.get(&Client::default(), &path).await;
         assert_eq!(refused.status, status, "{path}");
-        assert!(refused.text().contains(said), "{path}: {}", refused.text());
+        assert!(refused.text().contains(message), "{path}: {}", refused.text());
     }
 }

@@ -1,4 +1,4 @@
-//! The sessions of a deployment as they run: what the cameras see, the newest q, how fast answers are.
+//! The running sessions of a deployment: camera images, the newest q, response times.
 
 use axum::{
     extract::Path,
@@ -19,12 +19,12 @@ use crate::{
     web::{page_request::PageRequest, refusal::Answer, text},
 };
 
-/// Sessions that are shown; a fleet's others are counted.
+/// Sessions shown; further ones are only counted.
 const MOST: usize = 24;
-/// Good enough to see what a robot does.
+/// Good enough to see the robot's motion.
 const QUALITY: u8 = 80;
 
-/// What a page that is open asks for again and again.
+/// The part of an open page that is refreshed.
 pub(in crate::web) async fn fragment(request: PageRequest, Path(name): Path<String>) -> Answer {
     request.services().store.deployment(&name).await?;
     Ok(sessions(&request, &name).into_response())
@@ -46,7 +46,7 @@ pub(super) fn sessions(request: &PageRequest, deployment: &str) -> Markup {
 }
 
 fn card(session: &LiveSession, now: &Now) -> Markup {
-    // The address changes with each observation, so that a picture is asked for once.
+    // The address changes with each observation, so that each image is loaded once.
     let stamp = now.seen_at.map_or(0, |at| at.0);
     let milliseconds = |part: f64| now.quantile_us(part).map_or("–".to_owned(), milliseconds);
     html! {
@@ -56,7 +56,7 @@ fn card(session: &LiveSession, now: &Now) -> Markup {
                     img.live alt=(format!("camera {}", camera.camera)) width="112" height="112"
                         src=(format!("/sessions/{}/frames/{}?at={stamp}", session.id, camera.camera));
                 }
-                @if now.cameras.is_empty() { span.soft { "Nothing was seen yet." } }
+                @if now.cameras.is_empty() { span.soft { "No image yet." } }
             }
             dl.facts {
                 dt { "Session" } dd.id { (session.id) }
@@ -95,7 +95,7 @@ fn milliseconds(microseconds: u64) -> String {
     format!("{:.1} ms", microseconds as f64 / 1000.0)
 }
 
-/// What a session's camera saw last.
+/// The last image of a session's camera.
 pub(in crate::web) async fn frame(request: PageRequest, Path((session, camera)): Path<(String, String)>) -> Answer {
     let id = SessionId::parse("session", &session)?;
     let services = request.services();
@@ -109,7 +109,7 @@ pub(in crate::web) async fn frame(request: PageRequest, Path((session, camera)):
     Ok(([(CONTENT_TYPE, kind), (CACHE_CONTROL, "private, max-age=60")], bytes).into_response())
 }
 
-/// An image as a browser reads it.
+/// An image in a format for browsers.
 async fn picture(image: Image, (height, width): (u32, u32)) -> Result<(&'static str, bytes::Bytes)> {
     match image.format {
         ImageFormat::Jpeg => Ok(("image/jpeg", image.data)),

@@ -1,4 +1,4 @@
-//! What is served: deployments with their history, and the sessions that run on them.
+//! Deployments with their history, and their running sessions.
 
 mod live;
 mod one;
@@ -20,7 +20,7 @@ use super::{
 };
 use crate::domain::policy::Deployment;
 
-/// A deployment with its task's name and how many sessions it has.
+/// A deployment with its task's name and its number of sessions.
 struct Row {
     deployment: Deployment,
     task: String,
@@ -42,9 +42,9 @@ pub(super) async fn list(request: PageRequest) -> Answer {
     }
     let body = html! {
         h1 { "Deployments" }
-        p.lead { "What robots and simulators are served, by name." }
+        p.lead { "The policies served to robots and simulators, by name." }
         @if rows.is_empty() {
-            p.panel.empty { "Nothing is deployed. " code { "gleaner deploy NAME POLICY" } " does it." }
+            p.panel.empty { "No deployments yet. Create one with " code { "gleaner deploy NAME POLICY" } "." }
         } @else {
             div.scroll { table {
                 thead { tr { th { "Name" } th { "Task" } th { "Policy" } th { "Live score" } th.number { "Sessions" }

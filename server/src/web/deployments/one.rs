@@ -1,4 +1,4 @@
-//! One deployment: what it points at, what it pointed at before, a way back, and its sessions.
+//! One deployment: its policy, its history, rolling back, and its sessions.
 
 use axum::{
     extract::Path,
@@ -104,7 +104,7 @@ fn history(deployment: &Deployment) -> Markup {
     }
 }
 
-/// The history for programs, the newest first.
+/// The history as a table for programs, the newest first.
 fn history_sheet(deployment: &Deployment) -> Sheet {
     let row = |change: &DeploymentChange| {
         let run = change.score_run_id.as_ref().map(|run| run.as_str());

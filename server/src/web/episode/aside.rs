@@ -1,4 +1,4 @@
-//! What stands beside the cameras: the matched expert, labels, report, facts.
+//! The panel beside the cameras: the matched expert, labels, report, facts.
 
 use gleaner_recording::{Finding, Report, Severity};
 use maud::{Markup, html};
@@ -13,7 +13,7 @@ use crate::{
     },
 };
 
-/// All of it.
+/// The whole panel.
 pub(super) fn aside(view: &View) -> Markup {
     html! {
         div.beside {
@@ -41,7 +41,7 @@ fn labelling() -> Markup {
     }
 }
 
-/// The expert's step that the current step was matched with. A script moves it on.
+/// The expert's step matched with the current step. A script updates it.
 fn matched(view: &View) -> Markup {
     let Some(scored) = &view.scored else { return html! {} };
     let first = usize::try_from(view.step).ok().and_then(|step| nearest(scored, step));
@@ -49,7 +49,7 @@ fn matched(view: &View) -> Markup {
         section.panel aria-labelledby="match-head" {
             h2 #match-head { "Matched expert" }
             @match first {
-                None => p.soft { "This run's scorer matches nothing." },
+                None => p.soft { "This run's scorer has no matches." },
                 Some((expert, step, distances)) => {
                     div #match {
                         div.cameras {
@@ -67,8 +67,8 @@ fn matched(view: &View) -> Markup {
                         } }
                         h3 { "Distances of features" }
                         dl.facts {
-                            @for ((name, said), distance) in MODALITIES.iter().zip(distances) {
-                                dt { (said) }
+                            @for ((name, text), distance) in MODALITIES.iter().zip(distances) {
+                                dt { (text) }
                                 dd.number data-distance=(name) { (format!("{distance:.3}")) }
                             }
                             dt { "q here" } dd #q-here.number { (q_at(scored, view.step)) }
@@ -80,7 +80,7 @@ fn matched(view: &View) -> Markup {
     }
 }
 
-/// The modalities as the paper and the page name them, in the order of distances.
+/// The names of the modalities, in the order of distances.
 const MODALITIES: [(&str, &str); 3] = [("o", "Images o"), ("m", "Proprioception m"), ("a", "Action a")];
 
 fn nearest(scored: &Scored, step: usize) -> Option<(&EpisodeId, u32, [f32; 3])> {
@@ -122,7 +122,7 @@ fn report(view: &View) -> Markup {
         section.panel aria-labelledby="report-head" {
             h2 #report-head { "Report" }
             @if report.findings.is_empty() {
-                p { span.tag.success { "clean" } " Nothing was found." }
+                p { span.tag.success { "clean" } " No findings." }
             }
             ul.findings { @for finding in &report.findings { (found(view, finding)) } }
             dl.facts {

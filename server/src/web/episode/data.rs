@@ -1,4 +1,4 @@
-//! What the page's script and other programs fetch of an episode: its scores in one run, and its recording.
+//! Data of an episode for the page's script and other programs: its scores in one run, and its recording.
 
 use axum::{
     body::Body,
@@ -22,8 +22,8 @@ struct Parameters {
     run: String,
 }
 
-/// q and w of every segment, what each was matched with, and how far apart they are. `match_episode` counts in
-/// `experts`; the last three lists are empty when the run's scorer matches nothing.
+/// q and w of every segment, its match and the distances to it. `match_episode` is an index into `experts`; the last
+/// three lists are empty when the run's scorer has no matches.
 pub(in crate::web) async fn scores(request: PageRequest, Path(id): Path<String>) -> Answer {
     let Parameters { run } = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
@@ -37,15 +37,15 @@ pub(in crate::web) async fn scores(request: PageRequest, Path(id): Path<String>)
     };
     let scored = scored(services, &id, services.store.score_run(&run).await?).await?;
     let scores = &scored.scores;
-    let told = json!({
+    let answer = json!({
         "episode": id, "run": run, "role": scores.role.as_str(), "segment_length": scored.segment_length,
         "q": scores.q, "w": scores.w, "experts": scored.run.expert_ids, "match_episode": scores.match_episode,
         "match_step": scores.match_step, "distances": scores.distances,
     });
-    Ok(axum::Json(told).into_response())
+    Ok(axum::Json(answer).into_response())
 }
 
-/// The recording as it came.
+/// The recording as uploaded.
 pub(in crate::web) async fn recording(request: PageRequest, Path(id): Path<String>) -> Answer {
     let id = EpisodeId::parse("episode", &id)?;
     let episode = request.services().store.episode(&id).await?.episode;

@@ -1,4 +1,4 @@
-//! One episode: its cameras over its numbers over its q, the expert it was matched with, its labels and its report.
+//! One episode: its cameras, its values and q over time, the matched expert, its labels and its report.
 
 mod aside;
 mod cameras;
@@ -34,7 +34,7 @@ use crate::{
     service::Services,
 };
 
-/// β until somebody moves it.
+/// The initial β.
 const BETA: &str = "0.5";
 
 #[derive(Default, Deserialize)]
@@ -46,7 +46,7 @@ struct Parameters {
     format: Format,
 }
 
-/// Everything the page shows.
+/// The data of the page.
 struct View {
     request: PageRequest,
     task: Task,
@@ -54,18 +54,18 @@ struct View {
     labels: Vec<Label>,
     /// The version of the newest label.
     version: i64,
-    /// The newest snapshots that hold it, and how many do.
+    /// The newest snapshots of the episode, and their number.
     uses: (Vec<SnapshotUse>, u64),
     /// The runs that scored it, newest first.
     runs: Vec<ScoreRun>,
-    /// What the chosen one says.
+    /// The scores of the selected run.
     scored: Option<Scored>,
     numbers: Result<Numbers>,
     step: u64,
     beta: f64,
 }
 
-/// An episode as one run sees it.
+/// The scores of an episode in one run.
 struct Scored {
     run: ScoreRun,
     scores: EpisodeScores,
@@ -78,7 +78,7 @@ impl View {
         &self.inspected.episode.id
     }
 
-    /// Whether who looks may label this.
+    /// Whether the caller may label this episode.
     fn labels(&self) -> bool {
         self.inspected.episode.deleted_at.is_none() && self.request.may(Page::LabelEpisodes)
     }
@@ -115,7 +115,7 @@ pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
 async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> Result<View> {
     let services = request.services();
     let beta = beta(if parameters.beta.is_empty() { BETA } else { &parameters.beta })?;
-    // Before the episode: a label that is given in between is then newer than what was seen.
+    // Before the episode: a label stored in between then has a newer version than the shown one.
     let version = services.store.label_version(id).await?;
     let inspected = services.store.episode(id).await?;
     let step = step(&parameters.step, inspected.episode.steps)?;
@@ -138,7 +138,7 @@ async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> 
     Ok(View { task, inspected, labels, version, uses, runs, scored, numbers, step, beta, request })
 }
 
-/// The run that is asked for, or the newest that scored the episode.
+/// The run in the query, or the newest that scored the episode.
 fn chosen<'a>(id: &str, runs: &'a [ScoreRun]) -> Result<Option<&'a ScoreRun>> {
     if id.is_empty() {
         return Ok(runs.first());
@@ -154,10 +154,10 @@ async fn scored(services: &Services, id: &EpisodeId, run: ScoreRun) -> Result<Sc
     Ok(Scored { run, scores, segment_length })
 }
 
-/// Reads a threshold.
+/// Parses a threshold.
 fn beta(text: &str) -> Result<f64> {
     let read = text.parse::<f64>().ok().filter(|beta| (0.0..=1.0).contains(beta));
-    read.ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; what has a higher q is kept"))
+    read.ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; segments with a higher q are kept"))
 }
 
 fn step(text: &str, steps: u64) -> Result<u64> {
@@ -185,7 +185,7 @@ fn body(view: &View) -> Markup {
             a href=(format!("/tasks/{task}/episodes")) { "All episodes" }
         }
         @if let Some(since) = episode.deleted_at {
-            p.note.bad { "In the trash since " (text::time(since)) " UTC. It takes no label until it is taken back." }
+            p.note.bad { "In the trash since " (text::time(since)) " UTC. It cannot be labelled until it is restored." }
         }
         div.episode {
             div.watch {
@@ -205,7 +205,7 @@ fn body(view: &View) -> Markup {
     }
 }
 
-/// The labels an episode ever had.
+/// The history of the episode's labels.
 fn history(id: &EpisodeId, labels: Vec<Label>) -> Sheet {
     let row = |Label { outcome, cohort, author, reason, created_at }: Label| {
         vec![json!(text::stamp(created_at)), json!(outcome.as_str()), json!(cohort), json!(author), json!(reason)]

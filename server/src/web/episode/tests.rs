@@ -1,4 +1,4 @@
-//! The page of one episode, whatever there is of it and whatever is missing.
+//! The page of one episode, complete or with missing data.
 
 use axum::http::{
     StatusCode,
@@ -53,7 +53,7 @@ impl Lab {
 }
 
 #[tokio::test]
-async fn an_episode_that_was_scored_shows_what_is_kept_and_whom_it_resembles() {
+async fn a_scored_episode_shows_its_kept_segments_and_matches() {
     let lab = lab().await;
     let (expert, weak) = (lab.recorded(Outcome::Success).await, lab.recorded(Outcome::Failure).await);
     let encoder = results::encoder(&lab.pages.services.store, &lab.task).await;
@@ -68,16 +68,16 @@ async fn an_episode_that_was_scored_shows_what_is_kept_and_whom_it_resembles() {
     assert!(text.contains("3 of 20 segments kept (15.0 %)"), "0.85, 0.9 and 0.95 are above 0.8");
     assert!(text.contains(&format!("/episodes/{}?step=7&amp;run={}", expert.id, run.id)), "the expert's step");
     assert!(text.contains(&format!("/episodes/{}/frames/front/7?depth=true", weak.id)));
-    assert!(text.contains("1.9]"), "steps are told in seconds from the first");
+    assert!(text.contains("1.9]"), "steps are shown in seconds from the first");
 
-    let told = lab.get(&format!("/episodes/{}/scores.json", weak.id)).await;
-    let told: Value = serde_json::from_slice(&told.body).unwrap();
-    assert_eq!((&told["run"], told["q"].as_array().unwrap().len()), (&json!(run.id), 20));
-    assert_eq!((&told["experts"][0], &told["match_step"][7]), (&json!(expert.id), &json!(7)));
+    let content = lab.get(&format!("/episodes/{}/scores.json", weak.id)).await;
+    let content: Value = serde_json::from_slice(&content.body).unwrap();
+    assert_eq!((&content["run"], content["q"].as_array().unwrap().len()), (&json!(run.id), 20));
+    assert_eq!((&content["experts"][0], &content["match_step"][7]), (&json!(expert.id), &json!(7)));
 }
 
 #[tokio::test]
-async fn a_frame_is_a_picture_that_browsers_keep() {
+async fn a_frame_is_an_image_that_browsers_cache() {
     let lab = lab().await;
     let episode = lab.recorded(Outcome::Success).await;
     let reply = lab.get(&format!("/episodes/{}/frames/front/3?size=8", episode.id)).await;
@@ -98,9 +98,9 @@ async fn a_frame_is_a_picture_that_browsers_keep() {
 }
 
 #[tokio::test]
-async fn what_is_missing_is_said_and_the_rest_is_shown() {
+async fn missing_data_is_reported_and_the_rest_is_shown() {
     let lab = lab().await;
-    // Neither frames nor a recording to make them from, nor scores.
+    // Without frames, without a recording to decode them from, and without scores.
     let bare = testing::episode(&lab.pages.services.store, &lab.task, Outcome::Unknown, "").await;
     let text = lab.get(&format!("/episodes/{}", bare.id)).await.text();
     assert!(text.contains("No finished score run has scored this episode"));
@@ -113,11 +113,11 @@ async fn what_is_missing_is_said_and_the_rest_is_shown() {
     lab.pages.services.store.delete_episodes(std::slice::from_ref(&bare.id), false).await.unwrap();
     let page = lab.get(&format!("/episodes/{}", bare.id)).await;
     assert!(page.status == StatusCode::OK && page.text().contains("In the trash since"));
-    assert!(!page.text().contains("data-label="), "it takes no label");
+    assert!(!page.text().contains("data-label="), "it cannot be labelled");
 }
 
 #[tokio::test]
-async fn the_page_leads_to_the_snapshots_it_went_into() {
+async fn the_page_links_to_its_snapshots() {
     let lab = lab().await;
     let store = &lab.pages.services.store;
     let expert = testing::episode(store, &lab.task, Outcome::Success, "").await;
@@ -125,24 +125,24 @@ async fn the_page_leads_to_the_snapshots_it_went_into() {
     assert!(!lab.get(&format!("/episodes/{}", weak.id)).await.text().contains("Went into"));
     let oldest = results::encoder(store, &lab.task).await.snapshot_id;
     testing::run(store, &format!("update episodes set outcome = 'success' where id = '{}'", weak.id)).await;
-    let told = lab.get(&format!("/episodes/{}", weak.id)).await.text();
-    let panel = told.split("Went into").nth(1).unwrap().split("</section>").next().unwrap();
+    let content = lab.get(&format!("/episodes/{}", weak.id)).await.text();
+    let panel = content.split("Went into").nth(1).unwrap().split("</section>").next().unwrap();
     assert!(panel.contains(&format!("href=\"/snapshots/{oldest}\"")) && panel.contains(" as imperfect"), "{panel}");
     assert!(panel.contains("tag failure") && panel.contains("bob"), "as labelled then: {panel}");
     testing::episode(store, &lab.task, Outcome::Failure, "").await;
     for _ in 0..10 {
         results::encoder(store, &lab.task).await;
     }
-    let told = lab.get(&format!("/episodes/{}", expert.id)).await.text();
-    assert_eq!(told.matches("href=\"/snapshots/").count(), 8);
-    assert!(told.contains("and 3 older snapshots") && !told.contains(oldest.as_str()), "{told}");
+    let content = lab.get(&format!("/episodes/{}", expert.id)).await.text();
+    assert_eq!(content.matches("href=\"/snapshots/").count(), 8);
+    assert!(content.contains("and 3 older snapshots") && !content.contains(oldest.as_str()), "{content}");
 }
 
 #[tokio::test]
-async fn an_address_that_is_wrong_is_refused_by_name() {
+async fn an_invalid_address_is_refused_by_name() {
     let lab = lab().await;
     let episode = lab.recorded(Outcome::Success).await;
-    for (path, status, told) in [
+    for (path, status, content) in [
         ("/episodes/7".to_owned(), StatusCode::BAD_REQUEST, "episode: "),
         ("/episodes/ep_01ARZ3NDEKTSV4RRFFQ69G5FAV".to_owned(), StatusCode::NOT_FOUND, "no episode "),
         (format!("/episodes/{}?beta=high", episode.id), StatusCode::BAD_REQUEST, "beta: "),
@@ -152,12 +152,12 @@ async fn an_address_that_is_wrong_is_refused_by_name() {
     ] {
         let reply = lab.get(&path).await;
         assert_eq!(reply.status, status, "{path}");
-        assert!(reply.text().contains(told), "{path} {}", reply.text());
+        assert!(reply.text().contains(content), "{path} {}", reply.text());
     }
 }
 
 #[tokio::test]
-async fn the_recording_and_the_labels_can_be_taken_along() {
+async fn the_recording_and_the_labels_can_be_downloaded() {
     let lab = lab().await;
     let content = b"an mcap";
     let episode = testing::episode(&lab.pages.services.store, &lab.task, Outcome::Success, "weak").await;
@@ -183,7 +183,7 @@ fn a_threshold_is_a_number_between_0_and_1() {
 }
 
 #[test]
-fn a_step_must_be_there() {
+fn a_step_must_exist() {
     assert_eq!([step("", 3).unwrap(), step("2", 3).unwrap()], [0, 2]);
     assert_eq!(step("3", 3).unwrap_err().kind(), Kind::NotFound);
     assert_eq!(step("-1", 3).unwrap_err().kind(), Kind::Invalid);

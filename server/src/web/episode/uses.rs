@@ -1,4 +1,4 @@
-//! What an episode went into: the snapshots that hold it, whose pages tell what jobs made of them.
+//! The snapshots of an episode; their pages show the results made from them.
 
 use maud::{Markup, html};
 
@@ -8,10 +8,10 @@ use crate::{
     web::{artifacts::link, text},
 };
 
-/// Most snapshots that are named.
+/// The most snapshots named.
 pub(super) const MOST: u32 = 8;
 
-/// The snapshots, newest first, each with the role and the label that the episode had; nothing if there are none.
+/// The snapshots, newest first, each with the episode's role and label; empty without snapshots.
 pub(super) fn panel(view: &View) -> Markup {
     let (uses, of) = &view.uses;
     if uses.is_empty() {

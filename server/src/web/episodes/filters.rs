@@ -1,4 +1,4 @@
-//! The form over the table: which episodes it shows.
+//! The filter form over the table of episodes.
 
 use maud::{Markup, html};
 
@@ -8,7 +8,7 @@ use crate::{
     web::{artifacts::link, text},
 };
 
-/// The form. What is filled in is what the address says.
+/// The form, filled in from the address.
 pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
     let parameters = view.parameters;
     let outcomes = [Outcome::Success, Outcome::Failure, Outcome::Unknown].map(|outcome| {
@@ -39,14 +39,14 @@ pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup
     }
 }
 
-/// A list to choose from; the first choice is none.
+/// A list of choices; the first one is no filter.
 fn choice((name, title): (&str, &str), chosen: &str, none: &str, choices: &[(String, String)]) -> Markup {
     html! {
         label { (title)
             select name=(name) {
                 option value="" selected[chosen.is_empty()] { (none) }
-                @for (value, said) in choices {
-                    option value=(value) selected[value == chosen] { (said) }
+                @for (value, text) in choices {
+                    option value=(value) selected[value == chosen] { (text) }
                 }
             }
         }
@@ -57,7 +57,7 @@ fn number(name: &str, value: &str) -> Markup {
     html! { input type="number" name=(name) value=(value) min="0" max="1" step="any" inputmode="decimal"; }
 }
 
-/// Every cohort of the task, and the chosen one though no episode be of it any more.
+/// Every cohort of the task, and the chosen one even without episodes.
 fn cohort_choices(chosen: &str, cohorts: &[String]) -> Vec<(String, String)> {
     let value = |cohort: &String| if cohort.is_empty() { NO_COHORT.to_owned() } else { cohort.clone() };
     let mut choices: Vec<(String, String)> = cohorts.iter().map(|cohort| (value(cohort), value(cohort))).collect();
@@ -68,11 +68,11 @@ fn cohort_choices(chosen: &str, cohorts: &[String]) -> Vec<(String, String)> {
 }
 
 fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
-    runs.iter().map(|run| (run.id.to_string(), said(run))).collect()
+    runs.iter().map(|run| (run.id.to_string(), describe(run))).collect()
 }
 
-/// A run as a list names it.
-pub(in crate::web) fn said(run: &ScoreRun) -> String {
+/// The description of a run in a list.
+pub(in crate::web) fn describe(run: &ScoreRun) -> String {
     format!("{} UTC · {} · {}", text::time(run.created_at), run.scorer, link::short(run.id.as_str()))
 }
 
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_chosen_cohort_stays_though_it_is_empty_now() {
+    fn the_chosen_cohort_is_listed_even_without_episodes() {
         let choices = cohort_choices("gone", &[String::new(), "weak".to_owned()]);
         let values: Vec<&str> = choices.iter().map(|(value, _)| value.as_str()).collect();
         assert_eq!(values, [NO_COHORT, "weak", "gone"]);

@@ -1,4 +1,4 @@
-//! Labelling: what a page sends, and what it is told when somebody else was first.
+//! Labelling: the request of a page, and the answer when another person was first.
 
 use axum::{
     body::Bytes,
@@ -29,18 +29,18 @@ use crate::{
     wire::field,
 };
 
-/// Most episodes in one act.
+/// The most episodes in one request.
 const MANY: usize = 1000;
-/// Most that the audit log names of one act.
+/// The most episodes named in one entry of the audit log.
 const NAMED: usize = 31;
 
-/// A label for some episodes, each with the label's version that the page showed.
+/// A label for some episodes, each with the label's version shown on the page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sent {
     episodes: Vec<LabelledVersion>,
     outcome: String,
-    /// Left out, each keeps its own.
+    /// If omitted, each keeps its own.
     cohort: Option<String>,
     #[serde(default)]
     reason: String,
@@ -95,11 +95,11 @@ async fn given(request: &PageRequest, task: &str, sent: Sent) -> Answer {
     })
 }
 
-/// Refuses episodes of another task: who labels looks at this one's.
+/// Rejects episodes of another task.
 async fn belong(store: &Store, task: &TaskId, labelled: &[(EpisodeId, i64)]) -> Result<()> {
     for (id, _) in labelled {
         if store.recording_of(id).await?.0 != *task {
-            return Err(Error::invalid("episodes", format!("{id} is of another task; nothing was labelled")));
+            return Err(Error::invalid("episodes", format!("{id} is of another task; no episode was labelled")));
         }
     }
     Ok(())
@@ -123,14 +123,14 @@ fn overtaken(changed: &[Overtaken]) -> Response {
             "cohort": one.label.cohort, "by": one.label.author, "at": text::time(one.label.created_at),
         })
     };
-    let told = json!({
-        "error": "somebody labelled meanwhile; nothing was changed",
+    let answer = json!({
+        "error": "another person has labelled some of these episodes meanwhile; no label was changed",
         "changed": changed.iter().map(row).collect::<Vec<_>>(),
     });
-    (StatusCode::CONFLICT, axum::Json(told)).into_response()
+    (StatusCode::CONFLICT, axum::Json(answer)).into_response()
 }
 
-/// What stays in sight over the table: the episode under the cursor, and the labels it or the selected ones can get.
+/// The bar above the table: the focused episode, and label buttons for it or the selected ones.
 pub(super) fn bar(cohorts: &[String]) -> Markup {
     html! {
         section #bar.panel aria-label="Label" {
@@ -171,26 +171,26 @@ const KEYS: &[(&[&str], &str)] = &[
     (&["f"], "Failure, and on to the next"),
     (&["u"], "Unknown, and on to the next"),
     (&["z"], "Undo the last labelling"),
-    (&["a"], "Label all the same, when somebody else was first"),
-    (&["Esc"], "Leave it, or dismiss a message"),
+    (&["a"], "Label anyway, when another person was first"),
+    (&["Esc"], "Cancel, or dismiss a message"),
     (&["x"], "Select; with Shift and a click, all between"),
     (&["o", "Enter"], "Open the episode"),
     (&["n", "p"], "Next page, previous page"),
     (&["?"], "These keys"),
 ];
 
-/// Where a script says what came of a labelling.
+/// The place of a script's messages.
 pub(in crate::web) fn live() -> Markup {
-    html! { div #told role="status" aria-live="polite" {} }
+    html! { div #message role="status" aria-live="polite" {} }
 }
 
-/// A button for each outcome; a script gives `whom` the label.
+/// A button for each outcome; `whom`: the focused or the selected episodes.
 pub(in crate::web) fn buttons(whom: &str) -> Markup {
     html! {
         span.outcomes role="group" aria-label=(format!("Label the {whom}")) {
-            @for (outcome, said, key) in [("success", "Success", "s"), ("failure", "Failure", "f"), ("unknown", "Unknown", "u")] {
+            @for (outcome, text, key) in [("success", "Success", "s"), ("failure", "Failure", "f"), ("unknown", "Unknown", "u")] {
                 button type="button" class=(outcome) data-label=(outcome) data-whom=(whom) {
-                    (said) @if whom == "focused" { " " kbd { (key) } }
+                    (text) @if whom == "focused" { " " kbd { (key) } }
                 }
             }
         }
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_label_says_which_versions_were_seen() {
+    fn a_label_names_the_seen_versions() {
         let body = json!({ "episodes": [{ "id": ID, "version": 3 }], "outcome": "success", "reason": "held it" });
         let (labelled, label) = sent(&body).unwrap();
         assert_eq!((labelled[0].0.as_str(), labelled[0].1), (ID, 3));
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn invalid_labels_are_named() {
         let labelled = json!([{ "id": ID, "version": 3 }]);
         for (field, body) in [
             ("episodes: ", json!({ "episodes": [], "outcome": "success" })),
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_comes_second_is_told_who_was_first_and_with_what() {
+    async fn an_outdated_label_returns_the_newer_one() {
         let label = Label {
             outcome: Outcome::Failure,
             cohort: "weak".into(),
@@ -246,10 +246,10 @@ mod tests {
         let changed = [Overtaken { episode_id: EpisodeId::parse("id", ID).unwrap(), label_version: 9, label }];
         let response = overtaken(&changed);
         assert_eq!(response.status(), StatusCode::CONFLICT);
-        let told: Value = serde_json::from_slice(&to_bytes(response.into_body(), 1 << 16).await.unwrap()).unwrap();
+        let answer: Value = serde_json::from_slice(&to_bytes(response.into_body(), 1 << 16).await.unwrap()).unwrap();
         let expected = json!([{
             "id": ID, "version": 9, "outcome": "failure", "cohort": "weak", "by": "ben", "at": "2027-01-15 08:00",
         }]);
-        assert_eq!(told["changed"], expected);
+        assert_eq!(answer["changed"], expected);
     }
 }

@@ -13,7 +13,7 @@ use serde_json::json;
 
 use self::query::{EpisodeParameters, EpisodeQuery, Order};
 pub(in crate::web) use self::{
-    filters::said,
+    filters::describe,
     label::{buttons, label, live},
 };
 use super::{
@@ -39,15 +39,15 @@ use crate::{
 /// Episodes on one page.
 const PER_PAGE: usize = 100;
 
-/// Everything a table shows.
+/// The data of the table.
 struct View<'a> {
     request: &'a PageRequest,
     task: &'a Task,
     parameters: &'a EpisodeParameters,
     query: &'a EpisodeQuery,
-    /// The run whose q is shown, if the task has any.
+    /// The run of the shown q, if the task has any.
     scores: Option<Arc<Summary>>,
-    /// Every episode that fits, sorted.
+    /// Every matching episode, sorted.
     rows: Vec<TableRow>,
 }
 
@@ -56,12 +56,12 @@ impl View<'_> {
         self.scores.as_ref().and_then(|scores| scores.mean_q(&row.episode.id))
     }
 
-    /// Whether who looks may label.
+    /// Whether the caller may label.
     fn labels(&self) -> bool {
         self.request.may(Page::LabelEpisodes)
     }
 
-    /// The page that is shown, from 1, and how many there are. One beyond the end is the last.
+    /// The shown page, from 1, and the number of pages. A page beyond the end is the last.
     fn page(&self) -> (usize, usize) {
         paging::within(self.query.page, self.rows.len(), PER_PAGE)
     }
@@ -100,7 +100,7 @@ pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answ
     Ok(shell::page(&request, &head, &body(&view, &runs, &cohorts)).into_response())
 }
 
-/// Those rows whose mean q fits, in order. Ten thousand take their time, which is not the runtime's.
+/// The rows with matching mean q, in order. Ten thousand rows take long, so this runs off the runtime.
 async fn ordered(
     mut rows: Vec<TableRow>,
     scores: Option<Arc<Summary>>,
@@ -118,7 +118,7 @@ async fn ordered(
     tokio::task::spawn_blocking(ordering).await.map_err(|error| Error::internal("sorting episodes", error))
 }
 
-/// The run that was asked for, or the newest.
+/// The run in the query, or the newest.
 fn chosen<'a>(runs: &'a [ScoreRun], named: Option<&ScoreRunId>, task: &Task) -> Result<Option<&'a ScoreRunId>> {
     let Some(named) = named else { return Ok(runs.first().map(|run| &run.id)) };
     let found = runs.iter().find(|run| run.id == *named).map(|run| &run.id);
@@ -135,7 +135,7 @@ fn body(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
         (filters::form(view, runs, cohorts))
         @if view.rows.is_empty() {
             p.panel.empty {
-                "No episode fits. " a href=(view.request.uri.path()) { "Show all" } ", or bring some with "
+                "No episode matches. " a href=(view.request.uri.path()) { "Show all" } ", or add some with "
                 code { "gleaner push" } "."
             }
         } @else {

@@ -1,4 +1,4 @@
-//! What the address of a table asks for: which episodes, in which order, which page of them.
+//! The query of the table of episodes: filters, order and page.
 
 use jiff::{civil::Date, tz::TimeZone};
 use serde::Deserialize;
@@ -14,10 +14,10 @@ use crate::{
     web::{paging, sheet::Format},
 };
 
-/// How the address says that episodes of no cohort are meant.
+/// The parameter's value for episodes without a cohort.
 pub(super) const NO_COHORT: &str = "(none)";
 
-/// The parameters as they stand in the address; one that is left out is empty.
+/// The parameters of the address; an omitted one is empty.
 #[derive(Debug, Clone, Default, Deserialize)]
 #[serde(default)]
 pub(super) struct EpisodeParameters {
@@ -35,20 +35,20 @@ pub(super) struct EpisodeParameters {
     pub(super) format: Format,
 }
 
-/// What they mean.
+/// The parsed parameters.
 #[derive(Debug, Clone)]
 pub(super) struct EpisodeQuery {
     pub(super) filter: TableFilter,
     /// The run whose q is shown; `None` for the task's newest.
     pub(super) run: Option<ScoreRunId>,
-    /// Only episodes whose mean q lies between these; `None` also takes those without.
+    /// Only episodes with a mean q in this range; `None` includes those without.
     pub(super) mean_q: Option<(f64, f64)>,
     pub(super) order: Order,
     /// From 1.
     pub(super) page: usize,
 }
 
-/// What a table is sorted by, and which way.
+/// The column and direction of the order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Order {
     pub(super) key: SortKey,
@@ -56,7 +56,7 @@ pub(super) struct Order {
 }
 
 impl Order {
-    /// Its word in links: the key's, with `-` before it when it descends.
+    /// Its word in links: the key's, with `-` before it when descending.
     pub(super) fn word(self) -> String {
         format!("{}{}", if self.descending { "-" } else { "" }, self.key.as_str())
     }
@@ -70,8 +70,8 @@ impl Order {
         Ok(Self { key, descending })
     }
 
-    /// How a click on a column's head sorts: the other way if it is sorted by that already, else what people mostly look
-    /// for first.
+    /// The order after a click on a column's head: reversed if already sorted by it, otherwise the more useful
+    /// direction.
     pub(super) fn by(self, key: SortKey) -> Self {
         let first = matches!(key, SortKey::Date | SortKey::Steps | SortKey::Findings);
         Self { key, descending: if self.key == key { !self.descending } else { first } }
@@ -124,7 +124,7 @@ impl EpisodeParameters {
     }
 }
 
-/// Reads an outcome that must be said.
+/// Parses a required outcome.
 ///
 /// # Errors
 /// Invalid, naming the field.
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_without_parameters_asks_for_all_the_newest_first() {
+    fn no_parameters_select_all_newest_first() {
         let EpisodeQuery { filter, run, mean_q, order, page } = EpisodeParameters::default().read().unwrap();
         assert!(
             filter.outcome.is_none() && filter.cohort.is_none() && filter.from.is_none() && filter.before.is_none()
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn no_cohort_is_one_that_can_be_asked_for() {
+    fn no_cohort_can_be_selected() {
         assert_eq!(query(|parameters| parameters.cohort = "(none)".into()).unwrap().filter.cohort.as_deref(), Some(""));
         assert_eq!(
             query(|parameters| parameters.cohort = "weak".into()).unwrap().filter.cohort.as_deref(),
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn invalid_parameters_are_named() {
         type Set = fn(&mut EpisodeParameters);
         let wrong: [(&str, Set); 11] = [
             ("outcome: ", |parameters| parameters.outcome = "won".into()),
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_click_turns_the_order() {
+    fn a_second_click_reverses_the_order() {
         for key in SortKey::ALL {
             let first = Order { key: SortKey::Date, descending: true }.by(key);
             assert_eq!(Order::read(&first.word()).unwrap(), first);

@@ -1,4 +1,4 @@
-//! The table: a row an episode, with what the script needs to label it.
+//! The table: one row per episode, with the data that the labelling script needs.
 
 use maud::{Markup, html};
 
@@ -8,7 +8,7 @@ use crate::{
     web::{artifacts::link, frames, page_request::PageRequest, text},
 };
 
-/// The rows of the page that is shown.
+/// The rows of the shown page.
 pub(super) fn table(view: &View) -> Markup {
     let first = view.task.spec.cameras.first();
     let camera = first.map(|camera| camera.name.as_str());
@@ -28,7 +28,7 @@ pub(super) fn table(view: &View) -> Markup {
 }
 
 fn heads(view: &View, pictures: bool) -> Markup {
-    // Another order begins at its first page.
+    // Another order starts at its first page.
     let first = view.request.with("page", None).parse().map(|uri| PageRequest { uri, ..view.request.clone() });
     let request = first.as_ref().unwrap_or(view.request);
     let head = |key: SortKey, title: &str, number: bool| {

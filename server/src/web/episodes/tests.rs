@@ -1,4 +1,4 @@
-//! The table and its labels, asked as browsers and programs do.
+//! The table and its labels, as requested by browsers and programs.
 
 use axum::http::{HeaderValue, Method, StatusCode, header::ACCEPT};
 use gleaner_recording::TaskSpec;
@@ -38,7 +38,7 @@ impl Lab {
         self.pages.get(&self.visitor, &format!("/tasks/{}/episodes{query}", self.task.spec.name)).await
     }
 
-    /// The table as a program reads it.
+    /// The table as JSON.
     async fn rows(&self, query: &str) -> Vec<Value> {
         let reply = self.table(&format!("?format=json{query}")).await;
         assert_eq!(reply.status, StatusCode::OK, "{}", reply.text());
@@ -77,11 +77,11 @@ async fn the_table_filters_sorts_and_shows_q_of_the_newest_run() {
     assert_eq!(ids(&lab.rows("&from=2020-01-01&to=2020-01-02").await), of(&[]));
     let page = lab.table("?sort=mean_q").await.text();
     assert!(page.contains("0.750") && page.contains("0.250") && page.contains("aria-sort=\"ascending\""));
-    assert!(page.contains("href=\"/tasks/reach/episodes?sort=-mean_q\""), "a second click turns the order");
+    assert!(page.contains("href=\"/tasks/reach/episodes?sort=-mean_q\""), "a second click reverses the order");
 }
 
 #[tokio::test]
-async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
+async fn a_label_is_stored_once_and_audited_with_its_episodes() {
     let lab = lab().await;
     let episode = lab.episode(Outcome::Unknown, "weak").await;
     let version = lab.rows("").await[0]["label_version"].clone();
@@ -95,7 +95,7 @@ async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
     assert_eq!((&now["outcome"], &now["cohort"]), (&json!("success"), &json!("weak")));
     assert!(now["version"].as_i64() > version.as_i64());
 
-    // The same again saw what is not there any more.
+    // The same request again names an outdated version.
     let (status, answer) = lab.label(&lab.visitor, &body).await;
     assert_eq!(status, StatusCode::CONFLICT);
     let first = &answer["changed"][0];
@@ -112,7 +112,7 @@ async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
 }
 
 #[tokio::test]
-async fn a_label_that_cannot_be_changes_nothing() {
+async fn an_invalid_label_changes_nothing() {
     let lab = lab().await;
     let episode = lab.episode(Outcome::Unknown, "").await;
     let version = lab.rows("").await[0]["label_version"].clone();
@@ -124,7 +124,7 @@ async fn a_label_that_cannot_be_changes_nothing() {
     let seen = json!({ "id": episode.id, "version": version });
     let too_many: Vec<Value> =
         (0..=1000).map(|_| json!({ "id": crate::domain::id::EpisodeId::new(), "version": 1 })).collect();
-    for (expected, said, body) in [
+    for (expected, message, body) in [
         (
             StatusCode::NOT_FOUND,
             "no episode",
@@ -137,7 +137,7 @@ async fn a_label_that_cannot_be_changes_nothing() {
     ] {
         let (status, answer) = lab.label(&lab.visitor, &body).await;
         assert_eq!(status, expected, "{answer}");
-        assert!(answer["error"].as_str().unwrap().contains(said), "{answer}");
+        assert!(answer["error"].as_str().unwrap().contains(message), "{answer}");
     }
     let audit = store.audit(Millis(0), 10).await.unwrap();
     assert_eq!(audit.len(), 5, "the log hears of each");
@@ -151,7 +151,7 @@ async fn a_label_that_cannot_be_changes_nothing() {
 }
 
 #[tokio::test]
-async fn who_may_only_look_is_offered_no_labels() {
+async fn a_viewer_gets_no_label_buttons() {
     let lab = lab().await;
     lab.episode(Outcome::Unknown, "").await;
     assert!(lab.table("").await.text().contains("id=\"bar\""));
@@ -161,9 +161,9 @@ async fn who_may_only_look_is_offered_no_labels() {
 }
 
 #[tokio::test]
-async fn what_the_address_gets_wrong_is_named() {
+async fn invalid_parameters_are_named() {
     let lab = lab().await;
-    for (query, status, told) in [
+    for (query, status, content) in [
         ("?outcome=won", StatusCode::BAD_REQUEST, "outcome: "),
         ("?q_from=2", StatusCode::BAD_REQUEST, "q_from: "),
         ("?run=run_01ARZ3NDEKTSV4RRFFQ69G5FAV", StatusCode::NOT_FOUND, "no finished score run"),
@@ -171,10 +171,10 @@ async fn what_the_address_gets_wrong_is_named() {
     ] {
         let reply = lab.table(query).await;
         assert_eq!(reply.status, status, "{query}");
-        assert!(reply.text().contains(told), "{query} {}", reply.text());
+        assert!(reply.text().contains(content), "{query} {}", reply.text());
     }
     let reply = lab.table("?page=9").await;
-    assert!(reply.status == StatusCode::OK && reply.text().contains("No episode fits"));
+    assert!(reply.status == StatusCode::OK && reply.text().contains("No episode matches"));
 }
 
 #[tokio::test]

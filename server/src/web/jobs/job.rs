@@ -1,4 +1,4 @@
-//! One job: how far it is, what it waits for and made, what it was told to do.
+//! One job: its progress, its inputs, its result and its spec.
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -51,7 +51,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-/// What may be done with it now, by who looks.
+/// The actions on it that the caller may take now.
 fn actions(request: &PageRequest, job: &Job) -> Markup {
     let form = |to: &str, class: &str, (name, hint): (&str, &str)| {
         html! {
@@ -64,17 +64,17 @@ fn actions(request: &PageRequest, job: &Job) -> Markup {
     html! {
         @match job.state {
             JobState::Queued | JobState::Running => {
-                @if request.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", ("Cancel", "Ends it, and the jobs that wait for it"))) }
+                @if request.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", ("Cancel", "Cancels the job and the jobs that wait for it"))) }
             },
             JobState::Failed | JobState::Cancelled => {
-                @if request.may(Page::RetryJob) { (form("retry", "primary", ("Try again", "Orders the same anew, and what waited for it"))) }
+                @if request.may(Page::RetryJob) { (form("retry", "primary", ("Try again", "Submits the same order again, with the jobs that waited for it"))) }
             },
             JobState::Succeeded => {},
         }
     }
 }
 
-/// What it made, once that is there.
+/// Its result, once it exists.
 async fn made_of(services: &Services, job: &Job) -> Result<Markup> {
     if job.state != JobState::Succeeded {
         return Ok(html! {});

@@ -30,7 +30,7 @@ use crate::{
 /// Jobs of a page.
 const SIZE: u32 = 100;
 
-/// After the `?`; a form that leaves a field alone sends it empty.
+/// The query; a form sends an unset field empty.
 #[derive(Default, Deserialize)]
 struct Parameters {
     #[serde(default)]
@@ -59,10 +59,10 @@ pub(in crate::web) async fn show(request: PageRequest) -> Answer {
     let live = jobs.iter().any(|job| !job.state.ended());
     let body = html! {
         h1 { "Jobs" }
-        p.lead { "What was submitted to all tasks, newest first." }
+        p.lead { "Jobs of all tasks, newest first." }
         (parameters.form(&tasks))
         @if jobs.is_empty() {
-            p.panel.empty { "No job is like this." }
+            p.panel.empty { "No job matches." }
         } @else {
             div.scroll { table {
                 thead { tr {
@@ -100,7 +100,7 @@ impl Parameters {
         };
         html! {
             form.filters method="get" action="/jobs" {
-                // Typed with suggestions: a list to choose from is of no use with a thousand tasks.
+                // A text field with suggestions: a drop-down list is unusable with a thousand tasks.
                 label { "Task" input type="search" name="task" value=(self.task) list="tasks" placeholder="all" maxlength="128"; }
                 datalist id="tasks" { @for (_, name) in tasks { option value=(name) {} } }
                 (choice("state", "State", &self.state, JobState::ALL.map(JobState::as_str).to_vec()))
@@ -111,7 +111,7 @@ impl Parameters {
     }
 }
 
-/// A word of few; nothing for none.
+/// One of a few words; empty for no filter.
 fn word<T>(field: &str, text: &str, read: fn(&str) -> Option<T>, words: &[&str]) -> Result<Option<T>> {
     if text.is_empty() {
         return Ok(None);
@@ -120,7 +120,7 @@ fn word<T>(field: &str, text: &str, read: fn(&str) -> Option<T>, words: &[&str])
 }
 
 fn row(job: &Job, names: &HashMap<&TaskId, &str>, now: Millis) -> Markup {
-    let said = if job.error.is_empty() { &job.message } else { &job.error };
+    let text = if job.error.is_empty() { &job.message } else { &job.error };
     html! { tr id=(job.id) {
         td { (state(job)) }
         td { (job.spec.kind().as_str()) }
@@ -132,7 +132,7 @@ fn row(job: &Job, names: &HashMap<&TaskId, &str>, now: Millis) -> Markup {
                 small.soft { " " (text::count(job.done)) " of " (text::count(job.total)) }
             }
         }
-        td.said { (link::text(said)) }
+        td.message { (link::text(text)) }
         td.number { (job.attempt) span.soft { " of " (job.max_attempts) } }
         td.number title=(text::stamp(job.created_at)) { (age(job.created_at, now)) }
     } }
@@ -199,11 +199,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_read_or_refused_with_those_there_are() {
+    fn words_are_parsed_or_refused_with_the_known_ones() {
         let read = |text| word("state", text, JobState::from_word, &JobState::ALL.map(JobState::as_str));
         assert_eq!((read("").unwrap(), read("failed").unwrap()), (None, Some(JobState::Failed)));
-        let told = read("done").unwrap_err();
-        assert_eq!(told.message(), "state: must be one of queued, running, succeeded, failed, cancelled");
+        let answer = read("done").unwrap_err();
+        assert_eq!(answer.message(), "state: must be one of queued, running, succeeded, failed, cancelled");
     }
 
     #[test]

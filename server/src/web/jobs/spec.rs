@@ -1,4 +1,4 @@
-//! A job's spec to read: every setting in a row, whatever the kind.
+//! A job's spec: every setting in a row, for any kind.
 
 use maud::{Markup, html};
 use serde_json::Value;
@@ -9,7 +9,7 @@ use crate::{
     web::artifacts::link,
 };
 
-/// Every setting, and the same as JSON.
+/// Every setting, and the spec as JSON.
 pub(super) fn table(spec: &JobSpec) -> Result<Markup> {
     let wrong = |error: serde_json::Error| Error::internal("showing a spec", error);
     let value = serde_json::to_value(spec).map_err(wrong)?;
@@ -17,14 +17,14 @@ pub(super) fn table(spec: &JobSpec) -> Result<Markup> {
     let mut rows = Vec::new();
     flatten("", &value, &mut rows);
     Ok(html! {
-        dl.facts.panel.settings { @for (name, said) in &rows { div { dt { (name) } dd { (link::text(said)) } } } }
+        dl.facts.panel.settings { @for (name, text) in &rows { div { dt { (name) } dd { (link::text(text)) } } } }
         details { summary { "As JSON" } pre.panel tabindex="0" { code { (raw) } } }
     })
 }
 
-/// Each leaf by its path, without the outer `spec`, which says nothing.
+/// Each leaf by its path, without the outer `spec`.
 fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
-    let leaf = |said: String| (path.replace('_', " "), said);
+    let leaf = |text: String| (path.replace('_', " "), text);
     match value {
         Value::Object(fields) => {
             for (name, value) in fields {
@@ -35,8 +35,8 @@ fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
         Value::Null => rows.push(leaf("–".to_owned())),
         Value::String(text) => rows.push(leaf(text.clone())),
         Value::Array(values) => {
-            let said = values.iter().map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned));
-            rows.push(leaf(said.collect::<Vec<_>>().join(", ")));
+            let text = values.iter().map(|value| value.as_str().map_or_else(|| value.to_string(), str::to_owned));
+            rows.push(leaf(text.collect::<Vec<_>>().join(", ")));
         }
         Value::Bool(_) | Value::Number(_) => rows.push(leaf(value.to_string())),
     }
@@ -58,10 +58,10 @@ mod tests {
             dataset_id: Some(dataset.clone()),
             spec: TrainSpec::default(),
         };
-        let said = table(&spec).unwrap().into_string();
+        let text = table(&spec).unwrap().into_string();
         for there in ["<dt>optim, batch</dt>", "<dt>encoder id</dt><dd>–</dd>", "<dt>kind</dt><dd>train</dd>"] {
-            assert!(said.contains(there), "{there} is not in {said}");
+            assert!(text.contains(there), "{there} is not in {text}");
         }
-        assert!(said.contains(&format!("href=\"/datasets/{dataset}\"")), "{said}");
+        assert!(text.contains(&format!("href=\"/datasets/{dataset}\"")), "{text}");
     }
 }

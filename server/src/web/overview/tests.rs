@@ -1,4 +1,4 @@
-//! Tests of the overview: what it shows of many tasks.
+//! The overview with many tasks.
 
 use gleaner_recording::TaskSpec;
 
@@ -9,7 +9,7 @@ use crate::{
     web::testing::{Client, Pages},
 };
 
-/// Pages over so many tasks, `fold_0000` and on; each tenth is called `pour_…`.
+/// Pages over this many tasks, `fold_0000` and on; each tenth is called `pour_…`.
 async fn with_tasks(count: usize) -> Pages {
     let pages = Pages::open(false).await;
     for number in 0..count {
@@ -51,7 +51,7 @@ async fn tasks_are_found_by_a_part_of_their_name() {
     assert!(found.contains("pour_0040") && !found.contains("fold_0001") && found.contains("value=\"POUR\""), "{found}");
     assert!(!found.contains("Page 1 of"));
     assert_eq!(text(&pages, "/?text=pour&format=json").await.matches("\"task\":").count(), 5);
-    assert!(text(&pages, "/?text=none%20such").await.contains("No task has this in its name"));
+    assert!(text(&pages, "/?text=none%20such").await.contains("No task name contains this text"));
 }
 
 #[tokio::test]

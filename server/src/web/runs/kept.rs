@@ -1,4 +1,4 @@
-//! What a selection keeps of a run: in all, of each cohort, of each episode.
+//! Counts of a selection: in total, by cohort, by episode.
 
 use std::cmp::Ordering;
 
@@ -15,7 +15,7 @@ use crate::{
     web::{artifacts::link, sheet::Sheet, text},
 };
 
-/// Episodes that the page shows; the rest is in the table for programs.
+/// Episodes shown on the page; the table for programs has all.
 const SHOWN: usize = 200;
 
 /// One episode under a selection.
@@ -68,7 +68,7 @@ pub(in crate::web) fn figures(what: &WhatIf) -> Markup {
     }
 }
 
-/// A part of a whole as a small bar; the numbers stand beside it.
+/// A share as a small bar; the numbers stand beside it.
 fn bar(part: u64, of: u64) -> Markup {
     #[expect(clippy::cast_precision_loss, reason = "for a picture")]
     let width = 100.0 * part as f64 / of.max(1) as f64;
@@ -79,7 +79,7 @@ fn bar(part: u64, of: u64) -> Markup {
     }
 }
 
-/// What is kept of each cohort.
+/// The counts by cohort.
 pub(in crate::web) fn cohorts(what: &WhatIf) -> Markup {
     html! {
         div.scroll { table {
@@ -101,7 +101,7 @@ pub(in crate::web) fn cohorts(what: &WhatIf) -> Markup {
     }
 }
 
-/// The same for programs.
+/// The same as a table for programs.
 pub(in crate::web) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
     let row = |(cohort, kept): (&String, &Kept)| {
         vec![
@@ -116,7 +116,7 @@ pub(in crate::web) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
     Sheet { name, columns, rows: what.cohorts.iter().map(row).collect() }
 }
 
-/// What is kept of the first episodes, and links to sort them.
+/// The counts of the first episodes, with links to sort them.
 pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, rows: &[Row]) -> Markup {
     let here = format!("/runs/{run}?{}", parameter(selection));
     let head = |key: Key, name: &str| {
@@ -157,7 +157,7 @@ pub(super) fn episode_sheet(run: &ScoreRunId, rows: Vec<Row>) -> Sheet {
     Sheet { name: format!("{run}-kept"), columns, rows: rows.into_iter().map(row).collect() }
 }
 
-/// All counts for programs.
+/// All counts, for programs.
 pub(super) fn counts(run: &ScoreRunId, what: &WhatIf) -> Value {
     let group = |kept: &Kept| {
         json!({
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_compared_exactly_and_ties_go_by_age() {
+    fn shares_are_compared_exactly_and_ties_by_age() {
         let rows = [row(1, 3, None), row(2, 6, Some(0.5)), row(0, 0, Some(0.1)), row(3, 4, Some(0.9))];
         let sorted = |key, descending| {
             let mut sorted = rows.to_vec();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_links_to_its_other_direction_and_shows_only_so_many() {
+    fn the_table_links_to_its_reverse_order_and_is_limited() {
         let (run, rows) = (ScoreRunId::new(), vec![row(1, 2, Some(0.25)); 250]);
         let order = Order { key: Key::Share, descending: true };
         let shown = episodes(&run, Selection::Beta(0.5), order, &rows).into_string();

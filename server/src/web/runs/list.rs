@@ -1,4 +1,4 @@
-//! A task's score runs, and the policies that were made in the end.
+//! A task's score runs, and the policies trained on them.
 
 use std::collections::HashMap;
 
@@ -30,7 +30,7 @@ use crate::{
     },
 };
 
-/// Jobs on the way that are shown.
+/// The number of pending jobs shown.
 const COMING: u32 = 50;
 
 #[derive(Deserialize)]
@@ -41,7 +41,7 @@ struct Parameters {
     table: Table,
 }
 
-/// Which of the page's tables a program wants.
+/// The table requested by a program.
 #[derive(Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Table {
@@ -50,7 +50,7 @@ enum Table {
     Policies,
 }
 
-/// Everything the page shows.
+/// The data of the page.
 struct RunsOfTask {
     runs: Vec<ScoreRun>,
     snapshots: HashMap<SnapshotId, Snapshot>,
@@ -71,16 +71,16 @@ pub(in crate::web) async fn show(request: PageRequest, Path(task): Path<String>)
     let name = task.spec.name.as_str();
     let body = html! {
         h1 { "Score runs" }
-        p.lead { "What each scoring of " (name) " found, newest first. Open a run to choose a threshold." }
+        p.lead { "Score runs of " (name) ", newest first. Open a run to choose a threshold." }
         @if made.runs.is_empty() && made.coming.is_empty() {
-            p.panel.empty { "No run yet. " code { "gleaner score" } " makes one." }
+            p.panel.empty { "No runs yet. Create one with " code { "gleaner score" } "." }
         } @else {
             (made.run_table())
             (sheet::links(&request))
         }
         h2 { "Policies" }
         @if made.policies.is_empty() {
-            p.panel.empty { "No policy was trained yet." }
+            p.panel.empty { "No policies yet." }
         } @else {
             (made.policy_table())
             p.formats { "This table as "
@@ -122,7 +122,7 @@ impl RunsOfTask {
         html! {
             div.scroll { table {
                 thead { tr {
-                    th { "Run" } th { "RunsOfTask (UTC)" } th.number { "Experts" } th.number { "Imperfect" } th { "Scored by" }
+                    th { "Run" } th { "Made (UTC)" } th.number { "Experts" } th.number { "Imperfect" } th { "Scored by" }
                     th { "Normaliser" } th { "Encoder" } th { "Datasets" }
                 } }
                 tbody {
@@ -159,7 +159,7 @@ impl RunsOfTask {
     fn policy_table(&self) -> Markup {
         html! {
             div.scroll { table {
-                thead { tr { th { "Policy" } th { "RunsOfTask (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
+                thead { tr { th { "Policy" } th { "Made (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
                 tbody { @for policy in &self.policies { tr {
                     td { (link::brief(policy.id.as_str(), Some(&format!("/policies/{}", policy.id)))) }
                     td.when { (text::time(policy.created_at)) }

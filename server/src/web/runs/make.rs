@@ -19,14 +19,15 @@ use crate::{
     },
 };
 
-/// What a form or a program names.
+/// The selection in a form or in JSON.
 #[derive(Deserialize)]
 struct Named<T> {
     beta: Option<T>,
     top_fraction: Option<T>,
 }
 
-/// Makes the dataset of a selection, or finds the one there is. A form leads to its page, JSON is answered with JSON.
+/// Makes the dataset of a selection, or returns the existing one. A form is redirected to its page, JSON is answered
+/// with JSON.
 pub(in crate::web) async fn make(page_request: PageRequest, Path(id): Path<String>, request: Request) -> Response {
     about([("score_run_id", id.as_str())], create(&page_request, &id, request).await)
 }
@@ -67,7 +68,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn forms_and_json_name_the_same() {
+    async fn forms_and_json_select_alike() {
         let form = "application/x-www-form-urlencoded";
         assert_eq!(read(form, "proof=x&beta=0.8").await.unwrap(), Selection::Beta(0.8));
         assert_eq!(read("application/json", "{\"beta\":0.8}").await.unwrap(), Selection::Beta(0.8));

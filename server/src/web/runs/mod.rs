@@ -1,4 +1,4 @@
-//! A task's score runs; one run, and what any threshold would keep of it; datasets made from there.
+//! A task's score runs; one run with the counts of any threshold; making datasets from it.
 
 mod contact;
 mod kept;

@@ -1,4 +1,4 @@
-//! What a run's addresses ask for: a selection, and the order of its episodes.
+//! The query of a run's pages: a selection, and the order of its episodes.
 
 use serde::Deserialize;
 
@@ -8,10 +8,10 @@ use crate::{
     web::{page_request::escaped, sheet::Format},
 };
 
-/// The threshold of a page that was asked for none.
+/// The default threshold.
 pub(super) const BETA: f64 = 0.8;
 
-/// After the `?`.
+/// The parameters of the address.
 #[derive(Debug, Default, Deserialize)]
 pub(super) struct RunParameters {
     beta: Option<String>,
@@ -20,7 +20,7 @@ pub(super) struct RunParameters {
     format: Option<Format>,
 }
 
-/// What episodes are sorted by.
+/// The columns to sort by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Key {
     /// Kept segments out of the episode's.
@@ -69,7 +69,7 @@ impl Order {
 }
 
 impl RunParameters {
-    /// Which segments are kept; the usual threshold if none is named.
+    /// The selection; the default threshold if none is named.
     ///
     /// # Errors
     /// Invalid, naming `beta` or `top_fraction`.
@@ -83,20 +83,20 @@ impl RunParameters {
         self.sort.as_deref().map_or(Ok(Order { key: Key::Share, descending: true }), Order::read)
     }
 
-    /// As what the answer is wanted, unless it is said.
+    /// The requested format, or the default.
     pub(super) fn format(&self, usual: Format) -> Format {
         self.format.unwrap_or(usual)
     }
 }
 
-/// The selection that two texts name, of which at most one is given.
+/// Parses a selection from two parameters, of which at most one is set.
 ///
 /// # Errors
 /// Invalid, naming `beta` or `top_fraction`.
 pub(super) fn selection(beta: Option<&str>, top_fraction: Option<&str>) -> Result<Option<Selection>> {
     match (beta, top_fraction) {
         (None, None) => Ok(None),
-        (Some(_), Some(_)) => Err(Error::invalid("top_fraction", "is given beside beta; give one of them")),
+        (Some(_), Some(_)) => Err(Error::invalid("top_fraction", "is set together with beta; set one of them")),
         (Some(beta), None) => {
             let beta = number("beta", beta)?;
             if !(0.0..=1.0).contains(&beta) {
@@ -117,10 +117,10 @@ pub(super) fn selection(beta: Option<&str>, top_fraction: Option<&str>) -> Resul
 fn number(field: &str, text: &str) -> Result<f64> {
     let read = text.trim().parse::<f64>().ok().filter(|number| number.is_finite());
     let shown: String = text.chars().take(32).collect();
-    read.ok_or_else(|| Error::invalid(field, format!("{shown:?} is no number; give one such as 0.8")))
+    read.ok_or_else(|| Error::invalid(field, format!("{shown:?} is not a number; use one such as 0.8")))
 }
 
-/// A selection as an address says it.
+/// A selection as a parameter of an address.
 pub(super) fn parameter(selection: Selection) -> String {
     match selection {
         Selection::Beta(beta) => format!("beta={}", escaped(&beta.to_string())),
@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_no_threshold_is_refused_by_name() {
+    fn invalid_thresholds_are_refused_by_name() {
         assert_eq!(selection(Some(" 0.75 "), None).unwrap(), Some(Selection::Beta(0.75)));
         assert_eq!(selection(None, Some("1")).unwrap(), Some(Selection::TopFraction(1.0)));
         assert_eq!(selection(None, None).unwrap(), None);
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn an_order_reads_what_it_writes() {
+    fn an_order_is_parsed_back() {
         for key in Key::ALL {
             for descending in [false, true] {
                 let order = Order { key, descending };

@@ -1,4 +1,4 @@
-//! One score run: its histogram under a threshold, and everything that follows the threshold.
+//! One score run: its histogram with a threshold, and all counts of the threshold.
 
 use std::sync::Arc;
 
@@ -57,7 +57,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-/// What a selection would keep: for programs, or the parts of the page that follow the slider.
+/// The counts of a selection: as JSON, or as the parts of the page that follow the slider.
 pub(in crate::web) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Answer {
     let parameters: RunParameters = request.parameters()?;
     let (selection, order) = (parameters.selection()?, parameters.order()?);
@@ -70,7 +70,7 @@ pub(in crate::web) async fn what_if(request: PageRequest, Path(id): Path<String>
     }
 }
 
-/// The histogram with its slider, and the way to a dataset.
+/// The histogram with its slider, and the button to make a dataset.
 async fn threshold(request: &PageRequest, summary: &Arc<Summary>, what: &WhatIf) -> Result<Markup> {
     let counts = summary.histogram(picture::BINS).await?;
     let run = &summary.run().id;
@@ -101,14 +101,14 @@ async fn threshold(request: &PageRequest, summary: &Arc<Summary>, what: &WhatIf)
                 }
             }
             @if beta.is_none() {
-                p.note { "Shown is what a top fraction keeps: " (link::selection(what.selection)) ". Move the slider for a β." }
+                p.note { "The shown top fraction: " (link::selection(what.selection)) ". Move the slider for a β." }
             }
             p #trouble.note.bad role="alert" hidden {}
         }
     })
 }
 
-/// What follows the threshold.
+/// The parts that follow the threshold.
 fn following(summary: &Summary, what: &WhatIf, order: Order) -> Markup {
     let run = &summary.run().id;
     let counts = format!("/runs/{run}/what-if?{}", parameter(what.selection));
@@ -147,11 +147,11 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
             dt { "Factors of o, m, a" }
             dd { @match run.modality_scale { Some([o, m, a]) => { (o) ", " (m) ", " (a) }, None => "1, 1, 1" } }
             dt { "Normaliser" }
-            dd { (run.normaliser) "; measured by the yardstick, " (format!("{:.3}", run.lo)) " is q = 0 and "
+            dd { (run.normaliser) "; with local scaling, " (format!("{:.3}", run.lo)) " is q = 0 and "
                 (format!("{:.3}", run.hi)) " is q = 1" }
             dt { "Episodes" } dd { (artifacts::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
             dt { "Encoder" } dd { (link::whole(run.encoder_id.as_str())) }
-            @if let Some(base) = &run.extends { dt { "Goes on from" } dd { (link::whole(base.as_str())) } }
+            @if let Some(base) = &run.extends { dt { "Extends" } dd { (link::whole(base.as_str())) } }
             dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }
         }
     }
