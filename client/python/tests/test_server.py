@@ -149,7 +149,9 @@ def test_a_job_with_a_key_is_queued_once_and_can_be_cancelled(client: gleaner.Cl
 
 
 def test_wrong_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -> None:
-    with pytest.raises(gleaner.InvalidArgument, match=r"pretrain\.preset: 'huge' is unknown; supported: tiny, small, base"):
+    with pytest.raises(
+        gleaner.InvalidArgument, match=r"pretrain\.preset: 'huge' is unknown; supported: tiny, small, base"
+    ):
         client.jobs.pretrain(TASK, preset="huge")
     with pytest.raises(gleaner.InvalidArgument, match="encoder_id"):
         client.jobs.score(TASK, "enc_missing")

@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_reported_whatever_is_kept_free() {
+    fn a_full_disk_is_reported_for_any_reserve() {
         let dir = tempfile::tempdir().unwrap();
         let free = Arc::new(AtomicU64::new(4096));
         let blobs = Blobs::open(dir.path()).unwrap().playing(&free);

@@ -121,7 +121,7 @@ async fn numbers_are_returned_by_field() {
     assert_eq!(numbers.action[0].values, [-0.0, -1.0, -2.0]);
 }
 
-/// A run with these q of imperfect episodes, each of a cohort of its own.
+/// A run with these q of imperfect episodes, each in its own cohort.
 async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
     testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
     let mut scores = Vec::new();
@@ -160,7 +160,7 @@ async fn a_summary_agrees_with_the_database() {
 }
 
 #[tokio::test]
-async fn an_empty_run_and_one_that_is_not_there() {
+async fn an_empty_run_and_a_missing_one() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[]).await;
     let summary = lab.curation.summary(&run).await.unwrap();
@@ -175,7 +175,7 @@ async fn an_empty_run_and_one_that_is_not_there() {
 }
 
 #[tokio::test]
-async fn who_asks_at_once_shares_one_read() {
+async fn concurrent_callers_share_one_read() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[&[0.5]]).await;
     let asked = futures::future::try_join_all((0..8).map(|_| lab.curation.summary(&run))).await.unwrap();

@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn files_without_a_recording_are_removed_whatever_the_limit() {
+    fn files_without_a_recording_are_removed_below_the_limit_too() {
         let dir = tempfile::tempdir().unwrap();
         let (kept, gone) = (cache(dir.path(), b"kept", 0), cache(dir.path(), b"gone", 5));
         let rules = Rules {

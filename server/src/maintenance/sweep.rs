@@ -30,7 +30,7 @@ use crate::{
 
 /// Days for which files without a row are left alone.
 const SAFE_DAYS: u32 = 1;
-/// The number of blobs that one sweep may always move to the trash, whatever their share.
+/// The number of blobs that one sweep may always move to the trash, for any share.
 const FEW: usize = 8;
 /// More than the lag of file times, which follow a coarser clock.
 const FILES_LAG: Duration = Duration::from_secs(1);

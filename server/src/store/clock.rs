@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_clock_set_under_a_running_server_jumps_by_what_it_did_not_run() {
+    async fn a_clock_set_under_a_running_server_jumps_by_the_difference() {
         let (_dir, store) = testing::store().await;
         let start = Millis(1_800_000_000_000);
         store.note_time(start, None).await.unwrap();

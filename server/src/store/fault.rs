@@ -75,7 +75,7 @@ mod tests {
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
         assert!(error.message().contains("disk is full") && error.to_string().contains("opening an upload"), "{error}");
         assert_eq!(store.tasks().await.unwrap().len(), 1, "reading still works");
-        // SQLite has rolled back by itself: the connection is not left in a transaction that is none.
+        // SQLite has rolled back by itself: the connection must not stay in the ended transaction.
         let again = store.insert_upload(&testing::upload(&task, &[7; 100]), None).await.err().map(|error| error.kind());
         assert!(matches!(again, None | Some(Kind::Exhausted)), "{again:?}");
         testing::run(&store, &format!("{pages}1000000")).await;

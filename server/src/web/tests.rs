@@ -135,7 +135,7 @@ async fn a_browser_signs_in_and_out() {
     assert_eq!(right.status, StatusCode::SEE_OTHER);
     assert_eq!(right.headers[LOCATION], "/deployments?x=1");
     let signed_in = Client { cookie: right.cookie(), proof: None, token: None };
-    assert!(signed_in.cookie != browser.cookie, "a name that was put there by somebody else is worth nothing");
+    assert!(signed_in.cookie != browser.cookie, "a planted name is worthless");
     assert!(!right.cookie().unwrap().contains("token"));
 
     let overview = pages.get(&signed_in, "/").await;
@@ -160,7 +160,7 @@ async fn an_ended_token_is_treated_as_no_token() {
         tokio::task::yield_now().await;
     }
     let after = pages.get(&viewer, "/").await;
-    assert_eq!(after.status, StatusCode::OK, "nobody is asked for a token here");
+    assert_eq!(after.status, StatusCode::OK, "no token is required here");
     assert!(!after.text().contains("Sign out"));
     let robot = format!("token={}", pages.token(Role::Robot).await.replace(' ', "+"));
     assert_eq!(pages.post(&browser, "/sign-in", (FORM, &robot)).await.status, StatusCode::FORBIDDEN);

@@ -73,21 +73,21 @@ async fn a_stop_drains_sessions_and_ends_them_at_the_announced_time() {
     let (engine, control) = engine(8, 8).await;
     drop(control);
     let stopping = CancellationToken::new();
-    let mut goes_on = Robot::open(&engine, &stopping).await;
+    let mut continues = Robot::open(&engine, &stopping).await;
     let mut closes = Robot::open(&engine, &stopping).await;
     let told = Millis::now();
     stopping.cancel();
     let begun = Instant::now();
-    for robot in [&mut goes_on, &mut closes] {
+    for robot in [&mut continues, &mut closes] {
         let heard = robot.answers.recv().await.unwrap().unwrap();
         let SessionOutput::Draining { close_at } = heard else { panic!("{heard:?}") };
         assert!(close_at >= told.after(DRAIN) && close_at <= Millis::now().after(DRAIN));
     }
-    goes_on.sees(1, &[]);
-    assert_eq!(goes_on.acts().await.0, 1, "it continues until then");
+    continues.sees(1, &[]);
+    assert_eq!(continues.acts().await.0, 1, "it continues until then");
     assert_eq!(closes.closes().await, (0, 0, 0));
     // From here on, the test waits for time only.
     tokio::time::pause();
-    assert_eq!(goes_on.fails().await.kind(), Kind::Unavailable);
+    assert_eq!(continues.fails().await.kind(), Kind::Unavailable);
     assert!(begun.elapsed() >= DRAIN && begun.elapsed() < IDLE);
 }
