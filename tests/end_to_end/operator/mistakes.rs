@@ -99,7 +99,7 @@ async fn the_database_of_another_lab_is_refused_and_set_aside() {
     lab.backdate();
     refused(lab.path()).await;
     let (_, text) = command(&["rebuild"], lab.path()).await;
-    assert!(text.contains("the database that was there is now"), "{text}");
+    assert!(text.contains("the previous database is now"), "{text}");
     let server = swept(lab.path(), &["--workers", "0"]).await;
     assert_eq!(ids(&mut Api::connect(&server).await).await, lab.ids());
     lab.nothing_is_lost();
@@ -139,7 +139,7 @@ async fn removed_sidecars_are_written_again() {
             tokio::task::yield_now().await;
         }
     };
-    tokio::time::timeout(std::time::Duration::from_secs(60), written).await.expect("sidecars are not written");
+    tokio::time::timeout(std::time::Duration::from_secs(60), written).await.expect("sidecars cannot be written");
 }
 
 /// The database is newer than the blobs: a lab's blobs restored out of order.

@@ -56,7 +56,7 @@ const labelling = (() => {
     changed.forEach((one) => page.apply(one));
     const first = changed[0];
     const others = changed.length > 1 ? ` and ${changed.length - 1} more` : '';
-    warn(`${first.by || 'Somebody'} labelled ${page.find(first.id).name} ${first.outcome} at ${first.at} UTC ` +
+    warn(`${first.by || 'Another person'} labelled ${page.find(first.id).name} ${first.outcome} at ${first.at} UTC ` +
       `meanwhile${others}. Nothing was changed.`,
       { text: `Label ${label.outcome} anyway`, act: () => send(asked, label) });
   }
