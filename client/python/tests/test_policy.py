@@ -90,7 +90,7 @@ def test_wrong_observations_are_refused_here_and_the_episode_goes_on(client: gle
             ({"images": {**right["images"], name: image[1:]}}, "is 15 × 16 × 3, the task has 16 × 16 × 3"),
             ({"proprioception": [1.0]}, r"proprioception: expected \d+ values, got 1"),
             ({"proprioception": right["proprioception"] * np.inf}, r"proprioception\[0\]: is .*inf, must be finite"),
-            ({"executed_action": [0.0]}, "executed_action: has 1 values"),
+            ({"executed_action": [0.0]}, "executed_action: expected 7 values, got 1"),
             ({"pose": [0.0]}, "supported: images, proprioception, depth"),
         ]
         for change, message in wrong:

@@ -3,13 +3,11 @@
 //! Three parties, two locks:
 //!
 //! - *naming*: find or put a blob, then commit the row that names it;
-//!
 //! - *removing*: check that no row names a blob, then remove it. Within the server the two exclude each other, so that
-//! a blob is never removed between the check and the row. Workers put blobs from their own processes, but only the
-//! server writes rows: at worst a blob is removed before it is named, and the worker tries again;
-//!
+//!   a blob is never removed between the check and the row. Workers put blobs from their own processes, but only the
+//!   server writes rows: at worst a blob is removed before it is named, and the worker tries again;
 //! - *copying*: another process (`backup`, `check`) that reads rows and then the blobs they name. Meanwhile the server
-//! removes no blob; a later sweep removes what stayed.
+//!   removes no blob; a later sweep removes what stayed.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},

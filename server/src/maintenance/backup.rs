@@ -3,13 +3,10 @@
 //! The order makes every result whole:
 //!
 //! 1. the server is kept from removing blobs, so that blobs named by the copied database stay until they are copied;
-//!
 //! 2. the database is copied first, in one read transaction, to a draft: a blob put later is named by no row of the
-//! copy; the other way round a row could name a blob that was put too late to be copied;
-//!
+//!    copy; the other way round a row could name a blob that was put too late to be copied;
 //! 3. each blob is copied to a draft, checked by its digest, and renamed to its place; a blob of an earlier backup is
-//! not copied again, unless it is to be verified and does not match its name;
-//!
+//!    not copied again, unless it is to be verified and does not match its name;
 //! 4. the database's draft is renamed over the earlier one, then the manifest is written.
 //!
 //! Interrupted before step 4, the folder still is the earlier backup, with more blobs. Open uploads are not part of a
