@@ -1,8 +1,8 @@
 //! Drive: closed-loop evaluation of a deployed policy in the embedded simulator, over the policy endpoint.
 //!
-//! One simulated episode is one session. By default in lock step: simulated time waits for the policy, so that the
-//! result says how good the policy is on any machine. In real time the episode is a robot in the control loop, and what
-//! is late is late. Knows nothing of training.
+//! One simulated episode is one session. By default it runs in lock step: simulated time waits for the policy, so that
+//! the result does not depend on the machine's speed. In real time the episode is a robot in the control loop, and late
+//! actions are late. Must not know training.
 
 mod driven;
 
@@ -21,43 +21,43 @@ use crate::session::{Session, observation};
 
 pub use driven::{Driven, DrivenEpisode};
 
-// Far longer than any policy takes; an evaluation must not wait for ever.
+// Far longer than any policy takes: an upper bound for an evaluation.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What to evaluate and how often.
+/// The settings of an evaluation.
 #[derive(Clone, Debug)]
 pub struct DrivePlan {
     /// The deployment's name.
     pub deployment: String,
     /// The simulated task.
     pub task: gleaner_sim::Task,
-    /// The simulator's settings; image size and rate must be those that the policy was trained on.
+    /// The simulator's settings; image size and rate must be those of the policy's training data.
     pub config: SimConfig,
     /// Number of episodes.
     pub episodes: u32,
-    /// Episode i starts from seed + i, so that two policies meet the same episodes.
+    /// Episode i starts from seed + i, so that two policies are evaluated on the same episodes.
     pub seed: u64,
     /// Episodes that run at the same time.
     pub sessions: usize,
     /// Run in real time; else in lock step.
     pub real_time: Option<RealTime>,
-    /// Have the server keep the episodes, labelled by the simulator's verdict.
+    /// Record the episodes, labelled by the simulator's verdict.
     pub record: Option<Recorded>,
 }
 
-/// How the server keeps what it records.
+/// The settings of recorded episodes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Recorded {
     /// The cohort of the episodes; empty: the deployment's name.
     pub cohort: String,
 }
 
-/// How patient a robot in real time is; unset: the [`ControlPlan`]'s own.
+/// Time limits of a robot in real time; unset: the [`ControlPlan`]'s defaults.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RealTime {
     /// How long the server may take to answer an observation.
     pub deadline: Option<Duration>,
-    /// How long the robot holds when no action is due before it is stopped.
+    /// How long the robot holds without a due action before it is stopped.
     pub hold_for: Option<Duration>,
 }
 
@@ -69,11 +69,11 @@ struct Run {
 }
 
 impl Client {
-    /// Runs simulated episodes against a deployment, several at a time, and says how they went. `on_episode`
-    /// is called as each one ends.
+    /// Runs simulated episodes against a deployment, several at a time, and returns their results. `on_episode` is
+    /// called as each one ends.
     ///
     /// # Errors
-    /// The first session that breaks ends the evaluation with its error.
+    /// The first session that fails ends the evaluation with its error.
     pub async fn drive(&self, plan: &DrivePlan, mut on_episode: impl FnMut(&DrivenEpisode)) -> Result<Driven> {
         let started = Instant::now();
         let spec = gleaner_sim::task_spec(plan.task, &plan.config);
@@ -185,7 +185,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_real_robots_times_are_the_tasks_unless_said() {
+    fn unset_real_time_limits_are_the_plans_defaults() {
         let plan = DrivePlan {
             deployment: "a@b".into(),
             task: gleaner_sim::Task::PickCube,

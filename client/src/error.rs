@@ -1,6 +1,6 @@
-//! What can go wrong on the client's side, each with what to do about it.
+//! The errors of the client library, each with its fix.
 //!
-//! Knows no command and prints nothing.
+//! Must not know commands, and prints nothing.
 
 use std::path::PathBuf;
 
@@ -12,36 +12,36 @@ use crate::reason;
 /// The result of every call of this library.
 pub type Result<T> = std::result::Result<T, ClientError>;
 
-/// Why a call did not do what was asked.
+/// Why a call failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ClientError {
-    /// There is no server at that address, or no way to it.
+    /// The server is unreachable at that address.
     #[error("cannot reach {url}: {problem}; is the server running there (gleaner-server serve)?")]
     Connect {
         /// The address.
         url: String,
-        /// What the transport said.
+        /// The transport's message.
         problem: String,
     },
-    /// The server said no. The message is the server's own and names the mend.
+    /// The server rejected the call. The message is the server's own and names the fix.
     #[error("{}", describe(.0))]
     Rejected(Box<tonic::Status>),
-    /// The file system refused.
+    /// The file system reported an error.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// Something the caller gave can't be used.
+    /// An argument is invalid.
     #[error("{0}")]
     Invalid(String),
-    /// A recording or a task specification can't be used.
+    /// A recording or a task specification is invalid.
     #[error(transparent)]
     Recording(#[from] RecordingError),
-    /// Bytes that arrived are not the bytes that were promised.
+    /// Received bytes differ from the announced digest.
     #[error("{what} arrived damaged: its BLAKE3 is {found}, expected {expected}; fetch it again")]
     Damaged {
         /// What was fetched.
@@ -51,24 +51,24 @@ pub enum ClientError {
         /// Digest found, hex.
         found: String,
     },
-    /// The server broke the contract of its own API.
+    /// The server violated the contract of its API.
     #[error("the server answered without {missing}; client and server may be of different versions")]
     Contract {
-        /// What the answer lacks.
+        /// The part missing from the answer.
         missing: &'static str,
     },
-    /// A session ended that nobody closed.
+    /// A session ended without a close.
     #[error("the session was lost: {0}; is the server still running?")]
     SessionLost(String),
-    /// The server could not answer an observation by its deadline. The session goes on.
+    /// The server did not answer an observation by its deadline. The session continues.
     #[error("the observation of stamp {stamp_ns} missed its deadline after {waited_us} µs; send the next one")]
     Missed {
-        /// The observation's.
+        /// The observation's stamp.
         stamp_ns: i64,
-        /// How long the server had it, in microseconds; 0 when it did not say.
+        /// How long the server had it, in microseconds; 0 when the server did not report it.
         waited_us: u64,
     },
-    /// A job ended, but did not succeed.
+    /// A job ended without success.
     #[error("{}", describe_job(.0))]
     JobEnded(Box<Job>),
 }
@@ -80,14 +80,13 @@ impl ClientError {
         move |source| Self::Io { path, source }
     }
 
-    /// The server's status code, when the server said no.
+    /// The server's status code, when the server rejected the call.
     #[must_use]
     pub fn code(&self) -> Option<tonic::Code> {
         if let Self::Rejected(status) = self { Some(status.code()) } else { None }
     }
 
-    /// Whether the same call may succeed when it is made again a little later: the connection broke, or
-    /// the server is starting or stopping.
+    /// Whether a retry a little later may succeed: the connection broke, or the server is starting or stopping.
     #[must_use]
     pub fn is_transient(&self) -> bool {
         match self {
@@ -109,8 +108,8 @@ impl From<tonic::Status> for ClientError {
     }
 }
 
-// A broken connection reaches us as Unavailable, or as Unknown, Internal or Cancelled with the transport's
-// error as its source. A status that the server itself sent has no source.
+// A broken connection arrives as Unavailable, Unknown, Internal or Cancelled with the transport's error as its source.
+// A status that the server itself sent has no source.
 fn is_transient(status: &tonic::Status) -> bool {
     match std::error::Error::source(status) {
         Some(source) => !reason::is_lasting(source),
@@ -128,7 +127,7 @@ fn describe(status: &tonic::Status) -> String {
             format!("the connection to the server broke ({}); is it still running? try again", reason::reason(source))
         }
         (false, None) => message.to_owned(),
-        (true, None) => format!("the server refused: {}", status.code().description()),
+        (true, None) => format!("the server rejected the call: {}", status.code().description()),
     }
 }
 
@@ -147,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_servers_message_is_passed_on_as_it_is() {
+    fn the_servers_message_is_passed_on_unchanged() {
         let error = ClientError::from(tonic::Status::invalid_argument("beta: 1.5 is outside [0, 1]"));
         assert_eq!(error.to_string(), "beta: 1.5 is outside [0, 1]");
         assert!(!error.is_transient());
@@ -163,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failed_job_says_why() {
+    fn a_failed_job_returns_its_error() {
         let job =
             Job { id: "job_1".into(), state: JobState::Failed.into(), error: "out of memory".into(), ..Job::default() };
         assert_eq!(ClientError::JobEnded(Box::new(job)).to_string(), "job job_1 failed: out of memory");

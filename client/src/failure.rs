@@ -1,4 +1,4 @@
-//! Why a command did not do what was asked. Every failure is one line with the mend, and exit code 1.
+//! The failure of a command: one line with the fix, and exit code 1.
 
 use std::io;
 
@@ -14,7 +14,7 @@ pub(crate) enum Failure {
     Client(#[from] ClientError),
     #[error(transparent)]
     Sim(#[from] SimError),
-    /// Standard output or the terminal refused.
+    /// Writing to standard output or the terminal failed.
     #[error("output: {0}")]
     Output(#[from] io::Error),
     #[error("{0}")]
@@ -26,7 +26,7 @@ impl Failure {
         Self::Told(message.into())
     }
 
-    /// Whether the connection was there and broke.
+    /// Whether an open connection broke.
     pub(crate) fn is_lost_connection(&self) -> bool {
         matches!(self, Self::Client(ClientError::Rejected(status)) if std::error::Error::source(status).is_some())
     }
@@ -48,7 +48,7 @@ impl From<RecordingError> for Failure {
     }
 }
 
-/// What an answer must hold, or the failure that says it does not.
+/// A required part of an answer, or the failure that names it.
 pub(crate) fn present<T>(part: Option<T>, missing: &'static str) -> Result<T> {
     part.ok_or(Failure::Client(ClientError::Contract { missing }))
 }

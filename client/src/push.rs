@@ -1,4 +1,4 @@
-//! Push: many recordings at once, each uploaded by itself; one that fails does not stop the others.
+//! Push: uploads of several recordings at a time. A failed upload does not stop the others.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -21,26 +21,26 @@ pub struct PushItem {
     pub label: UploadLabel,
 }
 
-/// How one item went.
+/// The result of one item.
 #[derive(Debug)]
 pub struct PushResult {
     /// The recording.
     pub path: PathBuf,
-    /// What became of it.
+    /// The uploaded episode or the error.
     pub result: Result<Uploaded>,
 }
 
-/// How all items went.
+/// The results of all items.
 #[derive(Debug)]
 pub struct Pushed {
-    /// One for each item, in the items' order.
+    /// One per item, in the items' order.
     pub results: Vec<PushResult>,
-    /// From the first to the last.
+    /// The duration of the whole push.
     pub wall: Duration,
 }
 
 impl Pushed {
-    /// Bytes of the recordings that were sent, without those that were there already.
+    /// Bytes of the sent recordings, without those the server already had.
     #[must_use]
     pub fn sent_bytes(&self) -> u64 {
         self.uploaded().filter(|uploaded| !uploaded.existed).map(|uploaded| uploaded.episode.size_bytes).sum()
@@ -51,25 +51,25 @@ impl Pushed {
         self.results.iter().filter_map(|item| item.result.as_ref().ok())
     }
 
-    /// The recordings that it does not, each with the reason.
+    /// The failed recordings with their errors.
     pub fn failures(&self) -> impl Iterator<Item = (&PushResult, &ClientError)> {
         self.results.iter().filter_map(|item| item.result.as_ref().err().map(|error| (item, error)))
     }
 }
 
-/// What happens while pushing; `item` is an index into the items.
+/// Progress of a push; `item` is an index into the items.
 #[derive(Clone, Copy, Debug)]
 pub enum PushEvent {
-    /// So many bytes of this item are sent.
+    /// This many bytes of the item are sent.
     Sent {
-        /// Which item.
+        /// The item's index.
         item: usize,
         /// Bytes from its beginning.
         bytes: u64,
     },
-    /// This item is done, well or not.
+    /// The item is done or has failed.
     Done {
-        /// Which item.
+        /// The item's index.
         item: usize,
     },
 }

@@ -1,17 +1,17 @@
-//! Patience with a connection that broke: waits that grow, and an end to them.
+//! Retries over a broken connection: growing pauses and a limit.
 
 use std::time::Duration;
 
-/// Tries left, for calls that are safe to make again.
+/// The remaining retries of calls that are safe to repeat.
 #[derive(Debug)]
 pub(crate) struct Patience {
     failures: u32,
     endless: bool,
 }
 
-// 0.1 + 0.2 + 0.4 + ... + 6.4 s: about 13 s in which a server can restart.
+// 0.1 + 0.2 + 0.4 + ... + 6.4 s: about 13 s, in which a server can restart.
 const TRIES: u32 = 7;
-// Without an end waits grow to 1.6 s, so that a server that is back is soon found.
+// Endless retries pause for at most 1.6 s, so that a server is soon found again.
 const LONGEST: u32 = 4;
 
 impl Patience {
@@ -19,17 +19,17 @@ impl Patience {
         Self { failures: 0, endless: false }
     }
 
-    /// Without an end; the caller knows when to give up.
+    /// Without a limit; the caller decides when to give up.
     pub(crate) fn endless() -> Self {
         Self { failures: 0, endless: true }
     }
 
-    /// Something was achieved: the count begins anew.
+    /// Progress was made: the count starts again.
     pub(crate) fn restore(&mut self) {
         self.failures = 0;
     }
 
-    /// How long to wait before the next try; `None` when it is time to give up.
+    /// The pause before the next try; `None` when it is time to give up.
     pub(crate) fn next_wait(&mut self) -> Option<Duration> {
         let wait = Duration::from_millis(100 << self.failures.min(if self.endless { LONGEST } else { TRIES }));
         self.failures = self.failures.saturating_add(1);
@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn waits_grow_end_and_begin_anew_after_progress() {
+    fn pauses_grow_end_and_start_again_after_progress() {
         let mut patience = Patience::new();
         let waits: Vec<u128> = std::iter::from_fn(|| patience.next_wait()).map(|wait| wait.as_millis()).collect();
         assert_eq!(waits, [100, 200, 400, 800, 1600, 3200, 6400]);
@@ -52,7 +52,7 @@ mod tests {
     }
 
     #[test]
-    fn without_an_end_waits_grow_to_a_bound() {
+    fn endless_pauses_grow_to_a_bound() {
         let mut patience = Patience::endless();
         let waits: Vec<u128> = (0..7).filter_map(|_| patience.next_wait()).map(|wait| wait.as_millis()).collect();
         assert_eq!(waits, [100, 200, 400, 800, 1600, 1600, 1600]);

@@ -1,4 +1,4 @@
-//! Session: a robot's running episode against a deployed policy; observations in, actions out.
+//! Session: a robot's running episode on a deployed policy; observations in, actions out.
 
 use bytes::Bytes;
 use futures::StreamExt as _;
@@ -15,10 +15,10 @@ use tonic::Streaming;
 
 use crate::connection::Client;
 use crate::error::{ClientError, Result};
-use crate::robot::Line;
+use crate::robot::SessionChannel;
 
 /// One running episode in lock step: each observation waits for its action. The server keeps its history; drop it to
-/// abandon the episode. For a robot, whose time does not wait, there is [`Client::control`].
+/// abandon the episode. For a robot in real time, use [`Client::control`].
 #[derive(Debug)]
 pub struct Session {
     requests: mpsc::Sender<Request>,
@@ -37,13 +37,13 @@ impl Session {
         Self::open_with(client, SessionOpen { deployment: deployment.to_owned(), ..SessionOpen::default() }).await
     }
 
-    /// Opens a session as the message says: at which rate, with which deadline, recorded or not, for which cohort.
+    /// Opens a session with all settings of the message: rate, deadline, recording, cohort.
     ///
     /// # Errors
-    /// As [`Session::open`]; also for a control rate that makes no sense.
+    /// As [`Session::open`]; also for an invalid control rate.
     pub async fn open_with(client: &Client, open: SessionOpen) -> Result<Self> {
         let (requests, outgoing) = mpsc::channel(1);
-        // Before the call: the server may want to see it before it answers at all.
+        // Before the call: the server may wait for it before it answers.
         send(&requests, Request::Open(open)).await;
         let outgoing = ReceiverStream::new(outgoing).map(|message| SessionRequest { message: Some(message) });
         let mut responses = client.policies().session(outgoing).await?.into_inner();
@@ -61,18 +61,18 @@ impl Session {
         &self.opened
     }
 
-    /// Whether the server has said that it is stopping: the session is answered for a little while yet.
+    /// Whether the server has announced that it is stopping; it still answers this session until it closes it.
     #[must_use]
     pub fn draining(&self) -> bool {
         self.draining
     }
 
-    /// Sends an observation and waits for the actions that answer it: one control period each, from the
-    /// observation's stamp on.
+    /// Sends an observation and waits for the actions that answer it: one per control period, from the observation's
+    /// stamp on.
     ///
     /// # Errors
-    /// [`ClientError::Missed`]: not by its deadline; the session goes on. [`ClientError::Rejected`]: the observation
-    /// does not fit the task (the message names the field), or the session broke.
+    /// [`ClientError::Missed`]: not by its deadline; the session continues. [`ClientError::Rejected`]: the observation
+    /// does not fit the task (the message names the field), or the session failed.
     pub async fn act(&mut self, observation: Observation) -> Result<SessionAction> {
         send(&self.requests, Request::Observation(observation)).await;
         match self.answer().await? {
@@ -87,7 +87,7 @@ impl Session {
         }
     }
 
-    /// Ends the episode; how it went, nobody knows.
+    /// Ends the episode with an unknown outcome.
     ///
     /// # Errors
     /// As [`Session::close_as`].
@@ -95,11 +95,11 @@ impl Session {
         self.close_as(Outcome::Unknown).await
     }
 
-    /// Ends the episode, and says how it went. One that was to be recorded is stored when this returns, and named by
-    /// its id, unless it has less than two steps.
+    /// Ends the episode with this outcome. A recorded episode is stored when this returns, and its id returned, unless
+    /// it has fewer than two steps.
     ///
     /// # Errors
-    /// [`ClientError::Rejected`] when the session broke, or its recording can't be kept.
+    /// [`ClientError::Rejected`] when the session failed, or its recording can't be stored.
     pub async fn close_as(mut self, outcome: Outcome) -> Result<SessionClosed> {
         send(&self.requests, Request::Close(SessionClose { outcome: outcome.into() })).await;
         match self.answer().await? {
@@ -110,7 +110,7 @@ impl Session {
         }
     }
 
-    /// The next message but for the notice that the server is stopping, which is remembered.
+    /// The next message, without the announcement of a stop, which sets `draining`.
     async fn answer(&mut self) -> Result<Response> {
         loop {
             match next(&mut self.responses).await? {
@@ -122,14 +122,14 @@ impl Session {
         }
     }
 
-    /// Both directions, for one who does not go in lock step.
-    pub(crate) fn into_line(self) -> Line {
+    /// Both directions, for callers that do not run in lock step.
+    pub(crate) fn into_channel(self) -> SessionChannel {
         let responses = self.responses.map(|response| message(response?));
-        Line { opened: self.opened, requests: self.requests, responses: responses.boxed() }
+        SessionChannel { opened: self.opened, requests: self.requests, responses: responses.boxed() }
     }
 }
 
-// When the server has ended the stream this finds no taker; the reason then comes with the next response.
+// Fails when the server has ended the stream; the reason arrives with the next response.
 async fn send(requests: &mpsc::Sender<Request>, message: Request) {
     let _ = requests.send(message).await;
 }
@@ -143,18 +143,18 @@ fn message(response: SessionResponse) -> Result<Response> {
     response.message.ok_or(ClientError::Contract { missing: "a session message" })
 }
 
-/// Puts an observation together from one step's frames, in the layout of [`gleaner_recording::FrameBytes`],
-/// and its M proprioception values. Images go raw.
+/// Builds an observation from one step's frames, in the layout of [`gleaner_recording::FrameBytes`], and its M
+/// proprioception values. Images are sent raw.
 ///
 /// # Errors
-/// [`ClientError::Invalid`] when the frames are not of the task's sizes.
+/// [`ClientError::Invalid`] when the frames do not have the task's sizes.
 pub fn observation(spec: &TaskSpec, stamp_ns: i64, frames: Vec<u8>, proprioception: Vec<f32>) -> Result<Observation> {
     let expected = frame_bytes_per_step(spec);
     if frames.len() != expected {
         return Err(ClientError::Invalid(format!(
-            "frames: {} bytes, but one step of task {} has {expected}",
-            frames.len(),
-            spec.name
+            "frames: expected {expected} bytes (one step of task {}), got {} bytes",
+            spec.name,
+            frames.len()
         )));
     }
     let mut rest = Bytes::from(frames);
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_are_cut_into_the_tasks_cameras() {
+    fn frames_are_split_into_the_tasks_cameras() {
         let built = observation(&spec(), 7, (0..16).collect(), vec![0.5]).unwrap();
         let sizes: Vec<_> = built
             .cameras
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_another_size_are_refused() {
+    fn frames_of_the_wrong_size_are_rejected() {
         let error = observation(&spec(), 7, vec![0; 15], vec![0.5]).unwrap_err();
         assert!(error.to_string().contains("15 bytes") && error.to_string().contains("16"), "{error}");
     }

@@ -1,6 +1,6 @@
-//! Upload: one recording to the server, hashed, in pieces, resumed when the connection breaks.
+//! Upload of one recording to the server: hashed, in pieces, resumed when the connection breaks.
 //!
-//! Knows one file at a time; many at once is `push`'s concern.
+//! Handles one file; `push` handles many.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -21,25 +21,25 @@ use pieces::{Pieces, ReadFailure};
 
 pub(crate) mod pieces;
 
-/// The label an episode is uploaded with.
+/// The label of an uploaded episode.
 #[derive(Clone, Debug)]
 pub struct UploadLabel {
-    /// How the attempt ended.
+    /// The outcome of the attempt.
     pub outcome: Outcome,
-    /// Free-form tag of where it comes from; may be empty.
+    /// Free-form tag of the episode's origin; may be empty.
     pub cohort: String,
-    /// Who says so; may be empty.
+    /// The author of the label; may be empty.
     pub author: String,
 }
 
 /// A recording that the server now holds.
 #[derive(Clone, Debug)]
 pub struct Uploaded {
-    /// The episode it became, or was already.
+    /// The new or existing episode.
     pub episode: Episode,
-    /// What the inspection found; `None` when the episode was there already.
+    /// The inspection's report; `None` when the episode existed before.
     pub report: Option<Report>,
-    /// The task already held this very content under this label.
+    /// The task already held this content under this label.
     pub existed: bool,
 }
 
@@ -47,13 +47,12 @@ pub struct Uploaded {
 pub(crate) type Progress = Arc<dyn Fn(u64) + Send + Sync>;
 
 impl Client {
-    /// Uploads a recording (MCAP) to a task (name or id) under a label. `progress` is called with the bytes
-    /// sent so far; the number falls back when the connection breaks and the upload resumes.
+    /// Uploads a recording (MCAP) to a task (name or id) under a label. `progress` is called with the bytes sent so
+    /// far; the number falls back when the connection breaks and the upload resumes.
     ///
     /// # Errors
-    /// [`ClientError::Io`] when the file can't be read, [`ClientError::Rejected`] with the server's reason
-    /// (the codes of `StartUpload` and `FinishUpload`), or the last error once patience with a broken
-    /// connection has run out.
+    /// [`ClientError::Io`] when the file can't be read, [`ClientError::Rejected`] with the server's reason (the codes
+    /// of `StartUpload` and `FinishUpload`), or the last error once retries are exhausted.
     pub async fn upload(
         &self,
         task: &str,
@@ -85,18 +84,18 @@ impl Client {
 #[derive(Clone, Debug)]
 enum Stage {
     Unopened,
-    // How much is on disk is unknown after a failure, until the server is asked.
+    // After a failure the size on the server's disk is unknown until the server is asked.
     Open { id: String, committed: Option<u64> },
 }
 
 enum Step {
     Done(Box<Uploaded>),
     Forward,
-    // Did not work, but another try from `stage` may.
+    // A failure; a retry from `stage` may succeed.
     Back(ClientError),
 }
 
-// How often an upload that is not open any more is begun anew without a pause.
+// How many times in a row a closed upload is restarted without a pause.
 const RESTARTS: u32 = 3;
 
 struct Upload {
@@ -186,10 +185,10 @@ impl Upload {
                 Ok(Step::Forward)
             }
             Ok(_) => Err(ClientError::Invalid(format!(
-                "{}: the file became shorter while it was sent; push it again once it is whole",
+                "{}: the file became shorter while it was sent; push it again once it is complete",
                 self.path.display()
             ))),
-            // InvalidArgument: an older stream of ours was still being written when this one began.
+            // InvalidArgument: an older stream of this client was still being written when this one began.
             Err(status) => self.after(status, &[Code::NotFound, Code::InvalidArgument]),
         }
     }
@@ -201,12 +200,12 @@ impl Upload {
                 let episode = reply.episode.ok_or(ClientError::Contract { missing: "an episode" })?;
                 Ok(Step::Done(Box::new(Uploaded { episode, report: reply.report, existed: false })))
             }
-            // NotFound: an earlier finish arrived, only its answer was lost; opening again finds the episode.
+            // NotFound: an earlier finish succeeded but its answer was lost; reopening finds the episode.
             Err(status) => self.after(status, &[Code::NotFound]),
         }
     }
 
-    // What a failed call means for the upload. `recoverable` are the codes that another try can mend.
+    // Maps a failed call to the upload's next step. `recoverable`: the codes that a retry can fix.
     fn after(&mut self, status: tonic::Status, recoverable: &[Code]) -> Result<Step> {
         let code = status.code();
         let error = ClientError::from(status);
@@ -214,7 +213,7 @@ impl Upload {
             return Err(error);
         }
         if code == Code::NotFound && self.restarts < RESTARTS {
-            // It has ended or was forgotten, and opening it tells which: that is no reason to wait.
+            // It has ended or expired; reopening it finds out which, without a pause.
             self.restarts += 1;
             self.stage = Stage::Unopened;
             return Ok(Step::Forward);

@@ -1,4 +1,4 @@
-//! Watch: a job's changes and metrics as they come, through broken connections, until it has ended.
+//! Watch: a job's changes and metrics as they arrive, across broken connections, until it ends.
 
 use gleaner_proto::v1::{Job, JobState, WatchJobRequest, WatchJobResponse};
 
@@ -16,17 +16,17 @@ pub fn has_ended(state: JobState) -> bool {
 }
 
 impl Client {
-    /// Follows a job until it has ended, however it ends, and returns it. Each event carries the job as it is
-    /// now and the metrics that are new. A broken connection is mended, after which metrics may come twice.
+    /// Follows a job until it ends and returns it. Each event carries the current job and its new metrics. A broken
+    /// connection is reopened, after which metrics may repeat.
     ///
     /// # Errors
-    /// [`ClientError::Rejected`] when there is no such job, or the last error once patience has run out.
+    /// [`ClientError::Rejected`] when there is no such job, or the last error once retries are exhausted.
     pub async fn watch(&self, job_id: &str, mut on_event: impl FnMut(&WatchJobResponse)) -> Result<Job> {
         let mut patience = Patience::new();
         loop {
             let error = match self.watch_once(job_id, &mut on_event, &mut patience).await {
                 Ok(Some(job)) => return Ok(job),
-                // The stream ended before the job did: the server is going down.
+                // The stream ended before the job: the server is stopping.
                 Ok(None) => ClientError::Contract { missing: "the job's end" },
                 Err(error) if error.is_transient() => error,
                 Err(error) => return Err(error),
@@ -38,7 +38,7 @@ impl Client {
         }
     }
 
-    /// As [`Client::watch`], and an error unless the job succeeds.
+    /// As [`Client::watch`], with an error unless the job succeeds.
     ///
     /// # Errors
     /// [`ClientError::JobEnded`] when it failed or was cancelled; else as for [`Client::watch`].

@@ -3,7 +3,7 @@
 mod access;
 mod children;
 mod connections;
-mod keeping;
+mod maintenance;
 mod policies;
 mod telemetry;
 mod tls;
@@ -18,7 +18,7 @@ pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
     children::{WorkerConfig, worker_environment},
     connections::ConnectionsConfig,
-    keeping::{BackupConfig, CheckConfig, KeepingCommand, KeepingConfig, RebuildConfig, RestoreConfig},
+    maintenance::{BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, RebuildConfig, RestoreConfig},
     policies::PoliciesConfig,
     telemetry::TelemetryConfig,
     tls::{TlsClientConfig, TlsCommand, TlsConfig, TlsFolderConfig, TlsServerConfig},
@@ -58,7 +58,7 @@ pub enum Command {
     Serve(Box<ServeConfig>),
     /// Maintain a data folder.
     #[command(flatten)]
-    Keep(KeepingCommand),
+    Keep(MaintenanceCommand),
     /// Create, list and revoke access tokens.
     Token(TokenConfig),
     /// Create and renew TLS certificates.
@@ -103,7 +103,7 @@ pub struct ServeConfig {
     pub uploads: UploadsConfig,
     /// Retention and disk space.
     #[command(flatten)]
-    pub keeping: KeepingConfig,
+    pub maintenance: MaintenanceConfig,
     /// Workers.
     #[command(flatten)]
     pub jobs: JobsConfig,
@@ -214,7 +214,7 @@ impl ServeConfig {
         self.connections.validate()?;
         self.telemetry.validate(self.access.tls_cert.is_some())?;
         self.limits.recordings.validate()?;
-        self.keeping.validate()?;
+        self.maintenance.validate()?;
         self.policies.validate()
     }
 }
@@ -263,7 +263,7 @@ mod tests {
             ("--policy-batch", "0"),
             ("--policy-batch-wait", "0.6"),
             ("--policy-batch-wait", "NaN"),
-            ("--policy-awake-us", "100001"),
+            ("--policy-spin-us", "100001"),
             ("--session-idle-seconds", "0"),
             ("--drain-seconds", "3601"),
         ] {

@@ -1,4 +1,4 @@
-//! The gleaner server. `run` builds the rooms, hands each what it needs, and serves until told to stop.
+//! The gleaner server. `run` builds the services, hands each what it needs, and serves until told to stop.
 //!
 //! Floors: `service` and `wire` over `ingest`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain` and
 //! `error`. Calls go down, never up. `worker` is the other process of this binary: a client of this server.
@@ -15,8 +15,9 @@ pub mod fail_point;
 pub mod file_limit;
 pub mod ingest;
 pub mod jobs;
-pub mod keeping;
 pub mod lock;
+pub mod maintenance;
+mod model_cache;
 pub mod policies;
 pub mod rollouts;
 mod scorers;
@@ -45,7 +46,7 @@ use crate::{
     config::ServeConfig,
     error::{Error, Result},
     lock::DataLock,
-    service::Rooms,
+    service::Services,
 };
 
 /// The addresses to serve on, bound.
@@ -144,12 +145,12 @@ pub async fn run(
         // Before anything is counted.
         telemetry::metrics::recorder()?;
     }
-    let rooms = Rooms::open(config, listeners.for_workers()?).await?;
-    let (tokens, _refreshing) = TokenCache::open_refreshed(rooms.store.clone()).await?;
+    let services = Services::open(config, listeners.for_workers()?).await?;
+    let (tokens, _refreshing) = TokenCache::open_refreshed(services.store.clone()).await?;
     let (pages, tls) = (listeners.pages.take(), listeners.tls.clone());
-    let _pages = pages.map(|listener| web::open(rooms.clone(), listener, tls, tokens.clone())).transpose()?;
-    let served = service::serve(&rooms, listeners, tokens, stop).await;
-    rooms.close().await;
+    let _pages = pages.map(|listener| web::open(services.clone(), listener, tls, tokens.clone())).transpose()?;
+    let served = service::serve(&services, listeners, tokens, stop).await;
+    services.close().await;
     tracing::info!("stopped");
     served
 }

@@ -1,6 +1,6 @@
-//! One server for each data folder: two would both own its database, its uploads and its jobs.
+//! One server per data folder: two would both own its database, uploads and jobs.
 //!
-//! The lock is the system's, on an open file, so that nothing is left to clear away however a server ends.
+//! The system's lock on an open file: it is released however a server ends.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -12,17 +12,17 @@ use crate::{
     error::{Error, Result},
 };
 
-/// A data folder that is ours until this is dropped.
+/// A locked data folder, released on drop.
 #[derive(Debug)]
 pub struct DataLock {
     _held: File,
 }
 
 impl DataLock {
-    /// Takes a data folder, which is made if missing.
+    /// Locks a data folder, which is created if missing.
     ///
     /// # Errors
-    /// Precondition when another server has it, or it cannot be used.
+    /// Precondition when another server holds it, or it cannot be used.
     pub fn take(data_dir: &Path) -> Result<Self> {
         let shown = data_dir.display();
         let unusable =
@@ -42,7 +42,7 @@ impl DataLock {
     }
 }
 
-/// Makes a folder whose name is on disk too, and those around it.
+/// Creates a folder and its missing parents, and syncs their names.
 fn make(folder: &Path) -> std::io::Result<()> {
     let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     if !parent.is_dir() {
@@ -68,7 +68,7 @@ mod tests {
         assert!(message.contains(&folder.display().to_string()) && message.contains("--data-dir"), "{message}");
         DataLock::take(&dir.path().join("other")).unwrap();
         drop(first);
-        // A child that another test has just forked holds it too, until it becomes another program.
+        // A child that another test has just forked holds the lock, too, until it executes its program.
         let begun = std::time::Instant::now();
         while let Err(error) = DataLock::take(&folder) {
             assert!(begun.elapsed() < std::time::Duration::from_secs(10), "{error}");
@@ -77,7 +77,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_cannot_be_made_is_named() {
+    fn a_folder_that_cannot_be_created_is_named() {
         let file = tempfile::NamedTempFile::new().unwrap();
         let message = DataLock::take(&file.path().join("lab")).unwrap_err().message().to_owned();
         assert!(message.contains("lab"), "{message}");

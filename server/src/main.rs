@@ -10,7 +10,7 @@ use clap::Parser as _;
 use gleaner_recording::printable::{self, Escape, EscapingWriter};
 use gleaner_server::{
     Listeners,
-    config::{AuditConfig, Cli, Command, KeepingCommand, ServeConfig, TlsConfig, TokenConfig},
+    config::{AuditConfig, Cli, Command, MaintenanceCommand, ServeConfig, TlsConfig, TokenConfig},
     data_folder,
     error::{Error, Result},
     file_limit, ingest,
@@ -78,14 +78,14 @@ fn main() -> ExitCode {
 }
 
 #[tokio::main(flavor = "current_thread")]
-async fn keep(command: KeepingCommand) -> Result<bool> {
+async fn keep(command: MaintenanceCommand) -> Result<bool> {
     survive_file_limit();
     let escape = match &command {
-        KeepingCommand::Check(config) if config.json => Escape::Json,
-        KeepingCommand::Check(_) | KeepingCommand::Backup(_) => Escape::Lines,
-        KeepingCommand::Restore(_) | KeepingCommand::Rebuild(_) => Escape::Lines,
+        MaintenanceCommand::Check(config) if config.json => Escape::Json,
+        MaintenanceCommand::Check(_) | MaintenanceCommand::Backup(_) => Escape::Lines,
+        MaintenanceCommand::Restore(_) | MaintenanceCommand::Rebuild(_) => Escape::Lines,
     };
-    gleaner_server::keeping::run(&command, &mut output(escape)).await
+    gleaner_server::maintenance::run(&command, &mut output(escape)).await
 }
 
 #[tokio::main(flavor = "current_thread")]

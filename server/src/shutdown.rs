@@ -1,4 +1,4 @@
-//! When to stop, and that it ends: the signals that ask for it, and a limit on how long it takes.
+//! Stopping the server: the signals that request it, and a limit on how long it takes.
 
 use std::{
     io,
@@ -9,10 +9,10 @@ use std::{
 use rustix::process::{Signal, getpid, kill_process};
 use tokio::signal::unix::{SignalKind, signal};
 
-/// Ends at the next SIGINT or SIGTERM, counted from now on and not from when it is awaited.
+/// Completes at the next SIGINT or SIGTERM, counted from the call and not from the first poll.
 ///
 /// # Errors
-/// When the signals cannot be listened to.
+/// When the signal handlers cannot be installed.
 pub fn requested() -> io::Result<impl Future<Output = ()>> {
     let (mut interrupt, mut terminate) = (signal(SignalKind::interrupt())?, signal(SignalKind::terminate())?);
     Ok(async move {
@@ -23,21 +23,20 @@ pub fn requested() -> io::Result<impl Future<Output = ()>> {
     })
 }
 
-/// Has this process outlive SIGHUP from now on: what reloads on it may come later, or never.
+/// Makes this process ignore SIGHUP from now on: the handler that reloads on it may be installed later, or never.
 ///
 /// # Errors
-/// When the signal cannot be listened to.
+/// When the signal handler cannot be installed.
 pub fn outlive_hangups() -> io::Result<()> {
-    // Who has once listened to a signal is not ended by it any more.
+    // Once handled, a signal no longer ends the process by default.
     signal(SignalKind::hangup()).map(drop)
 }
 
-/// Has this process end within `limit`, whatever its clients, its disk or its threads do, and at once when it is asked
-/// to stop a second time. What was acknowledged is on disk; what was not is put right at the next start, as after a
-/// crash.
+/// Ends this process within `limit`, whatever its clients, its disk or its threads do, and at once when it is asked to
+/// stop a second time. Acknowledged data is on disk; the rest is recovered at the next start, as after a crash.
 ///
 /// # Errors
-/// When no thread can be had for it, or the signals cannot be listened to.
+/// When the thread cannot be started, or the signal handlers cannot be installed.
 pub fn must_end_within(limit: Duration) -> io::Result<()> {
     let again = requested()?;
     tokio::spawn(async {
@@ -50,14 +49,14 @@ pub fn must_end_within(limit: Duration) -> io::Result<()> {
         while let Some(left) = limit.checked_sub(begun.elapsed()).filter(|left| !left.is_zero()) {
             park_timeout(left);
         }
-        end("not everything ended in time")
+        end("some tasks did not end in time")
     })?;
     Ok(())
 }
 
-/// Not by `exit`, whose handlers may wait for what does not end.
+/// Not by `exit`, whose handlers may wait for a stuck thread.
 fn end(reason: &str) -> ! {
-    tracing::error!(reason, "the server ends at once");
+    tracing::error!(reason, "the server is ending at once");
     if let Err(error) = kill_process(getpid(), Signal::KILL) {
         tracing::error!(%error, "the server cannot kill itself");
     }

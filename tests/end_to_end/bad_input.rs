@@ -154,7 +154,7 @@ async fn uploads_that_lie() {
 
     let too_much = lab::start(&mut api, lab::TASK, &with_bytes(b"abcd".to_vec())).await.unwrap().upload_id;
     let error = lab::write(&mut api, &too_much, 0, b"abcdefgh".as_slice().into()).await.unwrap_err();
-    refused(&error, Code::InvalidArgument, &["declared as 4 bytes"]);
+    refused(&error, Code::InvalidArgument, &["declared size of 4 bytes"]);
 }
 
 #[tokio::test]

@@ -13,8 +13,8 @@ use tonic::Code;
 
 use crate::{
     api::Api,
-    keeping::command,
     lab::{self, RECORDINGS},
+    maintenance::command,
     server::TestServer,
     skipped::skipped,
 };

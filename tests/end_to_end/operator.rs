@@ -4,9 +4,9 @@
 
 mod clock;
 pub mod folder;
+mod mistakes;
 mod owner;
 mod running;
-mod slips;
 
 use std::path::Path;
 
@@ -16,8 +16,8 @@ use self::folder::{Folder, swept};
 use crate::{
     api::Api,
     full_disk::SmallDisk,
-    keeping::command,
     lab::{self, RECORDINGS},
+    maintenance::command,
     server::TestServer,
     skipped::skipped,
 };

@@ -88,7 +88,7 @@ async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
     let id = id.as_str().unwrap().to_owned();
     label_as_ada(&mut api, &id, Outcome::Success).await;
     browser.keys("u").await;
-    let said = browser.text("#told .note.bad p").await;
+    let said = browser.text("#message .note.bad p").await;
     assert!(said.contains("ada") && said.contains("success") && said.contains("Nothing was changed"), "{said}");
     browser.keep("conflict").await;
     let newest = async |api: &mut Api| {
@@ -106,7 +106,7 @@ async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
     browser.find("#labels").await;
     label_as_ada(&mut api, &id, Outcome::Failure).await;
     browser.keys("s").await;
-    let said = browser.text("#told .note.bad p").await;
+    let said = browser.text("#message .note.bad p").await;
     assert!(said.contains("ada") && said.contains("failure") && said.contains("Nothing was changed"), "{said}");
     assert_eq!(newest(&mut api).await, ("ada".to_owned(), Outcome::Failure));
     browser.close().await;

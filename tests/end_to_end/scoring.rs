@@ -202,7 +202,7 @@ async fn steps_that_cannot_be_scored() {
         (vec![right()], Code::InvalidArgument, "open: "),
         (vec![open(NO_RUN), right()], Code::NotFound, NO_RUN),
         (vec![open(&shared.run), open(&shared.run)], Code::InvalidArgument, "open: "),
-        (vec![open(&shared.run)], Code::InvalidArgument, "step: none came"),
+        (vec![open(&shared.run)], Code::InvalidArgument, "step: at least one is required"),
     ] {
         refused(&hear(&mut api, says).await.unwrap_err(), code, &[words]);
     }

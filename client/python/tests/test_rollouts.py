@@ -96,7 +96,7 @@ def test_steps_are_scored_one_by_one_and_all_together(client: gleaner.Client, de
     np.testing.assert_array_equal(together.w, [score.w for score in scores])
     assert set(together.match_episode) <= set(lab.experts)
     assert ((together.q >= 0) & (together.q <= 1)).all()
-    with pytest.raises(gleaner.InvalidArgument, match="action: has 1 values"):
+    with pytest.raises(gleaner.InvalidArgument, match="action: expected 7 values, got 1"):
         client.score_steps(lab.run, [(seen[0][0], [0.0])])
     with pytest.raises(gleaner.NotFound, match=NOBODY):
         client.score_steps(NOBODY, seen)

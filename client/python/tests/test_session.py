@@ -173,7 +173,7 @@ def test_a_recorded_episode_is_labelled_at_its_end(play: Start) -> None:
         policy(SEEN)
         assert policy.reset("success") == "ep_1"
         policy(SEEN)
-        with pytest.raises(gleaner.InvalidArgument, match="'good' is none of success, failure, unknown"):
+        with pytest.raises(gleaner.InvalidArgument, match="'good' is unknown; supported: success, failure, unknown"):
             policy.close("good")
         assert policy.close("failure") == "ep_2"
         policy(SEEN)

@@ -1,4 +1,4 @@
-//! How an evaluation in the simulator went.
+//! The results of an evaluation in the simulator.
 
 use std::time::Duration;
 
@@ -16,24 +16,24 @@ pub struct DrivenEpisode {
     pub success: bool,
     /// Steps taken.
     pub steps: u32,
-    /// The recorded episodes: one, but for a real-time run that lost the server.
+    /// The recorded episodes: one, except for a real-time run that lost the server.
     pub episode_ids: Vec<String>,
     /// The lowest live score, if the deployment names a score run.
     pub lowest: Option<LowestScore>,
 }
 
-/// How an evaluation went.
+/// The result of an evaluation.
 #[derive(Clone, Debug)]
 pub struct Driven {
     /// In the order of their seeds.
     pub episodes: Vec<DrivenEpisode>,
-    /// The policy that acted.
+    /// The policy of the sessions.
     pub policy_id: String,
-    /// From observation sent to action received, sorted; none in real time, where nobody waits for them.
+    /// Latencies from observation to action, sorted; empty in real time, where the loop does not wait.
     pub latencies: Vec<Duration>,
-    /// Of the whole evaluation.
+    /// The duration of the evaluation.
     pub wall: Duration,
-    /// What happened in real time, over all episodes.
+    /// The real-time report over all episodes.
     pub control: Option<ControlReport>,
 }
 
@@ -62,7 +62,7 @@ impl Driven {
         self.episodes.iter().map(|episode| u64::from(episode.steps)).sum()
     }
 
-    /// The latency that a share (0 to 1) of the steps does not exceed (nearest rank).
+    /// The latency quantile for a share (0 to 1) of the steps (nearest rank).
     #[must_use]
     pub fn latency(&self, share: f64) -> Duration {
         #[expect(
@@ -75,7 +75,7 @@ impl Driven {
         self.latencies.get(rank.saturating_sub(1)).copied().unwrap_or_default()
     }
 
-    /// Episodes that the server has kept.
+    /// The number of episodes that the server stored.
     #[must_use]
     pub fn recorded(&self) -> usize {
         self.episodes.iter().map(|episode| episode.episode_ids.len()).sum()
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn rates_and_percentiles_are_of_what_happened() {
+    fn rates_and_percentiles_match_the_episodes() {
         let result = driven(&[true, false, true, true], &(1..=100).collect::<Vec<_>>());
         assert_eq!((result.successes(), result.steps()), (3, 40));
         assert!((result.success_rate() - 0.75).abs() < 1e-12);
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_driven_is_no_division_by_nothing() {
+    fn an_empty_evaluation_does_not_divide_by_zero() {
         let result = driven(&[], &[]);
         assert!(result.success_rate().abs() < f64::EPSILON);
         assert_eq!(result.latency(0.99), Duration::ZERO);

@@ -1,13 +1,13 @@
-//! The control loop: observe, hand over, command what is due, at a fixed rate. Never waits for the server longer
-//! than the plan's part of a period.
+//! The control loop at a fixed rate: observe, send the observation, command the due action. It waits for the server for
+//! at most the plan's part of a period.
 
 use std::future::Future;
 
 use gleaner_proto::v1::{Observation, SessionAction};
 use tokio::time::{Instant, timeout_at};
 
-use super::courier::{Courier, Event};
 use super::guard::Guarded;
+use super::session_task::{Event, SessionTask};
 use super::ticks::{Clock, Ticks};
 use super::{ActionBuffer, ControlCause, ControlError, ControlPlan, ControlReport, Link, Robot};
 use crate::connection::Client;
@@ -15,21 +15,21 @@ use crate::error::ClientError;
 use crate::lowest::Lowest;
 
 impl Client {
-    /// Lets a deployed policy control a robot until `until` completes, the robot has nothing more to see, or
-    /// something breaks; whichever it is, the robot is stopped. The first tick is when the session is open.
+    /// Controls a robot with a deployed policy until `until` completes, the robot has no more observations, or an error
+    /// occurs; in every case the robot is stopped. The first tick is when the session is open.
     ///
-    /// At each tick the robot is observed and the observation sent; one that the server has not taken yet is passed
-    /// over for it. Its answer is waited for as long as the plan says, and commanded. If it is not there, what
-    /// earlier chunks foresaw for this tick is. If there is none, the robot holds, and after
-    /// [`hold_for`](ControlPlan::hold_for) it is stopped until an action comes. A lost server is the same to the
-    /// robot; meanwhile the session is opened anew, with waits that grow. Ticks that pass while the robot itself is
-    /// busy are skipped.
+    /// At each tick the robot is observed and the observation sent; one that the server has not taken yet is replaced
+    /// by it. The answer is awaited for as long as the plan allows, and commanded. Without it, the action that earlier
+    /// chunks predicted for this tick is commanded. Without that, the robot holds, and after
+    /// [`hold_for`](ControlPlan::hold_for) it is stopped until an action arrives. A lost server is handled the same
+    /// way; meanwhile the session is reopened, with growing pauses. Ticks that pass while the robot itself is busy are
+    /// skipped.
     ///
     /// Dropping the future stops the robot, too.
     ///
     /// # Errors
-    /// [`ControlError`] with the report so far: the robot failed; the server refuses the deployment or an observation;
-    /// it can't be reached for longer than [`give_up_after`](ControlPlan::give_up_after); or the plan makes no sense.
+    /// [`ControlError`] with the report so far: the robot failed; the server rejected the deployment or an observation;
+    /// it is unreachable for longer than [`give_up_after`](ControlPlan::give_up_after); or the plan is invalid.
     pub async fn control<R: Robot>(
         &self,
         robot: &mut R,
@@ -54,17 +54,17 @@ pub async fn control<R: Robot, L: Link>(
     let mut report = ControlReport::default();
     let ended = match plan.check() {
         Ok(()) => {
-            let mut courier = Courier::start(link, plan);
-            let mut run = Run::new(&mut robot, &mut report, &mut courier, plan);
+            let mut session_task = SessionTask::start(link, plan);
+            let mut run = Run::new(&mut robot, &mut report, &mut session_task, plan);
             let ended = tokio::select! {
                 biased;
                 () = until => Ok(()),
                 ended = run.ticks() => ended,
             };
             let lowest = run.lowest;
-            // Before the server is told: nothing that takes time comes before the robot's rest.
+            // Before the session is closed: the robot is stopped before any step that takes time.
             let stopped = robot.stop();
-            let closed = courier.close(robot.outcome()).await;
+            let closed = session_task.close(robot.outcome()).await;
             report.lowest = lowest.found();
             report.episode_ids.extend(closed.map(|closed| closed.episode_id).filter(|id| !id.is_empty()));
             end(ended, stopped)
@@ -79,7 +79,7 @@ pub async fn control<R: Robot, L: Link>(
 
 type Ended<E> = Result<(), ControlCause<E>>;
 
-/// What a run's end and the stop after it come to.
+/// Combines the end of a run with the result of the stop after it.
 fn end<E: std::error::Error>(ended: Ended<E>, stopped: Result<(), E>) -> Result<(), (ControlCause<E>, Option<E>)> {
     match ended {
         Ok(()) => stopped.map_err(|error| (ControlCause::Stop(error), None)),
@@ -90,18 +90,18 @@ fn end<E: std::error::Error>(ended: Ended<E>, stopped: Result<(), E>) -> Result<
 struct Run<'a, 'r, R: Robot> {
     robot: &'a mut Guarded<'r, R>,
     report: &'a mut ControlReport,
-    courier: &'a mut Courier,
+    session_task: &'a mut SessionTask,
     plan: &'a ControlPlan,
     buffer: ActionBuffer,
-    /// A session was opened, and is open.
+    /// Whether a session was ever opened, and whether one is open now.
     opened: bool,
     connected: bool,
-    /// The session is another one than that of the buffer's chunks.
+    /// Whether the session is newer than the buffer's chunks.
     anew: bool,
-    /// The stamp of the last observation, and of the newest one that was answered.
+    /// The stamps of the last observation and of the newest answered one.
     stamp_ns: Option<i64>,
     answered_ns: Option<i64>,
-    /// What was commanded last, and the tick that last had an action from the policy.
+    /// The last command, and the last tick with an action from the policy.
     commanded: Option<Vec<f32>>,
     acted_at: Instant,
     lowest: Lowest,
@@ -111,7 +111,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
     fn new(
         robot: &'a mut Guarded<'r, R>,
         report: &'a mut ControlReport,
-        courier: &'a mut Courier,
+        session_task: &'a mut SessionTask,
         plan: &'a ControlPlan,
     ) -> Self {
         let buffer = ActionBuffer::new(plan.period, plan.ensembling);
@@ -120,7 +120,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
         Self {
             robot,
             report,
-            courier,
+            session_task,
             plan,
             buffer,
             opened,
@@ -136,7 +136,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
 
     async fn ticks(&mut self) -> Ended<R::Error> {
         while !self.connected {
-            let event = self.courier.next().await;
+            let event = self.session_task.next().await;
             self.take(event)?;
         }
         let mut ticks = Ticks::new(self.plan.period);
@@ -154,7 +154,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
         }
     }
 
-    /// Hands the observation over, and says its stamp.
+    /// Sends the observation and returns its stamp.
     fn send(&mut self, mut observation: Observation, now_ns: i64) -> Result<i64, ClientError> {
         if observation.stamp_ns == 0 {
             observation.stamp_ns = now_ns;
@@ -171,17 +171,17 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
         if observation.executed_action.is_empty() {
             observation.executed_action = self.commanded.clone().unwrap_or_default();
         }
-        self.report.dropped += u64::from(self.courier.offer(observation));
+        self.report.dropped += u64::from(self.session_task.offer(observation));
         Ok(stamp_ns)
     }
 
-    /// Takes what has come, and waits for the answer to this stamp, but no longer than until then.
+    /// Handles waiting events, and waits for the answer to this stamp until `until`.
     async fn listen(&mut self, stamp_ns: i64, until: Instant) -> Result<(), ClientError> {
-        while let Some(event) = self.courier.here() {
+        while let Some(event) = self.session_task.here() {
             self.take(event)?;
         }
         while self.connected && self.answered_ns != Some(stamp_ns) {
-            match timeout_at(until, self.courier.next()).await {
+            match timeout_at(until, self.session_task.next()).await {
                 Ok(event) => self.take(event)?,
                 Err(_) => break,
             }
@@ -216,7 +216,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
         self.answered_ns = Some(stamp_ns);
         self.lowest.heard(stamp_ns, action.score.as_ref());
         if std::mem::take(&mut self.anew) {
-            // Another history, perhaps another policy: what was foreseen before no longer counts.
+            // Another history, perhaps another policy: earlier predictions are invalid.
             self.buffer.clear();
         }
         self.buffer.push(stamp_ns, action.actions.into_iter().map(|step| step.values).collect())?;

@@ -1,17 +1,17 @@
-//! The guard around a robot: whatever becomes of the loop (an error, a panic, being dropped), the robot is stopped.
+//! The guard around a robot: it is stopped however the loop ends, by an error, a panic or a drop.
 
 use gleaner_proto::v1::{Observation, Outcome};
 
 use super::Robot;
 
-/// A robot that is stopped when this goes away, unless it rests already.
+/// Stops its robot on drop, unless the robot rests already.
 pub(super) struct Guarded<'a, R: Robot> {
     robot: &'a mut R,
     resting: bool,
 }
 
 impl<'a, R: Robot> Guarded<'a, R> {
-    /// Of a robot nothing is known yet: it counts as moving.
+    /// A robot of unknown state counts as moving.
     pub(super) fn new(robot: &'a mut R) -> Self {
         Self { robot, resting: false }
     }
@@ -34,12 +34,12 @@ impl<'a, R: Robot> Guarded<'a, R> {
     }
 
     pub(super) fn command(&mut self, action: &[f32]) -> Result<(), R::Error> {
-        // First: a command that fails may have moved it.
+        // Before the command: a command that fails may have moved the robot.
         self.resting = false;
         self.robot.command(action)
     }
 
-    /// Stops it, if it does not rest already.
+    /// Stops the robot, unless it rests already.
     pub(super) fn stop(&mut self) -> Result<(), R::Error> {
         if !self.resting {
             self.robot.stop()?;
@@ -51,7 +51,7 @@ impl<'a, R: Robot> Guarded<'a, R> {
 
 impl<R: Robot> Drop for Guarded<'_, R> {
     fn drop(&mut self) {
-        // Whoever drops us takes no error any more; the loop itself stops the robot before and says so.
+        // A drop cannot return the error; the loop itself stops the robot earlier and reports it.
         let _ = self.stop();
     }
 }

@@ -1,4 +1,4 @@
-//! The way to a policy, as the control loop needs it. [`Client`] is one; tests have one with delay and loss.
+//! The control loop's connection to a policy. [`Client`] is one; tests have one with delay and loss.
 
 use std::future::Future;
 
@@ -17,24 +17,24 @@ pub trait Link: Send + 'static {
     /// Opens a session. The loop opens another one when it is lost.
     ///
     /// # Errors
-    /// Transient ones ([`ClientError::is_transient`](crate::ClientError::is_transient)) are tried again, others end
-    /// the loop.
-    fn open(&mut self, open: &SessionOpen) -> impl Future<Output = Result<Line>> + Send;
+    /// Transient errors ([`ClientError::is_transient`](crate::ClientError::is_transient)) are retried; others end the
+    /// loop.
+    fn open(&mut self, open: &SessionOpen) -> impl Future<Output = Result<SessionChannel>> + Send;
 }
 
 /// An open session.
-pub struct Line {
-    /// What the server said of it.
+pub struct SessionChannel {
+    /// The server's answer to the opening.
     pub opened: SessionOpened,
-    /// Takes observations and the close; has little room, so that what waits for long waits in the loop, where the
-    /// newest wins.
+    /// Takes observations and the close. Its capacity is small, so that observations wait in the loop, where the newest
+    /// replaces older ones.
     pub requests: mpsc::Sender<Request>,
-    /// Gives what the server says.
+    /// The server's responses.
     pub responses: BoxStream<'static, Result<Response>>,
 }
 
 impl Link for Client {
-    async fn open(&mut self, open: &SessionOpen) -> Result<Line> {
-        Ok(Session::open_with(self, open.clone()).await?.into_line())
+    async fn open(&mut self, open: &SessionOpen) -> Result<SessionChannel> {
+        Ok(Session::open_with(self, open.clone()).await?.into_channel())
     }
 }

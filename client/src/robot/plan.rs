@@ -1,4 +1,4 @@
-//! The control loop's plan: which policy, how fast, and how patient.
+//! The control loop's plan: deployment, rate and time limits.
 
 use std::time::Duration;
 
@@ -7,32 +7,31 @@ use gleaner_proto::v1::SessionOpen;
 use super::Ensembling;
 use crate::error::{ClientError, Result};
 
-/// What to control with and how. [`ControlPlan::new`] sets all times from the control period.
+/// Settings of a control run. [`ControlPlan::new`] derives all times from the control period.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ControlPlan {
     /// The deployment's name.
     pub deployment: String,
-    /// From one tick to the next: the task's.
+    /// The time between ticks: the task's control period.
     pub period: Duration,
-    /// How long after its arrival the server may still answer an observation; then it says that it missed it.
-    /// By default a period: the next observation is there by then.
+    /// How long after its arrival the server may still answer an observation; later it reports the observation missed.
+    /// Default: one period, when the next observation arrives.
     pub deadline: Duration,
-    /// How far into a period its own answer is waited for before what else is due is commanded. Less than the period:
-    /// the rest is the robot's, to command and observe. By default three quarters.
+    /// How far into a period the loop waits for the period's own answer before it commands the action due otherwise.
+    /// Less than the period: the rest is for the robot to command and observe. Default: three quarters.
     pub answer_within: Duration,
-    /// How long the robot holds when no action is due, from the last one on, before it is stopped. By default five
-    /// periods.
+    /// How long the robot holds after its last action before it is stopped. Default: five periods.
     pub hold_for: Duration,
-    /// How long a server that was asked may say nothing at all before the session is given up and opened anew.
-    /// By default 2 s, or ten periods where that is longer.
+    /// How long the server may leave a request without any response before the session is reopened. Default: the longer
+    /// of 2 s and ten periods.
     pub lost_after: Duration,
-    /// How long opening anew is tried before the loop ends with the reason. By default a minute.
+    /// How long the loop tries to reopen a session before it ends with the error. Default: one minute.
     pub give_up_after: Duration,
-    /// Who makes one action of many chunks' opinions.
+    /// Where the predictions of several chunks are ensembled.
     pub ensembling: Ensembling,
-    /// Have the server keep each session as an episode of the task, labelled as [`Robot::outcome`](super::Robot) says.
-    /// A session that was lost in the middle is an episode of its own, of which nobody knows how it went.
+    /// Record each session as an episode of the task, labelled by [`Robot::outcome`](super::Robot). A session lost in
+    /// the middle becomes an episode of its own with an unknown outcome.
     pub record: bool,
     /// The cohort of these episodes; empty: the deployment's name.
     pub cohort: String,
@@ -65,7 +64,7 @@ impl ControlPlan {
         Ok(plan)
     }
 
-    /// Whether the times go together; the loop asks before it begins.
+    /// Checks that the times are consistent.
     pub(super) fn check(&self) -> Result<()> {
         let refuse = |problem: String| Err(ClientError::Invalid(problem));
         if self.period < Duration::from_millis(1) || self.period > Duration::from_secs(60) {
@@ -81,7 +80,7 @@ impl ControlPlan {
             return refuse(format!("deadline {:?}: must be from 1 µs to an hour", self.deadline));
         }
         if !self.record && !self.cohort.is_empty() {
-            return refuse(format!("cohort {:?}: is of the recorded episodes; set record too", self.cohort));
+            return refuse(format!("cohort {:?}: applies to recorded episodes only; set record too", self.cohort));
         }
         if self.lost_after < self.deadline {
             return refuse(format!(
@@ -114,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_come_from_the_control_period() {
+    fn times_are_derived_from_the_control_period() {
         let plan = ControlPlan::new("a@b", 20.0).unwrap();
         assert_eq!((plan.period, plan.hold_for), (Duration::from_millis(50), Duration::from_millis(250)));
         let open = plan.open();
@@ -123,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn invalid_settings_are_rejected_by_name() {
         for rate in [0.0, -1.0, f64::NAN, f64::INFINITY, 2000.0, 1e-9] {
             assert!(ControlPlan::new("a", rate).is_err(), "{rate}");
         }

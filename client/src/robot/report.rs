@@ -1,9 +1,9 @@
-//! How a control loop went, and what ended it.
+//! The report of a control run, and the cause of its end.
 
 use crate::error::ClientError;
 use crate::lowest::{LowestScore, lower};
 
-/// What happened in a run.
+/// Counts of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct ControlReport {
@@ -19,26 +19,26 @@ pub struct ControlReport {
     pub rested: u64,
     /// Times it was stopped because it held too long.
     pub stops: u64,
-    /// Answers that came too late to be of use at any tick.
+    /// Answers that came too late for any tick.
     pub late: u64,
-    /// Observations the server could not answer by their deadline.
+    /// Observations that the server did not answer by their deadline.
     pub missed: u64,
-    /// Observations passed over for a newer one, here or by the server.
+    /// Observations replaced by a newer one, here or on the server.
     pub dropped: u64,
     /// Sessions opened after the first.
     pub reconnects: u64,
     /// Ticks skipped because the robot took longer than a period.
     pub overruns: u64,
-    /// Times the server said that it is stopping.
+    /// Times the server announced that it is stopping.
     pub drains: u64,
-    /// The episodes that were recorded and stored, as far as the server could still say so.
+    /// The recorded and stored episodes, as far as the server could still report them.
     pub episode_ids: Vec<String>,
-    /// The lowest live score, if the deployment names a score run. Its time is that within its session.
+    /// The lowest live score, if the deployment names a score run. Its time is relative to its session.
     pub lowest: Option<LowestScore>,
 }
 
 impl ControlReport {
-    /// Adds another run's counts; the policy is the other's.
+    /// Adds another run's counts; the policy id is the other's.
     pub fn add(&mut self, other: &Self) {
         self.policy_id.clone_from(&other.policy_id);
         self.episode_ids.extend_from_slice(&other.episode_ids);
@@ -62,16 +62,16 @@ impl ControlReport {
     }
 }
 
-/// A run that did not end as it should. The robot has been stopped, unless `not_stopped` says otherwise.
+/// A failed run. The robot was stopped, unless `not_stopped` is set.
 #[derive(Debug, thiserror::Error)]
 #[error("{cause}{}", also(.not_stopped.as_ref()))]
 pub struct ControlError<E: std::error::Error + 'static> {
     /// Why it ended.
     #[source]
     pub cause: ControlCause<E>,
-    /// What the robot said when it was then told to stop, if it could not.
+    /// The robot's error when the final stop failed.
     pub not_stopped: Option<E>,
-    /// How the run went until then.
+    /// The report until then.
     pub report: Box<ControlReport>,
 }
 
@@ -81,10 +81,10 @@ pub enum ControlCause<E: std::error::Error + 'static> {
     /// The robot failed to observe or to act.
     #[error("robot: {0}")]
     Robot(#[source] E),
-    /// Everything else went well, but in the end the robot could not be stopped.
+    /// The run succeeded, but the final stop of the robot failed.
     #[error("the robot could not be stopped: {0}")]
     Stop(#[source] E),
-    /// The policy can't be used or reached, or the plan or an observation can't be used.
+    /// The policy is unusable or unreachable, or the plan or an observation is invalid.
     #[error(transparent)]
     Client(#[from] ClientError),
 }

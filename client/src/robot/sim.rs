@@ -1,4 +1,4 @@
-//! The embedded simulator as a robot. Its time goes on by commands: between them the world stands still.
+//! The embedded simulator as a robot. Each command advances its time; between commands the world stands still.
 
 use gleaner_proto::v1::{Observation, Outcome};
 use gleaner_recording::TaskSpec;
@@ -16,13 +16,13 @@ pub struct SimRobot {
 }
 
 impl SimRobot {
-    /// Begins an attempt; the seed fixes it.
+    /// Starts an attempt, determined by its seed.
     #[must_use]
     pub fn new(task: Task, config: SimConfig, seed: u64) -> Self {
         Self { sim: Sim::new(task, config, seed), spec: gleaner_sim::task_spec(task, &config) }
     }
 
-    /// The attempt, as far as it went.
+    /// The attempt so far.
     #[must_use]
     pub fn sim(&self) -> &Sim {
         &self.sim
@@ -37,7 +37,7 @@ impl Robot for SimRobot {
             return Ok(None);
         }
         let seen = self.sim.observe();
-        // The loop stamps it: the simulator's own clock stands still while the robot rests.
+        // Stamped by the loop: the simulator's own clock stands still while the robot rests.
         observation(&self.spec, 0, seen.frames, seen.proprioception).map(Some)
     }
 
@@ -65,7 +65,7 @@ impl Robot for SimRobot {
         }
     }
 
-    /// Stays where it is, with the gripper as it was: all but the gripper are displacements.
+    /// Zero displacement with the gripper unchanged: all values but the gripper's are displacements.
     fn hold_action(&self, last: &[f32]) -> Vec<f32> {
         let gripper = ACTION_SIZE - 1;
         last.iter().enumerate().map(|(place, &value)| if place == gripper { value } else { 0.0 }).collect()
@@ -77,7 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_attempt_is_driven_by_commands_and_ends_the_run() {
+    fn commands_drive_the_attempt_which_ends_the_run() {
         let config = SimConfig { max_steps: 2, ..SimConfig::default() };
         let mut robot = SimRobot::new(Task::PickCube, config, 3);
         assert!(robot.observe().unwrap().is_some());

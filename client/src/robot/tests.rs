@@ -1,5 +1,5 @@
-//! The control loop against a server with injected delay and loss and a robot that notes all it is told. Time is
-//! tokio's, paused: it goes on only when everybody waits, so every moment below is exact.
+//! The control loop against a server with injected delay and loss and a robot that logs its calls. Time is tokio's,
+//! paused: it advances only when every task waits, so that every moment below is exact.
 
 mod late;
 mod lost;
@@ -30,29 +30,29 @@ fn plan() -> ControlPlan {
     ControlPlan { hold_for: Duration::from_millis(300), ..ControlPlan::new("pick@prod", 10.0).unwrap() }
 }
 
-/// What the server does with an observation. It does one thing at a time.
+/// The server's reaction to an observation. It handles one at a time.
 enum Reply {
-    /// Answers after so many milliseconds, with a chunk of one-value actions.
+    /// Answers after this many milliseconds, with a chunk of one-value actions.
     After(u64, Vec<f32>),
-    /// Says that it missed the deadline.
+    /// Reports the deadline missed.
     Missed,
-    /// Says nothing.
+    /// Does not answer.
     Nothing,
-    /// Never reads or says anything again.
+    /// Stops reading and answering.
     Hang,
-    /// Says that it is stopping, then breaks off.
+    /// Announces its stop, then breaks the stream.
     Drain,
-    /// Breaks off.
+    /// Breaks the stream.
     Break(Status),
 }
 
 type Script = Box<dyn FnMut(usize, usize) -> Reply + Send>;
 
-/// A server: what it does with the n-th observation of the s-th session, and what it has seen.
+/// A server: its reaction to the n-th observation of the s-th session, and what it has received.
 #[derive(Clone)]
 struct Server {
     script: Arc<Mutex<Script>>,
-    /// Errors that opening gives before it succeeds, once the first session is open.
+    /// Errors of opening before it succeeds, once the first session is open.
     refusals: Arc<Mutex<VecDeque<ClientError>>>,
     opened: Arc<Mutex<Vec<SessionOpen>>>,
     seen: Arc<Mutex<Vec<Observation>>>,
@@ -70,9 +70,9 @@ impl Server {
         }
     }
 
-    /// Refuses to open so often, as one that nobody answers at.
+    /// Refuses to open this many times, as an unreachable server does.
     fn away(self, times: usize) -> Self {
-        let refusal = || ClientError::Rejected(Box::new(Status::unavailable("not there")));
+        let refusal = || ClientError::Rejected(Box::new(Status::unavailable("unreachable")));
         self.refusals.lock().unwrap().extend(std::iter::repeat_with(refusal).take(times));
         self
     }
@@ -125,7 +125,7 @@ impl Server {
 }
 
 impl Link for Server {
-    async fn open(&mut self, open: &SessionOpen) -> Result<Line> {
+    async fn open(&mut self, open: &SessionOpen) -> Result<SessionChannel> {
         let session = self.sessions();
         let refusal = if session > 0 { self.refusals.lock().unwrap().pop_front() } else { None };
         if let Some(refusal) = refusal {
@@ -136,7 +136,7 @@ impl Link for Server {
         let (say, responses) = mpsc::channel(1);
         tokio::spawn(self.clone().serve(session, received, say));
         let opened = SessionOpened { policy_id: format!("pol_{session}"), ..SessionOpened::default() };
-        Ok(Line { opened, requests, responses: ReceiverStream::new(responses).boxed() })
+        Ok(SessionChannel { opened, requests, responses: ReceiverStream::new(responses).boxed() })
     }
 }
 
@@ -150,13 +150,13 @@ enum Done {
     Stop,
 }
 
-/// A robot that notes what it did, with the milliseconds since the beginning. It sees `observations` times.
+/// A robot that logs its calls with the milliseconds since the beginning. It has `observations` observations.
 struct Noting {
     begin: Instant,
     observations: usize,
     observed: Vec<u128>,
     done: Vec<(u128, Done)>,
-    /// What goes wrong at the n-th call of each: how long observing takes, and what fails.
+    /// The faults at the n-th call of each method: how long observing takes, and which call fails.
     slow: fn(usize) -> u64,
     fails: fn(&'static str, usize) -> bool,
     stamp: fn(usize) -> i64,
@@ -201,7 +201,7 @@ impl Robot for Noting {
             return Ok(None);
         }
         self.observed.push(self.begin.elapsed().as_millis());
-        // Moves the paused clock as if this call had taken so long.
+        // Advances the paused clock as if this call had taken this long.
         advance(Duration::from_millis((self.slow)(nth))).now_or_never();
         if (self.fails)("observe", nth) {
             return Err(Broken("observe"));

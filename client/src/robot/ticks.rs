@@ -1,34 +1,34 @@
-//! Ticks: the moments of a fixed rate, and their stamps. A tick that has passed before its turn came is skipped and
-//! counted, never caught up: a robot that was late must not be hurried.
+//! Ticks of a fixed rate, and their stamps. A missed tick is skipped and counted, never caught up: a late robot must
+//! not be hurried.
 
 use std::time::{Duration, SystemTime};
 
 use tokio::time::{Instant, sleep_until};
 
-/// The beats of a fixed rate.
+/// The ticks of a fixed rate.
 #[derive(Debug)]
 pub(super) struct Ticks {
     period: Duration,
-    /// When the next beat is meant to be.
+    /// The time of the next tick.
     next: Instant,
 }
 
-/// One beat.
+/// One tick.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Tick {
-    /// When it was meant to be.
+    /// Its scheduled time.
     pub(super) at: Instant,
-    /// Those before it that nobody was there for.
+    /// The number of missed ticks before it.
     pub(super) skipped: u32,
 }
 
 impl Ticks {
-    /// The first beat is now. The period is not zero.
+    /// The first tick is now. The period must not be zero.
     pub(super) fn new(period: Duration) -> Self {
         Self { period, next: Instant::now() }
     }
 
-    /// Waits for the next beat that has not passed yet.
+    /// Waits for the next tick in the future.
     pub(super) async fn next(&mut self) -> Tick {
         let late = Instant::now().saturating_duration_since(self.next).as_nanos();
         let skipped = u32::try_from(late.div_ceil(self.period.as_nanos().max(1))).unwrap_or(u32::MAX);
@@ -39,7 +39,7 @@ impl Ticks {
     }
 }
 
-/// Wall-clock stamps that rise as evenly as the ticks, whatever is done to the wall clock.
+/// Wall-clock stamps that rise as evenly as the ticks, however the wall clock is set.
 pub(super) struct Clock {
     begin: Instant,
     begin_ns: i64,
@@ -63,7 +63,7 @@ mod tests {
     use tokio::time::advance;
 
     #[tokio::test(start_paused = true)]
-    async fn beats_keep_their_place_and_late_ones_are_skipped() {
+    async fn ticks_keep_their_schedule_and_missed_ones_are_skipped() {
         let begin = Instant::now();
         let mut ticks = Ticks::new(Duration::from_millis(10));
         let mut beat = async || {

@@ -11,21 +11,21 @@ use super::Progress;
 use crate::error::{ClientError, Result};
 use crate::file::open_regular;
 
-// Half of what the server takes in one message.
+// Half of the server's message limit.
 pub(super) const PIECE: usize = 1 << 20;
 
-/// Which bytes to send, and where.
+/// The range of bytes to send.
 pub(crate) struct Pieces {
-    /// From here ...
+    /// The first byte.
     pub(crate) offset: u64,
-    /// ... up to here, or to the file's end if that comes first.
+    /// The end of the range, or the file's end if that comes first.
     pub(crate) end: u64,
     pub(crate) progress: Progress,
     pub(crate) failure: ReadFailure,
 }
 
 impl Pieces {
-    /// Opens the file and turns it into pieces, each with where it lies.
+    /// Opens the file and returns its pieces, each with its offset.
     pub(crate) async fn of(self, path: &Path) -> Result<impl Stream<Item = (u64, Bytes)> + Send + use<>> {
         let mut file = tokio::fs::File::from_std(open_regular(path)?);
         file.seek(std::io::SeekFrom::Start(self.offset)).await.map_err(ClientError::io(path))?;
@@ -65,7 +65,7 @@ async fn read_piece(file: &mut tokio::fs::File, left: u64) -> std::io::Result<By
     Ok(data)
 }
 
-// A stream of requests cannot carry an error, so a failed read is left here and found after the call.
+// A request stream cannot carry an error, so a failed read is stored here and read after the call.
 #[derive(Clone, Default)]
 pub(crate) struct ReadFailure(Arc<Mutex<Option<std::io::Error>>>);
 

@@ -1,4 +1,4 @@
-//! The upload's rules against an in-process service that breaks where it is told to.
+//! The upload's rules against an in-process service that fails on demand.
 
 use std::collections::VecDeque;
 use std::pin::Pin;
@@ -20,13 +20,13 @@ use super::*;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Fault {
-    // The write breaks off after one message, which is kept.
+    // The write fails after one message, which is kept.
     WriteBreaks,
-    // The server forgets the open upload.
+    // The server loses the open upload.
     Forgets,
     // The episode is stored, but the answer is lost.
     FinishAnswerLost,
-    // The server says no for good.
+    // The server rejects the upload.
     Refuses,
 }
 
@@ -169,7 +169,7 @@ async fn upload_through(faults: &[Fault]) -> (Result<Uploaded>, Fake) {
 }
 
 #[tokio::test]
-async fn a_straight_upload_sends_each_byte_once() {
+async fn an_undisturbed_upload_sends_each_byte_once() {
     let (uploaded, fake) = upload_through(&[]).await;
     let uploaded = uploaded.unwrap();
     assert_eq!((uploaded.episode.id.as_str(), uploaded.existed), ("ep_1", false));
@@ -179,30 +179,30 @@ async fn a_straight_upload_sends_each_byte_once() {
 }
 
 #[tokio::test]
-async fn a_broken_write_goes_on_from_what_is_on_disk() {
+async fn a_broken_write_resumes_at_the_committed_size() {
     let (uploaded, fake) = upload_through(&[Fault::WriteBreaks, Fault::WriteBreaks]).await;
     assert_eq!(uploaded.unwrap().episode.id, "ep_1");
     let mut offsets = fake.store().offsets.clone();
     offsets.dedup();
-    assert_eq!(offsets, [0, PIECE as u64, 2 * PIECE as u64], "nothing was sent twice");
+    assert_eq!(offsets, [0, PIECE as u64, 2 * PIECE as u64], "no piece is sent twice");
     assert_eq!(fake.store().stored.as_ref().unwrap().1, recording());
 }
 
 #[tokio::test]
-async fn a_forgotten_upload_begins_again() {
+async fn a_lost_upload_is_restarted() {
     let (uploaded, fake) = upload_through(&[Fault::Forgets]).await;
     assert_eq!(uploaded.unwrap().episode.id, "ep_1");
     assert_eq!(fake.store().stored.as_ref().unwrap().1, recording());
 }
 
 #[tokio::test]
-async fn a_lost_answer_finds_the_episode_that_is_there() {
+async fn a_lost_answer_finds_the_stored_episode() {
     let (uploaded, _) = upload_through(&[Fault::FinishAnswerLost]).await;
     assert!(uploaded.unwrap().existed);
 }
 
 #[tokio::test]
-async fn a_refusal_is_final() {
+async fn a_rejection_is_final() {
     let (uploaded, fake) = upload_through(&[Fault::Refuses]).await;
     let error = uploaded.unwrap_err();
     assert_eq!(error.code(), Some(Code::AlreadyExists));

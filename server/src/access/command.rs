@@ -122,7 +122,7 @@ async fn open(data_dir: &Path, make: bool) -> Result<Store> {
     }
     match DataLock::take(data_dir) {
         Ok(_alone) => Store::open_with_blobs(data_dir, &Blobs::open(data_dir)?, false).await,
-        Err(_) => Store::open_beside(&path).await,
+        Err(_) => Store::open_shared(&path).await,
     }
 }
 

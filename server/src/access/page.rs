@@ -5,7 +5,7 @@ use http::Method;
 
 macro_rules! pages {
     ($($(#[$doc:meta])* $page:ident = $method:ident $path:literal,)*) => {
-        /// A page, or something that is done on one.
+        /// A page, or an action on one.
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
         pub(crate) enum Page { $($(#[$doc])* $page,)* }
 
@@ -13,12 +13,12 @@ macro_rules! pages {
             /// Every page.
             pub(crate) const ALL: &[Self] = &[$(Self::$page,)*];
 
-            /// How it is asked for.
+            /// Its HTTP method.
             pub(crate) fn method(self) -> Method {
                 match self { $(Self::$page => Method::$method,)* }
             }
 
-            /// Where it is; what stands in braces is a name or an id.
+            /// Its path; braces contain a name or an id.
             pub(crate) fn path(self) -> &'static str {
                 match self { $(Self::$page => $path,)* }
             }
@@ -29,35 +29,35 @@ macro_rules! pages {
 pages! {
     /// For Prometheus.
     Metrics = GET "/metrics",
-    /// For whatever keeps the server running.
+    /// For a supervisor.
     Health = GET "/healthz",
     /// Styles and scripts.
     Asset = GET "/assets/{name}",
-    /// Where a browser shows its token.
+    /// The sign-in form.
     SignIn = GET "/sign-in",
-    /// The token.
+    /// Signs in with a token.
     SigningIn = POST "/sign-in",
-    /// The end of a browser's visit.
+    /// Signs the browser out.
     SigningOut = POST "/sign-out",
-    /// Every task, what runs, what is left of the disk.
+    /// Tasks, running jobs and free disk space.
     Overview = GET "/",
-    /// What is served.
+    /// All deployments.
     Deployments = GET "/deployments",
-    /// One name, and its sessions.
+    /// One deployment and its sessions.
     Deployment = GET "/deployments/{name}",
-    /// Its sessions alone, for a page that is open.
+    /// Its sessions alone, for an open page.
     LiveSessions = GET "/deployments/{name}/live",
-    /// Points a name back at what it pointed at before.
+    /// Rolls a deployment back.
     RollBack = POST "/deployments/{name}/roll-back",
-    /// What a session's camera saw last.
+    /// A session's last camera image.
     LiveFrame = GET "/sessions/{session}/frames/{camera}",
     /// A task's episodes.
     Episodes = GET "/tasks/{task}/episodes",
-    /// A label for some of them.
+    /// Labels episodes.
     LabelEpisodes = POST "/tasks/{task}/labels",
     /// One episode.
     Episode = GET "/episodes/{id}",
-    /// One of its steps as a camera saw it.
+    /// One of its steps from one camera.
     EpisodeFrame = GET "/episodes/{id}/frames/{camera}/{step}",
     /// Its scores in a run.
     EpisodeScores = GET "/episodes/{id}/scores.json",
@@ -67,9 +67,9 @@ pages! {
     Runs = GET "/tasks/{task}/runs",
     /// One score run under a threshold.
     Run = GET "/runs/{id}",
-    /// What a threshold would keep of it.
+    /// The counts of a threshold.
     WhatIf = GET "/runs/{id}/what-if",
-    /// Makes what a threshold keeps a dataset.
+    /// Makes a dataset of a threshold.
     MakeDataset = POST "/runs/{id}/datasets",
     /// One snapshot.
     Snapshot = GET "/snapshots/{id}",
@@ -83,12 +83,12 @@ pages! {
     Jobs = GET "/jobs",
     /// One job.
     Job = GET "/jobs/{id}",
-    /// How far it is, for a page that is open.
+    /// Its progress, for an open page.
     JobCourse = GET "/jobs/{id}/course",
-    /// The output of its workers.
+    /// Its workers' log.
     JobLog = GET "/jobs/{id}/log",
-    /// Ends it, and those that wait for it.
+    /// Cancels it and the jobs that wait for it.
     CancelJob = POST "/jobs/{id}/cancel",
-    /// Orders the same anew.
+    /// Submits the same order again.
     RetryJob = POST "/jobs/{id}/retry",
 }

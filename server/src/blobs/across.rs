@@ -1,4 +1,4 @@
-//! Moving a file to its place, also from another disk: an operator may have moved the blobs to a larger one.
+//! Moves a file to its place, also from another disk: an operator may have moved the blobs to a larger one.
 
 use std::{
     fs::{self, File},
@@ -8,14 +8,14 @@ use std::{
 
 use tempfile::NamedTempFile;
 
-/// How the names of drafts begin.
+/// The prefix of drafts' names.
 const DRAFT: &str = ".draft-";
 
 /// Renames `from` to `to`. Between two disks the content is copied beside `to`, synced and renamed, and `from` removed:
-/// `to` is whole or not there.
+/// `to` is complete or missing.
 ///
 /// # Errors
-/// As the disks'; then `from` is still there.
+/// As the disks'; then `from` still exists.
 pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
     match fs::rename(from, to) {
         Err(error) if error.kind() == io::ErrorKind::CrossesDevices => {
@@ -30,7 +30,7 @@ pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
     }
 }
 
-/// A file to be written and then renamed in its folder.
+/// A draft file, to be written and then renamed in its folder.
 ///
 /// # Errors
 /// As the disk's.
@@ -38,7 +38,7 @@ pub(super) fn draft(folder: &Path) -> io::Result<NamedTempFile> {
     tempfile::Builder::new().prefix(DRAFT).tempfile_in(folder)
 }
 
-/// Whether a file is a draft, perhaps of a process that was killed.
+/// Whether a file is a draft, perhaps of a killed process.
 pub(super) fn is_draft(path: &Path) -> bool {
     path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(DRAFT.as_bytes()))
 }
@@ -58,7 +58,7 @@ mod tests {
         assert_eq!(fs::read(&to).unwrap(), b"steps");
         assert!(!from.exists());
         assert_eq!(fs::read_dir(here.path()).unwrap().count(), 1);
-        assert!(rename(&from, &to).is_err(), "there is nothing to move");
+        assert!(rename(&from, &to).is_err(), "the source is missing");
         assert_eq!(fs::read(&to).unwrap(), b"steps");
     }
 }

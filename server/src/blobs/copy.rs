@@ -1,4 +1,4 @@
-//! Blobs from one data folder to another, each read once, and there whole or not at all.
+//! Copies blobs from another data folder; each is read once, and complete or missing.
 
 use std::{
     fs::{self, File},
@@ -10,23 +10,23 @@ use crate::{domain::id::BlobId, error::Result};
 
 const PIECE_BYTES: usize = 1 << 20;
 
-/// What became of a blob that was to be copied.
+/// The result of copying a blob.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Copied {
-    /// It has so many bytes and is there now.
+    /// The blob of this size was copied.
     New(u64),
-    /// It was there already, with as many bytes as in the source.
+    /// A blob of the right size existed already.
     There(u64),
-    /// The source has it not, or not as its name says; nothing was copied.
+    /// The blob is missing or damaged in the source; it was not copied.
     Lacking(String),
 }
 
 impl Blobs {
-    /// Copies a blob from another folder's, checked by its digest on the way. One that is there already is taken to be what
-    /// its name says if its size is right or, with `verify`, if it reads so.
+    /// Copies a blob from another folder and checks its digest on the way. An existing blob is kept if its size is
+    /// right or, with `verify`, if its digest matches.
     ///
     /// # Errors
-    /// When this side's disk refuses.
+    /// When this side's disk fails.
     pub(crate) fn copy_from(&self, source: &Self, id: &BlobId, verify: bool) -> Result<Copied> {
         let (from, to) = (source.path(id), self.path(id));
         let mut file = match File::open(&from) {
@@ -38,7 +38,7 @@ impl Blobs {
         };
         let size = file.metadata().map_err(fault("reading", &from))?.len();
         let sized = fs::metadata(&to).is_ok_and(|there| there.len() == size);
-        // One that cannot be read is not there.
+        // An unreadable blob counts as missing.
         if sized && (!verify || digest(&to).is_ok_and(|found| found == *id)) {
             return Ok(Copied::There(size));
         }
@@ -57,7 +57,7 @@ impl Blobs {
             draft.write_all(piece).map_err(fault("writing", draft.path()))?;
         }
         if BlobId::from(hasher.finalize()) != *id {
-            return Ok(Copied::Lacking("is damaged: its content is not what its name says".to_owned()));
+            return Ok(Copied::Lacking("is damaged: its content does not match its name".to_owned()));
         }
         self.place(id, draft.path())?;
         draft.disable_cleanup(true);
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_copied_is_what_its_name_says() {
+    fn copied_content_matches_its_name() {
         let (here, there) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let (source, target) = (Blobs::open(here.path()).unwrap(), Blobs::open(there.path()).unwrap());
         let content: Vec<u8> = (0..=250).cycle().take(PIECE_BYTES * 2 + 7).collect();
@@ -81,7 +81,7 @@ mod tests {
         assert_eq!(target.copy_from(&source, &sound, false).unwrap(), Copied::There(size));
         assert!(target.get(&sound).unwrap() == content);
         let Copied::Lacking(why) = target.copy_from(&source, &rotten, false).unwrap() else {
-            unreachable!("it is rotten")
+            unreachable!("it is damaged")
         };
         assert!(why.contains("damaged"), "{why}");
         let gone = BlobId::from(blake3::hash(b"gone"));
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_that_was_cut_is_made_again() {
+    fn an_interrupted_copy_is_repeated() {
         let (here, there) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let (source, target) = (Blobs::open(here.path()).unwrap(), Blobs::open(there.path()).unwrap());
         let id = source.put(b"steps").unwrap();
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_that_has_rotted_is_made_again_by_who_looks() {
+    fn a_damaged_copy_is_replaced_when_verified() {
         let (here, there) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
         let (source, target) = (Blobs::open(here.path()).unwrap(), Blobs::open(there.path()).unwrap());
         let id = source.put(b"steps").unwrap();

@@ -1,12 +1,13 @@
-//! Who may rely on a blob's staying, and who may remove one.
+//! Locks that keep a blob in place or permit its removal.
 //!
 //! Three parties, two locks:
-//! - *naming*: to look that a blob is there, or put it there, and then commit the row that names it;
-//! - *removing*: to look that no row names a blob, and then remove it. Within the server one excludes the other, so that
-//!   a blob never goes between the look and the row. Workers put blobs from processes of their own, but only the server
-//!   writes rows: at worst it finds that a blob is gone before it names it, and the worker tries again;
-//! - *copying*: another process (`backup`, `check`) that reads rows and then the blobs they name. While it does, the
-//!   server removes nothing; what is left over the sweep finds later.
+//!
+//! - *naming*: find or put a blob, then commit the row that names it;
+//! - *removing*: check that no row names a blob, then remove it. Within the server the two exclude each other, so that
+//!   a blob is never removed between the check and the row. Workers put blobs from their own processes, but only the
+//!   server writes rows: at worst a blob is removed before it is named, and the worker tries again;
+//! - *copying*: another process (`backup`, `check`) that reads rows and then the blobs they name. Meanwhile the server
+//!   removes no blob; a later sweep removes what stayed.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -18,16 +19,16 @@ use tokio::sync::{OwnedRwLockReadGuard, OwnedRwLockWriteGuard};
 use super::{Blobs, fault};
 use crate::error::Result;
 
-/// Locked by whoever copies, and for a moment by whoever removes.
+/// Locked during a copy, and briefly during a removal.
 const FILE: &str = "copying.lock";
 
-/// While it is held, a blob that is there stays.
+/// While it is held, existing blobs stay.
 #[derive(Debug)]
 pub(crate) struct Naming {
     _held: OwnedRwLockReadGuard<()>,
 }
 
-/// While it is held, no row begins to name a blob. Needed to remove one.
+/// While it is held, no row begins to name a blob. Required to remove one.
 #[derive(Debug)]
 pub(crate) struct Removing {
     _held: OwnedRwLockWriteGuard<()>,
@@ -41,12 +42,12 @@ pub(crate) struct Copying {
 }
 
 impl Blobs {
-    /// To be held from before a blob is looked for, or put in its place, until the row that names it is committed.
+    /// To be held from before a blob is looked up or put until the row that names it is committed.
     pub(crate) async fn naming(&self) -> Naming {
         Naming { _held: std::sync::Arc::clone(&self.naming).read_owned().await }
     }
 
-    /// To be held from before the rows are asked until the blob is removed, and no longer. `None` while somebody copies.
+    /// To be held from before the rows are read until the blob is removed, and no longer. `None` during a copy.
     ///
     /// # Errors
     /// When the lock's file cannot be used.
@@ -63,7 +64,7 @@ impl Blobs {
 }
 
 impl Copying {
-    /// Has the server of this data folder keep every blob. On a folder that cannot be written no server runs either.
+    /// Makes the server of this data folder keep every blob. No server runs on a read-only folder.
     ///
     /// # Errors
     /// When the lock's file cannot be locked.
@@ -71,12 +72,12 @@ impl Copying {
         let path = data_dir.join(FILE);
         match open(&path) {
             Ok(file) => {
-                // Others hold it alone for a moment at most.
+                // The server holds it exclusively for a moment at most.
                 file.lock_shared().map_err(fault("locking", &path))?;
                 Ok(Self { _held: Some(file) })
             }
             Err(error) => {
-                tracing::debug!(%error, file.path = %path.display(), "nothing is locked");
+                tracing::debug!(%error, file.path = %path.display(), "the data folder is read-only and not locked");
                 Ok(Self { _held: None })
             }
         }
@@ -92,7 +93,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn nothing_is_removed_between_the_look_and_the_row() {
+    async fn no_blob_is_removed_between_the_check_and_the_row() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let (one, two) = (blobs.naming().await, blobs.clone().naming().await);
@@ -109,7 +110,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn nothing_is_removed_while_somebody_copies() {
+    async fn no_blob_is_removed_during_a_copy() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let (one, two) = (Copying::begin(dir.path()).unwrap(), Copying::begin(dir.path()).unwrap());

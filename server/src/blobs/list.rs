@@ -1,4 +1,4 @@
-//! What lies in the blobs' folders, whether or not a row names it. Sidecars, the stamp and the trash are not blobs.
+//! Lists the files in the blobs' folders, with or without a row. Sidecars, the stamp and the trash are not blobs.
 
 use std::{
     fs, io,
@@ -12,11 +12,11 @@ use crate::{data_folder::stamp, domain::id::BlobId, error::Result};
 /// A file among the blobs.
 #[derive(Debug)]
 pub(crate) struct Found {
-    /// Which blob; `None` when it has no blob's name.
+    /// Its id; `None` when its name is not a blob's.
     pub(crate) id: Option<BlobId>,
     pub(crate) path: PathBuf,
     pub(crate) size_bytes: u64,
-    /// When it was put there last.
+    /// When it was put last.
     pub(crate) placed: SystemTime,
 }
 
@@ -30,7 +30,7 @@ impl Found {
 }
 
 impl Blobs {
-    /// Every file among the blobs; one that goes meanwhile is left out.
+    /// Every file among the blobs; files removed meanwhile are left out.
     ///
     /// # Errors
     /// When the folders cannot be read.
@@ -39,7 +39,7 @@ impl Blobs {
         for path in names(&self.root)? {
             match path.file_name().and_then(|name| name.to_str()) {
                 Some(name) if is_hex(name) => self.list_folder(&path, &mut found)?,
-                // A disk of their own has folders of its file system among the blobs.
+                // A separate disk has folders of its file system among the blobs.
                 Some(_) | None if path.is_dir() => {}
                 Some(stamp::FILE) => {}
                 Some(_) | None => found.extend(look(path, None)?),
@@ -92,7 +92,7 @@ impl Blobs {
         Ok(())
     }
 
-    /// The blob whose place this is.
+    /// The blob of this path.
     fn named(&self, path: &Path) -> Option<BlobId> {
         let (folder, name) = (path.parent()?.file_name()?.to_str()?, path.file_name()?.to_str()?);
         BlobId::try_from(format!("{folder}{name}")).ok().filter(|id| self.path(id) == path)

@@ -1,7 +1,7 @@
 //! Blobs: immutable files named by the BLAKE3 of their content.
 //!
-//! Plain blocking code, so that workers use it too; the server calls it off its runtime. Knows no row.
-//! A blob is there whole or not at all: it is written beside its place, synced, renamed, and its folder synced.
+//! Plain blocking code, because workers use it too; the server calls it off its runtime. Must not know rows. A blob is
+//! complete or missing: it is written beside its place, synced, renamed, and its folder synced.
 
 mod across;
 mod copy;
@@ -44,10 +44,10 @@ pub struct Blobs {
 }
 
 impl Blobs {
-    /// Opens the blobs under `data_dir`, and makes the folders if missing.
+    /// Opens the blobs under `data_dir`, and creates the folders if missing.
     ///
     /// # Errors
-    /// Internal when the folders cannot be made.
+    /// Internal when the folders cannot be created.
     pub fn open(data_dir: &Path) -> Result<Self> {
         let blobs = Self::at(data_dir);
         for folder in [&blobs.root, &blobs.unfinished] {
@@ -57,27 +57,27 @@ impl Blobs {
         Ok(blobs)
     }
 
-    /// The blobs of a data directory that is only looked at: nothing is made.
+    /// The blobs of a data directory that is only read: no folder is created.
     pub(crate) fn at(data_dir: &Path) -> Self {
         let (root, unfinished) = (data_dir.join(BLOBS), data_dir.join("tmp"));
         Self { folder: data_dir.to_owned(), root, unfinished, naming: Arc::default(), space: space::Space::default() }
     }
 
-    /// Where a blob is, or would be.
+    /// The path of a blob, whether or not it exists.
     pub fn path(&self, id: &BlobId) -> PathBuf {
         let (folder, name) = id.as_str().split_at(2);
         self.root.join(folder).join(name)
     }
 
-    /// Whether the blob is there.
+    /// Whether the blob exists.
     pub fn contains(&self, id: &BlobId) -> bool {
         self.path(id).is_file()
     }
 
-    /// Keeps these bytes; when this returns, they are on disk.
+    /// Stores these bytes durably.
     ///
     /// # Errors
-    /// Exhausted when too little of the disk would stay free; Internal when it refuses.
+    /// Exhausted when too little of the disk would stay free; Internal when the disk fails.
     pub fn put(&self, bytes: &[u8]) -> Result<BlobId> {
         self.expect_room(bytes.len() as u64)?;
         let id = BlobId::from(blake3::hash(bytes));
@@ -88,37 +88,38 @@ impl Blobs {
         file.write_all(bytes).map_err(fault("writing", file.path()))?;
         crate::fail_point::pass("blob.written");
         self.place(&id, file.path())?;
-        // It has moved to its place: there is nothing left to clean up.
+        // The draft has moved: it needs no removal.
         file.disable_cleanup(true);
         Ok(id)
     }
 
-    /// Moves a file of the same file system in; `path` is gone afterwards.
+    /// Moves a file of the same file system in; `path` no longer exists afterwards.
     ///
     /// # Errors
-    /// Internal when the file cannot be read or the disk refuses; then `path` is still there.
+    /// Internal when the file cannot be read or the disk fails; then `path` still exists.
     pub fn put_file(&self, path: &Path) -> Result<BlobId> {
         let id = digest(path)?;
         self.place(&id, path)?;
         Ok(id)
     }
 
-    /// Renames a whole file, whose digest is `id`, to its place: over a blob of that name, that is over the same
-    /// content.
+    /// Renames a complete file with the digest `id` to its place, replacing a blob of that name, whose content is the
+    /// same.
     ///
     /// # Errors
-    /// Internal when the disk refuses; then `from` is still there.
+    /// Internal when the disk fails; then `from` still exists.
     pub(crate) fn place(&self, id: &BlobId, from: &Path) -> Result<()> {
         let place = self.path(id);
         let folder = place.parent().unwrap_or(&self.root);
         let file = File::open(from).map_err(fault("opening", from))?;
-        // The sweep goes by this: a blob that was put a moment ago is about to be named.
+        // The sweep reads this time: a blob put a moment ago may have no row yet.
         file.set_modified(SystemTime::now()).map_err(fault("dating", from))?;
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         across::rename(from, &place).map_err(fault("renaming to", &place))?;
-        // Where both were names of one file already, as after a crash, the move was none. Never the last name.
+        // If both were names of one file, as after a crash, the rename did not remove `from`. This is never the last
+        // name.
         if from != place && fs::metadata(from).is_ok_and(|left| left.nlink() > 1) {
             fs::remove_file(from).map_err(fault("removing", from))?;
         }
@@ -131,7 +132,7 @@ impl Blobs {
     /// The bytes of a blob.
     ///
     /// # Errors
-    /// Internal when it is not there or is not what its name says.
+    /// Internal when it is missing or does not match its name.
     pub fn get(&self, id: &BlobId) -> Result<Vec<u8>> {
         let path = self.path(id);
         let bytes = fs::read(&path).map_err(fault("reading", &path))?;
@@ -144,16 +145,16 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// When a blob was put in its place last; `None` when it is not there.
+    /// When a blob was put last; `None` when it is missing.
     pub(crate) fn placed(&self, id: &BlobId) -> Option<SystemTime> {
         fs::metadata(self.path(id)).and_then(|file| file.modified()).ok()
     }
 
-    /// Removes a blob that no row names any more and gives its size; one that is not there is no error. Who holds
-    /// `_removing` has asked the rows since.
+    /// Removes a blob without a row and returns its size; a missing blob is not an error. The caller has checked the
+    /// rows since it took `_removing`.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub(crate) fn remove(&self, id: &BlobId, _removing: &Removing) -> Result<Option<u64>> {
         let path = self.path(id);
         let size = fs::metadata(&path).map(|file| file.len()).ok();
@@ -177,7 +178,7 @@ pub fn digest(path: &Path) -> Result<BlobId> {
     Ok(hasher.finalize().into())
 }
 
-/// Makes the names in a folder as durable as the files' contents.
+/// Syncs a folder: makes its entries durable.
 pub(crate) fn sync_folder(folder: &Path) -> Result<()> {
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(fault("syncing the folder", folder))
 }
@@ -195,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_content_twice_is_one_file() {
+    fn equal_content_is_one_file() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let id = blobs.put(b"steps").unwrap();
@@ -210,19 +211,19 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_told_not_served() {
+    fn a_damaged_blob_is_an_error() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let id = blobs.put(b"steps").unwrap();
         fs::write(blobs.path(&id), b"stepz").unwrap();
         assert!(blobs.get(&id).unwrap_err().to_string().contains("damaged"));
-        // Putting it again mends it.
+        // Putting it again repairs it.
         blobs.put(b"steps").unwrap();
         assert_eq!(blobs.get(&id).unwrap(), b"steps");
     }
 
     #[test]
-    fn a_write_that_a_crash_cut_is_not_a_blob() {
+    fn an_interrupted_write_is_not_a_blob() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         fs::write(dir.path().join("tmp/blob-x"), b"half").unwrap();
@@ -230,11 +231,11 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_move_keeps_the_file() {
+    fn a_failed_move_keeps_the_file() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let id = BlobId::from(blake3::hash(b"steps"));
-        // Something else stands where the blob's folder should be.
+        // A file stands where the blob's folder should be.
         fs::write(dir.path().join("blobs").join(&id.as_str()[..2]), b"").unwrap();
         let by_file = dir.path().join("upload");
         fs::write(&by_file, b"steps").unwrap();
@@ -245,7 +246,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn removing_twice_is_no_error() {
+    async fn removing_twice_is_not_an_error() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let id = blobs.put(b"steps").unwrap();

@@ -1,5 +1,5 @@
-//! Sidecars: small descriptions beside the blobs, one for each row that a blob stands for, and one for each task. From
-//! them a lost database is rebuilt. Their content is the caller's; here they are named, written durably, and read.
+//! Sidecars: small descriptions beside the blobs, one for each row of a blob, and one for each task. A lost database is
+//! rebuilt from them. Their content is the caller's; this module names, writes and reads them.
 
 use std::{
     fs,
@@ -14,24 +14,24 @@ use crate::{domain::id::BlobId, error::Result};
 pub(super) const TASKS: &str = "tasks";
 const EXTENSION: &str = "json";
 
-/// Whether a file beside the blobs is a sidecar, or the draft of one or of a blob.
+/// Whether a file beside the blobs is a sidecar, or the draft of a sidecar or blob.
 pub(super) fn is_one(path: &Path) -> bool {
     path.extension().is_some_and(|extension| extension == EXTENSION) || across::is_draft(path)
 }
 
 impl Blobs {
-    /// Describes the row `id` that stands on `blob`; when this returns, the description is on disk.
+    /// Writes the description of the row `id` of `blob` durably.
     ///
     /// # Errors
-    /// Exhausted or Internal when the disk refuses.
+    /// Exhausted or Internal when the disk fails.
     pub(crate) fn describe(&self, blob: &BlobId, id: &str, json: &[u8]) -> Result<()> {
         write(&beside(&self.path(blob), id), json)
     }
 
-    /// Describes a task.
+    /// Writes the description of a task durably.
     ///
     /// # Errors
-    /// Exhausted or Internal when the disk refuses.
+    /// Exhausted or Internal when the disk fails.
     pub(crate) fn describe_task(&self, id: &str, json: &[u8]) -> Result<()> {
         let folder = self.root.join(TASKS);
         if !folder.is_dir() {
@@ -65,10 +65,11 @@ impl Blobs {
         read_all(names(&self.root.join(TASKS))?.into_iter().filter(|path| is_one(path)))
     }
 
-    /// The descriptions beside a blob and beside its place in the trash: a move between the two may have been cut.
+    /// The descriptions beside a blob and beside its place in the trash: a move between the two may have been
+    /// interrupted.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub(crate) fn descriptions(&self, blob: &BlobId) -> Result<Vec<Vec<u8>>> {
         let mut all = read_all(sidecars(&self.path(blob))?.into_iter())?;
         all.extend(read_all(sidecars(&self.trash().path(blob))?.into_iter())?);
@@ -129,7 +130,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_row_of_a_blob_has_a_description_and_the_blob_stays_one() {
+    fn each_row_of_a_blob_has_a_description() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         let (one, other) = (blobs.put(b"steps").unwrap(), blobs.put(b"others").unwrap());

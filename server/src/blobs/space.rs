@@ -1,7 +1,7 @@
-//! How much of the disk is left, and whether more may be taken in.
+//! The free space of the disk, and the limit below which new data is refused.
 //!
-//! Blobs, parts of uploads and recordings lie on the disk of the database. What is large is refused while the database
-//! still has room, because a database that cannot write can neither label nor end a job.
+//! Blobs, parts of uploads and recordings lie on the disk of the database. Large writes are refused while the database
+//! still has room, because a full disk would keep it from storing labels or ends of jobs.
 
 use std::path::Path;
 #[cfg(test)]
@@ -12,33 +12,33 @@ use rustix::fs::{StatVfsMountFlags, statvfs};
 use super::Blobs;
 use crate::error::{DISK_FULL, Error, Kind, Result};
 
-/// With less than this free, a process that writes files meets a full disk.
+/// With less than this free, a writing process will probably find the disk full.
 const NOTHING: u64 = 1 << 20;
 
-/// What stays free, and how that is found out.
+/// The space to keep free, and how free space is measured.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Space {
     spare: u64,
-    /// Tests say themselves how much is free.
+    /// Set by tests in place of the disk's free space.
     #[cfg(test)]
     played: Option<Arc<AtomicU64>>,
 }
 
 impl Blobs {
-    /// The same blobs, where so many bytes of the disk are to stay free.
+    /// The same blobs with this many bytes of the disk kept free.
     pub(crate) fn sparing(mut self, bytes: u64) -> Self {
         self.space.spare = bytes;
         self
     }
 
-    /// The same blobs on a disk of which so much is free as the test says.
+    /// The same blobs with this free space, for tests.
     #[cfg(test)]
     pub(crate) fn playing(mut self, free: &Arc<AtomicU64>) -> Self {
         self.space.played = Some(Arc::clone(free));
         self
     }
 
-    /// Whether so many bytes more may be taken in. It asks the system and keeps nothing.
+    /// Checks that this many more bytes may be written. It reads the free space and reserves none.
     ///
     /// # Errors
     /// Exhausted when too little would stay free, or the disk is read-only.
@@ -50,17 +50,17 @@ impl Blobs {
         }
         let wanted = if bytes > 0 { format!(", and this would take {bytes} of them") } else { String::new() };
         Err(Error::exhausted(format!(
-            "the server's disk is nearly full: {free} bytes are free{wanted}, and {spare} are to stay free \
+            "the server's disk is nearly full: {free} bytes are free{wanted}, and {spare} must stay free \
              (--min-free-bytes). Free some space there, then try again"
         )))
     }
 
-    /// Whether nothing new can be begun: too little stays free, or hardly anything is, whatever is to be spared.
+    /// Whether no new work may start: too little or hardly any space is free.
     pub(crate) fn is_full(&self) -> bool {
         self.expect_room(0).is_err() || self.free().is_ok_and(|free| free < NOTHING)
     }
 
-    /// What a fault means that another process has met on this disk, and could not say: when nothing is free, that.
+    /// Maps a fault of another process on this disk: with no space left, the full disk is its probable cause.
     pub(crate) fn blame(&self, fault: Error) -> Error {
         let full = self.free().is_ok_and(|free| free < NOTHING);
         if fault.kind() == Kind::Internal && full {
@@ -83,7 +83,7 @@ fn free(folder: &Path) -> Result<u64> {
     let disk =
         statvfs(folder).map_err(|error| Error::internal("asking how full the disk is", std::io::Error::from(error)))?;
     if disk.f_flag.contains(StatVfsMountFlags::RDONLY) {
-        return Err(Error::exhausted("the server's disk is read-only: nothing can be written until that is mended"));
+        return Err(Error::exhausted("the server's disk is read-only; remount it for writing, then retry"));
     }
     Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_would_leave_too_little_is_refused_until_there_is_room() {
+    fn data_that_would_leave_too_little_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let free = Arc::new(AtomicU64::new(100));
         let blobs = Blobs::open(dir.path()).unwrap().sparing(40).playing(&free);
@@ -101,7 +101,7 @@ mod tests {
         blobs.expect_room(60).unwrap();
         let error = blobs.expect_room(61).unwrap_err();
         assert_eq!(error.kind(), Kind::Exhausted);
-        for part in ["100 bytes", "61", "40 are to stay", "--min-free-bytes"] {
+        for part in ["100 bytes", "61", "40 must stay", "--min-free-bytes"] {
             assert!(error.message().contains(part), "{error}");
         }
         free.store(39, std::sync::atomic::Ordering::Relaxed);
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_on_a_full_disk_is_the_disks() {
+    fn a_fault_on_a_full_disk_is_reported_as_a_full_disk() {
         let dir = tempfile::tempdir().unwrap();
         let free = Arc::new(AtomicU64::new(4096));
         let blobs = Blobs::open(dir.path()).unwrap().playing(&free);
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_disk_is_one_whatever_is_to_be_spared() {
+    fn a_full_disk_is_reported_for_any_reserve() {
         let dir = tempfile::tempdir().unwrap();
         let free = Arc::new(AtomicU64::new(4096));
         let blobs = Blobs::open(dir.path()).unwrap().playing(&free);
@@ -134,11 +134,11 @@ mod tests {
     }
 
     #[test]
-    fn a_real_disk_says_what_is_free() {
+    fn the_free_space_of_a_real_disk_is_read() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         blobs.expect_room(1).unwrap();
-        assert!(blobs.expect_room(u64::MAX).is_ok(), "nothing is to be spared");
+        assert!(blobs.expect_room(u64::MAX).is_ok(), "no space is kept free");
         assert!(blobs.clone().sparing(u64::MAX).expect_room(0).is_err());
     }
 }

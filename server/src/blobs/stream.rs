@@ -1,4 +1,4 @@
-//! A blob as a stream of pieces, for the server: nothing is held but the piece in hand.
+//! A blob as a stream of pieces; one piece at a time is in memory.
 
 use bytes::{Bytes, BytesMut};
 use futures::{Stream, stream::try_unfold};
@@ -10,14 +10,14 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Size of a piece: well under the smallest message limit.
+/// The size of a piece: well under the smallest message limit.
 const PIECE_BYTES: usize = 1 << 20;
 
 impl Blobs {
-    /// The bytes of a blob in pieces of at most 1 MiB. The digest is the receiver's to check.
+    /// The bytes of a blob in pieces of at most 1 MiB. The receiver checks the digest.
     ///
     /// # Errors
-    /// Internal when the blob is not there or cannot be read.
+    /// Internal when the blob is missing or cannot be read.
     pub(crate) async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
         let path = self.path(id);
         let fault = |error| Error::internal(format!("reading {}", path.display()), error);
@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_missing_blob_is_told_at_once() {
+    async fn a_missing_blob_is_an_error_before_the_first_piece() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         assert!(blobs.stream(&blake3::hash(b"x").into()).await.is_err());

@@ -37,7 +37,7 @@ impl Blobs {
         self.trash().move_blob(id, self).map(|size| size.is_some())
     }
 
-    /// Moves a blob that has no row to a path outside the blobs, on whatever disk, and removes its sidecars.
+    /// Moves a blob that has no row to a path outside the blobs, on any disk, and removes its sidecars.
     ///
     /// # Errors
     /// Internal when the disk refuses; then the blob is in one of the two places.

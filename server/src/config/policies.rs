@@ -15,11 +15,10 @@ pub struct PoliciesConfig {
     /// 0.5. Waiting forms larger batches at the cost of latency (0: no wait).
     #[arg(long, env = "GLEANER_POLICY_BATCH_WAIT", default_value_t = 0.05, value_name = "FRACTION")]
     pub policy_batch_wait: f64,
-    /// Microseconds for which a model's thread stays awake for the next request where the one before came as soon:
-    /// clients that ask again at once, as simulators do, are answered sooner and a processor is kept from its rest. 0:
-    /// never.
-    #[arg(long, env = "GLEANER_POLICY_AWAKE_US", default_value_t = 1000, value_name = "MICROSECONDS")]
-    pub policy_awake_us: u64,
+    /// Microseconds for which a model's thread spins for the next request before it sleeps, where the one before came
+    /// within that time. Lowers the latency of closed-loop simulators at the cost of one busy core; 0 disables.
+    #[arg(long, env = "GLEANER_POLICY_SPIN_US", default_value_t = 1000, value_name = "MICROSECONDS")]
+    pub policy_spin_us: u64,
     /// Threads that carry messages between clients and models (0: half of the processors). Each model has a thread of
     /// its own; more message threads take processors from the models.
     #[arg(long, env = "GLEANER_IO_THREADS", default_value_t = 0, value_name = "N")]
@@ -49,9 +48,9 @@ impl PoliciesConfig {
         }
     }
 
-    /// The longest wait for a request that a model's thread may be awake for.
-    pub fn policy_awake(&self) -> Duration {
-        Duration::from_micros(self.policy_awake_us)
+    /// The longest time for which a model's thread spins for the next request.
+    pub fn policy_spin(&self) -> Duration {
+        Duration::from_micros(self.policy_spin_us)
     }
 
     /// The time for which a robot may be silent.
@@ -73,8 +72,8 @@ impl PoliciesConfig {
         if !(0.0..=0.5).contains(&self.policy_batch_wait) {
             return Err("--policy-batch-wait: must be between 0 and 0.5 of a control period".to_owned());
         }
-        if self.policy_awake_us > 100_000 {
-            return Err("--policy-awake-us: must be at most 100000".to_owned());
+        if self.policy_spin_us > 100_000 {
+            return Err("--policy-spin-us: must be at most 100000".to_owned());
         }
         if !(1..=86_400).contains(&self.session_idle_seconds) {
             return Err("--session-idle-seconds: must be between 1 and 86400".to_owned());

@@ -1,7 +1,7 @@
-//! What the pages look at and no other room has at hand: the scores of whole runs in memory, and single steps of
-//! recordings as pictures and numbers.
+//! Data that only the pages need: the scores of whole runs in memory, and single steps of recordings as images and
+//! numbers.
 //!
-//! Knows no page, no wire type and no SQL.
+//! Must not know pages, wire types or SQL.
 
 mod picture;
 mod steps;
@@ -26,10 +26,10 @@ use crate::{
 
 /// Bytes of runs' scores in memory.
 const RUN_BYTES: u64 = 256 << 20;
-/// Recordings that are kept mapped: somebody plays one, or looks at segments of several.
+/// Mapped recordings kept open, for playback and for segments of several recordings.
 const OPEN_RECORDINGS: usize = 64;
 
-/// Everything that is kept to be looked at; clones share it.
+/// The caches of the pages; clones share them.
 #[derive(Clone)]
 pub(crate) struct Curation(Arc<Inner>);
 
@@ -38,19 +38,18 @@ struct Inner {
     ingest: Ingest,
     runs: Cache<ScoreRunId, Arc<Summary>, Weigh>,
     open: Cache<EpisodeId, Arc<Steps>>,
-    /// The run that was summed up ahead last: one that has had to go since is not brought back again and again.
+    /// The run summed up ahead last: once evicted, it is not reloaded again and again.
     warmed: Mutex<Option<ScoreRunId>>,
 }
 
 impl Curation {
-    /// Loads nothing yet.
+    /// Loads no run yet.
     pub(crate) fn new(store: Store, ingest: Ingest) -> Self {
         let runs = Cache::with_weighter(16, RUN_BYTES, Weigh);
         Self(Arc::new(Inner { store, ingest, runs, open: Cache::new(OPEN_RECORDINGS), warmed: Mutex::default() }))
     }
 
-    /// A finished run's scores of its imperfect episodes. They are read once, however many ask; which runs stay depends
-    /// on which are asked for.
+    /// A finished run's scores of its imperfect episodes, read once for concurrent callers and cached by use.
     ///
     /// # Errors
     /// NotFound; Precondition when the run's job has not succeeded.
@@ -63,7 +62,7 @@ impl Curation {
         self.0.runs.get_or_insert_async(run, load).await
     }
 
-    /// Sums the newest run up before anybody asks for it.
+    /// Loads the newest run ahead of its first use.
     ///
     /// # Errors
     /// Internal.
@@ -76,11 +75,10 @@ impl Curation {
         Ok(())
     }
 
-    /// One step of an episode as one of its cameras saw it, as JPEG.
+    /// One step of an episode from one of its cameras, as JPEG.
     ///
     /// # Errors
-    /// NotFound names the episode, step or camera that is not there; Invalid a size of 0, or depth that the camera does
-    /// not have.
+    /// NotFound names the missing episode, step or camera; Invalid a size of 0, or depth that the camera does not have.
     pub(crate) async fn frame(&self, episode: &EpisodeId, view: View) -> Result<Vec<u8>> {
         let steps = self.steps(episode).await?;
         off_runtime("drawing a frame", move || steps.frame(&view)).await
@@ -97,7 +95,7 @@ impl Curation {
 
     /// The steps of an episode, mapped.
     async fn steps(&self, episode: &EpisodeId) -> Result<Arc<Steps>> {
-        // Asked each time: what was deleted for good is not shown any more.
+        // Read each time: a deleted episode is no longer shown.
         let (task, recording) = match self.0.store.recording_of(episode).await {
             Ok(found) => found,
             Err(error) => {
@@ -116,7 +114,7 @@ impl Curation {
     }
 }
 
-/// Runs what takes long away from the runtime's threads.
+/// Runs blocking work off the runtime's threads.
 async fn off_runtime<T: Send + 'static>(
     doing: &'static str,
     work: impl FnOnce() -> Result<T> + Send + 'static,

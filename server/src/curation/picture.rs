@@ -1,25 +1,25 @@
-//! One camera's part of a step's frame as a JPEG: color as it was, depth as grey.
+//! One camera's part of a step's frame as a JPEG: colour as recorded, depth as grey.
 
 use gleaner_recording::{CameraSpec, TaskSpec, encode_jpeg};
 
 use crate::error::{Error, Result};
 
-/// Good enough to judge a grasp by, at a tenth of the bytes.
+/// Good enough to judge a grasp, at a tenth of the bytes.
 const QUALITY: u8 = 85;
-/// How light what is farthest is; black is for pixels without a reading.
+/// The brightness of the farthest pixel; black is for pixels without a reading.
 const FARTHEST: u32 = 32;
 
-/// Which picture of an episode is wanted.
+/// The selected image of an episode.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct View {
     /// The step, from 0.
     pub(crate) step: u64,
     /// The camera's name in the task.
     pub(crate) camera: String,
-    /// Its depth image instead of color: near is light, far is dark, by what is nearest and farthest in this frame;
-    /// black where nothing was measured.
+    /// Its depth image instead of colour: from near (light) to far (dark), scaled to this frame; black without a
+    /// reading.
     pub(crate) depth: bool,
-    /// At most so many pixels wide and high; `None` as recorded. Only ever made smaller.
+    /// The most pixels in width and height; `None` as recorded. Images are only scaled down.
     pub(crate) size: Option<u32>,
 }
 
@@ -30,7 +30,7 @@ struct Picture {
     width: usize,
 }
 
-/// The picture of a step's frame, which holds all cameras one after the other, as JPEG.
+/// The image of a step's frame, which holds all cameras one after the other, as JPEG.
 pub(super) fn picture(spec: &TaskSpec, frame: &[u8], view: &View) -> Result<Vec<u8>> {
     let (camera, [color, depth]) = images(spec, frame, &view.camera)?;
     let (height, width) = (camera.height as usize, camera.width as usize);
@@ -83,7 +83,7 @@ fn grey(depth: &[u8]) -> Vec<u8> {
 }
 
 impl Picture {
-    /// No wider and no higher than so many pixels: each new one is the mean of a square of old ones.
+    /// Scales down to at most this width and height: each new pixel is the mean of a square of old ones.
     fn within(self, most: usize) -> Self {
         let square = self.height.max(self.width).div_ceil(most.max(1)).max(1);
         if square == 1 {
@@ -97,7 +97,7 @@ impl Picture {
         Self { rgb, height, width }
     }
 
-    /// The mean color of the square whose first pixel this is, as far as it is inside.
+    /// The mean colour of the square with this first pixel, as far as it is inside.
     fn mean(&self, top: usize, left: usize, square: usize) -> [u8; 3] {
         let (bottom, right) = ((top + square).min(self.height), (left + square).min(self.width));
         let (mut sums, mut pixels) = ([0_usize; 3], 0);

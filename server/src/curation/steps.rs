@@ -8,17 +8,17 @@ use crate::{
     error::{Error, Result},
 };
 
-/// An episode's steps with what tells them apart.
+/// An episode's steps and their labels.
 pub(super) struct Steps {
     episode: EpisodeId,
     spec: TaskSpec,
     decoded: Decoded,
 }
 
-/// The numbers of every step, as the task names them.
+/// The values of every step, by the task's field names.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Numbers {
-    /// When each step was, in nanoseconds.
+    /// The time of each step, in nanoseconds.
     pub(crate) stamps_ns: Vec<i64>,
     /// The proprioception, field by field.
     pub(crate) proprioception: Vec<Series>,
@@ -31,7 +31,7 @@ pub(crate) struct Numbers {
 pub(crate) struct Series {
     /// The field's name.
     pub(crate) name: String,
-    /// How many numbers it holds at each step.
+    /// The number of values at each step.
     pub(crate) size: usize,
     /// T × size values, step after step.
     pub(crate) values: Vec<f32>,
@@ -42,7 +42,7 @@ impl Steps {
         Self { episode, spec, decoded }
     }
 
-    /// One step as a camera saw it, as JPEG. Touches the disk.
+    /// One step of a camera, as JPEG. Reads the disk.
     pub(super) fn frame(&self, view: &View) -> Result<Vec<u8>> {
         let steps = self.decoded.steps();
         let missing = || {

@@ -1,4 +1,4 @@
-//! A finished run in memory: q and w of its imperfect segments, and what they answer. A finished run never changes.
+//! A finished run in memory: q and w of its imperfect segments, and derived statistics. A finished run never changes.
 
 use std::{
     cmp::Ordering,
@@ -19,11 +19,11 @@ use crate::{
     error::Result,
 };
 
-/// The best and the worst segments that are looked for.
+/// The number of best and worst segments shown.
 const FOREMOST: usize = 24;
-/// Most segments of one episode among the best or the worst.
+/// The most segments of one episode among the best or the worst.
 const OF_ONE_EPISODE: usize = 3;
-/// Steps that such segments of one episode lie apart at least: neighbours look the same.
+/// The least distance in steps between shown segments of one episode: neighbours look alike.
 const APART: usize = 10;
 
 /// A run's scores of its imperfect episodes.
@@ -32,7 +32,8 @@ pub(crate) struct Summary {
     candidates: Vec<Candidate>,
     places: HashMap<EpisodeId, usize>,
     mean_q: Vec<Option<f64>>,
-    /// (q, w) from best to worst; made when a top fraction is first asked for, as are the others when they are.
+    /// (q, w) from best to worst; built on the first request for a top fraction. The fields below are built on demand,
+    /// too.
     ranked: OnceLock<Vec<(f32, f64)>>,
     best: OnceLock<Vec<SegmentRef>>,
     worst: OnceLock<Vec<SegmentRef>>,
@@ -51,7 +52,7 @@ impl Summary {
         &self.run
     }
 
-    /// What a selection would keep; the same as [`crate::store::Store::count_kept`] says.
+    /// The counts of a selection; the same as [`crate::store::Store::count_kept`].
     ///
     /// # Errors
     /// Internal.
@@ -67,7 +68,7 @@ impl Summary {
         off_runtime("counting what is kept", counting).await
     }
 
-    /// Segments in each of so many equal bins of q over [0, 1].
+    /// The number of segments in each of `bins` equal bins of q over [0, 1].
     ///
     /// # Errors
     /// Internal.
@@ -81,8 +82,8 @@ impl Summary {
         off_runtime("making a histogram", counting).await
     }
 
-    /// The best segments, the very best first: by q, of equal ones by w; then the older episode and the earlier step. At
-    /// most 3 of one episode, 10 steps apart, and 24 in all.
+    /// The best segments in order: by q, then by w, then by older episode and earlier step. At most 3 of one episode,
+    /// 10 steps apart, and 24 in all.
     ///
     /// # Errors
     /// Internal.
@@ -90,7 +91,7 @@ impl Summary {
         self.foremost(most, |summary| &summary.best, |a, b| b.0.total_cmp(&a.0).then(b.1.total_cmp(&a.1))).await
     }
 
-    /// The worst segments, the very worst first; otherwise as [`Summary::best`].
+    /// The worst segments, the worst first; otherwise as [`Summary::best`].
     ///
     /// # Errors
     /// Internal.
@@ -98,7 +99,7 @@ impl Summary {
         self.foremost(most, |summary| &summary.worst, |a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1))).await
     }
 
-    /// Finds out all that is found out once, so that nobody waits for it.
+    /// Computes all derived statistics ahead of their first use.
     ///
     /// # Errors
     /// Internal.
@@ -109,7 +110,7 @@ impl Summary {
         Ok(())
     }
 
-    /// Mean q of an episode's segments; `None` when the run has none of it as an imperfect episode.
+    /// Mean q of an episode's segments; `None` when it is not an imperfect episode of the run.
     pub(crate) fn mean_q(&self, episode: &EpisodeId) -> Option<f64> {
         self.places.get(episode).and_then(|&place| self.mean_q[place])
     }
@@ -129,7 +130,7 @@ impl Summary {
     }
 }
 
-/// Compares (q, w): less is to be shown before.
+/// Compares (q, w): less comes first.
 type Order = fn(&(f32, f64), &(f32, f64)) -> Ordering;
 
 fn mean(q: &[f32]) -> Option<f64> {
@@ -138,7 +139,7 @@ fn mean(q: &[f32]) -> Option<f64> {
     (!q.is_empty()).then(|| q.iter().copied().map(f64::from).sum::<f64>() / steps)
 }
 
-/// The segments that come first in this order.
+/// The first segments in this order.
 fn foremost(candidates: &[Candidate], most: usize, order: Order) -> Vec<SegmentRef> {
     let compare = |a: &(&Candidate, usize), b: &(&Candidate, usize)| {
         let by_score = order(&scores(a.0, a.1), &scores(b.0, b.1));
@@ -169,7 +170,7 @@ fn foremost(candidates: &[Candidate], most: usize, order: Order) -> Vec<SegmentR
     found.into_iter().map(segment).collect()
 }
 
-/// The step of an episode that comes first in this order apart from those that are chosen; of equal ones the earliest.
+/// The first step of an episode in this order, apart from chosen ones; of equal ones the earliest.
 fn next(candidate: &Candidate, chosen: &[usize], order: Order) -> Option<usize> {
     let free = (0..candidate.q.len()).filter(|step| chosen.iter().all(|other| other.abs_diff(*step) >= APART));
     free.min_by(|&a, &b| order(&scores(candidate, a), &scores(candidate, b)))
@@ -179,7 +180,7 @@ fn scores(candidate: &Candidate, step: usize) -> (f32, f64) {
     (candidate.q[step], candidate.w[step])
 }
 
-/// What a summary takes of the memory for runs: its scores, and the ranking that may still come.
+/// The memory of a summary: its scores, and the ranking that may still be built.
 #[derive(Debug, Clone)]
 pub(super) struct Weigh;
 
@@ -187,7 +188,7 @@ impl Weighter<ScoreRunId, Arc<Summary>> for Weigh {
     fn weight(&self, _: &ScoreRunId, summary: &Arc<Summary>) -> u64 {
         let segments: usize = summary.candidates.iter().map(|one| one.q.len()).sum();
         let bytes = segments as u64 * 28 + summary.candidates.len() as u64 * 256;
-        // One that is larger than all room is kept all the same, alone: nobody could look at it otherwise.
+        // A summary larger than the whole cache is kept alone: its run could not be shown otherwise.
         bytes.min(RUN_BYTES / 10 * 9)
     }
 }

@@ -1,4 +1,4 @@
-//! The room over a fresh database and real frame caches.
+//! Curation over a fresh database and real frame caches.
 
 use gleaner_recording::{
     CameraSpec, Episode as Decoded, FieldSpec, PixelFormat, TaskSpec, decode_color, frame_bytes_per_step,
@@ -46,7 +46,7 @@ fn seeing() -> TaskSpec {
     }
 }
 
-/// A stored episode whose frame cache holds so many steps; every byte of a step's frame is ten times the step.
+/// A stored episode whose frame cache holds `steps` steps; every byte of a step's frame is ten times the step.
 async fn recorded(lab: &Lab, steps: u8) -> Episode {
     let episode = testing::episode(&lab.store, &lab.task, Outcome::Failure, "").await;
     let spec = &lab.task.spec;
@@ -79,7 +79,7 @@ async fn a_frame_is_the_recorded_step() {
 }
 
 #[tokio::test]
-async fn a_step_or_camera_that_is_not_there_is_named() {
+async fn a_missing_step_or_camera_is_named() {
     let lab = lab(&seeing()).await;
     let episode = recorded(&lab, 20).await;
     for (view, start) in [
@@ -95,7 +95,7 @@ async fn a_step_or_camera_that_is_not_there_is_named() {
 }
 
 #[tokio::test]
-async fn what_was_deleted_for_good_is_not_shown_though_it_is_mapped() {
+async fn a_deleted_episode_is_not_shown_though_it_was_mapped() {
     let lab = lab(&seeing()).await;
     let episode = recorded(&lab, 20).await;
     lab.curation.frame(&episode.id, view(0, "front")).await.unwrap();
@@ -105,11 +105,11 @@ async fn what_was_deleted_for_good_is_not_shown_though_it_is_mapped() {
     let gone = lab.curation.frame(&episode.id, view(0, "front")).await.unwrap_err();
     assert_eq!(gone.kind(), Kind::NotFound);
     assert_eq!(lab.curation.numbers(&episode.id).await.unwrap_err().kind(), Kind::NotFound);
-    assert!(lab.curation.0.open.is_empty(), "its recording is mapped no more");
+    assert!(lab.curation.0.open.is_empty(), "its recording is no longer mapped");
 }
 
 #[tokio::test]
-async fn numbers_come_by_field() {
+async fn numbers_are_returned_by_field() {
     let lab = lab(&seeing()).await;
     let episode = recorded(&lab, 3).await;
     let numbers = lab.curation.numbers(&episode.id).await.unwrap();
@@ -121,7 +121,7 @@ async fn numbers_come_by_field() {
     assert_eq!(numbers.action[0].values, [-0.0, -1.0, -2.0]);
 }
 
-/// A run with these q of imperfect episodes, each of a cohort of its own.
+/// A run with these q of imperfect episodes, each in its own cohort.
 async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
     testing::episode(&lab.store, &lab.task, Outcome::Success, "").await;
     let mut scores = Vec::new();
@@ -138,7 +138,7 @@ async fn run_with(lab: &Lab, q: &[&[f32]]) -> (ScoreRunId, Vec<EpisodeId>) {
 }
 
 #[tokio::test]
-async fn a_summary_says_what_the_database_says() {
+async fn a_summary_agrees_with_the_database() {
     let lab = lab(&testing::spec()).await;
     let (run, episodes) = run_with(&lab, &[&[0.1, 0.9, 0.9], &[0.5, 1.0], &[0.9]]).await;
     let summary = lab.curation.summary(&run).await.unwrap();
@@ -160,7 +160,7 @@ async fn a_summary_says_what_the_database_says() {
 }
 
 #[tokio::test]
-async fn an_empty_run_and_one_that_is_not_there() {
+async fn an_empty_run_and_a_missing_one() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[]).await;
     let summary = lab.curation.summary(&run).await.unwrap();
@@ -175,7 +175,7 @@ async fn an_empty_run_and_one_that_is_not_there() {
 }
 
 #[tokio::test]
-async fn who_asks_at_once_shares_one_read() {
+async fn concurrent_callers_share_one_read() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[&[0.5]]).await;
     let asked = futures::future::try_join_all((0..8).map(|_| lab.curation.summary(&run))).await.unwrap();

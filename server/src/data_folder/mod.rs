@@ -1,5 +1,5 @@
 //! The data folder as a whole: the names of what lies in it, the stamp that ties its database to its blobs, whether its
-//! files are still the ones that were opened, and who may read it. Must not depend on rows or on the content of blobs.
+//! files are still the ones that were opened, and its permissions. Must not depend on rows or on the content of blobs.
 
 pub mod access;
 pub(crate) mod presence;

@@ -1,7 +1,7 @@
-//! Whether the files that a server holds open are still the ones that their paths name.
+//! Checks that the files a server holds open are still the ones at their paths.
 //!
-//! A database that somebody deletes or replaces goes on as an open file without a name: everything written to it is gone
-//! with the process. So each write is followed by this question before it is acknowledged.
+//! A deleted or replaced database stays open as a file without a name: everything written to it is lost with the
+//! process. So this check follows each write before it is acknowledged.
 
 use std::{
     io,
@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::{LOCK, beside_database, database, stamp};
 use crate::error::{Error, Result};
 
-/// One file, by its place on its disk.
+/// A file, identified by device and inode.
 #[derive(Debug)]
 struct Held {
     path: PathBuf,
@@ -28,7 +28,7 @@ struct Held {
 #[derive(Debug)]
 pub(crate) struct Presence {
     files: Vec<Held>,
-    /// What was deleted or replaced first. It stays so although the file comes back: what was written meanwhile went
+    /// The first deleted or replaced file. The error stays even if the file returns: data written meanwhile is
     /// elsewhere.
     loss: OnceLock<String>,
     lost: CancellationToken,
@@ -107,7 +107,7 @@ mod tests {
     use crate::error::Kind;
 
     #[test]
-    fn deleted_and_replaced_files_are_noticed_and_stay_so() {
+    fn deleted_and_replaced_files_are_noticed_for_good() {
         let dir = tempfile::tempdir().unwrap();
         let (place, aside) = (database(dir.path()), dir.path().join("aside"));
         fs::write(&place, b"rows").unwrap();
@@ -120,7 +120,7 @@ mod tests {
         assert!(deleted.message().contains("gleaner.db was deleted"), "{deleted}");
         assert!(presence.lost().is_cancelled());
         fs::rename(&aside, &place).unwrap();
-        assert!(presence.verify().is_err(), "what was written meanwhile went elsewhere");
+        assert!(presence.verify().is_err(), "data written meanwhile is elsewhere");
         let again = Presence::note(dir.path()).unwrap();
         fs::write(&aside, b"rows").unwrap();
         fs::rename(&aside, &place).unwrap();

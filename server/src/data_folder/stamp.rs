@@ -1,7 +1,7 @@
 //! The stamp: a small file among the blobs that repeats the database's name for their folder and its generation.
 //!
-//! It lies among the blobs, so that blobs whose disk is not mounted are missed at the start. It is written in place: its
-//! line is far smaller than a sector, and a stamp that does not read is refused like a missing one.
+//! It lies among the blobs, so that a start without their disk mounted is noticed. It is written in place: its line is
+//! far smaller than a sector, and an unreadable stamp is refused like a missing one.
 
 use std::{
     fs::{File, OpenOptions},
@@ -28,7 +28,7 @@ pub(crate) struct Stamp {
     pub(crate) folder: String,
     /// The database's generation when a recording was acknowledged last, or the server started.
     pub(crate) generation: u64,
-    /// The inode of the database: another one is another file, which is checked before it is used.
+    /// The inode of the database: a file with another inode is checked before it is used.
     pub(crate) inode: u64,
     /// Bytes of the database's file at the last start; a smaller file was cut.
     #[serde(default)]
@@ -51,7 +51,7 @@ impl Stamp {
     /// Reads the stamp of a data folder; `None` when it is missing.
     ///
     /// # Errors
-    /// Precondition, with the ways out, when it cannot be read or does not read as a stamp.
+    /// Precondition, with the ways out, when it cannot be read or parsed.
     pub(crate) fn read(data_dir: &Path) -> Result<Option<Self>> {
         let path = path(data_dir);
         let unreadable = |problem: String| {
@@ -77,11 +77,11 @@ impl Stamp {
 }
 
 impl StampFile {
-    /// Puts a stamp on a data folder, over the one there is, if any. The folder of the blobs must exist. One of the same
-    /// folder is written in place, which a full disk allows.
+    /// Puts a stamp on a data folder, replacing an existing one. The folder of the blobs must exist. A stamp of the
+    /// same folder is written in place, which works on a full disk.
     ///
     /// # Errors
-    /// Exhausted or Internal when the disk refuses.
+    /// Exhausted or Internal when the disk fails.
     pub(crate) fn put(data_dir: &Path, stamp: Stamp) -> Result<Self> {
         let path = path(data_dir);
         let before = Stamp::read(data_dir).ok().flatten();
@@ -115,7 +115,7 @@ impl StampFile {
     }
 }
 
-/// Writes a stamp and has it on disk; the inner error is ours, the outer one the disk's.
+/// Writes a stamp and syncs it; the inner error is ours, the outer one the disk's.
 fn write(file: &File, stamp: &Stamp) -> std::result::Result<(), std::result::Result<Error, io::Error>> {
     let line = stamp.line().map_err(Ok)?;
     file.write_all_at(&line, 0).and_then(|()| file.sync_data()).map_err(Err)
@@ -143,11 +143,11 @@ mod tests {
         }
         let shorter = Stamp { folder: "cd".to_owned(), generation: 1, inode: 2, bytes: 0 };
         StampFile::put(dir.path(), shorter.clone()).unwrap();
-        assert_eq!(Stamp::read(dir.path()).unwrap(), Some(shorter), "nothing of the longer line is left");
+        assert_eq!(Stamp::read(dir.path()).unwrap(), Some(shorter), "no byte of the longer line is left");
     }
 
     #[test]
-    fn a_stamp_that_does_not_read_is_refused_with_the_ways_out() {
+    fn an_unreadable_stamp_is_refused_with_the_ways_out() {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir(dir.path().join(BLOBS)).unwrap();
         for content in ["", "{\"folder\":", "\u{0}\u{0}"] {

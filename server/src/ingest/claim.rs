@@ -1,7 +1,7 @@
-//! Who may write an upload: one at a time, and the newest comer wins.
+//! Claims on uploads: one writer at a time, and the newest claimant wins.
 //!
-//! A client whose connection broke comes back before the server has noticed. So a new claim does not wait for
-//! the old stream to time out: it tells that one to leave, and waits only until it has.
+//! A client whose connection broke comes back before the server has noticed. So a new claim does not wait for the old
+//! stream to time out: it asks the holder to leave, and waits only until it has.
 
 use std::{
     collections::HashMap,
@@ -14,7 +14,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::domain::id::UploadId;
 
-/// How long who holds an upload, or was offered it, may show no sign of life until it is offered to somebody else.
+/// How long the holder of an upload, or a client it was offered to, may be inactive until it is offered to another.
 const PATIENCE: Duration = Duration::from_secs(5);
 
 /// The claims on all open uploads; clones share them.
@@ -29,7 +29,7 @@ struct Holder {
     lock: Arc<tokio::sync::Mutex<()>>,
     leave: CancellationToken,
     offered: Option<Instant>,
-    /// Marked by each sign of life.
+    /// Updated at each activity.
     life: watch::Sender<()>,
 }
 
@@ -39,17 +39,17 @@ impl Holder {
     }
 }
 
-/// The right to write one upload, until it is dropped.
+/// The right to write one upload, released on drop.
 #[derive(Debug)]
 pub(super) struct Claim {
     _held: OwnedMutexGuard<()>,
-    /// Cancelled when somebody else wants to write.
+    /// Cancelled when another client claims the upload.
     pub(super) leave: CancellationToken,
     life: watch::Sender<()>,
 }
 
 impl Claim {
-    /// A sign of life: bytes have come.
+    /// Notes activity: bytes have arrived.
     pub(super) fn alive(&self) {
         self.life.send_replace(());
     }
@@ -66,7 +66,7 @@ impl Claims {
         Self { holders: Arc::default(), patience }
     }
 
-    /// Takes an upload over: tells its present holder to leave and waits until it has.
+    /// Takes an upload over: asks its present holder to leave and waits until it has.
     pub(super) async fn take(&self, id: &UploadId) -> Claim {
         let (lock, leave, life) = {
             let mut holders = self.holders();
@@ -81,13 +81,13 @@ impl Claims {
         claim
     }
 
-    /// Offers an upload to a client that may go on with it. False when another one is at it: two clients that
-    /// push the same file must not take one upload from each other in turns. But one that has died, and whose
-    /// connection nobody has missed yet, is not in the way of its own successor for long.
+    /// Offers an upload to a client that may resume it. False while another one is active: two clients that push the
+    /// same file must not take one upload from each other in turns. A dead client whose connection still looks open
+    /// blocks its successor only briefly.
     pub(super) async fn offer(&self, id: &UploadId) -> bool {
         let Some((lock, mut life)) = self.offer_at_once(id) else { return true };
         let left = async {
-            // Whoever holds it. One that was offered it and has not come yet holds nothing.
+            // The present holder. A client that was offered the upload and has not come yet holds no claim.
             if lock.try_lock().is_err() {
                 drop(lock.lock().await);
             } else {
@@ -106,17 +106,17 @@ impl Claims {
         }
     }
 
-    /// Notes that a client was given an upload that nobody else knows of.
+    /// Notes that a client was given an upload that no other client knows.
     pub(super) fn promise(&self, id: &UploadId) {
         self.holders().entry(id.clone()).or_default().offered = Some(Instant::now());
     }
 
-    /// Whether nobody writes an upload or was offered it.
+    /// Whether an upload is neither written nor offered.
     pub(super) fn is_idle(&self, id: &UploadId) -> bool {
         self.holders().get(id).is_none_or(|holder| holder.is_idle(self.patience))
     }
 
-    /// `None` when it is the caller's now; else what to wait for.
+    /// `None` when the caller has it now; otherwise the event to wait for.
     fn offer_at_once(&self, id: &UploadId) -> Option<(Arc<tokio::sync::Mutex<()>>, watch::Receiver<()>)> {
         let mut holders = self.holders();
         let holder = holders.entry(id.clone()).or_default();
@@ -127,7 +127,7 @@ impl Claims {
         Some((Arc::clone(&holder.lock), holder.life.subscribe()))
     }
 
-    /// Forgets an upload that is not open any more.
+    /// Removes an upload that is no longer open.
     pub(super) fn forget(&self, id: &UploadId) {
         self.holders().remove(id);
     }
@@ -143,7 +143,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn the_newest_comer_wins_once_the_old_one_has_left() {
+    async fn the_newest_claimant_wins_once_the_old_one_has_left() {
         let (claims, id) = (Claims::default(), UploadId::new());
         let first = claims.take(&id).await;
         let second = claims.take(&id);
@@ -156,22 +156,22 @@ mod tests {
         drop(second);
         assert!(claims.offer(&id).await);
         drop(claims.take(&id).await);
-        assert!(claims.offer(&id).await, "who was offered it has been and gone");
+        assert!(claims.offer(&id).await, "the client it was offered to has left");
     }
 
-    /// Two clients push one file; a third comes after one has died without a word.
+    /// Two clients push one file; a third comes after one has died silently.
     #[tokio::test(start_paused = true)]
-    async fn who_is_alive_keeps_an_upload_and_who_is_not_loses_it() {
+    async fn an_active_client_keeps_its_upload_and_an_inactive_one_loses_it() {
         let (claims, id) = (Claims::default(), UploadId::new());
         let held = claims.take(&id).await;
         let offer = claims.offer(&id);
         tokio::pin!(offer);
         assert!(futures::poll!(&mut offer).is_pending());
         held.alive();
-        assert!(!offer.await, "somebody writes it");
+        assert!(!offer.await, "it is being written");
 
         let begun = tokio::time::Instant::now();
-        assert!(claims.offer(&id).await, "nothing has come for a while");
+        assert!(claims.offer(&id).await, "its writer is inactive");
         assert_eq!(begun.elapsed(), PATIENCE);
         drop(held);
 
@@ -179,11 +179,11 @@ mod tests {
         tokio::pin!(offer);
         assert!(futures::poll!(&mut offer).is_pending(), "offered to another one a moment ago");
         drop(claims.take(&id).await);
-        assert!(!offer.await, "that one has come");
+        assert!(!offer.await, "the other client has come");
     }
 
     #[tokio::test]
-    async fn who_leaves_makes_room_at_once() {
+    async fn a_client_that_leaves_frees_its_upload_at_once() {
         let (claims, id) = (Claims::default(), UploadId::new());
         let held = claims.take(&id).await;
         let offer = claims.offer(&id);

@@ -1,5 +1,5 @@
-//! The upload contract, clause by clause: what is committed is on disk and stays, little is sent twice, and a client
-//! that comes back goes on where it was, whatever became of the one before it.
+//! The upload contract, clause by clause: committed bytes are on disk and stay, little is sent twice, and a returning
+//! client resumes at the committed size, whatever happened to the one before it.
 
 mod model;
 
@@ -30,13 +30,13 @@ fn content(bytes: usize) -> Vec<u8> {
     (0..=250).cycle().take(bytes).collect()
 }
 
-/// The committed size as a client asks for it.
+/// The committed size as a client reads it.
 async fn committed(f: &Fixture, upload: &Upload) -> u64 {
     f.ingest.status(&upload.id).await.unwrap().committed
 }
 
-/// While a client sends as fast as it can, what it has sent and would have to send again stays small. With a stream's
-/// window of 4 MiB and a message of 2 MiB on their way it stays under 8 MiB.
+/// While a client sends as fast as it can, the uncommitted part of its data stays small: with a stream's window of 4
+/// MiB and a message of 2 MiB on their way, under 8 MiB.
 #[tokio::test]
 async fn little_is_sent_twice() {
     let f = playing(USABLE).await;
@@ -55,7 +55,7 @@ async fn little_is_sent_twice() {
 }
 
 #[tokio::test]
-async fn one_content_pushed_by_many_at_once_is_one_episode_and_one_blob() {
+async fn equal_content_pushed_concurrently_is_one_episode_and_one_blob() {
     let f = playing(USABLE).await;
     let first = f.start(b"recording").await;
     let others = join_all((0..7).map(|_| f.beside(&first))).await;
@@ -73,16 +73,16 @@ async fn one_content_pushed_by_many_at_once_is_one_episode_and_one_blob() {
     assert!(f.files(&["uploads", "tmp"]).is_empty());
 }
 
-/// A second client does not take the upload of one that is alive, and gets one of its own.
+/// A second client does not take the upload of an active one, and gets its own.
 #[tokio::test]
-async fn two_clients_that_push_one_file_do_not_disturb_one_another() {
+async fn two_clients_that_push_one_file_do_not_disturb_each_other() {
     let f = playing(USABLE).await;
     let content = content(1 << 16);
     let first = f.start(&content).await;
     let (send, chunks) = mpsc::channel(1);
     let dripping = async {
         let mut at = 0;
-        // Until the receiver, and with it the second client, has what it wants.
+        // Until the receiver, and with it the second client, has its answer.
         while at < content.len() && send.send(Ok(chunk(&first.id, at, &content[at..=at]))).await.is_ok() {
             at += 1;
             tokio::task::yield_now().await;
@@ -98,9 +98,10 @@ async fn two_clients_that_push_one_file_do_not_disturb_one_another() {
     assert_eq!(second.committed, 0);
 }
 
-/// Its connection may look alive for half a minute. Nobody waits for that, and nothing that is committed is sent again.
+/// Its connection may look alive for half a minute. The next client does not wait for that, and sends no committed byte
+/// again.
 #[tokio::test]
-async fn a_client_that_died_without_a_word_is_succeeded_by_the_next() {
+async fn a_client_that_died_silently_is_succeeded_by_the_next() {
     let mut f = playing(USABLE).await;
     f.ingest.claims = Claims::with_patience(Duration::from_millis(20));
     let upload = f.start(b"recording").await;
@@ -119,9 +120,9 @@ async fn a_client_that_died_without_a_word_is_succeeded_by_the_next() {
     assert_eq!(f.ingest.finish(&next.id).await.unwrap().episode.size_bytes, 9);
 }
 
-/// The upload that a second client waits for ends: the episode is the answer.
+/// The upload that a second client waits for ends: the answer is the episode.
 #[tokio::test]
-async fn who_waits_for_an_upload_that_ends_gets_its_episode() {
+async fn a_client_that_waits_for_an_ended_upload_gets_its_episode() {
     let f = playing(USABLE).await;
     let upload = f.start(b"recording").await;
     f.write(&upload.id, 0, b"recording").await.unwrap();
@@ -131,7 +132,7 @@ async fn who_waits_for_an_upload_that_ends_gets_its_episode() {
     let id = finished.unwrap().episode.id;
     match started.unwrap() {
         Started::Existing(episode) => assert_eq!(episode.id, id),
-        // It asked before the finish had begun, and goes on with an upload that is whole.
+        // It claimed before the finish began, and resumes an upload that is complete.
         Started::Open(open) => {
             assert_eq!((&open.id, open.committed), (&upload.id, 9));
             assert_eq!(f.ingest.finish(&open.id).await.unwrap_err().kind(), Kind::NotFound);
@@ -139,9 +140,9 @@ async fn who_waits_for_an_upload_that_ends_gets_its_episode() {
     }
 }
 
-/// A client whose last answer was lost comes back: nothing of its upload stays.
+/// A client returns after its last answer was lost: no part of its upload stays.
 #[tokio::test]
-async fn what_is_stored_already_leaves_no_upload_behind() {
+async fn stored_content_leaves_no_upload_behind() {
     let f = playing(USABLE).await;
     let first = f.start(b"recording").await;
     let other = f.beside(&first).await;
@@ -156,7 +157,7 @@ async fn what_is_stored_already_leaves_no_upload_behind() {
     assert!(f.files(&["uploads", "tmp"]).is_empty());
 }
 
-/// Days later it goes on; weeks after its last byte it does not.
+/// Days later it resumes; weeks after its last byte it does not.
 #[tokio::test]
 async fn an_upload_is_kept_from_its_last_byte_on() {
     let mut f = playing(USABLE).await;
@@ -171,7 +172,7 @@ async fn an_upload_is_kept_from_its_last_byte_on() {
 
     f.reopen().await;
     let held = f.ingest.claims.take(&quiet.id).await;
-    assert_eq!(f.ingest.forget_abandoned(SystemTime::now()).await.unwrap(), 0, "somebody has come back");
+    assert_eq!(f.ingest.forget_abandoned(SystemTime::now()).await.unwrap(), 0, "a client has come back");
     drop(held);
     assert_eq!(f.ingest.forget_abandoned(SystemTime::now()).await.unwrap(), 1);
     assert_eq!(f.ingest.status(&quiet.id).await.unwrap_err().kind(), Kind::NotFound);
@@ -181,9 +182,9 @@ async fn an_upload_is_kept_from_its_last_byte_on() {
     assert_eq!(f.write(&again.id, 4, b"rding").await.unwrap(), 9);
 }
 
-/// A part that was lost is not begun anew under the same name: its name would not be on disk.
+/// A lost part is not started again under the same name: its name would not be on disk.
 #[tokio::test]
-async fn a_part_that_is_gone_is_told() {
+async fn a_missing_part_is_an_error() {
     let f = playing(USABLE).await;
     let upload = f.start(b"recording").await;
     std::fs::remove_file(f.ingest.part_path(&upload.id)).unwrap();

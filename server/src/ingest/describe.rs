@@ -7,8 +7,7 @@ use crate::{
 };
 
 impl Ingest {
-    /// Describes an episode and its task beside the blobs, before the row is there: from this they are made again should
-    /// the database be lost.
+    /// Writes the sidecars of an episode and its task before the row: a lost database is rebuilt from them.
     pub(super) async fn describe(&self, task: &Task, inspected: &InspectedEpisode, author: &str) -> Result<()> {
         let (id, recording) = (inspected.episode.id.clone(), inspected.episode.recording.clone());
         let (task_id, task) = (task.id.clone(), Description::task(task).to_json()?);

@@ -1,4 +1,4 @@
-//! What a task has of a content already: an answer to a push that is made again.
+//! Existing episodes of a content: the answer to a repeated push.
 
 use super::{Ingest, off_runtime};
 use crate::{
@@ -7,7 +7,7 @@ use crate::{
 };
 
 impl Ingest {
-    /// The episode of this content, if its recording is there; one that was lost can be pushed again.
+    /// The episode of this content, if its recording exists; a lost one can be pushed again.
     pub(super) async fn stored(&self, upload: &Upload) -> Result<Option<Episode>> {
         let existing = self.store.episode_of(&upload.task_id, &upload.blake3).await?;
         let path = self.blobs.path(&upload.blake3);
@@ -15,7 +15,7 @@ impl Ingest {
         Ok(if existing.is_some() { off_runtime("looking for a recording", there).await?.and(existing) } else { None })
     }
 
-    /// The answer when the content is there already.
+    /// The answer when the content exists.
     pub(super) async fn settle_on(&self, existing: Episode, upload: &Upload) -> Result<InspectedEpisode> {
         let existing = same_label(existing, upload.outcome, &upload.cohort)?;
         self.store.episode(&existing.id).await
@@ -26,7 +26,7 @@ impl Ingest {
 pub(super) fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> Result<Episode> {
     if existing.deleted_at.is_some() {
         return Err(Error::exists(format!(
-            "the task holds this recording as {0}, which is in the trash: to have it back, gleaner restore {0}",
+            "the task holds this recording as {0}, which is in the trash; to restore it: gleaner restore {0}",
             existing.id
         )));
     }
@@ -36,7 +36,7 @@ pub(super) fn same_label(existing: Episode, outcome: Outcome, cohort: &str) -> R
     let cohort =
         if existing.cohort.is_empty() { "no cohort".to_owned() } else { format!("cohort {:?}", existing.cohort) };
     Err(Error::exists(format!(
-        "the task holds this recording as {}, labelled {} with {cohort}: to change that, gleaner label {} --outcome …",
+        "the task holds this recording as {}, labelled {} with {cohort}: to change that: gleaner label {} --outcome …",
         existing.id,
         existing.outcome.as_str(),
         existing.id,

@@ -1,4 +1,4 @@
-//! Starts inspections: child processes, a limited number at once, each with limits and a deadline.
+//! Runs inspections: child processes, a limited number at once, each with limits and a deadline.
 
 use std::{
     ffi::OsString,
@@ -22,10 +22,10 @@ use crate::{
     file_limit::largest_file,
 };
 
-/// Most bytes of a child's standard error that are kept for the log.
+/// The most bytes of a child's standard error kept for the log.
 const STDERR_BYTES: u64 = 16 << 10;
 
-/// A refusal travels in an HTTP/2 header, where non-ASCII takes three bytes for one and 16 KiB is common.
+/// An error travels in an HTTP/2 header, where non-ASCII takes three bytes for one and 16 KiB is common.
 const REFUSAL_BYTES: usize = 3000;
 
 /// Starts inspections.
@@ -36,12 +36,12 @@ pub(super) struct Inspector {
     tmp: PathBuf,
     memory_bytes: u64,
     seconds: u64,
-    /// What a recording may hold.
+    /// The limits on a recording's content.
     limits: RecordingsConfig,
     pub(super) slots: Slots,
 }
 
-/// A recording that passed.
+/// An accepted recording.
 #[derive(Debug)]
 pub(super) struct Inspected {
     pub(super) report: Report,
@@ -60,16 +60,16 @@ impl Inspector {
         })
     }
 
-    /// The same limits, another command: the tests' own.
+    /// The same limits with another command: the tests' own.
     #[cfg(test)]
     pub(super) fn with_command(self, command: Vec<OsString>) -> Self {
         Self { command, ..self }
     }
 
-    /// Reads a recording under limits, in a slot of the client's. `shown` is what the client knows the file as.
+    /// Inspects a recording under limits, in a slot of the client's. `shown` is the client's name of the file.
     ///
     /// # Errors
-    /// Invalid when the task cannot use the recording, or reading it broke a limit; Unavailable when the inspection
+    /// Invalid when the task cannot use the recording, or reading it exceeded a limit; Unavailable when the inspection
     /// was stopped; Internal when it failed by itself.
     pub(super) async fn inspect(
         &self,
@@ -81,7 +81,7 @@ impl Inspector {
         self.inspect_within(&self.limits, client, recording, spec, shown).await
     }
 
-    /// Reads a recording that was let in before, maybe under wider limits on what it may hold than today's.
+    /// Reads a recording that was accepted before, maybe under wider limits on its content than today's.
     ///
     /// # Errors
     /// As [`Inspector::inspect`].
@@ -107,16 +107,16 @@ impl Inspector {
         Ok(Inspected { report, folder })
     }
 
-    /// Copies what is whole of a torn recording to `out`, under the same limits, and says how many actions it has.
+    /// Salvages a torn recording to `out`, under the same limits, and returns the number of its actions.
     ///
     /// # Errors
-    /// Invalid when it has not even a beginning, or reading it broke a limit; Unavailable; Internal.
+    /// Invalid when it has no usable beginning, or reading it exceeded a limit; Unavailable; Internal.
     pub(super) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
         let _slot = self.slots.take(&Client::Server).await?;
         let folder = self.prepare(None).await?;
         let order = Order { salvage: Some(out.to_owned()), ..self.order(torn, folder.path()) };
         let Verdict::Salvaged(actions) = self.verdict(&order, "the recording").await? else {
-            return Err(Error::internal("mending a recording", "the verdict is of another kind"));
+            return Err(Error::internal("salvaging a recording", "the verdict is of another kind"));
         };
         Ok(actions)
     }
@@ -126,7 +126,7 @@ impl Inspector {
         off_runtime("preparing an inspection", move || prepare(&tmp, spec.as_ref())).await
     }
 
-    /// To inspect `recording` under our own limits, with everything else in `folder`.
+    /// Orders an inspection of `recording` under our own limits, with all other files in `folder`.
     fn order(&self, recording: &Path, folder: &Path) -> Order {
         Order {
             recording: recording.to_owned(),
@@ -140,9 +140,9 @@ impl Inspector {
         }
     }
 
-    /// What the child found, if it found nothing wrong.
+    /// The child's verdict, if it accepted the recording.
     async fn verdict(&self, order: &Order, shown: &str) -> Result<Verdict> {
-        let (status, said) = self.run(order).await?;
+        let (status, stderr_text) = self.run(order).await?;
         let report = order.report.clone();
         let verdict = off_runtime("reading an inspection's report", move || Ok(std::fs::read(report).ok())).await?;
         let verdict = verdict.and_then(|json| serde_json::from_slice(&json).ok());
@@ -155,12 +155,12 @@ impl Inspector {
             }
             Some(Verdict::Fault(why)) => Err(Error::internal("inspecting a recording", why)),
             Some(Verdict::Usable(_) | Verdict::Salvaged(_) | Verdict::Refused(_)) | None => {
-                Err(self.broken(status, &said))
+                Err(self.broken(status, &stderr_text))
             }
         }
     }
 
-    /// Runs the child to its end, or to the deadline's.
+    /// Runs the child to its end or the deadline.
     async fn run(&self, order: &Order) -> Result<(ExitStatus, String)> {
         let fault = |error: std::io::Error| Error::internal("running an inspection", error);
         let (program, first) = self.command.split_first().ok_or_else(|| fault(std::io::ErrorKind::NotFound.into()))?;
@@ -169,23 +169,23 @@ impl Inspector {
             .args(order.arguments())
             .env_clear()
             .envs(worker_environment())
-            // Naming a panic's frames takes more memory than the child has, and it may then hang instead of ending.
+            // A backtrace takes more memory than the child has, and it may hang instead of ending.
             .env("RUST_BACKTRACE", "0")
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .stderr(Stdio::piped())
-            // Ctrl-C at the server's terminal is not meant for it; it ends with the server all the same.
+            // A Ctrl-C at the server's terminal must not reach it; it still ends with the server.
             .process_group(0)
             .kill_on_drop(true)
             .spawn()
             .map_err(fault)?;
         let stderr = child.stderr.take();
         let ended = async {
-            let mut said = Vec::new();
+            let mut stderr_text = Vec::new();
             if let Some(stderr) = stderr {
-                stderr.take(STDERR_BYTES).read_to_end(&mut said).await?;
+                stderr.take(STDERR_BYTES).read_to_end(&mut stderr_text).await?;
             }
-            Ok((child.wait().await?, String::from_utf8_lossy(&said).into_owned()))
+            Ok((child.wait().await?, String::from_utf8_lossy(&stderr_text).into_owned()))
         };
         match tokio::time::timeout(Duration::from_secs(self.seconds), ended).await {
             Ok(ended) => ended.map_err(fault),
@@ -206,9 +206,9 @@ impl Inspector {
         )
     }
 
-    /// What a child that ended without a verdict died of.
-    fn broken(&self, status: ExitStatus, said: &str) -> Error {
-        tracing::warn!(inspect.status = %status, inspect.stderr = said, "an inspection broke off");
+    /// The cause of death of a child without a verdict.
+    fn broken(&self, status: ExitStatus, stderr_text: &str) -> Error {
+        tracing::warn!(inspect.status = %status, inspect.stderr = stderr_text, "an inspection failed");
         let mib = self.memory_bytes >> 20;
         match status.signal().and_then(Signal::from_named_raw) {
             Some(Signal::XCPU) => self.took_too_long(),
@@ -223,7 +223,7 @@ impl Inspector {
                      --inspect-memory-bytes at the server"
                 ),
             ),
-            // What the allocator does when it gets nothing.
+            // The exit status after a failed allocation.
             Some(Signal::ABORT) => Error::invalid(
                 "recording",
                 format!(
@@ -231,14 +231,14 @@ impl Inspector {
                      Record it again, or raise --inspect-memory-bytes at the server"
                 ),
             ),
-            // What people and service managers send, and the kernel when the machine has no memory left: nothing that
-            // the recording did, which has limits of its own.
+            // Signals of people and service managers, and of the kernel when the machine is out of memory: not caused
+            // by the recording, which has limits of its own.
             Some(Signal::HUP | Signal::INT | Signal::QUIT | Signal::TERM | Signal::KILL) => {
-                Error::unavailable("the recording's inspection was stopped; ask again")
+                Error::unavailable("the recording's inspection was stopped; retry")
             }
             Some(_) => Error::invalid("recording", BROKE_READER),
             None if status.code() == Some(PANICKED) => Error::invalid("recording", BROKE_READER),
-            None => Error::internal("inspecting a recording", format!("{status}: {said}")),
+            None => Error::internal("inspecting a recording", format!("{status}: {stderr_text}")),
         }
     }
 }
@@ -252,7 +252,7 @@ const PANICKED: i32 = 101;
 const BROKE_READER: &str = "the file is damaged in a way that breaks the reader; record the episode again";
 
 impl Inspected {
-    /// Where the decoded frames are, until this is dropped.
+    /// The folder of the decoded frames, removed on drop.
     pub(super) fn frames_path(&self) -> PathBuf {
         self.folder.path().join(FRAMES)
     }

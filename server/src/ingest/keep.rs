@@ -1,4 +1,4 @@
-//! Recordings that the server made itself: the way of an upload, without a client.
+//! Recordings made by the server itself: uploads without a client.
 
 use std::path::Path;
 
@@ -24,9 +24,9 @@ pub(crate) struct NewRecording {
 }
 
 impl Ingest {
-    /// Stores a file of the data directory as an episode. The file stays; nobody may write it any more. When the
-    /// task holds the content already, that episode is the answer, whatever its label: so a call that a crash has cut
-    /// can be made again.
+    /// Stores a file of the data directory as an episode. The file stays and must not be written any more. When the
+    /// task holds the content already, that episode is the answer, whatever its label: so an interrupted call can be
+    /// repeated.
     ///
     /// # Errors
     /// Invalid when the task cannot use it or it is too large; Exhausted when the disk is full; Unavailable when its
@@ -39,10 +39,10 @@ impl Ingest {
         })
         .await?;
         if size_bytes > self.max_upload_bytes {
-            // Unlike a full disk, this stays as it is.
+            // Unlike a full disk, this does not change.
             let limit = self.max_upload_bytes;
-            let mend = format!("{size_bytes} bytes are above this server's limit of {limit} (--max-upload-bytes)");
-            return Err(Error::invalid("recording", mend));
+            let fix = format!("{size_bytes} bytes are above this server's limit of {limit} (--max-upload-bytes)");
+            return Err(Error::invalid("recording", fix));
         }
         let NewRecording { task_id, file_name, outcome, cohort, author } = new;
         let existing = || async { self.store.episode_of(&task_id, &blake3).await };
@@ -61,7 +61,7 @@ impl Ingest {
         }
     }
 
-    /// The file becomes the upload's part, by another name for the same bytes.
+    /// The file becomes the upload's part, as another name of the same bytes.
     async fn finish_file(&self, id: &UploadId, recording: &Path, size: u64) -> Result<Episode> {
         let (part, recording) = (self.part_path(id), recording.to_owned());
         off_runtime("linking a recording", move || link(&recording, &part)).await?;
@@ -71,11 +71,11 @@ impl Ingest {
         self.finish_here(id).await.map(|inspected| inspected.episode)
     }
 
-    /// Copies what is whole of a torn recording to `out`, in a child under the limits of an inspection, and says how
-    /// many steps it may have.
+    /// Salvages a torn recording to `out`, in a child under the limits of an inspection, and returns the most steps it
+    /// may have.
     ///
     /// # Errors
-    /// Invalid when there is nothing that can be read; Internal.
+    /// Invalid when no part of it can be read; Internal.
     pub(crate) async fn salvage(&self, torn: &Path, out: &Path) -> Result<u64> {
         self.inspector.salvage(torn, out).await.map_err(|error| self.blobs.blame(error))
     }
@@ -84,11 +84,11 @@ impl Ingest {
 fn link(recording: &Path, part: &Path) -> Result<()> {
     let fault = |error| Error::internal(format!("linking {}", recording.display()), error);
     std::fs::File::open(recording).and_then(|file| file.sync_all()).map_err(fault)?;
-    // In one move, so that there is always a part.
+    // In one rename, so that there is always a part.
     let draft = part.with_extension("draft");
     clear(&draft).map_err(fault)?;
     std::fs::hard_link(recording, &draft).and_then(|()| std::fs::rename(&draft, part)).map_err(fault)?;
-    // When the part was the recording already, the move was none.
+    // When both were names of one file already, the rename did not remove `from`.
     clear(&draft).map_err(fault)?;
     part.parent().map_or(Ok(()), sync_folder)
 }
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_crash_between_the_link_and_its_row_costs_the_recording_nothing() {
+    async fn a_crash_between_the_link_and_its_row_loses_no_recording() {
         let mut f = playing(USABLE).await;
         let (new, recording) = recorded(&f);
         let upload = f.start(b"recording").await;
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_client_that_goes_on_with_the_upload_does_not_write_into_the_recording() {
+    async fn a_client_that_resumes_the_upload_does_not_write_into_the_recording() {
         let f = playing(USABLE).await;
         let (_, recording) = recorded(&f);
         let upload = f.start(b"recording").await;
@@ -158,8 +158,8 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn an_inspection_that_is_told_to_stop_says_nothing_of_the_recording() {
-        // KILL is also what the system sends when the whole machine has no memory left.
+    async fn a_stopped_inspection_does_not_reject_the_recording() {
+        // The system also sends KILL when the whole machine is out of memory.
         for signal in ["TERM", "KILL"] {
             let f = playing(&format!("kill -{signal} $$")).await;
             let (new, recording) = recorded(&f);
@@ -169,7 +169,7 @@ mod tests {
         }
     }
 
-    /// Ctrl-C goes to a whole group of processes.
+    /// Ctrl-C is sent to a whole process group.
     #[tokio::test]
     async fn an_inspection_is_a_group_by_itself() {
         let f = playing(&format!("set -- $(cat /proc/$$/stat); [ $5 = $$ ] && {USABLE}")).await;
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_too_large_stays_so() {
+    async fn too_large_a_recording_is_rejected_for_good() {
         let f = real("none", &["--max-upload-bytes", "8"]).await;
         let (new, recording) = recorded(&f);
         let error = f.ingest.keep(new, &recording).await.unwrap_err();

@@ -1,7 +1,7 @@
-//! Uploads in: from bytes to an inspected episode, or nothing.
+//! Uploads: from bytes to an inspected episode, or to an error.
 //!
-//! Bytes gather in a part file. A finished upload is inspected in a child process with limits, because reading
-//! hostile bytes can abort a process. Only what passed becomes a blob and a row. Knows no wire type.
+//! Bytes gather in a part file. A finished upload is inspected in a child process with limits, because reading hostile
+//! bytes can abort a process. Only accepted recordings become a blob and a row. Must not know wire types.
 
 mod claim;
 #[cfg(test)]
@@ -55,18 +55,18 @@ pub struct Ingest {
     blobs: Blobs,
     claims: Claims,
     inspector: Arc<Inspector>,
-    /// One for each recording that is looked at and not kept.
+    /// One for each recording that is inspected and not stored.
     passing: Arc<Semaphore>,
     data_dir: Arc<Path>,
     max_upload_bytes: u64,
-    /// `None`: any number.
+    /// `None`: no limit.
     max_open_uploads: Option<u64>,
-    /// How long an upload that nobody goes on with is kept.
+    /// How long an inactive upload is kept.
     keep_for: Duration,
 }
 
 impl Ingest {
-    /// Opens the uploads and puts right what a crash left: see `recover`.
+    /// Opens the uploads and repairs them after a crash: see `recover`.
     ///
     /// # Errors
     /// Internal when the data directory or the database cannot be used.
@@ -86,10 +86,10 @@ impl Ingest {
         })
     }
 
-    /// The steps of a stored recording, mapped rather than read. A cache that is missing or damaged is rebuilt.
+    /// The steps of a stored recording, mapped rather than read. A missing or damaged cache is rebuilt.
     ///
     /// # Errors
-    /// Internal when the recording does not read any more.
+    /// Internal when the recording can no longer be read.
     pub async fn frames(&self, task: &TaskSpec, recording: &BlobId) -> Result<Frames> {
         let path = frames_path(&self.data_dir, recording, task);
         match open_frames(path.clone()).await {
@@ -97,7 +97,7 @@ impl Ingest {
             Err(error) => tracing::info!(blob.id = %recording, %error, "rebuilding a frame cache"),
         }
         let inspected = self.inspector.inspect_admitted(&self.blobs.path(recording), task).await;
-        // It was read before, so it is not the caller who is wrong now.
+        // It was accepted before, so the caller is not at fault.
         let inspected = inspected.map_err(|error| {
             if error.kind() != Kind::Invalid {
                 return error;
@@ -108,7 +108,7 @@ impl Ingest {
         open_frames(path).await
     }
 
-    /// Where recordings are kept.
+    /// The folder of recordings.
     pub(crate) fn blobs(&self) -> &Blobs {
         &self.blobs
     }
@@ -118,15 +118,15 @@ impl Ingest {
     }
 }
 
-/// Where the decoded steps of a recording are kept, read by this task. Derived: it can always be rebuilt.
+/// The path of a recording's decoded steps, for this task. Derived: it can always be rebuilt.
 pub fn frames_path(data_dir: &Path, recording: &BlobId, spec: &TaskSpec) -> PathBuf {
-    // A spec that cannot be written as JSON does not exist: it came from JSON.
+    // Every spec can be written as JSON: it came from JSON.
     let spec = serde_json::to_vec(spec).unwrap_or_default();
     let spec = blake3::hash(&spec).to_hex();
     data_dir.join("cache").join(format!("{recording}-{}.frames", spec.get(..16).unwrap_or_default()))
 }
 
-/// Where the bytes of an open upload gather.
+/// The part file of an open upload.
 pub(crate) fn part_path(data_dir: &Path, upload: &UploadId) -> PathBuf {
     data_dir.join("uploads").join(format!("{upload}.part"))
 }
@@ -138,7 +138,7 @@ async fn open_frames(path: PathBuf) -> Result<Frames> {
     .await
 }
 
-/// Runs what blocks away from the runtime's threads.
+/// Runs blocking work off the runtime's threads.
 async fn off_runtime<T: Send + 'static>(
     doing: &'static str,
     work: impl FnOnce() -> Result<T> + Send + 'static,

@@ -1,4 +1,4 @@
-//! The part file of one upload: appended to by its claim holder, synced before anything is acknowledged.
+//! The part file of one upload: appended to by its claim holder, synced before bytes are acknowledged.
 
 use std::{
     fs::File,
@@ -15,20 +15,20 @@ use crate::{
     error::{Error, Result},
 };
 
-/// An open part file. It carries the claim, so that a write which outlives its caller still holds it.
+/// An open part file. It holds the claim, so that a write which outlives its caller still has it.
 #[derive(Debug)]
 pub(super) struct Part {
     file: File,
     path: PathBuf,
     /// Bytes in the file.
     pub(super) size: u64,
-    /// Bytes that are known to be on disk.
+    /// Bytes known to be on disk.
     pub(super) synced: u64,
     claim: Claim,
 }
 
 impl Part {
-    /// Opens the part file at `path` to append after `committed`. What lies beyond was never acknowledged and is cut.
+    /// Opens the part file at `path` to append after `committed`. Bytes beyond were never acknowledged and are cut.
     pub(super) async fn open(path: PathBuf, committed: u64, claim: Claim) -> Result<Self> {
         off_runtime("opening a part file", move || {
             let file = open_at(&path, committed).map_err(|error| refused("opening", &path, error))?;
@@ -37,7 +37,7 @@ impl Part {
         .await
     }
 
-    /// Ends when somebody else wants to write this upload.
+    /// Completes when another client claims this upload.
     pub(super) async fn leave(&self) {
         self.claim.leave.cancelled().await;
     }
@@ -54,7 +54,7 @@ impl Part {
         .await
     }
 
-    /// Waits until every byte is on disk. After an error nobody knows which bytes are: the file is of no use.
+    /// Syncs every byte. After an error the synced size is unknown and the file cannot be used any more.
     pub(super) async fn sync(mut self) -> Result<Self> {
         off_runtime("syncing a part file", move || {
             self.file.sync_data().map_err(|error| refused("syncing", &self.path, error))?;
@@ -81,8 +81,8 @@ fn open_at(path: &Path, committed: u64) -> io::Result<File> {
     Ok(file)
 }
 
-/// Takes away what is beyond `committed`, and puts that on disk. A part that has another name too is a recording of this
-/// server's own, which must stay whole: the part then becomes a file by itself.
+/// Cuts bytes beyond `committed`, and syncs. A part that has another name is also a recording of this server's own,
+/// which must stay whole: the part then becomes a file of its own.
 pub(super) fn cut(path: &Path, committed: u64) -> io::Result<()> {
     let file = File::options().read(true).write(true).open(path)?;
     if file.metadata()?.nlink() == 1 {
@@ -96,7 +96,7 @@ pub(super) fn cut(path: &Path, committed: u64) -> io::Result<()> {
     std::fs::rename(&draft, path)
 }
 
-/// Makes an empty part file whose name is on disk too.
+/// Creates an empty part file and syncs its name.
 pub(super) fn create(path: &Path) -> Result<()> {
     File::create_new(path).and_then(|file| file.sync_all()).map_err(|error| refused("making", path, error))?;
     path.parent().map_or(Ok(()), sync_folder)
@@ -104,7 +104,7 @@ pub(super) fn create(path: &Path) -> Result<()> {
 
 pub(super) fn refused(doing: &str, path: &Path, error: io::Error) -> Error {
     if matches!(error.kind(), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) {
-        return Error::exhausted("the server's disk is full; free some space there and go on with the upload");
+        return Error::exhausted("the server's disk is full; free some space there and resume the upload");
     }
     if error.kind() == io::ErrorKind::FileTooLarge {
         return Error::exhausted(

@@ -1,5 +1,5 @@
-//! Recordings that are looked at and not kept: the same inspection as an upload's, and nothing left afterwards. What a
-//! crash leaves lies in `tmp`, which the next start empties.
+//! Recordings that are inspected and not stored: the same inspection as an upload's, and no file is left. After a crash
+//! their files lie in `tmp`, which the next start empties.
 
 use std::{path::Path, sync::Arc};
 
@@ -14,44 +14,44 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Most such recordings at once: each may take as much disk as the largest upload, and then as much for its steps.
+/// The most such recordings at once: each may take as much disk as the largest upload, and then as much for its steps.
 pub(super) const AT_ONCE: usize = 4;
 
-/// After so many bytes it is asked again whether the disk has room.
-const LOOK_EVERY: u64 = 4 << 20;
+/// After this many bytes the free space of the disk is checked again.
+const POLL_INTERVAL: u64 = 4 << 20;
 
-/// What a client says of a recording that it is going to send.
+/// A client's description of a recording before it is sent.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Declared {
     /// For messages; may be empty.
     pub(crate) file_name: String,
-    /// `None`: not known beforehand.
+    /// `None`: unknown beforehand.
     pub(crate) size_bytes: Option<u64>,
 }
 
-/// The place of one such recording. It is to be held as long as anything of the recording is.
+/// The permit for one such recording, to be held while any data of the recording is.
 #[derive(Debug)]
 pub(crate) struct Room {
     pub(super) _place: OwnedSemaphorePermit,
 }
 
-/// What was found in a recording that is gone again.
+/// The content of an inspected recording.
 #[derive(Debug)]
 pub(crate) struct Passing {
-    /// Its steps: memory that is mapped from a file without a name.
+    /// Its steps, mapped from a file without a name.
     pub(crate) frames: Frames,
-    /// What the inspection said.
+    /// The report of the inspection.
     pub(crate) report: Report,
-    /// For as long as the steps are held.
+    /// Held as long as the steps are.
     pub(crate) room: Room,
 }
 
 impl Ingest {
-    /// Inspects a recording of the client's as an upload would be, and forgets it.
+    /// Inspects a recording like an upload, and removes it.
     ///
     /// # Errors
-    /// Invalid when the task cannot use it, or it has another size than was declared; Exhausted when it is too large
-    /// or too many are looked at; what broke the stream.
+    /// Invalid when the task cannot use it, or its size differs from the declared one; Exhausted when it is too large
+    /// or too many are being inspected; any error of the stream.
     pub(crate) async fn pass(
         &self,
         client: &Client,
@@ -59,9 +59,9 @@ impl Ingest {
         declared: Declared,
         chunks: impl Stream<Item = Result<Bytes>> + Unpin,
     ) -> Result<Passing> {
-        let one = Arc::clone(&self.passing).try_acquire_owned().map_err(|_| {
-            Error::exhausted(format!("{AT_ONCE} recordings are being looked at already; send it again later"))
-        })?;
+        let one = Arc::clone(&self.passing)
+            .try_acquire_owned()
+            .map_err(|_| Error::exhausted(format!("{AT_ONCE} recordings are being inspected already; retry later")))?;
         let room = Room { _place: one };
         self.within_limit(declared.size_bytes.unwrap_or(0))?;
         self.blobs.expect_room(declared.size_bytes.unwrap_or(0))?;
@@ -86,7 +86,7 @@ impl Ingest {
         Ok(Passing { frames, report, room })
     }
 
-    /// Writes what comes to a file, not to outlive this call.
+    /// Writes the stream to a temporary file.
     async fn receive(
         &self,
         path: &Path,
@@ -102,7 +102,7 @@ impl Ingest {
             if declared.size_bytes.is_some_and(|declared| size > declared) {
                 break;
             }
-            if size - looked >= LOOK_EVERY {
+            if size - looked >= POLL_INTERVAL {
                 self.blobs.expect_room(0)?;
                 looked = size;
             }
@@ -113,7 +113,7 @@ impl Ingest {
             Some(declared) if size != declared => Err(Error::invalid(
                 "open.size_bytes",
                 format!(
-                    "is {declared}, but {} came; send the whole file",
+                    "is {declared}, but {} bytes were received; send the whole file",
                     if size > declared { "more" } else { "less" }
                 ),
             )),

@@ -1,10 +1,10 @@
-//! Where the program is that inspects recordings.
+//! The path of the inspector program.
 
 use std::path::PathBuf;
 
 use crate::error::{Error, Result};
 
-/// The program that inspects, which is installed beside this one: `gleaner-inspector` beside `gleaner-server`.
+/// The inspector, installed beside this program: `gleaner-inspector` beside `gleaner-server`.
 pub(super) fn program() -> Result<PathBuf> {
     let own = std::env::current_exe().map_err(|error| Error::internal("finding this program", error))?;
     let name = own.file_name().unwrap_or_default().to_string_lossy();
@@ -14,10 +14,10 @@ pub(super) fn program() -> Result<PathBuf> {
     }))
 }
 
-/// Whether recordings can be inspected here.
+/// Checks that the inspector is installed.
 ///
 /// # Errors
-/// Precondition when the program for it is not there.
+/// Precondition when it is missing.
 pub fn can_inspect() -> Result<()> {
     let program = program()?;
     if program.is_file() {
@@ -32,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_program_that_is_missing_is_named() {
+    fn a_missing_program_is_named() {
         // Beside this test there is none.
         let missing = can_inspect().unwrap_err();
         assert!(missing.message().contains("/gleaner-inspector is missing"), "{missing}");

@@ -1,4 +1,4 @@
-//! What a crash left is put right at start, before anything new comes in; and now and then what clients gave up goes.
+//! Recovery of uploads after a crash, before new ones are accepted; and the periodic removal of abandoned ones.
 
 use std::{
     collections::HashMap,
@@ -16,20 +16,21 @@ use crate::{
     store::Store,
 };
 
-/// Makes the folders; empties `tmp`, and `cache` of what was half written; removes part files without a row; cuts parts
-/// that are longer than what was acknowledged, and gives up those that are shorter, which a sound disk never makes.
+/// Creates the folders; empties `tmp`; removes drafts from `cache` and part files without a row; cuts parts that are
+/// longer than their acknowledged bytes, and gives up uploads whose parts are shorter, which happens on a faulty disk
+/// only.
 pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Result<()> {
     let uploads = store.uploads().await?;
     let (data_dir, blobs) = (data_dir.to_owned(), blobs.clone());
-    let torn = off_runtime("putting uploads right", move || {
-        let fault = |error| Error::internal(format!("putting uploads right in {}", data_dir.display()), error);
+    let torn = off_runtime("recovering uploads", move || {
+        let fault = |error| Error::internal(format!("recovering uploads in {}", data_dir.display()), error);
         for folder in ["uploads", "cache", "tmp"] {
             fs::create_dir_all(data_dir.join(folder)).map_err(fault)?;
         }
-        // What is acknowledged in a folder is lost with the folder's name.
+        // Without the entry in its parent, a folder is lost with everything acknowledged in it.
         sync_folder(&data_dir)?;
         empty(&data_dir.join("tmp"), |_| true).map_err(fault)?;
-        // Of workers that were killed.
+        // Left by killed workers.
         let half = |path: &Path| path.extension().is_some_and(|extension| extension == "partial");
         empty(&data_dir.join("cache"), half).map_err(fault)?;
         settle_parts(&data_dir, uploads, &blobs).map_err(fault)
@@ -37,9 +38,9 @@ pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Re
     .await?;
     for upload in torn {
         match store.delete_upload(&upload.id).await {
-            // A disk that takes nothing is not in the way of the start: the next one does it.
+            // A disk that accepts no writes does not stop the start: the next start retries.
             Err(error) if matches!(error.kind(), Kind::Exhausted | Kind::Unavailable) => {
-                tracing::error!(upload.id = %upload.id, %error, "a torn upload stays");
+                tracing::error!(upload.id = %upload.id, %error, "a torn upload could not be removed");
             }
             deleted => deleted?,
         }
@@ -48,15 +49,15 @@ pub(super) async fn recover(data_dir: &Path, store: &Store, blobs: &Blobs) -> Re
 }
 
 impl Ingest {
-    /// For how long an upload is kept after its last byte.
+    /// How long an upload is kept after its last byte.
     pub(crate) fn keep_for(&self) -> Duration {
         self.keep_for
     }
 
-    /// Forgets the uploads whose last byte came so long before `now` that nobody will go on with them, and says how many.
+    /// Removes the uploads whose last byte is older than the limit at `now`, and returns their number.
     ///
     /// # Errors
-    /// When the database or the disk refuses.
+    /// When the database or the disk fails.
     pub(crate) async fn forget_abandoned(&self, now: SystemTime) -> Result<u64> {
         let before = now.checked_sub(self.keep_for).unwrap_or(SystemTime::UNIX_EPOCH);
         let (old, data_dir) = (self.store.uploads_before(Millis::of(before)).await?, Arc::clone(&self.data_dir));
@@ -70,7 +71,7 @@ impl Ingest {
         .await?;
         let mut forgotten = 0;
         for upload in abandoned.iter().filter(|upload| self.claims.is_idle(&upload.id)) {
-            tracing::info!(upload.id = %upload.id, upload.committed = upload.committed, "nobody went on with an upload: it is forgotten");
+            tracing::info!(upload.id = %upload.id, upload.committed = upload.committed, "an abandoned upload was removed");
             self.discard(&upload.id).await?;
             forgotten += 1;
         }
@@ -78,7 +79,7 @@ impl Ingest {
     }
 }
 
-/// Removes what of a folder is `unwanted`.
+/// Removes the `unwanted` entries of a folder.
 fn empty(folder: &Path, unwanted: impl Fn(&Path) -> bool) -> std::io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -93,7 +94,7 @@ fn empty(folder: &Path, unwanted: impl Fn(&Path) -> bool) -> std::io::Result<()>
     Ok(())
 }
 
-/// Answers with the uploads whose bytes are not there.
+/// Returns the uploads whose bytes are missing.
 fn settle_parts(data_dir: &Path, uploads: Vec<Upload>, blobs: &Blobs) -> std::io::Result<Vec<Upload>> {
     let mut open: HashMap<_, _> = uploads.into_iter().map(|upload| (part_path(data_dir, &upload.id), upload)).collect();
     // Listed beforehand: cutting a part may put another file in its place.
@@ -111,12 +112,12 @@ fn settle_parts(data_dir: &Path, uploads: Vec<Upload>, blobs: &Blobs) -> std::io
             open.remove(&path);
         }
     }
-    // A finish that a crash cut between the move and the row: the recording is in its place, the row remains.
+    // A finish interrupted between the move and the row: the recording is in its place, the row remains.
     open.retain(|_, upload| !(upload.committed == upload.size_bytes && blobs.contains(&upload.blake3)));
     for (path, upload) in &open {
         tracing::error!(
             upload.id = %upload.id, upload.committed = upload.committed, file.path = %path.display(),
-            "acknowledged bytes of an upload are gone: the disk lost them. The upload must start again"
+            "acknowledged bytes of an upload were lost by the disk; the upload must start again"
         );
         if path.exists() {
             fs::remove_file(path)?;

@@ -14,14 +14,14 @@ use crate::{
 #[derive(Debug, Clone)]
 pub(super) struct Slots(Arc<Mutex<FairQueue<Client, oneshot::Sender<Slot>>>>);
 
-/// A slot that is held until it is dropped.
+/// A slot, released on drop.
 #[derive(Debug)]
 pub(super) struct Slot {
     slots: Slots,
     client: Client,
 }
 
-/// A place in the queue, until it is dropped.
+/// A place in the queue, given up on drop.
 struct Waiting<'a> {
     slots: &'a Slots,
     client: &'a Client,
@@ -48,7 +48,8 @@ impl Slots {
     /// Hands free slots to waiters.
     fn admit(&self) {
         loop {
-            // The lock is free again before a slot is handed over: one whose waiter has just gone is dropped here.
+            // The lock is released before a slot is handed over: the slot of a waiter that has just left is dropped
+            // here.
             let Some((client, waiter)) = self.queue().admit() else { return };
             let _ = waiter.send(Slot { slots: self.clone(), client });
         }
@@ -102,7 +103,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_dropped_waiter_gives_its_place_back() {
+    async fn a_dropped_waiter_leaves_the_queue() {
         let (slots, a) = (Slots::new(1), token("a"));
         let held = slots.take(&a).await.unwrap();
         let mut gone = Box::pin(slots.take(&a));
@@ -113,7 +114,7 @@ mod tests {
         drop(held);
         drop(next.await.unwrap());
 
-        // One that was given a slot and never looked at it gives the slot back too.
+        // A waiter that was given a slot and dropped before reading it gives the slot back, too.
         let held = slots.take(&a).await.unwrap();
         let mut unread = Box::pin(slots.take(&a));
         assert!(futures::poll!(&mut unread).is_pending());

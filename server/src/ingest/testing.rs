@@ -1,4 +1,4 @@
-//! Fixtures for tests of uploads: an ingest over a fresh folder, with inspectors real and played.
+//! Fixtures for tests of uploads: an ingest over a fresh folder, with real and simulated inspectors.
 
 use std::{
     ffi::OsString,
@@ -28,13 +28,13 @@ use crate::{
     store::{Store, testing},
 };
 
-/// Plays an inspector that finds nothing wrong.
+/// Simulates an inspector that accepts the recording.
 pub(crate) const USABLE: &str = r#"printf '{"usable":{"mapping":"plain","steps":20}}' > "$report"; : > "$frames""#;
 
-/// Plays one that refuses, naming the file by our path as the reader does.
+/// Simulates one that rejects it, naming the file by our path as the reader does.
 pub(super) const REFUSING: &str = r#"printf '{"refused":"%s holds no /joints; record it"}' "$recording" > "$report""#;
 
-/// How a child of this test binary misbehaves once its limits are on.
+/// The misbehaviour of a child of this test binary once its limits are on.
 const MISBEHAVIOUR: &str = "GLEANER_TEST_MISBEHAVIOUR";
 const ARGUMENTS: &str = "GLEANER_TEST_INSPECT";
 
@@ -47,12 +47,12 @@ pub(crate) struct Fixture {
     pub(crate) config: Arc<ServeConfig>,
 }
 
-/// One of the rooms that there are.
+/// A permit for one recording in memory.
 pub(crate) fn room(rooms: &Arc<Semaphore>) -> Room {
     Room { _place: Arc::clone(rooms).try_acquire_owned().unwrap() }
 }
 
-/// An ingest whose inspector is this shell script. It finds `$recording`, `$report` and `$frames`.
+/// An ingest whose inspector is this shell script. It is given `$recording`, `$report` and `$frames`.
 pub(crate) async fn playing(script: &str) -> Fixture {
     playing_with(script, &[]).await
 }
@@ -66,7 +66,7 @@ pub(super) async fn playing_with(script: &str, flags: &[&str]) -> Fixture {
     fixture(vec!["sh".into(), "-c".into(), script.into(), "sh".into()], flags).await
 }
 
-/// An ingest over a folder and a database that there are.
+/// An ingest over an existing folder and database.
 pub(crate) async fn open_on(dir: &TempDir, store: &Store) -> Ingest {
     open(&serving(dir, &[]), store, &[]).await
 }
@@ -76,7 +76,7 @@ pub(crate) async fn real(misbehaviour: &str, flags: &[&str]) -> Fixture {
     fixture(child(misbehaviour), flags).await
 }
 
-/// The command of an inspecting child. What it is to do goes by the environment: the test harness reads the flags.
+/// The command of an inspecting child. Its order is passed in the environment: the test harness reads the flags.
 pub(super) fn child(misbehaviour: &str) -> Vec<OsString> {
     let exe = std::env::current_exe().unwrap();
     let script = format!(
@@ -112,14 +112,14 @@ async fn open(config: &Arc<ServeConfig>, store: &Store, command: &[OsString]) ->
 }
 
 impl Fixture {
-    /// Goes on with a disk of which so much is free as the answer says, and 100 bytes are to stay so.
+    /// Continues with a disk whose free space is the returned number, with 100 bytes to be kept free.
     pub(crate) fn on_a_small_disk(&mut self) -> Arc<AtomicU64> {
         let free = Arc::new(AtomicU64::new(u64::MAX));
         self.ingest.blobs = self.ingest.blobs.clone().sparing(100).playing(&free);
         free
     }
 
-    /// What a restart would find.
+    /// The folder as after a restart.
     pub(super) async fn reopen(&mut self) {
         self.ingest = open(&self.config, &self.store, &self.command).await;
     }
@@ -141,7 +141,7 @@ impl Fixture {
     pub(super) async fn start(&self, content: &[u8]) -> Upload {
         match self.ingest.start(self.new_upload(content)).await.unwrap() {
             Started::Open(upload) => upload,
-            Started::Existing(episode) => panic!("there already as {}", episode.id),
+            Started::Existing(episode) => panic!("exists already as {}", episode.id),
         }
     }
 
@@ -153,7 +153,7 @@ impl Fixture {
         other
     }
 
-    /// Sends these bytes as one stream that ends soundly.
+    /// Sends these bytes as one complete stream.
     pub(super) async fn write(&self, id: &UploadId, offset: usize, data: &[u8]) -> Result<u64> {
         self.ingest.write(stream::iter([Ok(chunk(id, offset, data))])).await
     }
@@ -165,7 +165,7 @@ impl Fixture {
         self.ingest.finish(&upload.id).await
     }
 
-    /// The names of the files in these folders of the data directory, blobs and all.
+    /// The names of the files in these folders of the data directory, blobs included.
     pub(crate) fn files(&self, folders: &[&str]) -> Vec<PathBuf> {
         let mut waiting: Vec<PathBuf> = folders.iter().map(|folder| self.dir.path().join(folder)).collect();
         let mut files = Vec::new();
@@ -194,8 +194,8 @@ pub(super) fn recording(task: &Task, steps: u8) -> Vec<u8> {
     writer.finish().unwrap().into_inner()
 }
 
-/// Not a test of its own: the inspecting child, when the environment says so. Otherwise it checks that a child's
-/// arguments read back.
+/// Not a test of its own: the inspecting child, when the environment requests it. Otherwise it checks that a child's
+/// arguments are parsed back.
 #[test]
 fn as_inspector() {
     let given = std::env::var(ARGUMENTS).ok();

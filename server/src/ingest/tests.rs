@@ -1,4 +1,4 @@
-//! Tests of uploads: what is kept, what is not, and what a crash or a hostile recording can do.
+//! Uploads: which data is kept, and the effects of crashes and hostile recordings.
 
 use std::{
     fs,
@@ -33,9 +33,9 @@ async fn an_upload_becomes_an_episode() {
     assert!(f.store.uploads().await.unwrap().is_empty());
 }
 
-/// The disk lost it, or an operator: the answer "you have it" would be the end of the last copy.
+/// Lost by the disk or an operator: the answer "it exists" would lose the last copy.
 #[tokio::test]
-async fn a_recording_whose_blob_is_gone_can_be_pushed_again() {
+async fn a_recording_whose_blob_is_missing_can_be_pushed_again() {
     let f = playing(USABLE).await;
     let first = f.push(b"recording").await.unwrap().episode;
     fs::remove_file(f.ingest.blobs.path(&first.recording)).unwrap();
@@ -83,13 +83,13 @@ async fn bytes_are_acknowledged_while_the_stream_is_open() {
 async fn until_committed(f: &Fixture, id: &UploadId) {
     let deadline = Instant::now() + Duration::from_secs(60);
     while f.ingest.status(id).await.unwrap().committed == 0 {
-        assert!(Instant::now() < deadline, "nothing was acknowledged");
+        assert!(Instant::now() < deadline, "no byte was acknowledged");
         tokio::task::yield_now().await;
     }
 }
 
 #[tokio::test]
-async fn a_wrong_chunk_is_refused_and_what_came_before_is_kept() {
+async fn a_wrong_chunk_is_refused_and_earlier_chunks_are_kept() {
     let f = playing(USABLE).await;
     let upload = f.start(b"recording").await;
     for (at, last, field, committed) in [
@@ -144,7 +144,7 @@ async fn the_same_content_twice_is_the_same_episode() {
 }
 
 #[tokio::test]
-async fn the_same_content_under_another_label_is_told() {
+async fn equal_content_under_another_label_is_an_error_with_its_label() {
     let f = playing(USABLE).await;
     let early = f.start(b"recording").await;
     let late = f.beside(&crate::domain::episode::Upload { cohort: "bob".into(), ..early.clone() }).await;
@@ -158,13 +158,13 @@ async fn the_same_content_under_another_label_is_told() {
     for part in [id.as_str(), "labelled success", "\"ada\"", "gleaner label"] {
         assert!(error.message().contains(part), "{error}");
     }
-    // So it is when the content became visible while an upload was open.
+    // Also when the content became visible while an upload was open.
     assert_eq!(f.ingest.finish(&late.id).await.unwrap_err().kind(), Kind::Exists);
     assert!(f.files(&["uploads"]).is_empty());
 }
 
 #[tokio::test]
-async fn nothing_is_kept_of_what_an_inspection_refuses() {
+async fn a_rejected_recording_is_not_kept() {
     let f = playing(REFUSING).await;
     let error = f.push(b"recording").await.unwrap_err();
     assert_eq!(error.kind(), Kind::Invalid);
@@ -174,7 +174,7 @@ async fn nothing_is_kept_of_what_an_inspection_refuses() {
 }
 
 #[tokio::test]
-async fn nothing_is_kept_of_content_that_is_not_as_declared() {
+async fn content_that_is_not_as_declared_is_not_kept() {
     let f = playing(USABLE).await;
     let upload = f.start(b"recording").await;
     f.write(&upload.id, 0, b"recordinG").await.unwrap();
@@ -196,19 +196,19 @@ async fn an_inspection_that_fails_by_itself_keeps_the_upload() {
 }
 
 #[tokio::test]
-async fn too_large_is_refused_before_a_byte_is_sent() {
+async fn too_large_a_recording_is_refused_before_the_first_byte() {
     let f = real("none", &["--max-upload-bytes", "8"]).await;
     assert_eq!(f.ingest.start(f.new_upload(b"recording")).await.unwrap_err().kind(), Kind::Exhausted);
 }
 
 #[tokio::test]
-async fn a_start_puts_right_what_a_crash_left() {
+async fn a_start_recovers_uploads_after_a_crash() {
     let mut f = playing(USABLE).await;
     let dir = f.dir.path().to_owned();
     let (longer, shorter, gone, placed) =
         (f.start(b"longer").await, f.start(b"shorter").await, f.start(b"gone").await, f.start(b"placed").await);
     f.write(&longer.id, 0, b"long").await.unwrap();
-    fs::write(part_path(&dir, &longer.id), b"long, and what was never synced").unwrap();
+    fs::write(part_path(&dir, &longer.id), b"long, with bytes that were never synced").unwrap();
     f.write(&shorter.id, 0, b"short").await.unwrap();
     fs::write(part_path(&dir, &shorter.id), b"sh").unwrap();
     f.write(&gone.id, 0, b"gone").await.unwrap();
@@ -233,7 +233,7 @@ async fn a_start_puts_right_what_a_crash_left() {
     assert_eq!(f.ingest.blobs.get(&placed.blake3).unwrap(), b"placed");
 }
 
-/// How clients share inspections, and how many uploads one may have open.
+/// The sharing of inspections between clients, and the limit on open uploads.
 mod callers;
-/// What a real inspection reads, refuses and stops.
+/// Recordings read, rejected and stopped by a real inspection.
 mod inspected;

@@ -1,4 +1,4 @@
-//! The life of an upload but for its bytes: start, status, finish.
+//! The life of an upload without its bytes: start, status, finish.
 
 use tracing::Instrument as _;
 
@@ -15,7 +15,7 @@ use crate::{
     file_limit::largest_file,
 };
 
-/// What a client declares of a recording it is going to send.
+/// A client's declaration of a recording before it is sent.
 #[derive(Debug, Clone)]
 pub(crate) struct NewUpload {
     pub(crate) task_id: TaskId,
@@ -29,21 +29,21 @@ pub(crate) struct NewUpload {
     pub(crate) client: Client,
 }
 
-/// How an upload starts.
+/// The answer to the start of an upload.
 #[derive(Debug)]
 pub(crate) enum Started {
-    /// Write from its committed size on.
+    /// Continue writing from its committed size.
     Open(Upload),
     /// The task holds this content under this label already.
     Existing(Episode),
 }
 
 impl Ingest {
-    /// Opens an upload, or goes on with one of the same content that nobody is at.
+    /// Opens an upload, or resumes an inactive one of the same content.
     ///
     /// # Errors
     /// Exists when the task holds the content under another label; Exhausted above the size limit, or when the client
-    /// has as many uploads open as one may.
+    /// has too many open uploads.
     pub(crate) async fn start(&self, new: NewUpload) -> Result<Started> {
         if new.size_bytes > self.max_upload_bytes {
             return Err(Error::exhausted(format!(
@@ -70,7 +70,7 @@ impl Ingest {
             if open.is_like(&upload) && self.claims.offer(&open.id).await {
                 match self.store.upload(&open.id).await {
                     Ok(open) => return Ok(Started::Open(open)),
-                    // It has ended while this call waited for it.
+                    // It ended while this call waited for it.
                     Err(error) if error.kind() == Kind::NotFound => self.claims.forget(&open.id),
                     Err(error) => return Err(error),
                 }
@@ -92,7 +92,8 @@ impl Ingest {
         Ok(Started::Open(upload))
     }
 
-    /// The most uploads that the client may have open. Recordings of sessions were accepted from robots before.
+    /// The most uploads that the client may have open. Recordings of sessions have no limit: their robots were accepted
+    /// already.
     fn most_open(&self, client: &Client) -> Option<u64> {
         match client {
             Client::Token(_) | Client::Address(_) => self.max_open_uploads,
@@ -109,7 +110,7 @@ impl Ingest {
         ))
     }
 
-    /// An open upload, with how much of it is on disk.
+    /// An open upload with its committed size.
     ///
     /// # Errors
     /// NotFound.
@@ -117,28 +118,28 @@ impl Ingest {
         self.store.upload(id).await
     }
 
-    /// Checks size and digest, inspects the recording, and makes the episode visible. When the same content has
-    /// become visible meanwhile, that episode is the answer.
+    /// Checks size and digest, inspects the recording, and makes the episode visible. When the same content has become
+    /// visible meanwhile, that episode is the answer.
     ///
     /// # Errors
     /// Precondition while bytes are missing; Invalid when the content is not as declared or the task cannot use it
-    /// (then nothing is kept); Exists when the same content became visible under another label; NotFound.
+    /// (then it is removed); Exists when the same content became visible under another label; NotFound.
     pub(crate) async fn finish(&self, id: &UploadId) -> Result<InspectedEpisode> {
-        // A task of its own: a caller that goes away takes no minutes of inspection with it, and finds the episode later.
+        // A task of its own: minutes of inspection continue without the caller, which finds the episode later.
         let (ingest, id) = (self.clone(), id.clone());
         let finishing = async move { ingest.finish_here(&id).await };
         let finished = tokio::spawn(finishing.in_current_span()).await;
         finished.map_err(|error| Error::internal("finishing an upload", error))?
     }
 
-    /// As [`Ingest::finish`], for as long as somebody waits for it.
+    /// As [`Ingest::finish`], while its caller waits.
     pub(super) async fn finish_here(&self, id: &UploadId) -> Result<InspectedEpisode> {
         self.store.upload(id).await?;
         let _claim = self.claims.take(id).await;
         let upload = self.store.upload(id).await?;
         if upload.committed < upload.size_bytes {
             return Err(Error::precondition(format!(
-                "{} of {} bytes are here: write the rest, then finish",
+                "{} of {} bytes were received; write the rest, then finish",
                 upload.committed, upload.size_bytes
             )));
         }
@@ -156,16 +157,16 @@ impl Ingest {
         }
     }
 
-    /// From a whole part file to a visible episode.
+    /// From a complete part file to a visible episode.
     async fn admit(&self, upload: &Upload) -> Result<InspectedEpisode> {
         let (part, blob) = (self.part_path(&upload.id), self.blobs.path(&upload.blake3));
         let declared = upload.blake3.clone();
         let recording = off_runtime("checking a digest", move || {
-            // A crash after the move, before the row, leaves the recording in its place already.
+            // A crash between the move and the row leaves the recording in its place already.
             let recording = if part.exists() { part } else { blob };
             match blobs::digest(&recording)? == declared {
                 true => Ok(recording),
-                false => Err(Error::invalid("blake3", "the content's digest is another one; push the file again")),
+                false => Err(Error::invalid("blake3", "the content has another digest; push the file again")),
             }
         })
         .await?;
@@ -177,7 +178,7 @@ impl Ingest {
         inspected.keep_frames(&super::frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
         crate::fail_point::pass("upload.frames_kept");
         let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
-        // From here until its row is there, nobody takes the blob for one that nothing needs.
+        // From here until its row is committed, no sweep removes the blob.
         let naming = self.blobs.naming().await;
         off_runtime("storing a recording", move || blobs.place(&id, &recording)).await?;
         crate::fail_point::pass("upload.blob_placed");
@@ -192,7 +193,7 @@ impl Ingest {
         if kept.id == inspected.episode.id {
             return Ok(inspected);
         }
-        // The row is an earlier one's: of a push at the same time, or of an episode whose recording was gone.
+        // The row is an earlier one's: of a concurrent push, or of an episode whose recording was lost.
         let (blobs, id, recording) = (self.blobs.clone(), inspected.episode.id, kept.recording.clone());
         let settled = self.settle_on(kept, upload).await?;
         self.describe(&task, &settled, &upload.author).await?;
@@ -200,7 +201,7 @@ impl Ingest {
         Ok(settled)
     }
 
-    /// Keeps nothing of the uploads of this content that nobody is at: there is an episode of it.
+    /// Removes the inactive uploads of this content: its episode exists.
     async fn discard_idle(&self, upload: &Upload) -> Result<()> {
         for open in self.store.uploads_of(&upload.task_id, &upload.blake3).await? {
             if self.claims.is_idle(&open.id) {
@@ -210,7 +211,7 @@ impl Ingest {
         Ok(())
     }
 
-    /// Keeps nothing of an upload.
+    /// Removes an upload.
     pub(super) async fn discard(&self, id: &UploadId) -> Result<()> {
         self.store.delete_upload(id).await?;
         crate::fail_point::pass("upload.row_removed");
@@ -238,7 +239,7 @@ impl NewUpload {
 }
 
 impl Upload {
-    /// Whether what is sent for one may go into the other: the same bytes, for an episode of the same label.
+    /// Whether one upload may take the bytes sent for another: equal content and label.
     fn is_like(&self, other: &Self) -> bool {
         self.size_bytes == other.size_bytes && self.outcome == other.outcome && self.cohort == other.cohort
     }

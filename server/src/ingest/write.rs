@@ -11,8 +11,8 @@ use crate::{
 };
 
 /// Bytes are synced and acknowledged once there are this many, or once the oldest has waited this long. A client that
-/// goes on after a break sends again what was not, and what was on its way: a stream's window of 4 MiB and a message.
-/// Together they stay under the 8 MiB that are promised.
+/// resumes sends the unacknowledged bytes again, including those on their way: a stream's window of 4 MiB and a
+/// message. Together they stay under the promised 8 MiB.
 const SYNC_BYTES: u64 = 2 << 20;
 const SYNC_AFTER: Duration = Duration::from_millis(250);
 
@@ -21,18 +21,18 @@ const SYNC_AFTER: Duration = Duration::from_millis(250);
 pub(crate) struct Chunk {
     /// The upload; the first chunk of a stream must name it.
     pub(crate) upload_id: Option<UploadId>,
-    /// Where the bytes belong in the recording.
+    /// Their offset in the recording.
     pub(crate) offset: u64,
     pub(crate) data: Bytes,
 }
 
 impl Ingest {
-    /// Appends a stream of chunks. What came before the stream ends or breaks is kept, and counted in the answer:
+    /// Appends a stream of chunks. Bytes received before the stream ends or fails are kept and counted in the answer:
     /// the committed size.
     ///
     /// # Errors
-    /// Invalid for an offset that is not the end of what is there; NotFound; Unavailable when another stream of
-    /// the same upload takes over; or what broke the stream.
+    /// Invalid for an offset other than the end of the received bytes; NotFound; Unavailable when another stream of the
+    /// same upload takes over; any error of the stream.
     pub(crate) async fn write(&self, chunks: impl Stream<Item = Result<Chunk>> + Send) -> Result<u64> {
         tokio::pin!(chunks);
         let Some(first) = chunks.next().await.transpose()? else {
@@ -44,12 +44,12 @@ impl Ingest {
             .ok_or_else(|| Error::invalid("upload_id", "the first message must name the upload"))?;
         self.store.upload(&id).await?;
         let claim = self.claims.take(&id).await;
-        // Whoever held it has left: only now does its row stand still.
+        // The previous holder has left: only now is its row final.
         let upload = self.store.upload(&id).await?;
         let part = Part::open(self.part_path(&id), upload.committed, claim).await?;
         let mut writing = Writing { ingest: self, upload, part: Some(part), sync_at: Instant::now() };
         let ended = writing.run(first, chunks).await;
-        // However the stream ended: what came is kept.
+        // However the stream ended, received bytes are kept.
         let committed = writing.settle().await;
         ended.and(committed)
     }
@@ -59,7 +59,7 @@ impl Ingest {
 struct Writing<'a> {
     ingest: &'a Ingest,
     upload: Upload,
-    /// `None` after the disk refused: then the bytes since the last sync are not counted.
+    /// `None` after an error of the disk: then the bytes since the last sync are not counted.
     part: Option<Part>,
     sync_at: Instant,
 }
@@ -91,28 +91,28 @@ impl Writing<'_> {
         let Some(part) = &self.part else { return Ok(()) };
         let Chunk { upload_id, offset, data } = chunk;
         if upload_id.is_some_and(|id| id != self.upload.id) {
-            return Err(Error::invalid("upload_id", "one stream writes one upload: open another stream"));
+            return Err(Error::invalid("upload_id", "is another upload's; open another stream for it"));
         }
         if offset != part.size {
             return Err(Error::invalid(
                 "offset",
-                format!(
-                    "{offset} is not where the upload goes on, which is {}: ask GetUpload, go on from there",
-                    part.size
-                ),
+                format!("is {offset}, expected {}; read GetUpload and resume from its committed size", part.size),
             ));
         }
         if part.size.saturating_add(data.len() as u64) > self.upload.size_bytes {
             return Err(Error::invalid(
                 "data",
-                format!("the upload was declared as {} bytes, and this is more", self.upload.size_bytes),
+                format!(
+                    "exceeds the declared size of {} bytes; start the upload again with the real size",
+                    self.upload.size_bytes
+                ),
             ));
         }
         if part.size - part.synced + data.len() as u64 > SYNC_BYTES {
             self.settle().await?;
         }
         if self.part.as_ref().is_some_and(|part| part.size == part.synced) {
-            // What came is kept; the client goes on from there when there is room.
+            // Received bytes are kept; the client resumes once there is room.
             self.ingest.blobs.expect_room(0)?;
             self.sync_at = Instant::now() + SYNC_AFTER;
         }
@@ -122,7 +122,7 @@ impl Writing<'_> {
         Ok(())
     }
 
-    /// Syncs, then raises the committed size: in this order, so that only what is on disk is acknowledged.
+    /// Syncs, then raises the committed size: only bytes on disk are acknowledged.
     async fn settle(&mut self) -> Result<u64> {
         let Some(part) = self.part.take() else { return Ok(self.upload.committed) };
         if part.size > part.synced {

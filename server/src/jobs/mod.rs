@@ -41,7 +41,7 @@ use crate::{
         time::Millis,
     },
     error::Result,
-    keeping,
+    maintenance,
     store::{Store, queue::Moved},
 };
 
@@ -199,7 +199,7 @@ impl Room {
     /// Removes a blob unless a row names it. A blob that stays by mistake costs space until the sweep finds it, so that
     /// is only logged.
     async fn forget(&self, blob: BlobId) {
-        if let Err(error) = keeping::forget(&self.store, &self.blobs, &blob).await {
+        if let Err(error) = maintenance::forget(&self.store, &self.blobs, &blob).await {
             tracing::warn!(blob.id = %blob, %error, "a checkpoint that nothing needs stays");
         }
     }

@@ -22,7 +22,7 @@ pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) ->
         .arg(format!("--nice={}", config.jobs.worker_nice))
         .args(config.jobs.worker_idle.then_some("--idle"))
         .args(["--max-message-bytes", &config.limits.max_message_bytes.to_string()])
-        .args(["--min-free-bytes", &config.keeping.min_free_bytes.to_string()])
+        .args(["--min-free-bytes", &config.maintenance.min_free_bytes.to_string()])
         .args(["--parent", &std::process::id().to_string()])
         .env_clear()
         .envs(worker_environment())

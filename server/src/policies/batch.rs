@@ -1,4 +1,4 @@
-//! What a model's thread does: takes what waits, perhaps waits a little for more, and answers it together.
+//! The loop of a model's thread: collect waiting requests into a micro-batch, run the model once, reply to each.
 
 use std::{
     sync::Arc,
@@ -8,30 +8,30 @@ use std::{
 use tokio::sync::oneshot;
 
 use super::{
-    model::{Advanced, Model, Turn, answer},
-    pace::Pace,
+    model::{Advanced, Model, ModelInput, answer},
+    session_rates::SessionRates,
+    spin_wait::SpinWait,
     stages::Stages,
-    vigil::Vigil,
 };
 use crate::error::{Error, Result};
 
-/// So many turns may share a pass however few others there are: fewer cost the model more each.
-const LEAST_WAVE: usize = 4;
+/// The smallest cap of a micro-batch: smaller batches cost the model more per request.
+const MIN_MICRO_BATCH: usize = 4;
 
-/// What came of asking.
+/// The result of an inference request.
 #[derive(Debug)]
-pub(super) enum Turned<H> {
-    /// The model ran; perhaps past the deadline.
+pub(super) enum StepResult<H> {
+    /// The model ran, perhaps past the deadline.
     Advanced(Advanced<H>),
-    /// The deadline passed before the model was free: it did not run. The history comes back as it was.
+    /// The deadline passed before the model was free. The model did not run; the history is returned unchanged.
     Late(Option<H>),
 }
 
-impl<H> Turned<H> {
-    /// What the model gave.
+impl<H> StepResult<H> {
+    /// The model's output.
     ///
     /// # Errors
-    /// Late when it did not run in time.
+    /// Late when the model did not run in time.
     pub(super) fn advanced(self) -> Result<Advanced<H>> {
         match self {
             Self::Advanced(advanced) => Ok(advanced),
@@ -40,44 +40,44 @@ impl<H> Turned<H> {
     }
 }
 
-/// A turn on its way to the model.
-pub(super) struct Request<H> {
-    pub(super) turn: Turn<H>,
+/// An input in the queue of the model's thread.
+pub(super) struct QueuedRequest<H> {
+    pub(super) input: ModelInput<H>,
     pub(super) stages: Arc<Stages>,
-    /// When an answer is of no use any more.
+    /// After this, a reply is useless.
     pub(super) deadline: Option<Instant>,
-    /// When it came to the model's queue.
+    /// When the request entered the queue.
     pub(super) since: Instant,
-    pub(super) reply: oneshot::Sender<Result<Turned<H>>>,
+    pub(super) reply: oneshot::Sender<Result<StepResult<H>>>,
 }
 
-/// A model and those who wait for it.
+/// A model, its queue and its batching rules.
 pub(super) struct Server<M: Model> {
     pub(super) model: M,
-    pub(super) waiting: flume::Receiver<Request<M::History>>,
-    /// Most turns in one batch.
+    pub(super) waiting: flume::Receiver<QueuedRequest<M::History>>,
+    /// The most inputs in one batch.
     pub(super) most: usize,
-    pub(super) pace: Arc<Pace>,
-    pub(super) vigil: Vigil,
-    /// How long the model took last: what a deadline must leave it.
+    pub(super) rates: Arc<SessionRates>,
+    pub(super) spin_wait: SpinWait,
+    /// The duration of the last pass, reserved before each deadline.
     pub(super) took: Duration,
-    /// How many turns its last pass had.
+    /// The number of inputs in the last pass.
     pub(super) last: usize,
 }
 
 impl<M: Model> Server<M> {
-    /// Serves until nobody can ask any more.
+    /// Serves until every sender of requests is dropped.
     pub(super) fn run(mut self) {
-        while let Some(first) = self.vigil.next(&self.waiting) {
+        while let Some(first) = self.spin_wait.next(&self.waiting) {
             let free = Instant::now();
             let (mut batch, waited) = self.gather(first, free);
             batch.retain(|request| !request.reply.is_closed());
             let begun = Instant::now();
             let (late, batch): (Vec<_>, Vec<_>) =
                 batch.into_iter().partition(|request| request.deadline.is_some_and(|deadline| deadline <= begun));
-            for Request { turn, reply, .. } in late {
-                // A caller that has gone needs no answer.
-                let _ = reply.send(Ok(Turned::Late(turn.history)));
+            for QueuedRequest { input, reply, .. } in late {
+                // The caller may be gone.
+                let _ = reply.send(Ok(StepResult::Late(input.history)));
             }
             if batch.is_empty() {
                 continue;
@@ -92,13 +92,13 @@ impl<M: Model> Server<M> {
         }
     }
 
-    /// What waits, and what comes while every deadline and the fastest session can spare the time; and whether time
-    /// was taken for that.
-    fn gather(&self, first: Request<M::History>, free: Instant) -> (Vec<Request<M::History>>, bool) {
-        let patience = self.pace.patience();
-        // Not all who ask have a session.
+    /// Returns the waiting requests, plus those that arrive within the time that every deadline and the fastest session
+    /// can spare; and whether any time was spent waiting.
+    fn gather(&self, first: QueuedRequest<M::History>, free: Instant) -> (Vec<QueuedRequest<M::History>>, bool) {
+        let patience = self.rates.patience();
+        // Callers without a session are not counted in the session rates.
         let here = |present: usize| present.max(1 + self.waiting.len());
-        let most = patience.map_or(self.most, |(present, _)| self.most.min(wave(here(present))));
+        let most = patience.map_or(self.most, |(present, _)| self.most.min(micro_batch(here(present))));
         let mut batch = vec![first];
         while batch.len() < most
             && let Ok(next) = self.waiting.try_recv()
@@ -108,12 +108,12 @@ impl<M: Model> Server<M> {
         let Some((present, wait)) = patience else {
             return (batch, false);
         };
-        // Where there are two waves, those of the last one are not due.
-        let due = if present > LEAST_WAVE { present.saturating_sub(self.last) } else { present };
+        // With two micro-batches in flight, sessions of the last one are not expected yet.
+        let expected = if present > MIN_MICRO_BATCH { present.saturating_sub(self.last) } else { present };
         let mut waited = false;
         let mut until = free + wait;
-        while batch.len() < due.min(most) {
-            // Half of what a deadline leaves besides the model: a thread may wake late.
+        while batch.len() < expected.min(most) {
+            // Half of what a deadline leaves after the model's time: a thread may wake late.
             let spare = |deadline: Instant| deadline.saturating_duration_since(free).saturating_sub(self.took) / 2;
             let tightest = batch.iter().filter_map(|request| request.deadline).map(spare).min();
             until = tightest.map_or(until, |tightest| until.min(free + tightest));
@@ -127,25 +127,25 @@ impl<M: Model> Server<M> {
     }
 }
 
-/// How many of those who are here share a pass at most: half, so that the others' observations come in and are decoded
-/// while the model is busy, instead of both waiting for each other in turns.
-fn wave(present: usize) -> usize {
-    present.div_ceil(2).max(LEAST_WAVE)
+/// The cap of a micro-batch: half of the present sessions, so that the other half's observations arrive and are decoded
+/// while the model is busy.
+fn micro_batch(present: usize) -> usize {
+    present.div_ceil(2).max(MIN_MICRO_BATCH)
 }
 
-/// Answers a batch. If it fails as a whole, each turn is tried alone, so that only the one at fault fails.
-fn serve<M: Model>(model: &M, mut batch: Vec<Request<M::History>>) {
-    let turns: Vec<_> = batch.iter().map(|request| &request.turn).collect();
-    // Below, a caller that has gone meanwhile needs no answer.
-    match answer(model, &turns) {
+/// Answers a batch. If the batch fails, each input is run alone, so that only the faulty one fails.
+fn serve<M: Model>(model: &M, mut batch: Vec<QueuedRequest<M::History>>) {
+    let inputs: Vec<_> = batch.iter().map(|request| &request.input).collect();
+    // Below, a caller that is gone needs no reply.
+    match answer(model, &inputs) {
         Ok(advanced) => {
             for (request, advanced) in batch.into_iter().zip(advanced) {
                 request.stages.leaves();
-                let _ = request.reply.send(Ok(Turned::Advanced(advanced)));
+                let _ = request.reply.send(Ok(StepResult::Advanced(advanced)));
             }
         }
         Err(error) if batch.len() > 1 => {
-            tracing::warn!(%error, batch.turns = batch.len(), "a batch failed; answering its turns one by one");
+            tracing::warn!(%error, batch.inputs = batch.len(), "a batch failed; running its inputs one by one");
             for request in batch {
                 serve(model, vec![request]);
             }

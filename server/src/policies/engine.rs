@@ -1,4 +1,4 @@
-//! One loaded policy on a thread of its own, and how others ask it.
+//! A loaded policy on its own thread, and the handle through which requests reach it.
 
 use std::{
     sync::{Arc, Mutex, MutexGuard, PoisonError},
@@ -10,86 +10,86 @@ use gleaner_learn::TaskShape;
 use tokio::sync::oneshot;
 
 use super::{
-    batch::{Request, Server, Turned},
-    model::{Advanced, Model, Turn, answer},
+    batch::{QueuedRequest, Server, StepResult},
+    model::{Advanced, Model, ModelInput, answer},
     observation::blank,
-    pace::{Pace, Seat},
+    session_rates::{RateGuard, SessionRates},
+    spin_wait::SpinWait,
     stages::Stages,
-    vigil::Vigil,
 };
 use crate::{
     domain::id::{PolicyId, TaskId},
     error::{Error, Result},
 };
 
-/// Which policy an engine runs, and how it may be used.
+/// The policy of an engine and the limits of its use.
 #[derive(Debug, Clone)]
 pub(super) struct Identity {
     pub(super) policy_id: PolicyId,
     pub(super) task_id: TaskId,
-    /// Most turns in one batch.
+    /// The most inputs in one batch.
     pub(super) batch: usize,
-    /// Most turns that may wait.
+    /// The most inputs in the queue.
     pub(super) queue: usize,
-    /// One control step of its task.
+    /// One control step of the policy's task.
     pub(super) period: Duration,
-    /// The part of the fastest session's period that a free model may wait for others.
+    /// The part of the fastest session's period for which a free model may wait for other sessions.
     pub(super) wait: f64,
-    /// The longest wait for a request that its thread may be awake for.
-    pub(super) awake: Duration,
+    /// The longest time for which the model's thread may spin for the next request.
+    pub(super) spin: Duration,
 }
 
-/// A turn to be answered.
-pub(super) struct Ask<H> {
-    pub(super) turn: Turn<H>,
-    /// Where it writes down how far it came.
+/// An input to be answered.
+pub(super) struct InferenceRequest<H> {
+    pub(super) input: ModelInput<H>,
+    /// Records when the request reached each stage.
     pub(super) stages: Arc<Stages>,
-    /// When an answer is of no use any more.
+    /// After this, a reply is useless.
     pub(super) deadline: Option<Instant>,
 }
 
-/// What a model says of itself once it is loaded.
+/// Shape and window of a loaded model, or the error of loading it.
 type Ready = Result<(TaskShape, usize)>;
 
-/// A handle to a model's thread. The thread ends when the last handle is gone, or on `close`.
+/// A handle to a model's thread. The thread ends when the last handle is dropped, or on `close`.
 pub(super) struct Engine<M: Model> {
     identity: Identity,
     shape: Arc<TaskShape>,
     window: usize,
-    pace: Arc<Pace>,
-    requests: Mutex<Option<flume::Sender<Request<M::History>>>>,
+    rates: Arc<SessionRates>,
+    requests: Mutex<Option<flume::Sender<QueuedRequest<M::History>>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
 impl<M: Model> Engine<M> {
-    /// Starts a thread, loads a model on it with `load`, and has it answer a blank observation.
+    /// Starts a thread, loads a model on it with `load`, and warms the model up with a blank observation.
     ///
     /// # Errors
-    /// What `load` or the warm-up says.
+    /// The error of `load` or of the warm-up.
     pub(super) async fn start(
         identity: Identity,
         load: impl FnOnce() -> Result<M> + Send + 'static,
     ) -> Result<Arc<Self>> {
         let (requests, waiting) = flume::bounded(identity.queue.max(1));
-        let (tell, told) = oneshot::channel();
+        let (ready_sender, ready) = oneshot::channel();
         let most = identity.batch.max(1);
-        let (pace, vigil) = (Pace::new(identity.wait), Vigil::new(identity.awake));
-        let paced = Arc::clone(&pace);
+        let (rates, spin_wait) = (SessionRates::new(identity.wait), SpinWait::new(identity.spin));
+        let shared_rates = Arc::clone(&rates);
         let thread = std::thread::Builder::new()
             .name(format!("policy {}", identity.policy_id))
             .spawn(move || {
-                if let Some((model, took)) = warmed(load, tell) {
-                    Server { model, waiting, most, pace: paced, vigil, took, last: 0 }.run();
+                if let Some((model, took)) = warmed(load, ready_sender) {
+                    Server { model, waiting, most, rates: shared_rates, spin_wait, took, last: 0 }.run();
                 }
             })
             .map_err(|error| Error::internal("starting a policy's thread", error))?;
-        let (shape, window) = told.await.map_err(|error| Error::internal("loading a policy", error))??;
+        let (shape, window) = ready.await.map_err(|error| Error::internal("loading a policy", error))??;
         tracing::info!(policy.id = %identity.policy_id, "policy loaded");
         Ok(Arc::new(Self {
             identity,
             shape: Arc::new(shape),
             window,
-            pace,
+            rates,
             requests: Mutex::new(Some(requests)),
             thread: Mutex::new(Some(thread)),
         }))
@@ -103,73 +103,74 @@ impl<M: Model> Engine<M> {
         Arc::clone(&self.shape)
     }
 
-    /// Steps the model looks at: l + 1.
+    /// The steps in the model's window: l + 1.
     pub(super) fn window(&self) -> usize {
         self.window
     }
 
-    /// A session opens that will ask once a period; `None`: once a control period of the task.
-    pub(super) fn join(&self, period: Option<Duration>) -> Seat {
-        self.pace.join(period.unwrap_or(self.identity.period))
+    /// Registers a session that sends one request per period; `None`: per control period of the task.
+    pub(super) fn join(&self, period: Option<Duration>) -> RateGuard {
+        self.rates.join(period.unwrap_or(self.identity.period))
     }
 
-    /// Has a turn answered by its deadline, or refuses at once when too many wait: for callers that may ask any
-    /// number of times.
-    pub(super) async fn try_ask_by(&self, ask: Ask<M::History>) -> Result<Turned<M::History>> {
-        let (request, answer) = ask.request();
+    /// Sends an input and waits for the result; refused at once when the queue is full. For callers with any number of
+    /// requests in flight.
+    pub(super) async fn try_infer_by(&self, call: InferenceRequest<M::History>) -> Result<StepResult<M::History>> {
+        let (request, answer) = call.request();
         self.requests()?.try_send(request).map_err(|error| match error {
             flume::TrySendError::Full(_) => Error::exhausted(format!(
-                "{} observations wait for policy {} already; try again later",
-                self.identity.queue, self.identity.policy_id
+                "the queue of policy {} is full ({} observations); try again later",
+                self.identity.policy_id, self.identity.queue
             )),
             flume::TrySendError::Disconnected(_) => stopped(),
         })?;
         answer.await.map_err(|_| stopped())?
     }
 
-    /// Has a turn answered by its deadline, waiting for a place in the queue: for sessions, which ask once at a time.
-    pub(super) async fn ask_by(&self, ask: Ask<M::History>) -> Result<Turned<M::History>> {
-        let (request, answer) = ask.request();
+    /// Sends an input and waits for the result and, before, for a place in the queue. For sessions, which have one
+    /// request in flight.
+    pub(super) async fn infer_by(&self, call: InferenceRequest<M::History>) -> Result<StepResult<M::History>> {
+        let (request, answer) = call.request();
         self.requests()?.into_send_async(request).await.map_err(|_| stopped())?;
         answer.await.map_err(|_| stopped())?
     }
 
-    /// As [`Self::try_ask_by`], however long it takes.
-    pub(super) async fn try_ask(&self, turn: Turn<M::History>) -> Result<Advanced<M::History>> {
-        self.try_ask_by(Ask::new(turn)).await?.advanced()
+    /// As [`Self::try_infer_by`], without a deadline.
+    pub(super) async fn try_infer(&self, input: ModelInput<M::History>) -> Result<Advanced<M::History>> {
+        self.try_infer_by(InferenceRequest::new(input)).await?.advanced()
     }
 
-    /// As [`Self::ask_by`], however long it takes.
-    pub(super) async fn ask(&self, turn: Turn<M::History>) -> Result<Advanced<M::History>> {
-        self.ask_by(Ask::new(turn)).await?.advanced()
+    /// As [`Self::infer_by`], without a deadline.
+    pub(super) async fn infer(&self, input: ModelInput<M::History>) -> Result<Advanced<M::History>> {
+        self.infer_by(InferenceRequest::new(input)).await?.advanced()
     }
 
-    /// Takes no more turns and waits, blocking, until what waits is answered and the thread has ended.
+    /// Accepts no more requests; blocks until the queue is answered and the thread has ended.
     pub(super) fn close(&self) {
         drop(lock(&self.requests).take());
         let thread = lock(&self.thread).take();
         if let Some(thread) = thread
             && thread.join().is_err()
         {
-            tracing::error!(policy.id = %self.identity.policy_id, "the policy's thread had panicked");
+            tracing::error!(policy.id = %self.identity.policy_id, "the policy's thread panicked");
         }
     }
 
-    fn requests(&self) -> Result<flume::Sender<Request<M::History>>> {
+    fn requests(&self) -> Result<flume::Sender<QueuedRequest<M::History>>> {
         lock(&self.requests).clone().ok_or_else(stopped)
     }
 }
 
-impl<H> Ask<H> {
-    /// Without a deadline; nobody will ask for its timings.
-    fn new(turn: Turn<H>) -> Self {
-        Self { turn, stages: Arc::new(Stages::begin()), deadline: None }
+impl<H> InferenceRequest<H> {
+    /// A request without a deadline whose timings are not read.
+    fn new(input: ModelInput<H>) -> Self {
+        Self { input, stages: Arc::new(Stages::begin()), deadline: None }
     }
 
-    fn request(self) -> (Request<H>, oneshot::Receiver<Result<Turned<H>>>) {
-        let Self { turn, stages, deadline } = self;
+    fn request(self) -> (QueuedRequest<H>, oneshot::Receiver<Result<StepResult<H>>>) {
+        let Self { input, stages, deadline } = self;
         let (reply, answer) = oneshot::channel();
-        (Request { turn, stages, deadline, since: Instant::now(), reply }, answer)
+        (QueuedRequest { input, stages, deadline, since: Instant::now(), reply }, answer)
     }
 }
 
@@ -177,30 +178,30 @@ fn stopped() -> Error {
     Error::unavailable("the policy is being unloaded or the server is stopping; try again")
 }
 
-/// Locks; a panic while it was held leaves these values whole.
+/// Locks; the values behind these mutexes are whole after every statement, so a panic elsewhere does not matter.
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The beginning of a model's thread: loads, warms up and says so. `None` when that failed or nobody listens. Gives the
-/// model and how long the warm-up took.
-fn warmed<M: Model>(load: impl FnOnce() -> Result<M>, tell: oneshot::Sender<Ready>) -> Option<(M, Duration)> {
-    // One thread a model: several would fight over the processors and make every answer late.
+/// The start of a model's thread: loads and warms up the model and sends its shape. Returns the model and the duration
+/// of the warm-up; `None` when that failed or the caller is gone.
+fn warmed<M: Model>(load: impl FnOnce() -> Result<M>, ready_sender: oneshot::Sender<Ready>) -> Option<(M, Duration)> {
+    // One thread per model: several would compete for the processors and delay every reply.
     gleaner_learn::set_threads(1);
     let loaded = super::model::guarded("loading a policy", || {
         let model = load()?;
         let begun = Instant::now();
-        answer(&model, &[&Turn { history: None, skipped: 0, steps: vec![blank(model.shape())] }])?;
+        answer(&model, &[&ModelInput { history: None, skipped: 0, steps: vec![blank(model.shape())] }])?;
         Ok((model, begun.elapsed()))
     });
     match loaded {
         Ok((model, took)) => {
-            let ready = (model.shape().clone(), model.window());
-            tell.send(Ok(ready)).is_ok().then_some((model, took))
+            let loaded = (model.shape().clone(), model.window());
+            ready_sender.send(Ok(loaded)).is_ok().then_some((model, took))
         }
         Err(error) => {
-            // Nobody listens when the caller has gone.
-            let _ = tell.send(Err(error));
+            // The caller may be gone.
+            let _ = ready_sender.send(Err(error));
             None
         }
     }

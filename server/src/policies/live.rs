@@ -1,6 +1,6 @@
-//! Sessions as they run, to be looked at: what each sees, how it scores, how fast it is answered.
+//! The state of running sessions for the pages: last images, scores and response times.
 //!
-//! A session tells and never waits; who looks takes a copy. Nothing here outlives its session.
+//! A session publishes without waiting; readers take a copy. Entries are removed with their session.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -14,10 +14,10 @@ use crate::domain::{
     time::Millis,
 };
 
-/// Answers whose times are remembered for each session.
+/// Response times kept per session.
 const REMEMBERED: usize = 256;
 
-/// What is known of a session from its beginning.
+/// What is fixed when a session opens.
 #[derive(Debug, Clone)]
 pub(crate) struct LiveSession {
     pub(crate) id: SessionId,
@@ -25,26 +25,26 @@ pub(crate) struct LiveSession {
     pub(crate) policy_id: PolicyId,
     pub(crate) task_id: TaskId,
     pub(crate) since: Millis,
-    /// Whether it is kept as an episode.
+    /// Whether it is stored as an episode.
     pub(crate) recorded: bool,
 }
 
-/// What is known of it now.
+/// The current state of a session.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Now {
-    /// What its cameras saw last, as it came.
+    /// The last image of each camera, as received.
     pub(crate) cameras: Vec<CameraFrame>,
-    /// When that came.
+    /// When the last images arrived.
     pub(crate) seen_at: Option<Millis>,
-    /// The newest segment that was scored.
+    /// The newest scored segment.
     pub(crate) score: Option<SegmentScored>,
-    /// Observations answered.
+    /// Number of observations answered.
     pub(crate) answered: u64,
     /// Microseconds from arrival to answer, of the newest answers.
     pub(crate) total_us: VecDeque<u64>,
 }
 
-/// The sessions that run; clones share them.
+/// The running sessions; clones share them.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Live(Arc<Mutex<HashMap<SessionId, Shown>>>);
 
@@ -54,7 +54,7 @@ struct Shown {
     now: Arc<Mutex<Now>>,
 }
 
-/// A session's side; dropped, the session is over.
+/// A session's publishing end; dropping it removes the session.
 #[derive(Debug)]
 pub(super) struct Showing {
     live: Live,
@@ -63,23 +63,23 @@ pub(super) struct Showing {
 }
 
 impl Live {
-    /// A session begins.
+    /// Adds a session.
     pub(super) fn begin(&self, session: LiveSession) -> Showing {
         let (id, now) = (session.id.clone(), Arc::default());
         self.sessions().insert(id.clone(), Shown { session, now: Arc::clone(&now) });
         Showing { live: self.clone(), id, now }
     }
 
-    /// Every session that runs, the newest first.
+    /// Every running session, the newest first.
     pub(super) fn all(&self) -> Vec<(LiveSession, Now)> {
-        // Each is copied after the list is let go: a session that begins must not wait for who looks.
+        // Each is copied after the list is unlocked: a session that opens must not wait for a reader.
         let shown: Vec<Shown> = self.sessions().values().cloned().collect();
         let mut all: Vec<_> = shown.into_iter().map(|shown| (shown.session, held(&shown.now).clone())).collect();
         all.sort_by(|(one, _), (other, _)| other.id.cmp(&one.id));
         all
     }
 
-    /// One of them.
+    /// One running session.
     pub(super) fn one(&self, id: &SessionId) -> Option<(LiveSession, Now)> {
         let shown = self.sessions().get(id).cloned()?;
         let now = held(&shown.now).clone();
@@ -92,20 +92,20 @@ impl Live {
 }
 
 impl Showing {
-    /// Of a session that nobody shows.
+    /// Publishes to a list that is not read.
     #[cfg(test)]
     pub(super) fn nowhere() -> Self {
         Self { live: Live::default(), id: SessionId::new(), now: Arc::default() }
     }
 
-    /// Something was seen.
+    /// Publishes an observation.
     pub(super) fn saw(&self, observation: &Observation) {
         let mut now = held(&self.now);
         now.cameras.clone_from(&observation.cameras);
         now.seen_at = Some(Millis::now());
     }
 
-    /// It was answered.
+    /// Publishes the timings of an answer.
     pub(super) fn answered(&self, timings: &Timings) {
         let mut now = held(&self.now);
         now.answered += 1;
@@ -115,7 +115,7 @@ impl Showing {
         now.total_us.push_back(timings.total_us);
     }
 
-    /// A segment was scored.
+    /// Publishes the score of a segment.
     pub(super) fn scored(&self, score: &SegmentScored) {
         held(&self.now).score = Some(score.clone());
     }
@@ -132,7 +132,7 @@ fn held(now: &Mutex<Now>) -> MutexGuard<'_, Now> {
 }
 
 impl Now {
-    /// The time that so large a part of the newest answers took at most, in microseconds; `None` without answers.
+    /// The quantile `part` of the newest response times, in microseconds; `None` without answers.
     #[expect(clippy::cast_precision_loss, reason = "a few hundred")]
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
     pub(crate) fn quantile_us(&self, part: f64) -> Option<u64> {
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_is_shown_while_it_runs() {
+    fn a_session_is_listed_while_it_runs() {
         let live = Live::default();
         let (one, other) = (session(), session());
         let showing = live.begin(one.clone());
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_times_count() {
+    fn quantiles_cover_the_newest_times() {
         let live = Live::default();
         let showing = live.begin(session());
         assert_eq!(Now::default().quantile_us(0.5), None);

@@ -1,29 +1,29 @@
-//! Serving policies: which are loaded, under which names, and the sessions that use them.
+//! Policies in service: loading, deployment names, and the sessions that use them.
 //!
-//! A policy is loaded when it is deployed or first asked for, and kept while a deployment points at it or a session
-//! holds it. Knows no wire type and no SQL.
+//! A policy is loaded when it is deployed or first requested, and stays in memory while a deployment points at it or a
+//! session holds it. Must not know wire types or SQL.
 
-mod attend;
+mod act;
 mod batch;
-mod due;
 mod engine;
+mod inference_step;
 mod live;
+mod loaded_policies;
 mod model;
 pub(crate) mod observation;
-mod once;
-mod outlet;
-mod pace;
+mod open_session;
+mod pending_reply;
 mod record;
+mod reply_sender;
 mod sequences;
 mod session;
-mod shelf;
+mod session_rates;
+mod spin_wait;
 mod stages;
 #[cfg(test)]
 mod testing;
 #[cfg(test)]
 mod tests;
-mod turn;
-mod vigil;
 
 use std::{
     sync::{Arc, Mutex},
@@ -37,8 +37,8 @@ pub(crate) use self::live::{LiveSession, Now};
 use self::{
     engine::{Engine, Identity, lock},
     live::Live,
+    loaded_policies::LoadedPolicies,
     sequences::Sequences,
-    shelf::Shelf,
 };
 use crate::{
     blobs::Blobs,
@@ -54,7 +54,7 @@ use crate::{
     store::Store,
 };
 
-/// Every loaded policy; clones share them.
+/// All loaded policies; clones share them.
 #[derive(Clone)]
 pub struct Policies(Arc<Inner>);
 
@@ -64,7 +64,7 @@ struct Inner {
     blobs: Blobs,
     scorers: Scorers,
     rollouts: Rollouts,
-    shelf: Mutex<Shelf<Model>>,
+    loaded: Mutex<LoadedPolicies<Model>>,
     sequences: Sequences<Model>,
     live: Live,
     /// Held while a policy is loaded or a name is moved, so that a slow first use cannot undo a deployment.
@@ -72,7 +72,7 @@ struct Inner {
 }
 
 impl Policies {
-    /// Loads nothing yet.
+    /// Loads no policy yet.
     pub fn new(config: &Arc<ServeConfig>, store: Store, blobs: Blobs, scorers: Scorers, rollouts: Rollouts) -> Self {
         Self(Arc::new(Inner {
             config: Arc::clone(config),
@@ -80,29 +80,29 @@ impl Policies {
             blobs,
             scorers,
             rollouts,
-            shelf: Mutex::new(Shelf::new(config.policies.policy_memory_bytes)),
+            loaded: Mutex::new(LoadedPolicies::new(config.policies.policy_memory_bytes)),
             sequences: Sequences::default(),
             live: Live::default(),
             moving: tokio::sync::Mutex::default(),
         }))
     }
 
-    /// Unloads every policy: what waits is answered, what comes later is refused.
+    /// Unloads every policy: queued requests are answered, later ones are refused.
     pub async fn stop(&self) {
         let _moving = self.0.moving.lock().await;
-        let engines = lock(&self.0.shelf).stop();
+        let engines = lock(&self.0.loaded).stop();
         let closing = tokio::task::spawn_blocking(move || engines.iter().for_each(|engine| engine.close()));
         if let Err(error) = closing.await {
             tracing::error!(%error, "unloading policies failed");
         }
     }
 
-    /// Points a name at a policy, once it is loaded and has answered, and at the run that scores what it does, if one
-    /// is named, once that is ready. Running sessions keep theirs.
+    /// Points a name at a policy and, if one is named, at the score run for its live scores, once both are loaded and
+    /// the policy has answered a blank observation. Running sessions keep their policy.
     ///
     /// # Errors
-    /// NotFound; Invalid when the run is another task's; Precondition when the policy or the run is not finished,
-    /// cannot be used by this version, the run cannot score live, or the name belongs to another task.
+    /// NotFound; Invalid when the run belongs to another task; Precondition when the policy or the run is not finished
+    /// or cannot be used by this version, the run cannot score live, or the name belongs to another task.
     pub(crate) async fn deploy(
         &self,
         name: &str,
@@ -117,19 +117,19 @@ impl Policies {
             let _moving = policies.0.moving.lock().await;
             let engine = policies.load(&policy).await?;
             let deployment = policies.0.store.deploy(&name, &policy.task_id, &policy.id, score_run.as_ref()).await?;
-            lock(&policies.0.shelf).point(&name, &engine);
+            lock(&policies.0.loaded).point(&name, &engine);
             tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");
             Ok(deployment)
         })
         .await
     }
 
-    /// Points a name back at the policy it pointed at before, and its score run, once both are loaded.
+    /// Points a name back at its previous policy and score run, once both are loaded.
     ///
     /// # Errors
-    /// NotFound; Precondition when there is nothing before, or its checkpoint cannot be read by this version.
+    /// NotFound; Precondition when there is no previous policy, or its checkpoint cannot be read by this version.
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
-        // Before anything is held: a scorer takes long to load.
+        // Before the lock: loading a scorer takes long.
         let (policy, score_run) = self.0.store.before(name).await?;
         let scorer = self.scorer(&self.0.store.policy(&policy).await?, score_run.as_ref()).await?;
         let (policies, name) = (self.clone(), name.to_owned());
@@ -139,36 +139,36 @@ impl Policies {
             let policy = store.policy(&store.before(&name).await?.0).await?;
             let engine = policies.load(&policy).await?;
             let deployment = store.roll_back(&name).await?;
-            lock(&policies.0.shelf).point(&name, &engine);
+            lock(&policies.0.loaded).point(&name, &engine);
             tracing::info!(deployment.name = name, policy.id = %policy.id, "deployment rolled back");
             Ok(deployment)
         })
         .await
     }
 
-    /// One action from a window of observations that the caller keeps, oldest first.
+    /// One action from a window of observations that the client keeps, oldest first.
     ///
     /// # Errors
-    /// NotFound; Invalid naming the field; Exhausted when too many wait; Late when the deadline passes first.
+    /// NotFound; Invalid naming the field; Exhausted when the queue is full; Late when the deadline passes first.
     pub(crate) async fn act(&self, deployment: &str, observations: Vec<Observation>) -> Result<Acted> {
         let engine = self.deployed(deployment).await?;
-        once::once(&engine, observations).await
+        act::act(&engine, observations).await
     }
 
-    /// The sessions that run, the newest first, and how each stands.
+    /// The running sessions and their state, the newest first.
     pub(crate) fn live(&self) -> Vec<(LiveSession, Now)> {
         self.0.live.all()
     }
 
-    /// A session that runs, and how it stands.
+    /// A running session and its state.
     ///
     /// # Errors
-    /// NotFound when it does not, or not any more.
+    /// NotFound when no such session is running.
     pub(crate) fn live_session(&self, id: &SessionId) -> Result<(LiveSession, Now)> {
-        self.0.live.one(id).ok_or_else(|| Error::not_found("session that runs", id))
+        self.0.live.one(id).ok_or_else(|| Error::not_found("running session", id))
     }
 
-    /// The run that is to score what a policy does, ready.
+    /// The score run for live scores, loaded.
     async fn scorer(&self, policy: &Policy, score_run: Option<&ScoreRunId>) -> Result<Option<Arc<Ready>>> {
         let Some(run) = score_run else { return Ok(None) };
         let task = self.0.store.score_run(run).await?.task_id;
@@ -179,9 +179,9 @@ impl Policies {
         self.0.scorers.load(run).await.map(Some)
     }
 
-    /// The policy that a name points at, loaded now if it is not yet.
+    /// The policy that a name points at; loads it if needed.
     async fn deployed(&self, name: &str) -> Result<Arc<Engine<Model>>> {
-        let find = || lock(&self.0.shelf).named(name);
+        let find = || lock(&self.0.loaded).named(name);
         if let Some(engine) = find() {
             return Ok(engine);
         }
@@ -192,22 +192,22 @@ impl Policies {
         Ok(self.as_stored(name).await?.0)
     }
 
-    /// Points a name at the policy that the store says, loaded now if it is not yet. Only with `moving` held.
+    /// Points a name at the policy in the store; loads it if needed. Requires `moving` to be held.
     async fn as_stored(&self, name: &str) -> Result<(Arc<Engine<Model>>, Deployment)> {
         let deployment = self.0.store.deployment(name).await?;
         let id = deployment.policy_id().ok_or_else(|| Error::not_found("deployment", name))?;
         let engine = self.load(&self.0.store.policy(id).await?).await?;
-        lock(&self.0.shelf).point(name, &engine);
+        lock(&self.0.loaded).point(name, &engine);
         Ok((engine, deployment))
     }
 
-    /// The policy's engine: the one that is loaded, or a new one. Only with `moving` held.
+    /// The policy's engine; loads it if needed. Requires `moving` to be held.
     async fn load(&self, policy: &Policy) -> Result<Arc<Engine<Model>>> {
-        if let Some(engine) = lock(&self.0.shelf).loaded(&policy.id)? {
+        if let Some(engine) = lock(&self.0.loaded).loaded(&policy.id)? {
             return Ok(engine);
         }
         let bytes = tokio::fs::metadata(self.0.blobs.path(&policy.checkpoint)).await.map_or(0, |file| file.len());
-        lock(&self.0.shelf).make_room(bytes);
+        lock(&self.0.loaded).make_room(bytes);
         let config = &self.0.config.policies;
         let identity = Identity {
             policy_id: policy.id.clone(),
@@ -216,18 +216,17 @@ impl Policies {
             queue: config.policy_queue,
             period: Duration::from_secs_f64(1.0 / self.0.store.task_by_id(&policy.task_id).await?.spec.rate_hz),
             wait: config.policy_batch_wait,
-            awake: config.policy_awake(),
+            spin: config.policy_spin(),
         };
         let (blobs, checkpoint) = (self.0.blobs.clone(), policy.checkpoint.clone());
         let engine =
             Engine::start(identity, move || Model::load(&blobs.get(&checkpoint)?).map_err(model::learned)).await?;
-        lock(&self.0.shelf).put(&engine, bytes);
+        lock(&self.0.loaded).put(&engine, bytes);
         Ok(engine)
     }
 }
 
-/// A move of a deployment, done to its end even if whoever asked for it has gone: what is stored and what is served
-/// must be the same.
+/// Moves a deployment to the end even if the caller is gone: the stored policy and the served one must be the same.
 async fn whole(moving: impl Future<Output = Result<Deployment>> + Send + 'static) -> Result<Deployment> {
     let moved = tokio::spawn(moving.in_current_span()).await;
     moved.map_err(|error| Error::internal("moving a deployment", error))?

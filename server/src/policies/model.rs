@@ -1,4 +1,4 @@
-//! What a model thread runs, behind a small seam: `learn`'s policies, or in tests anything.
+//! The interface of a model's thread to its model: policies of `learn`, or test doubles.
 
 use gleaner_learn::{Ensemble, History, LearnError, Policy, TaskShape};
 
@@ -8,18 +8,18 @@ use crate::error::{Error, Result};
 /// One step of an observation, checked and decoded.
 #[derive(Debug, Clone)]
 pub(super) struct Step {
-    /// Images as the model takes them.
+    /// Images in the model's layout.
     pub(super) frame: Vec<u8>,
     /// In physical units.
     pub(super) proprioception: Vec<f32>,
-    /// The action executed since the step before; `None` for a history's first step.
+    /// The action executed since the previous step; `None` for the first step of a history.
     pub(super) executed: Option<Vec<f32>>,
 }
 
-/// What is asked of a model: to remember these steps on top of a history and to act on the last.
+/// The input of one request: steps to append to a history; the model acts on the last.
 #[derive(Debug)]
-pub(super) struct Turn<H> {
-    /// `None` begins a new one.
+pub(super) struct ModelInput<H> {
+    /// `None` begins a new history.
     pub(super) history: Option<H>,
     /// Control steps that passed unseen before the last of `steps`.
     pub(super) skipped: u64,
@@ -27,35 +27,36 @@ pub(super) struct Turn<H> {
     pub(super) steps: Vec<Step>,
 }
 
-/// What came of a turn.
+/// The model's output for one input.
 #[derive(Debug)]
 pub(super) struct Advanced<H> {
-    /// The history with the turn's steps.
+    /// The history with the input's steps.
     pub(super) history: H,
-    /// Actions in physical units, one a control period.
+    /// Actions in physical units, one per control period.
     pub(super) actions: Vec<Vec<f32>>,
 }
 
-/// A policy as its thread sees it. Turns go in by reference, so that a failed batch can be run again turn by turn.
+/// A policy as seen by its thread. Inputs are passed by reference, so that a failed batch can be run again one input at
+/// a time.
 pub(super) trait Model: 'static {
-    /// What it remembers of a session.
+    /// The model's state per session.
     type History: Send + Sync + 'static;
 
-    /// What a step must hold.
+    /// The shape of a step.
     fn shape(&self) -> &TaskShape;
 
-    /// Steps it looks at: l + 1.
+    /// The steps in its window: l + 1.
     fn window(&self) -> usize;
 
-    /// Answers every turn of a batch, in order.
-    fn advance(&self, turns: &[&Turn<Self::History>]) -> Result<Vec<Advanced<Self::History>>>;
+    /// Answers every input of a batch, in order.
+    fn advance(&self, inputs: &[&ModelInput<Self::History>]) -> Result<Vec<Advanced<Self::History>>>;
 }
 
-/// What a policy remembers of a session.
+/// A policy's state per session.
 #[derive(Debug, Clone)]
 pub(super) struct Memory {
     history: History,
-    /// What earlier chunks foresaw; nothing beyond now for policies that give one action.
+    /// Predictions of earlier chunks; empty beyond the current step for policies that predict one action.
     ensemble: Ensemble,
     /// The control step of the newest observation.
     step: u64,
@@ -72,24 +73,25 @@ impl Model for Policy {
         usize::try_from(self.segment_length()).unwrap_or(usize::MAX).saturating_add(1)
     }
 
-    fn advance(&self, turns: &[&Turn<Memory>]) -> Result<Vec<Advanced<Memory>>> {
-        let frames: Vec<&[u8]> = turns.iter().flat_map(|turn| &turn.steps).map(|step| step.frame.as_slice()).collect();
+    fn advance(&self, inputs: &[&ModelInput<Memory>]) -> Result<Vec<Advanced<Memory>>> {
+        let frames: Vec<&[u8]> =
+            inputs.iter().flat_map(|input| &input.steps).map(|step| step.frame.as_slice()).collect();
         let mut embeddings = self.embed(&frames).map_err(learned)?.into_iter();
-        let mut memories = Vec::with_capacity(turns.len());
-        for turn in turns {
-            let mut memory = turn.history.clone().unwrap_or_else(|| Memory {
+        let mut memories = Vec::with_capacity(inputs.len());
+        for input in inputs {
+            let mut memory = input.history.clone().unwrap_or_else(|| Memory {
                 history: History::new(self.segment_length()),
                 ensemble: Ensemble::new(),
                 step: 0,
             });
-            memory.step += turn.skipped;
-            for step in &turn.steps {
+            memory.step += input.skipped;
+            for step in &input.steps {
                 if let Some(action) = &step.executed {
                     memory.history.set_executed(action.clone()).map_err(learned)?;
                 }
                 let embedding = embeddings
                     .next()
-                    .ok_or_else(|| Error::internal("embedding frames", "fewer embeddings came than frames went"))?;
+                    .ok_or_else(|| Error::internal("embedding frames", "fewer embeddings than frames"))?;
                 memory.history.push(embedding, step.proprioception.clone()).map_err(learned)?;
                 memory.step += 1;
             }
@@ -100,7 +102,7 @@ impl Model for Policy {
     }
 }
 
-/// The chunk, but the action for now is what all chunks of the session that reach it say together.
+/// The chunk, with its first action replaced by the ensemble of all chunks of the session that cover the current step.
 fn ensembled(mut memory: Memory, mut actions: Vec<Vec<f32>>) -> Result<Advanced<Memory>> {
     let now = memory.ensemble.push(memory.step, actions.clone()).map_err(learned)?;
     if let Some(first) = actions.first_mut() {
@@ -109,22 +111,22 @@ fn ensembled(mut memory: Memory, mut actions: Vec<Vec<f32>>) -> Result<Advanced<
     Ok(Advanced { history: memory, actions })
 }
 
-/// What an error of `learn` means to who asked for a policy.
+/// Maps an error of `learn` to the caller's.
 pub(super) fn learned(error: LearnError) -> Error {
     Error::learned("running a policy", error)
 }
 
-/// Answers a batch and checks what came: one entry for each turn, every value finite.
-pub(super) fn answer<M: Model>(model: &M, turns: &[&Turn<M::History>]) -> Result<Vec<Advanced<M::History>>> {
-    let advanced = guarded("running a policy", || model.advance(turns))?;
-    if advanced.len() != turns.len() {
-        return Err(Error::internal("running a policy", "it gave another number of answers than it was asked"));
+/// Runs a batch and checks the output: one entry per input, every value finite.
+pub(super) fn answer<M: Model>(model: &M, inputs: &[&ModelInput<M::History>]) -> Result<Vec<Advanced<M::History>>> {
+    let advanced = guarded("running a policy", || model.advance(inputs))?;
+    if advanced.len() != inputs.len() {
+        return Err(Error::internal("running a policy", "the number of outputs differs from the number of inputs"));
     }
-    for turn in &advanced {
+    for input in &advanced {
         let right =
             |action: &Vec<f32>| action.len() == model.shape().action && action.iter().all(|value| value.is_finite());
-        if turn.actions.is_empty() || !turn.actions.iter().all(right) {
-            return Err(Error::internal("running a policy", "it gave an action that is not finite or of another size"));
+        if input.actions.is_empty() || !input.actions.iter().all(right) {
+            return Err(Error::internal("running a policy", "an action is not finite or has the wrong size"));
         }
     }
     Ok(advanced)

@@ -1,5 +1,5 @@
-//! Observations to steps: checks everything against the task's shape and decodes the images. Blocking work, but for a
-//! few raw images: never on the runtime, never on a model's thread.
+//! Observations to steps: checks every field against the task's shape and decodes the images. Blocking work: except for
+//! a few raw images, never on the runtime, never on a model's thread.
 
 use std::sync::Arc;
 
@@ -15,7 +15,7 @@ use crate::{
 /// Checks and decodes one observation; `path` is its place in the request. An empty executed action stays `None`.
 ///
 /// # Errors
-/// Invalid, naming the field and the mend.
+/// Invalid, naming the field and the fix.
 pub(super) fn step(shape: &TaskShape, path: &str, observation: &Observation) -> Result<Step> {
     let Observation { stamp_ns: _, cameras, proprioception, executed_action, deadline: _ } = observation;
     vector(&format!("{path}.proprioception"), proprioception, shape.proprioception)?;
@@ -30,7 +30,7 @@ pub(super) fn step(shape: &TaskShape, path: &str, observation: &Observation) -> 
             return Err(Error::invalid(&field, format!("the task has no camera {found:?}; it has {expected}")));
         }
         if cameras[..index].iter().any(|before| before.camera == frame.camera) {
-            return Err(Error::invalid(&field, format!("{} comes twice; send each camera once", frame.camera)));
+            return Err(Error::invalid(&field, format!("{} is duplicated; send each camera once", frame.camera)));
         }
     }
     let mut frame = Vec::with_capacity(shape.frame_bytes());
@@ -95,7 +95,7 @@ fn pixel_format(format: ImageFormat, raw: PixelFormat) -> PixelFormat {
     }
 }
 
-/// Checks a list of numbers.
+/// Checks the length and the values of a vector.
 pub(crate) fn vector(field: &str, values: &[f32], length: usize) -> Result<()> {
     if values.len() != length {
         return Err(Error::invalid(field, format!("has {} values, the task has {length}", values.len())));
@@ -112,7 +112,7 @@ fn names(shape: &TaskShape) -> String {
     shape.cameras.iter().map(|camera| camera.name.as_str()).collect::<Vec<_>>().join(", ")
 }
 
-/// Images as models take them, of an observation that no policy is asked about.
+/// Decodes the images of an observation that is not sent to a policy.
 ///
 /// # Errors
 /// Invalid, naming the field from `path` on.
@@ -120,10 +120,11 @@ pub(crate) async fn frames(shape: Arc<TaskShape>, path: &'static str, observatio
     decode(move || step(&shape, path, &observation).map(|step| step.frame)).await
 }
 
-/// Images that together have at most so many bytes are copied before another thread would wake.
+/// Up to this many bytes of images, copying takes less time than waking another thread.
 const SMALL: usize = 512 << 10;
 
-/// As [`step`], for who must not block: raw images of a small task at once, all else beside the runtime.
+/// As [`step`], for callers that must not block: raw images of a small task are decoded at once, all others off the
+/// runtime.
 ///
 /// # Errors
 /// As [`step`].
@@ -134,21 +135,21 @@ pub(super) async fn step_of(shape: Arc<TaskShape>, path: &'static str, observati
     decode(move || step(&shape, path, &observation)).await
 }
 
-/// Whether to look at an observation takes no longer than to wake another thread for it.
+/// Whether decoding an observation takes no longer than waking another thread.
 fn is_quick(shape: &TaskShape, observation: &Observation) -> bool {
     let raw = |image: &Option<Image>| image.as_ref().is_none_or(|image| image.format == ImageFormat::Raw);
     shape.frame_bytes() <= SMALL && observation.cameras.iter().all(|frame| raw(&frame.color) && raw(&frame.depth))
 }
 
-/// Runs decoding beside the runtime, which it would hold up.
+/// Runs decoding off the runtime.
 ///
 /// # Errors
-/// What `work` says.
+/// The error of `work`.
 pub(super) async fn decode<T: Send + 'static>(work: impl FnOnce() -> Result<T> + Send + 'static) -> Result<T> {
     tokio::task::spawn_blocking(work).await.map_err(|error| Error::internal("decoding an observation", error))?
 }
 
-/// An observation of nothing, to warm a model up with.
+/// A blank observation, to warm a model up with.
 pub(super) fn blank(shape: &TaskShape) -> Step {
     Step { frame: vec![0; shape.frame_bytes()], proprioception: vec![0.0; shape.proprioception], executed: None }
 }
@@ -171,7 +172,7 @@ mod tests {
         CameraFrame { camera: camera.into(), color, depth }
     }
 
-    /// A right observation; the cameras come in another order than the task's.
+    /// A valid observation; its cameras are in another order than the task's.
     fn right() -> Observation {
         Observation {
             stamp_ns: 1,
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn pixels_come_in_the_order_of_the_task() {
+    fn pixels_are_in_the_order_of_the_task() {
         let step = step(&shape(), "observation", &right()).unwrap();
         assert_eq!(step.frame, [vec![1; 384], vec![2; 256], vec![3; 384]].concat());
         assert_eq!(step.proprioception, [0.5, -0.5]);
@@ -201,7 +202,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn few_raw_images_are_taken_at_once_and_all_else_beside() {
+    async fn a_few_raw_images_are_decoded_at_once_and_others_off_the_runtime() {
         let of = |shape: TaskShape, observation| step_of(Arc::new(shape), "observation", observation);
         assert!(is_quick(&shape(), &right()));
         let at_once = of(shape(), right()).await.unwrap();

@@ -1,5 +1,5 @@
-//! What goes along with a session beside its policy: its recording, its live score and what is shown of it. None holds
-//! the session up.
+//! A session's side channels: its recording, its live scores and its entry for the pages. None of them delays the
+//! session.
 
 use bytes::Bytes;
 
@@ -12,11 +12,11 @@ use crate::{
         score::SegmentScored,
     },
     error::{Error, Result},
-    rollouts::{Recorder, Tally},
-    scorers::{Scorer, Seen, Watch},
+    rollouts::{ObservationCounts, Recorder},
+    scorers::{DecodedObservation, Scorer, Watch},
 };
 
-/// A session's recording, if it asked for one, and what is shown of it.
+/// A session's recorder, if it is recorded, and its entry for the pages.
 pub(super) struct Record {
     recorder: Option<Recorder>,
     showing: Showing,
@@ -27,38 +27,39 @@ impl Record {
         Self { recorder, showing }
     }
 
-    /// An observation has come. What a recording needs beyond what a session needs is asked for here.
+    /// Passes on an observation and checks what a recording additionally requires.
     ///
     /// # Errors
-    /// Invalid for a stamp that no recording can have.
+    /// Invalid for a stamp that a recording cannot hold.
     pub(super) fn observed(&mut self, observation: &Observation, before_ns: Option<i64>) -> Result<()> {
         self.showing.saw(observation);
         let Some(recorder) = &mut self.recorder else { return Ok(()) };
         let stamp_ns = observation.stamp_ns;
         if stamp_ns < 0 || before_ns == Some(stamp_ns) {
-            let mend =
-                format!("is {stamp_ns}; in a recorded session stamps are not below 0 and rise with each observation");
-            return Err(Error::invalid("observation.stamp_ns", mend));
+            let fix = format!(
+                "is {stamp_ns}; stamps of a recorded session must be at least 0 and rise with each observation"
+            );
+            return Err(Error::invalid("observation.stamp_ns", fix));
         }
         recorder.observed(observation);
         Ok(())
     }
 
-    /// The observation of this stamp goes to the model.
-    pub(super) fn asks(&mut self, stamp_ns: i64) {
+    /// The observation of this stamp was passed to the model.
+    pub(super) fn inference_started(&mut self, stamp_ns: i64) {
         if let Some(recorder) = &mut self.recorder {
-            recorder.asks(stamp_ns);
+            recorder.inference_started(stamp_ns);
         }
     }
 
-    /// What the model had is back; `sound` says that it was decoded.
-    pub(super) fn turned(&mut self, sound: bool) {
+    /// The model returned; `sound`: the observation was decoded.
+    pub(super) fn inference_finished(&mut self, sound: bool) {
         if let Some(recorder) = &mut self.recorder {
-            recorder.turned(sound);
+            recorder.inference_finished(sound);
         }
     }
 
-    /// The robot was given these actions.
+    /// These actions were sent to the robot.
     pub(super) fn commanded(&mut self, acted: &Acted) {
         self.showing.answered(&acted.timings);
         if let Some(recorder) = &mut self.recorder {
@@ -66,7 +67,7 @@ impl Record {
         }
     }
 
-    /// Takes what has been scored meanwhile; gives the newest.
+    /// Passes on new scores and returns the newest.
     pub(super) fn scored(&mut self, watch: Option<&mut Watch>) -> Option<SegmentScored> {
         let watch = watch?;
         for scored in watch.take_scored() {
@@ -78,22 +79,27 @@ impl Record {
         watch.newest()
     }
 
-    /// The session is over as its robot wished; waits until its episode is stored.
+    /// Ends a session that its robot closed; waits until its episode is stored.
     ///
     /// # Errors
-    /// When it cannot be kept.
-    pub(super) async fn close(&mut self, outcome: Outcome, how: &str, tally: Tally) -> Result<Option<EpisodeId>> {
+    /// When the episode cannot be stored.
+    pub(super) async fn close(
+        &mut self,
+        outcome: Outcome,
+        how: &str,
+        counts: ObservationCounts,
+    ) -> Result<Option<EpisodeId>> {
         match self.recorder.take() {
-            Some(recorder) => recorder.finish(outcome, how, tally).await,
+            Some(recorder) => recorder.finish(outcome, how, counts).await,
             None => Ok(None),
         }
     }
 
-    /// The session is over by an error; its episode is stored in its own time.
-    pub(super) fn break_off(&mut self, error: &Error, tally: Tally) {
+    /// Ends a session that failed; its episode is stored in the background.
+    pub(super) fn break_off(&mut self, error: &Error, counts: ObservationCounts) {
         if let Some(recorder) = self.recorder.take() {
-            // Nobody waits for it.
-            drop(recorder.end(Outcome::Unknown, &error.to_string(), tally));
+            // The receiver is not awaited: the episode is stored in the background.
+            drop(recorder.end(Outcome::Unknown, &error.to_string(), counts));
         }
     }
 
@@ -102,7 +108,8 @@ impl Record {
     }
 }
 
-/// Shows a watch the step that the model is about to see. Over a gap nothing is scored: experts have none.
+/// Passes to the live scorer the step that the model is about to see. Segments across a gap are not scored: experts
+/// have none.
 pub(super) fn show<S: Scorer>(watch: &mut Watch<S>, stamp_ns: i64, step: &Step, gap: bool) {
     match &step.executed {
         _ if gap => watch.gap(),
@@ -110,5 +117,5 @@ pub(super) fn show<S: Scorer>(watch: &mut Watch<S>, stamp_ns: i64, step: &Step, 
         None => {}
     }
     let frames = Bytes::copy_from_slice(&step.frame);
-    watch.saw(Seen { stamp_ns, frames, proprioception: step.proprioception.clone() });
+    watch.saw(DecodedObservation { stamp_ns, frames, proprioception: step.proprioception.clone() });
 }

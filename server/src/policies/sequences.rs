@@ -1,6 +1,6 @@
-//! Policies for clients that ask one observation a request: alone, or as a sequence that the server remembers.
+//! Policies for clients that send one observation per request: alone, or as a sequence whose history the server keeps.
 //!
-//! A request that fails, or whose caller goes, leaves its sequence as it was. Knows no wire type.
+//! A request that fails or is cancelled leaves its sequence unchanged. Must not know wire types.
 
 use std::{
     collections::HashMap,
@@ -14,7 +14,7 @@ use tokio::time::Instant;
 use super::{
     Policies,
     engine::{Engine, lock},
-    model::{Model, Turn},
+    model::{Model, ModelInput},
     observation,
 };
 use crate::{
@@ -26,50 +26,49 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Sequences of one deployment at once: more robots than one policy serves in time. Each keeps only its window's
-/// embeddings, so a full table costs a few megabytes.
+/// The most sequences per deployment: more robots than one policy can serve in time. Each keeps only its window's
+/// embeddings, so a full table takes a few megabytes.
 const MOST: usize = 256;
-/// A sequence this long without a request is over: its client has gone without saying so. Long enough for a person
-/// to put a robot's scene right.
+/// A sequence without a request for this long is removed. Long enough for a person to reset a robot's scene.
 const IDLE: Duration = Duration::from_secs(300);
-/// How often idle ones are looked for.
+/// The interval of the removal of idle sequences.
 const SWEEP: Duration = Duration::from_secs(30);
 
-/// A deployment's name and what its client calls the sequence.
+/// A deployment's name and the client's id of the sequence.
 type Key = (String, SequenceId);
 
-/// Every sequence that is remembered; clones share them.
+/// All sequences; clones share them.
 pub(super) struct Sequences<M: Model>(Arc<Mutex<Table<M>>>);
 
 struct Table<M: Model> {
     slots: HashMap<Key, Arc<Slot<M>>>,
-    /// A task looks for idle sequences; it ends when there are none.
+    /// Whether a task removes idle sequences; it ends when there are none.
     swept: bool,
 }
 
-/// One sequence. A request holds its slot while it runs, so a slot that only the table holds is idle.
+/// One sequence. A request holds its slot while it runs, so a slot held only by the table is idle.
 struct Slot<M: Model> {
     engine: Arc<Engine<M>>,
     /// When the last request was answered.
     used: Mutex<Instant>,
-    /// Held during a turn, so that requests are answered one after the other; `None` once the sequence is over.
+    /// Locked during a request, so that requests are answered one after the other; `None` once the sequence is over.
     memory: tokio::sync::Mutex<Option<Memory<M::History>>>,
 }
 
 struct Memory<H> {
     history: H,
-    /// What the policy gave last: taken as executed unless the client says otherwise.
+    /// The policy's last action: taken as executed unless the client sends another.
     given: Option<Vec<f32>>,
 }
 
-/// A policy that answers one request, and what it remembers for it.
-pub(crate) struct Endpoint(Asked<LearnedPolicy>);
+/// A policy for one request, with the history of its sequence.
+pub(crate) struct Endpoint(SequenceCall<LearnedPolicy>);
 
-/// What an endpoint is, for any model.
-struct Asked<M: Model> {
+/// An endpoint for any model.
+struct SequenceCall<M: Model> {
     engine: Arc<Engine<M>>,
     place: Option<(Key, Place)>,
-    /// The sequence's, unless it begins here.
+    /// `None` for a sequence that begins with this request.
     slot: Option<Arc<Slot<M>>>,
     sequences: Sequences<M>,
 }
@@ -78,8 +77,8 @@ impl Policies {
     /// The policy for a request: a running sequence's own, otherwise the one the deployment points at.
     ///
     /// # Errors
-    /// NotFound when there is no such deployment or its policy is not `version`; Invalid when the sequence is not
-    /// known and does not begin here.
+    /// NotFound when there is no such deployment or its policy is not `version`; Invalid when the sequence is unknown
+    /// and does not begin here.
     pub(crate) async fn endpoint(
         &self,
         deployment: &str,
@@ -87,16 +86,16 @@ impl Policies {
         place: Option<Place>,
     ) -> Result<Endpoint> {
         let sequences = &self.0.sequences;
-        let asked = match place {
+        let call = match place {
             Some(place) if !place.start => sequences.running(deployment, place)?,
             starting => sequences.fresh(deployment, self.deployed(deployment).await?, starting),
         };
-        let found = &asked.engine.identity().policy_id;
+        let found = &call.engine.identity().policy_id;
         match version {
             Some(version) if version != found => {
                 Err(Error::not_found("version", format!("{version} of {deployment}; it is {found}")))
             }
-            _ => Ok(Endpoint(asked)),
+            _ => Ok(Endpoint(call)),
         }
     }
 }
@@ -110,16 +109,16 @@ impl Endpoint {
         self.0.engine.shape()
     }
 
-    /// Actions for an observation, in physical units, one a control period.
+    /// Actions for an observation, in physical units, one per control period.
     ///
     /// # Errors
-    /// Invalid, naming the field from `path` on; Exhausted when too many wait, or every sequence is busy.
+    /// Invalid, naming the field from `path` on; Exhausted when the queue is full, or every sequence is busy.
     pub(crate) async fn act(self, path: &'static str, observation: Observation) -> Result<Vec<Vec<f32>>> {
         self.0.act(path, observation).await
     }
 }
 
-impl<M: Model> Asked<M>
+impl<M: Model> SequenceCall<M>
 where
     M::History: Clone,
 {
@@ -128,19 +127,20 @@ where
         let mut step = observation::step_of(shape, path, observation).await?;
         let Some((key, place)) = self.place else {
             step.executed = None;
-            let turn = Turn { history: None, skipped: 0, steps: vec![step] };
-            return Ok(self.engine.try_ask(turn).await?.actions);
+            let input = ModelInput { history: None, skipped: 0, steps: vec![step] };
+            return Ok(self.engine.try_infer(input).await?.actions);
         };
         let slot = self.slot.unwrap_or_else(|| Slot::new(Arc::clone(&self.engine)));
         let mut memory = slot.memory.lock().await;
         if memory.is_none() && !place.start {
             return Err(unknown(&place.id));
         }
-        // The first step of a history has nothing before it.
+        // The first step of a history has no executed action before it.
         step.executed = memory.as_ref().and_then(|memory| step.executed.or_else(|| memory.given.clone()));
         let history = memory.as_ref().map(|memory| memory.history.clone());
-        // Waits for its turn, as sessions do: a sequence asks once at a time, and there are only so many.
-        let advanced = self.engine.ask(Turn { history, skipped: 0, steps: vec![step] }).await?;
+        // Waits for a place in the queue, as sessions do: a sequence has one request in flight, and the number of
+        // sequences is limited.
+        let advanced = self.engine.infer(ModelInput { history, skipped: 0, steps: vec![step] }).await?;
         if place.end {
             *memory = None;
             drop(memory);
@@ -164,23 +164,23 @@ impl<M: Model> Slot<M> {
 }
 
 impl<M: Model> Sequences<M> {
-    /// A request without history: on its own, or the first of its sequence.
-    fn fresh(&self, deployment: &str, engine: Arc<Engine<M>>, place: Option<Place>) -> Asked<M> {
+    /// A request without history: alone, or the first of its sequence.
+    fn fresh(&self, deployment: &str, engine: Arc<Engine<M>>, place: Option<Place>) -> SequenceCall<M> {
         let place = place.map(|place| ((deployment.to_owned(), place.id.clone()), place));
-        Asked { engine, place, slot: None, sequences: self.clone() }
+        SequenceCall { engine, place, slot: None, sequences: self.clone() }
     }
 
-    /// A request that goes on with its sequence.
-    fn running(&self, deployment: &str, place: Place) -> Result<Asked<M>> {
+    /// A request that continues its sequence.
+    fn running(&self, deployment: &str, place: Place) -> Result<SequenceCall<M>> {
         let key = (deployment.to_owned(), place.id.clone());
         let mut table = lock(&self.0);
         table.forget_idle();
         let slot = table.slots.get(&key).cloned().ok_or_else(|| unknown(&place.id))?;
         let engine = Arc::clone(&slot.engine);
-        Ok(Asked { engine, place: Some((key, place)), slot: Some(slot), sequences: self.clone() })
+        Ok(SequenceCall { engine, place: Some((key, place)), slot: Some(slot), sequences: self.clone() })
     }
 
-    /// Remembers a sequence that has begun. It takes the place of one of the same name, or of the longest idle.
+    /// Keeps a new sequence. It replaces one of the same name, or else the one that has been idle longest.
     fn keep(&self, key: Key, slot: Arc<Slot<M>>) -> Result<()> {
         let mut table = lock(&self.0);
         table.forget_idle();
@@ -194,7 +194,7 @@ impl<M: Model> Sequences<M> {
         Ok(())
     }
 
-    /// Forgets a sequence that is over. `whichever`: also an older one of the same name.
+    /// Removes a sequence that is over. `whichever`: also an older one of the same name.
     fn remove(&self, key: &Key, slot: &Arc<Slot<M>>, whichever: bool) {
         let mut table = lock(&self.0);
         if table.slots.get(key).is_some_and(|kept| whichever || Arc::ptr_eq(kept, slot)) {
@@ -220,14 +220,14 @@ impl<M: Model> Table<M> {
             )));
         };
         let oldest = oldest.clone();
-        tracing::info!(deployment.name = deployment, sequence.id = %oldest.1, "forgot the longest idle sequence");
+        tracing::info!(deployment.name = deployment, sequence.id = %oldest.1, "the longest idle sequence was removed");
         self.slots.remove(&oldest);
         Ok(())
     }
 }
 
 impl<M: Model> Slot<M> {
-    /// Only asked with the table locked, so that nobody takes it meanwhile.
+    /// Requires the table's lock, so that the count cannot rise meanwhile.
     fn is_idle(self: &Arc<Self>) -> bool {
         Arc::strong_count(self) == 1
     }
@@ -245,7 +245,7 @@ impl<M: Model> Default for Sequences<M> {
     }
 }
 
-/// Forgets idle sequences, which hold their policies in memory, until there are none.
+/// Removes idle sequences, which keep their policies in memory, until there are none.
 async fn sweep<M: Model>(table: Weak<Mutex<Table<M>>>) {
     loop {
         tokio::time::sleep(SWEEP).await;
@@ -262,7 +262,7 @@ async fn sweep<M: Model>(table: Weak<Mutex<Table<M>>>) {
 fn unknown(id: &SequenceId) -> Error {
     Error::invalid(
         "parameters.sequence_id",
-        format!("no sequence {id} runs here: it ended, or was idle too long; begin it with sequence_start"),
+        format!("unknown sequence {id}: it ended or was idle too long; begin it with sequence_start"),
     )
 }
 

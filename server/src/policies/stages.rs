@@ -1,4 +1,4 @@
-//! When a request reached each stage on its way through the model, so that its timings can be told at any moment.
+//! When a request reached each stage on its way through the model: the source of its timings.
 
 use std::{
     sync::OnceLock,
@@ -7,7 +7,7 @@ use std::{
 
 use crate::domain::observation::Timings;
 
-/// The stages of one request. Written once each, by whoever has the request then.
+/// The stages of one request, each written once by the current holder of the request.
 #[derive(Debug)]
 pub(super) struct Stages {
     arrived: Instant,
@@ -19,13 +19,13 @@ pub(super) struct Stages {
 #[derive(Debug)]
 struct Entered {
     at: Instant,
-    /// How long the free model waited for others, this request being there.
+    /// How long the free model waited for other requests after this one arrived.
     gathered: Duration,
     batch_size: u32,
 }
 
 impl Stages {
-    /// Of a request that arrives now.
+    /// For a request that arrives now.
     pub(super) fn begin() -> Self {
         Self { arrived: Instant::now(), decode: OnceLock::new(), entered: OnceLock::new(), left: OnceLock::new() }
     }
@@ -34,24 +34,24 @@ impl Stages {
         self.arrived
     }
 
-    /// Its images were decoded in this time.
+    /// Notes the time that decoding took.
     pub(super) fn decoded(&self, took: Duration) {
-        // Each stage is reached once; a turn that is tried again after its batch failed keeps the first.
+        // Each stage is reached once; an input that is run again after its batch failed keeps the first time.
         let _ = self.decode.set(took);
     }
 
-    /// It goes into the model, with a batch of this many.
+    /// Notes the entry into the model with a batch of this size.
     pub(super) fn enters(&self, gathered: Duration, batch_size: usize) {
         let batch_size = u32::try_from(batch_size).unwrap_or(u32::MAX);
         let _ = self.entered.set(Entered { at: Instant::now(), gathered, batch_size });
     }
 
-    /// The model is done with it.
+    /// Notes the model's end.
     pub(super) fn leaves(&self) {
         let _ = self.left.set(Instant::now());
     }
 
-    /// Where its time went until now. What is not decoding, gathering or the model is waiting for the model.
+    /// The timings until now. Time that is not decoding, gathering or the model counts as queueing.
     pub(super) fn timings(&self) -> Timings {
         let now = Instant::now();
         let decode = self.decode.get().copied().unwrap_or_default();

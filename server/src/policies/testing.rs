@@ -1,4 +1,4 @@
-//! A model for tests that remembers what it is told, and fails, panics or waits on demand.
+//! A model for tests that echoes its inputs and fails, panics or waits on demand.
 
 use std::{
     cell::Cell,
@@ -11,7 +11,7 @@ use tokio::sync::mpsc as tokio_mpsc;
 
 use super::{
     engine::{Engine, Identity},
-    model::{Advanced, Model, Step, Turn},
+    model::{Advanced, Model, ModelInput, Step},
 };
 use crate::{
     domain::{
@@ -21,12 +21,12 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Proprioceptions at which the model panics, fails, and gives no number.
+/// Proprioceptions at which the model panics, fails, and returns NaN.
 pub(super) const PANICS: f32 = 666.0;
 pub(super) const FAILS: f32 = 667.0;
 pub(super) const GIVES_NAN: f32 = 668.0;
 
-/// What a turn's skipped step adds to its action.
+/// The contribution of each skipped step to the action.
 pub(super) const SKIP: f32 = 1000.0;
 
 /// Acts with the newest proprioception and the sum of the executed actions' first values.
@@ -39,13 +39,13 @@ pub(super) struct Parrot {
 
 /// The test's side of the model.
 pub(super) struct Control {
-    /// The size of each batch as it begins; the warm-up is not told.
+    /// The size of each batch at its start; the warm-up is not reported.
     pub(super) begun: tokio_mpsc::UnboundedReceiver<usize>,
-    /// Lets one batch end. When it is dropped, every batch ends at once.
+    /// Releases one batch. When it is dropped, every batch ends at once.
     pub(super) gate: mpsc::Sender<()>,
 }
 
-/// The type of engine that tests start.
+/// The engine of the tests.
 pub(super) type TestEngine = Engine<Parrot>;
 
 impl Model for Parrot {
@@ -60,59 +60,59 @@ impl Model for Parrot {
         3
     }
 
-    fn advance(&self, turns: &[&Turn<Self::History>]) -> Result<Vec<Advanced<Self::History>>> {
+    fn advance(&self, inputs: &[&ModelInput<Self::History>]) -> Result<Vec<Advanced<Self::History>>> {
         if self.warm.replace(true) {
-            // Nobody listens, or nobody holds the gate, once the test is done with it.
-            let _ = self.begun.send(turns.len());
+            // Both channels are closed once the test is done with them.
+            let _ = self.begun.send(inputs.len());
             let _ = self.gate.recv();
         }
-        turns.iter().map(|turn| self.one(turn)).collect()
+        inputs.iter().map(|input| self.one(input)).collect()
     }
 }
 
 impl Parrot {
-    fn one(&self, turn: &Turn<(f32, Vec<f32>)>) -> Result<Advanced<(f32, Vec<f32>)>> {
-        let mut history = turn.history.clone().unwrap_or_default();
-        let skipped = u8::try_from(turn.skipped).unwrap();
-        for step in &turn.steps {
+    fn one(&self, input: &ModelInput<(f32, Vec<f32>)>) -> Result<Advanced<(f32, Vec<f32>)>> {
+        let mut history = input.history.clone().unwrap_or_default();
+        let skipped = u8::try_from(input.skipped).unwrap();
+        for step in &input.steps {
             history.0 = step.proprioception[0];
             history.1.extend(step.executed.as_ref().map(|action| action[0]));
         }
         let newest = match history.0 {
-            PANICS => panic!("told to"),
-            FAILS => return Err(Error::internal("acting", "told to")),
+            PANICS => panic!("on demand"),
+            FAILS => return Err(Error::internal("acting", "on demand")),
             GIVES_NAN => f32::NAN,
             newest => newest,
         };
         let executed: f32 = history.1.iter().sum();
-        let told = executed + SKIP * f32::from(skipped);
-        Ok(Advanced { history, actions: vec![vec![newest, told]] })
+        let sum = executed + SKIP * f32::from(skipped);
+        Ok(Advanced { history, actions: vec![vec![newest, sum]] })
     }
 }
 
 /// Starts an engine with these limits.
 pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Control) {
-    let (tell, begun) = tokio_mpsc::unbounded_channel();
+    let (begun_sender, begun) = tokio_mpsc::unbounded_channel();
     let (gate, wait) = mpsc::channel();
     let engine = Engine::start(identity(batch, queue), move || {
         let shape = TaskShape { cameras: Vec::new(), proprioception: 1, action: 2 };
-        Ok(Parrot { shape, warm: Cell::new(false), begun: tell, gate: wait })
+        Ok(Parrot { shape, warm: Cell::new(false), begun: begun_sender, gate: wait })
     });
     (engine.await.unwrap(), Control { begun, gate })
 }
 
 pub(super) fn identity(batch: usize, queue: usize) -> Identity {
     let (policy_id, task_id) = (PolicyId::new(), TaskId::new());
-    Identity { policy_id, task_id, batch, queue, period: Duration::from_secs(1000), wait: 0.05, awake: Duration::ZERO }
+    Identity { policy_id, task_id, batch, queue, period: Duration::from_secs(1000), wait: 0.05, spin: Duration::ZERO }
 }
 
-/// A first turn with this proprioception.
-pub(super) fn turn(proprioception: f32) -> Turn<(f32, Vec<f32>)> {
+/// A first input with this proprioception.
+pub(super) fn input(proprioception: f32) -> ModelInput<(f32, Vec<f32>)> {
     let step = Step { frame: Vec::new(), proprioception: vec![proprioception], executed: None };
-    Turn { history: None, skipped: 0, steps: vec![step] }
+    ModelInput { history: None, skipped: 0, steps: vec![step] }
 }
 
-/// An observation whose stamp and proprioception are this number.
+/// An observation with this number as stamp and proprioception.
 pub(super) fn observation(number: u8, executed_action: &[f32]) -> Observation {
     Observation {
         stamp_ns: i64::from(number),

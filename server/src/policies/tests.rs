@@ -10,7 +10,7 @@ use gleaner_learn::{CameraShape, FrameBytes, Silent, TaskShape, Trajectory, pret
 use tempfile::TempDir;
 use tokio_util::sync::CancellationToken;
 
-use super::{outlet::Answers, *};
+use super::{reply_sender::Answers, *};
 use crate::{
     config::{Cli, Command},
     domain::{
@@ -24,7 +24,7 @@ use crate::{
     store::testing::{self, results},
 };
 
-/// A data directory with one task and its encoder.
+/// A data folder with one task and its encoder.
 struct Lab {
     dir: TempDir,
     config: Arc<ServeConfig>,
@@ -57,7 +57,7 @@ impl Lab {
         Self { config, dir, store, blobs, scorers, rollouts, task, encoder }
     }
 
-    /// The room as after a start.
+    /// The policies as after a start.
     fn policies(&self) -> Policies {
         let (scorers, rollouts) = (self.scorers.clone(), self.rollouts.clone());
         Policies::new(&self.config, self.store.clone(), self.blobs.clone(), scorers, rollouts)
@@ -74,7 +74,7 @@ fn shape() -> TaskShape {
     TaskShape { cameras: vec![camera], proprioception: 2, action: 1 }
 }
 
-/// A policy after one step of training: it has learned nothing, but runs.
+/// A policy after one training step: untrained but runnable.
 fn trained(seed: u64) -> Vec<u8> {
     let steps = 8u16;
     let frames: FrameBytes = Arc::new(vec![100u8; usize::from(steps) * shape().frame_bytes()]);
@@ -104,7 +104,7 @@ fn observation(number: u8, executed_action: &[f32]) -> Observation {
 impl Policies {
     /// Whether a policy is loaded.
     fn has(&self, policy: &PolicyId) -> bool {
-        lock(&self.0.shelf).has(policy)
+        lock(&self.0.loaded).has(policy)
     }
 }
 
@@ -145,7 +145,7 @@ impl Robot {
 }
 
 #[tokio::test]
-async fn a_deployment_moves_on_while_sessions_keep_their_policy() {
+async fn a_deployment_moves_while_sessions_keep_their_policy() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
@@ -168,10 +168,10 @@ async fn a_deployment_moves_on_while_sessions_keep_their_policy() {
         Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0, episode_id: None })
     ));
     assert!(robot.hears.recv().await.is_none());
-    assert!(!policies.has(&old), "nobody needs it any more");
+    assert!(!policies.has(&old), "neither a name nor a session holds it");
 }
 
-/// Between two answers of one action. Batches of other sizes round otherwise.
+/// The distance between two answers of one action. Batches of other sizes round differently.
 fn distance(left: &Acted, right: &Acted) -> f32 {
     assert_eq!((left.stamp_ns, left.actions.len(), right.actions.len()), (right.stamp_ns, 1, 1));
     (left.actions[0][0] - right.actions[0][0]).abs()
@@ -183,7 +183,7 @@ async fn a_session_and_a_window_of_observations_agree() {
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
     policies.deploy("arm", &policy, None).await.unwrap();
-    // As after a restart: the name is known, the policy not loaded.
+    // As after a restart: the name is stored, the policy not loaded.
     let policies = lab.policies();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
@@ -205,7 +205,7 @@ async fn a_session_and_a_window_of_observations_agree() {
 }
 
 #[tokio::test]
-async fn a_checkpoint_that_cannot_be_read_is_not_deployed() {
+async fn an_unreadable_checkpoint_is_not_deployed() {
     let lab = Lab::new().await;
     let good = lab.policy(&trained(1)).await;
     let torn = lab.policy(b"no checkpoint").await;
@@ -220,7 +220,7 @@ async fn a_checkpoint_that_cannot_be_read_is_not_deployed() {
 }
 
 #[tokio::test]
-async fn what_is_not_there_is_not_found_and_a_session_begins_with_open() {
+async fn unknown_names_are_not_found_and_a_session_begins_with_open() {
     let lab = Lab::new().await;
     let policies = lab.policies();
     assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::NotFound);
@@ -235,7 +235,7 @@ async fn what_is_not_there_is_not_found_and_a_session_begins_with_open() {
 }
 
 #[tokio::test]
-async fn rolling_back_serves_the_policy_before() {
+async fn rolling_back_serves_the_previous_policy() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
@@ -254,11 +254,11 @@ async fn rolling_back_serves_the_policy_before() {
 }
 
 #[tokio::test]
-async fn policies_over_the_memory_budget_are_loaded_again_when_used() {
+async fn policies_over_the_memory_budget_are_reloaded_on_use() {
     let mut lab = Lab::new().await;
     let (first, second) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let config = Arc::make_mut(&mut lab.config);
-    // Enough for one.
+    // Room for one.
     config.policies.policy_memory_bytes = u64::try_from(trained(1).len()).unwrap() * 3 / 2;
     let policies = lab.policies();
     policies.deploy("one", &first, None).await.unwrap();
@@ -269,21 +269,21 @@ async fn policies_over_the_memory_budget_are_loaded_again_when_used() {
     robot.hears().await.unwrap();
     assert!(policies.has(&first) && !policies.has(&second));
     assert_eq!(policies.act("two", vec![observation(1, &[])]).await.unwrap().policy_id, second);
-    assert_eq!(robot.acts(observation(1, &[])).await.policy_id, first, "a session never loses its own");
+    assert_eq!(robot.acts(observation(1, &[])).await.policy_id, first, "a session keeps its policy");
     robot.says(SessionInput::Close { outcome: Outcome::Unknown });
     robot.hears().await.unwrap();
     assert!(robot.hears.recv().await.is_none());
-    assert!(!policies.has(&first) && policies.has(&second), "the least recently used went");
+    assert!(!policies.has(&first) && policies.has(&second), "the least recently used was unloaded");
 }
 
 #[tokio::test]
-async fn a_stop_unloads_and_refuses() {
+async fn a_stop_unloads_every_policy_and_refuses_requests() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
     policies.deploy("arm", &policy, None).await.unwrap();
     policies.stop().await;
-    assert!(lock(&policies.0.shelf).named("arm").is_none());
+    assert!(lock(&policies.0.loaded).named("arm").is_none());
     assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::Unavailable);
     drop(lab.dir);
 }

@@ -1,4 +1,4 @@
-//! What a session tells the task that writes it down, and the room that this may take until it is written.
+//! Events from a session to the task that writes its recording, and the memory they may take until written.
 
 use std::sync::Arc;
 
@@ -14,51 +14,51 @@ use crate::{
     error::Result,
 };
 
-/// Most of one session that may wait for the disk, in KiB.
+/// The most data of one session that may wait for the disk, in KiB.
 const ROOM: u32 = 32 << 10;
 
-/// The room of one session. Whatever does not fit is left out: a robot does not wait for the disk.
+/// The room of one session. Events beyond it are left out: a robot does not wait for the disk.
 #[derive(Debug, Clone)]
 pub(super) struct Queue(Arc<Semaphore>);
 
-/// The room that something takes, until it is dropped.
+/// The room of one event, released on drop.
 pub(super) type Room = OwnedSemaphorePermit;
 
-/// A step as it comes to the tape.
+/// A complete step on its way to the writer.
 pub(super) type Written = Step<Room>;
 
-/// Something beside the steps.
+/// A message beside the steps.
 #[derive(Debug)]
 pub(super) struct Note {
     pub(super) topic: &'static str,
     pub(super) stamp_ns: i64,
     pub(super) value: serde_json::Value,
-    /// Most bytes of it as text.
+    /// The most bytes of it as text.
     pub(super) bytes: u64,
     pub(super) _room: Room,
 }
 
-/// How a session ended.
+/// The end of a session.
 #[derive(Debug, Clone)]
 pub(super) struct Ending {
     pub(super) outcome: Outcome,
-    /// In words.
+    /// A description for the recording's metadata.
     pub(super) how: String,
     pub(super) answered: u64,
     pub(super) dropped: u64,
     pub(super) missed: u64,
-    /// Segments without a score; `None`: nobody counted them.
+    /// Segments without a score; `None`: not counted.
     pub(super) unscored: Option<u64>,
-    /// Steps and notes there was no room for.
+    /// Steps and notes left out for lack of room.
     pub(super) left_out: u64,
 }
 
-/// What goes to the task.
+/// An event for the recording's task.
 #[derive(Debug)]
 pub(super) enum Event {
     Step(Box<Written>),
     Note(Note),
-    /// The last. Whoever waits is told the episode, if there is one.
+    /// The last event. The episode's id, if one is stored, is sent back.
     End(Ending, oneshot::Sender<Result<Option<EpisodeId>>>),
 }
 
@@ -67,14 +67,14 @@ impl Queue {
         Self(Arc::new(Semaphore::new(ROOM as usize)))
     }
 
-    /// Room for so many bytes, if there is. One thing alone always has room, however large.
+    /// Room for this many bytes, if there is. A single event always has room, however large.
     pub(super) fn room(&self, bytes: usize) -> Option<Room> {
         let kib = u32::try_from(bytes.div_ceil(1024)).unwrap_or(u32::MAX).clamp(1, ROOM);
         Arc::clone(&self.0).try_acquire_many_owned(kib).ok()
     }
 }
 
-/// The bytes that an observation holds: its frames too, should they be without images.
+/// The bytes of an observation, including its frames' own when they hold no images.
 pub(super) fn bytes(observation: &Observation) -> usize {
     let frame = |frame: &CameraFrame| {
         let of = |image: &Option<crate::domain::observation::Image>| image.as_ref().map_or(0, |image| image.data.len());

@@ -1,4 +1,4 @@
-//! The file of one recorded session while it is open: what goes into it, and when that is on disk. Knows no limits.
+//! The open file of one recorded session: what is written and when it is synced. Must not know limits.
 
 use std::{
     collections::BTreeMap,
@@ -10,8 +10,8 @@ use std::{
 use gleaner_recording::{CameraRef, EpisodeWriter, ImageRef, ObservationRef, PixelFormat, RecordingError, TaskSpec};
 
 use super::{
-    about::{Place, Slip, fault},
     event::{Note, Written},
+    sidecar::{RolloutFiles, RolloutSidecar, fault},
 };
 use crate::{
     blobs::sync_folder,
@@ -19,9 +19,9 @@ use crate::{
     error::{Error, Result},
 };
 
-/// A crash loses what came after the last sync: at most this.
+/// The most time between syncs, and so the most that a crash loses.
 const SYNC_AFTER: Duration = Duration::from_secs(1);
-/// Where the file says what session it is of, and how that ended.
+/// Names of the metadata records for the session and its end.
 const METADATA: &str = "session";
 const METADATA_AT_END: &str = "session_end";
 
@@ -30,17 +30,17 @@ pub(super) struct Open {
     writer: EpisodeWriter<BufWriter<File>>,
     /// The same file, to sync it.
     handle: File,
-    /// When what was written must be on disk.
+    /// When written data must be on disk.
     sync_at: Option<Instant>,
-    /// Its bytes at the last sync.
+    /// Its size at the last sync.
     size: u64,
-    /// Most bytes that have come since.
+    /// The most bytes written since.
     unsynced: u64,
 }
 
 /// Why a step was not written.
 pub(super) enum Fault {
-    /// It does not fit the task.
+    /// The step does not fit the task.
     Misfit(String),
     Disk(Error),
 }
@@ -55,14 +55,14 @@ impl From<RecordingError> for Fault {
 }
 
 impl Open {
-    /// Makes the file. The slip first, so that whatever is found of a recording can be kept.
-    pub(super) fn create(place: &Place, slip: &Slip, spec: &TaskSpec) -> Result<Self> {
-        place.write(slip)?;
-        let path = place.recording();
+    /// Creates the file. The sidecar first, so that any recording found later can be stored.
+    pub(super) fn create(files: &RolloutFiles, sidecar: &RolloutSidecar, spec: &TaskSpec) -> Result<Self> {
+        files.write(sidecar)?;
+        let path = files.recording();
         let file = File::create_new(&path).map_err(fault("making", &path))?;
         let handle = file.try_clone().map_err(fault("opening", &path))?;
         let written = EpisodeWriter::create(BufWriter::new(file), spec).and_then(|mut writer| {
-            writer.metadata(METADATA, about(slip))?;
+            writer.metadata(METADATA, session_metadata(sidecar))?;
             Ok(writer)
         });
         let writer = written.map_err(|error| Error::internal("recording a session", error))?;
@@ -72,17 +72,17 @@ impl Open {
         Ok(open)
     }
 
-    /// When to sync next; `None` while there is nothing to.
+    /// When to sync next; `None` while everything is synced.
     pub(super) fn sync_at(&self) -> Option<Instant> {
         self.sync_at
     }
 
-    /// Most bytes that it may have once everything is on disk.
+    /// The most bytes of the file once everything is on disk.
     pub(super) fn most(&self) -> u64 {
         self.size.saturating_add(self.unsynced)
     }
 
-    /// Puts everything on disk.
+    /// Syncs the file.
     pub(super) fn sync(&mut self) -> Result<()> {
         self.writer.flush().map_err(|error| Error::internal("recording a session", error))?;
         let synced = self.handle.sync_data().and_then(|()| self.handle.metadata());
@@ -92,7 +92,7 @@ impl Open {
         Ok(())
     }
 
-    /// Writes a step of at most so many bytes.
+    /// Writes a step of at most `bytes` bytes.
     pub(super) fn step(&mut self, spec: &TaskSpec, step: &Written, bytes: u64) -> std::result::Result<(), Fault> {
         let observation = &step.observation;
         let cameras = cameras(spec, &observation.cameras)
@@ -109,14 +109,14 @@ impl Open {
         Ok(())
     }
 
-    /// Writes something beside the steps, of at most so many bytes.
+    /// Writes a note of at most `bytes` bytes.
     pub(super) fn note(&mut self, note: &Note, bytes: u64) -> Result<()> {
         self.wrote(bytes);
         let written = self.writer.annotate(note.topic, note.stamp_ns, &note.value);
         written.map_err(|error| Error::internal("recording a session", error))
     }
 
-    /// Ends the file, with these last words; it is whole and on disk then.
+    /// Ends the file with this metadata; it is whole and on disk afterwards.
     pub(super) fn finish(mut self, last: BTreeMap<String, String>) -> Result<()> {
         let ended = self.writer.metadata(METADATA_AT_END, last).and_then(|()| self.writer.finish());
         let buffered = ended.map_err(|error| Error::internal("ending a recording", error))?;
@@ -130,19 +130,19 @@ impl Open {
     }
 }
 
-fn about(slip: &Slip) -> BTreeMap<String, String> {
-    let about = &slip.about;
-    let about = [
-        ("session_id", about.session_id.to_string()),
-        ("deployment", about.deployment.clone()),
-        ("policy_id", about.policy_id.to_string()),
-        ("score_run_id", about.score_run_id.as_ref().map(ToString::to_string).unwrap_or_default()),
-        ("control_rate_hz", about.control_rate_hz.to_string()),
+fn session_metadata(sidecar: &RolloutSidecar) -> BTreeMap<String, String> {
+    let session = &sidecar.session;
+    let entries = [
+        ("session_id", session.session_id.to_string()),
+        ("deployment", session.deployment.clone()),
+        ("policy_id", session.policy_id.to_string()),
+        ("score_run_id", session.score_run_id.as_ref().map(ToString::to_string).unwrap_or_default()),
+        ("control_rate_hz", session.control_rate_hz.to_string()),
     ];
-    about.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
+    entries.into_iter().map(|(name, value)| (name.to_owned(), value)).collect()
 }
 
-/// What was seen, in the task's order; `None` when it is not by the task's cameras.
+/// The frames in the task's order; `None` when they are not of the task's cameras.
 fn cameras<'a>(spec: &TaskSpec, frames: &'a [CameraFrame]) -> Option<Vec<CameraRef<'a>>> {
     let one = |camera: &gleaner_recording::CameraSpec| {
         let frame = frames.iter().find(|frame| frame.camera == camera.name)?;

@@ -1,10 +1,9 @@
-//! From a recording to an episode: mended if a crash has torn it, stored by the door that uploads use, then gone from
-//! here. Every step can be done again after a crash in its middle.
+//! Stores a session's recording as an episode: salvages it if a crash has torn it, passes it to `ingest`, then removes
+//! it. Every step can be repeated after a crash in the middle.
 
 use super::{
-    Rollouts,
-    about::{Place, Slip},
-    off_runtime,
+    Rollouts, off_runtime,
+    sidecar::{RolloutFiles, RolloutSidecar},
 };
 use crate::{
     domain::id::EpisodeId,
@@ -16,19 +15,19 @@ use crate::{
 const FEWEST: u64 = 2;
 
 impl Rollouts {
-    /// Stores a session's recording; `None` when there is too little of it, which then is gone.
+    /// Stores a session's recording; `None` when it is too short, in which case it is removed.
     ///
     /// # Errors
-    /// Invalid or NotFound when it cannot be used: it is set aside then; others when it cannot be stored now: the next
-    /// start tries again.
-    pub(super) async fn keep(&self, place: &Place) -> Result<Option<EpisodeId>> {
-        match self.store(place).await {
+    /// Invalid or NotFound when the recording is unusable and was set aside; other kinds when it cannot be stored now
+    /// and the next start retries.
+    pub(super) async fn keep(&self, files: &RolloutFiles) -> Result<Option<EpisodeId>> {
+        match self.store(files).await {
             Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {
-                let aside = place.clone();
+                let aside = files.clone();
                 off_runtime(move || aside.set_aside()).await?;
                 tracing::error!(
-                    %error, file.path = %place.unusable().display(),
-                    "a session's recording cannot be used and is set aside"
+                    %error, file.path = %files.unusable().display(),
+                    "a session's recording is unusable and was set aside"
                 );
                 Err(error)
             }
@@ -36,48 +35,48 @@ impl Rollouts {
         }
     }
 
-    async fn store(&self, place: &Place) -> Result<Option<EpisodeId>> {
-        let read = place.clone();
-        let Some(mut slip) = off_runtime(move || read.read()).await? else {
-            return Err(Error::invalid("recording", "nothing is known of its session"));
+    async fn store(&self, files: &RolloutFiles) -> Result<Option<EpisodeId>> {
+        let read = files.clone();
+        let Some(mut sidecar) = off_runtime(move || read.read()).await? else {
+            return Err(Error::invalid("recording", "its sidecar is missing"));
         };
-        let steps = match slip.steps {
+        let steps = match sidecar.steps {
             Some(steps) => steps,
-            None => self.mend(place, &mut slip).await?,
+            None => self.salvage(files, &mut sidecar).await?,
         };
         let episode = match steps {
             FEWEST.. => {
-                let about = &slip.about;
+                let session = &sidecar.session;
                 let new = NewRecording {
-                    task_id: about.task_id.clone(),
-                    file_name: format!("{}.mcap", about.session_id),
-                    outcome: slip.outcome,
-                    cohort: about.cohort.clone(),
-                    author: about.session_id.to_string(),
+                    task_id: session.task_id.clone(),
+                    file_name: format!("{}.mcap", session.session_id),
+                    outcome: sidecar.outcome,
+                    cohort: session.cohort.clone(),
+                    author: session.session_id.to_string(),
                 };
-                Some(self.0.ingest.keep(new, &place.recording()).await?.id)
+                Some(self.0.ingest.keep(new, &files.recording()).await?.id)
             }
             _ => None,
         };
         crate::fail_point::pass("rollout.kept");
-        let done = place.clone();
+        let done = files.clone();
         off_runtime(move || done.remove()).await?;
         Ok(episode)
     }
 
-    /// Makes a whole file of a torn one, and gives its steps.
-    async fn mend(&self, place: &Place, slip: &mut Slip) -> Result<u64> {
-        let steps = self.0.ingest.salvage(&place.recording(), &place.mended()).await?;
-        slip.steps = Some(steps);
-        let (place, slip) = (place.clone(), slip.clone());
+    /// Salvages a torn recording and returns its steps.
+    async fn salvage(&self, files: &RolloutFiles, sidecar: &mut RolloutSidecar) -> Result<u64> {
+        let steps = self.0.ingest.salvage(&files.recording(), &files.salvaged()).await?;
+        sidecar.steps = Some(steps);
+        let (files, sidecar) = (files.clone(), sidecar.clone());
         off_runtime(move || {
             if steps >= FEWEST {
-                place.replace()?;
+                files.replace()?;
             }
-            place.write(&slip)
+            files.write(&sidecar)
         })
         .await?;
-        tracing::info!(recording.steps = steps, "mended what a crash has left of a session");
+        tracing::info!(recording.steps = steps, "salvaged a session's recording that a crash had torn");
         Ok(steps)
     }
 }

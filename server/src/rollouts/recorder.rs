@@ -1,4 +1,4 @@
-//! A session's end of its recording. Nothing here waits: what there is no room for is left out and counted.
+//! A session's end of its recording. It never waits: events without room in the queue are left out and counted.
 
 use serde_json::json;
 use tokio::sync::{mpsc, oneshot};
@@ -17,23 +17,23 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Where the policy's chunks and the segments' scores go. No mapping reads them.
+/// Topics of the policy's chunks and the segments' scores. No mapping reads them.
 const COMMANDS: &str = "/policy/action";
 const SCORES: &str = "/policy/score";
-/// Most bytes of a number as text.
+/// The most bytes of a number as text.
 const NUMBER_BYTES: usize = 24;
 
-/// How many observations a session answered, passed over, and could not answer in time.
+/// Counts of a session's observations: answered, dropped, and missed their deadline.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(crate) struct Tally {
+pub(crate) struct ObservationCounts {
     pub(crate) answered: u64,
     pub(crate) dropped: u64,
     pub(crate) missed: u64,
-    /// Segments that were to be scored and could not be; `None`: nobody counted them.
+    /// Segments that were to be scored and could not be; `None`: not counted.
     pub(crate) unscored: Option<u64>,
 }
 
-/// Records one session. Dropped, it keeps what came so far, with an unknown outcome.
+/// Records one session. Dropping it stores the steps so far with an unknown outcome.
 pub(crate) struct Recorder {
     events: mpsc::UnboundedSender<Event>,
     queue: Queue,
@@ -46,7 +46,7 @@ impl Recorder {
         Self { events, queue: Queue::new(), steps: Steps::new(action_size), left_out: 0 }
     }
 
-    /// An observation has come, whatever becomes of it.
+    /// Records an observation, whether or not it is answered.
     pub(crate) fn observed(&mut self, observation: &Observation) {
         let room = self.queue.room(bytes(observation));
         if room.is_none() {
@@ -56,18 +56,18 @@ impl Recorder {
         self.send_steps();
     }
 
-    /// The observation of this stamp goes to the model.
-    pub(crate) fn asks(&mut self, stamp_ns: i64) {
-        self.steps.asks(stamp_ns);
+    /// The observation of this stamp was passed to the model.
+    pub(crate) fn inference_started(&mut self, stamp_ns: i64) {
+        self.steps.inference_started(stamp_ns);
     }
 
-    /// What the model had is back; `sound` says that it was decoded.
-    pub(crate) fn turned(&mut self, sound: bool) {
-        self.steps.turned(sound);
+    /// The model returned; `sound`: the observation was decoded.
+    pub(crate) fn inference_finished(&mut self, sound: bool) {
+        self.steps.inference_finished(sound);
         self.send_steps();
     }
 
-    /// The robot was given these actions.
+    /// Records the actions sent to the robot.
     pub(crate) fn commanded(&mut self, acted: &Acted) {
         if let Some(first) = acted.actions.first() {
             self.steps.does(first);
@@ -77,37 +77,42 @@ impl Recorder {
         self.note(COMMANDS, acted.stamp_ns, numbers * NUMBER_BYTES, value);
     }
 
-    /// A segment was scored.
+    /// Records the score of a segment.
     pub(crate) fn scored(&mut self, scored: &SegmentScored) {
         let SegmentScored { stamp_ns, w, q, match_episode, match_step } = scored;
         let value = || json!({"w": w, "q": q, "match_episode_id": match_episode.as_str(), "match_step": match_step});
         self.note(SCORES, *stamp_ns, 128, value);
     }
 
-    /// Ends the recording and waits until the episode is stored; `None` when there is none, for want of steps.
+    /// Ends the recording and waits until the episode is stored; `None` when it is too short.
     ///
     /// # Errors
-    /// When the recording cannot be kept: the server's log says where it is.
-    pub(crate) async fn finish(self, outcome: Outcome, how: &str, tally: Tally) -> Result<Option<EpisodeId>> {
-        let lost = || Error::internal("keeping a recording", "its task has ended");
-        self.end(outcome, how, tally).await.map_err(|_| lost())?
+    /// When the recording cannot be stored: the server's log names its file.
+    pub(crate) async fn finish(
+        self,
+        outcome: Outcome,
+        how: &str,
+        counts: ObservationCounts,
+    ) -> Result<Option<EpisodeId>> {
+        let lost = || Error::internal("keeping a recording", "its task ended early");
+        self.end(outcome, how, counts).await.map_err(|_| lost())?
     }
 
-    /// Ends the recording; it is kept in its own time.
+    /// Ends the recording; it is stored in the background.
     pub(crate) fn end(
         mut self,
         outcome: Outcome,
         how: &str,
-        tally: Tally,
+        counts: ObservationCounts,
     ) -> oneshot::Receiver<Result<Option<EpisodeId>>> {
         self.steps.end();
         self.send_steps();
-        let Tally { answered, dropped, missed, unscored } = tally;
+        let ObservationCounts { answered, dropped, missed, unscored } = counts;
         let ending =
             Ending { outcome, how: how.to_owned(), answered, dropped, missed, unscored, left_out: self.left_out };
-        let (tell, told) = oneshot::channel();
-        self.send(Event::End(ending, tell));
-        told
+        let (done, stored) = oneshot::channel();
+        self.send(Event::End(ending, done));
+        stored
     }
 
     fn note(&mut self, topic: &'static str, stamp_ns: i64, bytes: usize, value: impl FnOnce() -> serde_json::Value) {
@@ -122,7 +127,7 @@ impl Recorder {
 
     fn leave_out(&mut self) {
         if self.left_out == 0 {
-            tracing::warn!("the disk is too slow for this session's recording: what does not fit is left out");
+            tracing::warn!("the disk is too slow for this session's recording: steps are left out");
         }
         self.left_out += 1;
     }
@@ -133,7 +138,7 @@ impl Recorder {
         }
     }
 
-    /// The task ends before its recorder only if it broke; that was logged there.
+    /// The task ends before its recorder only after an error, which it has logged.
     fn send(&self, event: Event) {
         let _ = self.events.send(event);
     }

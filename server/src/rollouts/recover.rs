@@ -1,19 +1,17 @@
-//! At start: what an earlier run has left is kept, one after the other. Nothing that is wrong with it is in the way of
-//! the start.
+//! At start: stores recordings that an earlier run has left, one after the other. Unusable ones do not stop the start.
 
 use std::{collections::BTreeSet, fs};
 
 use tracing::Instrument as _;
 
 use super::{
-    Rollouts,
-    about::{Place, fault},
-    off_runtime,
+    Rollouts, off_runtime,
+    sidecar::{RolloutFiles, fault},
 };
 use crate::error::{Kind, Result};
 
 impl Rollouts {
-    /// The sessions of which there is something. Half of a mended recording is nothing: it goes.
+    /// The sessions with files in the folder. A partial salvage is removed.
     pub(super) fn left(&self) -> Result<BTreeSet<String>> {
         let folder = self.folder();
         let mut sessions = BTreeSet::new();
@@ -30,39 +28,39 @@ impl Rollouts {
         Ok(sessions)
     }
 
-    /// Keeps what they left.
+    /// Stores their recordings.
     pub(super) async fn recover(&self, sessions: BTreeSet<String>) {
         for session in sessions {
-            let place = Place::new(self.folder(), &session);
+            let files = RolloutFiles::new(self.folder(), &session);
             let span = tracing::info_span!("rollout", session.id = session);
-            self.recover_one(place).instrument(span).await;
+            self.recover_one(files).instrument(span).await;
         }
     }
 
-    async fn recover_one(&self, place: Place) {
-        let look = place.clone();
-        // Without a recording, or without a byte of it, nothing was ever written down.
+    async fn recover_one(&self, files: RolloutFiles) {
+        let files_of_session = files.clone();
+        // Without a recording, or with an empty one, there are no steps to store.
         let empty = off_runtime(move || {
-            let size = fs::metadata(look.recording()).map_or(0, |file| file.len());
-            if size == 0 { look.remove().map(|()| true) } else { Ok(false) }
+            let size = fs::metadata(files_of_session.recording()).map_or(0, |file| file.len());
+            if size == 0 { files_of_session.remove().map(|()| true) } else { Ok(false) }
         });
         let kept = match empty.await {
             Ok(true) => return,
-            Ok(false) => self.keep(&place).await,
+            Ok(false) => self.keep(&files).await,
             Err(error) => Err(error),
         };
         match kept {
-            Ok(Some(episode)) => tracing::info!(episode.id = %episode, "kept what a session has left"),
-            Ok(None) => tracing::info!("a session has left less than two steps: no episode"),
-            // Said where it was set aside.
+            Ok(Some(episode)) => tracing::info!(episode.id = %episode, "stored the recording of an earlier session"),
+            Ok(None) => tracing::info!("a session of fewer than two steps is not stored"),
+            // Logged where it was set aside.
             Err(error) if matches!(error.kind(), Kind::Invalid | Kind::NotFound) => {}
             Err(error) if error.kind() == Kind::Exhausted => {
-                // If the server stops first, the next start does it.
-                let _: Option<()> = self.0.stopping.run_until_cancelled(self.keep_later(&place)).await;
+                // If the server stops first, the next start stores it.
+                let _: Option<()> = self.0.stopping.run_until_cancelled(self.keep_later(&files)).await;
             }
             Err(error) => tracing::error!(
-                error = &error as &dyn std::error::Error, file.path = %place.recording().display(),
-                "what a session has left cannot be kept now; the next start tries again"
+                error = &error as &dyn std::error::Error, file.path = %files.recording().display(),
+                "the recording of an earlier session cannot be stored now; the next start retries"
             ),
         }
     }

@@ -1,4 +1,4 @@
-//! Recordings of sessions that end in every way, stored by a real inspection.
+//! Recordings of sessions with all kinds of ends, stored through a real inspection.
 
 mod limits;
 
@@ -31,14 +31,14 @@ impl Lab {
         Self { fixture, rollouts }
     }
 
-    /// As after a start, with everything that was left kept.
+    /// As after a start, with all earlier recordings stored.
     async fn start_again(&mut self) {
         self.rollouts = Rollouts::open(&self.fixture.config, self.fixture.ingest.clone()).unwrap();
         self.rollouts.stop().await;
     }
 
-    fn about(&self) -> About {
-        About {
+    fn session(&self) -> SessionInfo {
+        SessionInfo {
             session_id: SessionId::new(),
             task_id: self.fixture.task.id.clone(),
             deployment: "reach@prod".into(),
@@ -50,13 +50,13 @@ impl Lab {
     }
 
     fn begin(&self) -> Recorder {
-        self.rollouts.begin(self.about(), &self.fixture.task).unwrap()
+        self.rollouts.begin(self.session(), &self.fixture.task).unwrap()
     }
 
-    fn tape(&self, limits: Limits) -> (Place, Tape) {
-        let slip = Slip { about: self.about(), outcome: Outcome::Unknown, steps: None };
-        let place = self.rollouts.place(&slip.about.session_id);
-        (place.clone(), Tape::new(place, slip, self.fixture.task.spec.clone(), limits))
+    fn writer(&self, limits: Limits) -> (RolloutFiles, RolloutWriter) {
+        let sidecar = RolloutSidecar { session: self.session(), outcome: Outcome::Unknown, steps: None };
+        let files = self.rollouts.files(&sidecar.session.session_id);
+        (files.clone(), RolloutWriter::new(files, sidecar, self.fixture.task.spec.clone(), limits))
     }
 
     async fn episodes(&self) -> Vec<Episode> {
@@ -82,13 +82,13 @@ fn seen(step: i16) -> Observation {
     }
 }
 
-/// So many steps, each answered with its own number.
+/// Records this many steps, each answered with its own number.
 fn drive(recorder: &mut Recorder, steps: i16) {
     for step in 0..steps {
         let observation = seen(step);
         recorder.observed(&observation);
-        recorder.asks(observation.stamp_ns);
-        recorder.turned(true);
+        recorder.inference_started(observation.stamp_ns);
+        recorder.inference_finished(true);
         let actions = vec![vec![f32::from(step)], vec![-1.0]];
         let (policy_id, timings) = (PolicyId::new(), Timings::default());
         recorder.commanded(&Acted { stamp_ns: observation.stamp_ns, actions, policy_id, timings });
@@ -101,11 +101,11 @@ fn step(number: i16, queue: &event::Queue) -> event::Written {
 }
 
 #[tokio::test]
-async fn a_session_becomes_an_episode_that_says_what_was_done() {
+async fn a_session_becomes_an_episode_with_its_executed_actions() {
     let lab = Lab::new().await;
     let mut recorder = lab.begin();
     drive(&mut recorder, 6);
-    let id = recorder.finish(Outcome::Failure, "closed", Tally::default()).await.unwrap().unwrap();
+    let id = recorder.finish(Outcome::Failure, "closed", ObservationCounts::default()).await.unwrap().unwrap();
     let inspected = lab.fixture.store.episode(&id).await.unwrap();
     let episode = inspected.episode;
     assert_eq!((episode.steps, episode.outcome, episode.cohort.as_str()), (6, Outcome::Failure, "night"));
@@ -118,9 +118,9 @@ async fn a_session_becomes_an_episode_that_says_what_was_done() {
     assert!(lab.left().is_empty(), "{:?}", lab.left());
 }
 
-/// A robot goes on without its recording; what there is of it is kept once there is room.
+/// The robot continues without its recording; the part on disk is stored once there is room.
 #[tokio::test]
-async fn a_disk_that_fills_up_ends_the_recording_and_not_the_session() {
+async fn a_full_disk_ends_the_recording_and_not_the_session() {
     let mut fixture = real("none", &[]).await;
     let free = fixture.on_a_small_disk();
     let rollouts = Rollouts::open(&fixture.config, fixture.ingest.clone()).unwrap();
@@ -128,9 +128,9 @@ async fn a_disk_that_fills_up_ends_the_recording_and_not_the_session() {
     let mut recorder = lab.begin();
     drive(&mut recorder, 6);
     free.store(0, Ordering::Relaxed);
-    let refused = lab.rollouts.begin(lab.about(), &lab.fixture.task).err().unwrap();
-    assert!(refused.kind() == Kind::Exhausted && refused.message().contains("without a recording"), "{refused}");
-    let ended = recorder.finish(Outcome::Success, "closed", Tally::default()).await.unwrap_err();
+    let refused = lab.rollouts.begin(lab.session(), &lab.fixture.task).err().unwrap();
+    assert!(refused.kind() == Kind::Exhausted && refused.message().contains("without recording"), "{refused}");
+    let ended = recorder.finish(Outcome::Success, "closed", ObservationCounts::default()).await.unwrap_err();
     assert_eq!(ended.kind(), Kind::Exhausted, "{ended}");
     assert!(lab.episodes().await.is_empty() && !lab.left().is_empty());
     free.store(u64::MAX, Ordering::Relaxed);
@@ -144,42 +144,42 @@ async fn a_disk_that_fills_up_ends_the_recording_and_not_the_session() {
 }
 
 #[tokio::test]
-async fn a_session_that_nobody_closes_is_kept_and_nobody_knows_how_it_went() {
+async fn a_dropped_session_is_stored_with_an_unknown_outcome() {
     let lab = Lab::new().await;
     let mut recorder = lab.begin();
     drive(&mut recorder, 4);
     drop(recorder);
     lab.rollouts.stop().await;
     let episodes = lab.episodes().await;
-    // What was done at the newest was never known whole.
+    // The newest step had no executed action.
     assert_eq!((episodes.len(), episodes[0].steps, episodes[0].outcome), (1, 3, Outcome::Unknown));
     assert!(lab.left().is_empty(), "{:?}", lab.left());
 }
 
 #[tokio::test]
-async fn less_than_two_steps_leave_nothing() {
+async fn fewer_than_two_steps_are_not_stored() {
     let lab = Lab::new().await;
     for steps in 0..2 {
         let mut recorder = lab.begin();
         drive(&mut recorder, steps);
-        assert_eq!(recorder.finish(Outcome::Success, "closed", Tally::default()).await.unwrap(), None);
+        assert_eq!(recorder.finish(Outcome::Success, "closed", ObservationCounts::default()).await.unwrap(), None);
     }
     assert!(lab.episodes().await.is_empty() && lab.left().is_empty(), "{:?}", lab.left());
 }
 
 #[tokio::test]
-async fn what_a_crash_tears_is_mended_at_the_next_start() {
+async fn a_torn_recording_is_salvaged_at_the_next_start() {
     let mut lab = Lab::new().await;
     let queue = event::Queue::new();
-    let (place, mut tape) = lab.tape(ALL);
-    (0..5).for_each(|number| tape.step(&step(number, &queue)));
-    tape.sync();
-    (5..9).for_each(|number| tape.step(&step(number, &queue)));
-    std::mem::forget(tape);
-    // Left by a salvage that was killed, at a start before.
-    fs::write(place.mended().with_extension("mended.77-0.partial"), b"half").unwrap();
-    // What a disk may make of the tail.
-    fs::File::options().append(true).open(place.recording()).unwrap().write_all(&[0; 5000]).unwrap();
+    let (files, mut writer) = lab.writer(ALL);
+    (0..5).for_each(|number| writer.step(&step(number, &queue)));
+    writer.sync();
+    (5..9).for_each(|number| writer.step(&step(number, &queue)));
+    std::mem::forget(writer);
+    // Left by a salvage that was killed at an earlier start.
+    fs::write(files.salvaged().with_extension("salvaged.77-0.partial"), b"half").unwrap();
+    // A torn tail, as a disk may leave it.
+    fs::File::options().append(true).open(files.recording()).unwrap().write_all(&[0; 5000]).unwrap();
     lab.start_again().await;
     let episodes = lab.episodes().await;
     assert_eq!((episodes.len(), episodes[0].steps, episodes[0].outcome), (1, 5, Outcome::Unknown));
@@ -190,17 +190,17 @@ async fn what_a_crash_tears_is_mended_at_the_next_start() {
     assert!(lab.left().is_empty(), "{:?}", lab.left());
 }
 
-/// Killed between the end of the recording and the end of storing it, wherever: one episode, with its outcome.
+/// Killed anywhere between the end of the recording and the end of storing it: one episode, with its outcome.
 #[tokio::test]
-async fn storing_again_is_storing_once() {
+async fn storing_twice_yields_one_episode() {
     let mut lab = Lab::new().await;
     let queue = event::Queue::new();
-    let (place, mut tape) = lab.tape(ALL);
-    (0..5).for_each(|number| tape.step(&step(number, &queue)));
-    assert!(tape.end(&Ending { outcome: Outcome::Success, ..broken_off() }).unwrap());
+    let (files, mut writer) = lab.writer(ALL);
+    (0..5).for_each(|number| writer.step(&step(number, &queue)));
+    assert!(writer.end(&Ending { outcome: Outcome::Success, ..broken_off() }).unwrap());
     let copies =
-        [place.recording(), place.recording().with_extension("json")].map(|path| (fs::read(&path).unwrap(), path));
-    let first = lab.rollouts.keep(&place).await.unwrap().unwrap();
+        [files.recording(), files.recording().with_extension("json")].map(|path| (fs::read(&path).unwrap(), path));
+    let first = lab.rollouts.keep(&files).await.unwrap().unwrap();
     assert!(lab.left().is_empty());
     for (bytes, path) in copies {
         fs::write(path, bytes).unwrap();
@@ -212,14 +212,14 @@ async fn storing_again_is_storing_once() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_used_is_set_aside_and_in_nobodys_way() {
+async fn unusable_recordings_are_set_aside() {
     let mut lab = Lab::new().await;
-    let (place, tape) = lab.tape(ALL);
-    drop(tape);
-    let slip = Slip { about: lab.about(), outcome: Outcome::Unknown, steps: None };
-    place.write(&slip).unwrap();
-    fs::write(place.recording(), b"not a recording at all").unwrap();
-    // One of which not a byte came to the disk, one without a slip, and one whose slip is spoilt.
+    let (files, writer) = lab.writer(ALL);
+    drop(writer);
+    let sidecar = RolloutSidecar { session: lab.session(), outcome: Outcome::Unknown, steps: None };
+    files.write(&sidecar).unwrap();
+    fs::write(files.recording(), b"not a recording at all").unwrap();
+    // An empty recording, one without a sidecar, and one whose sidecar cannot be parsed.
     let folder = lab.rollouts.folder().to_owned();
     fs::write(folder.join("ses_empty.mcap"), b"").unwrap();
     fs::write(folder.join("ses_stray.mcap"), b"bytes").unwrap();
@@ -230,24 +230,24 @@ async fn what_cannot_be_used_is_set_aside_and_in_nobodys_way() {
     let mut aside: Vec<_> =
         fs::read_dir(folder.join("unusable")).unwrap().map(|file| file.unwrap().file_name()).collect();
     aside.sort();
-    let session = place.recording().file_name().unwrap().to_owned();
+    let session = files.recording().file_name().unwrap().to_owned();
     let stray: [std::ffi::OsString; 3] = ["ses_spoilt.json", "ses_spoilt.mcap", "ses_stray.mcap"].map(Into::into);
-    assert_eq!(aside[1..], [&[session][..], &stray].concat(), "each with its slip, if there is one");
+    assert_eq!(aside[1..], [&[session][..], &stray].concat(), "each with its sidecar, if there is one");
     assert!(aside[0].to_str().unwrap().ends_with(".json"), "{aside:?}");
-    assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "nothing is looked at twice");
+    assert_eq!(fs::read_dir(&folder).unwrap().count(), 1, "set-aside files are not read again");
     let mut recorder = lab.begin();
     drive(&mut recorder, 3);
-    assert!(recorder.finish(Outcome::Success, "closed", Tally::default()).await.unwrap().is_some());
+    assert!(recorder.finish(Outcome::Success, "closed", ObservationCounts::default()).await.unwrap().is_some());
 }
 
-/// Everything that waits to be written.
-fn drain(told: &mut UnboundedReceiver<Event>) -> Vec<Event> {
-    std::iter::from_fn(|| told.try_recv().ok()).collect()
+/// All queued events.
+fn drain(events: &mut UnboundedReceiver<Event>) -> Vec<Event> {
+    std::iter::from_fn(|| events.try_recv().ok()).collect()
 }
 
 #[tokio::test]
 async fn a_slow_disk_costs_steps_and_never_a_wait() {
-    let (events, mut told) = mpsc::unbounded_channel();
+    let (events, mut received) = mpsc::unbounded_channel();
     let mut recorder = Recorder::new(events, 1);
     // Ten megabytes each: three have room.
     let image = |step| {
@@ -258,13 +258,13 @@ async fn a_slow_disk_costs_steps_and_never_a_wait() {
         Observation { cameras, executed_action: vec![f32::from(step)], ..seen(step) }
     };
     (0..6).for_each(|step| recorder.observed(&image(step)));
-    let written = drain(&mut told);
-    assert_eq!(written.len(), 3, "the fourth was left out, but said what was done at the third");
+    let written = drain(&mut received);
+    assert_eq!(written.len(), 3, "the fourth was left out, but completed the action of the third");
     drop(written);
     recorder.observed(&image(6));
     recorder.observed(&image(7));
-    drop(recorder.end(Outcome::Unknown, "closed", Tally::default()));
-    let events = drain(&mut told);
+    drop(recorder.end(Outcome::Unknown, "closed", ObservationCounts::default()));
+    let events = drain(&mut received);
     let stamps: Vec<_> = events
         .iter()
         .filter_map(|event| if let Event::Step(step) = event { Some(step.observation.stamp_ns) } else { None })

@@ -1,5 +1,5 @@
-//! One loaded scorer on a thread of its own. It serves what waits together, and gives way to everything else: a robot's
-//! next action is worth more than the score of its last.
+//! A loaded scorer on its own thread. It serves waiting requests together and at low priority: a robot's next action is
+//! worth more than the score of its last.
 
 use std::{
     collections::VecDeque,
@@ -11,7 +11,7 @@ use gleaner_learn::{EpisodeScores, TaskShape, Trajectory};
 use tokio::sync::oneshot;
 
 use super::{
-    line::Line,
+    episode_queue::EpisodeQueue,
     model::{Followed, Scorer, Stretch},
 };
 use crate::{
@@ -20,16 +20,16 @@ use crate::{
     ingest::Room,
 };
 
-/// Most episodes that are scored together.
+/// The most running episodes in one batch.
 const TOGETHER: usize = 32;
 /// The niceness of a scorer's thread.
 const NICE: i32 = 5;
 
-/// What a scorer's thread is asked.
-enum Ask<H> {
-    /// To go on with a running episode.
-    Follow(Arc<Line<H>>),
-    /// To score a whole one.
+/// A request to a scorer's thread.
+enum Request<H> {
+    /// Scores the new steps of a running episode.
+    Follow(Arc<EpisodeQueue<H>>),
+    /// Scores a whole episode.
     Episode(Box<Whole>),
 }
 
@@ -37,18 +37,18 @@ enum Ask<H> {
 struct Whole {
     steps: Trajectory,
     reply: oneshot::Sender<Result<EpisodeScores>>,
-    /// Given back when the episode is gone, even if its caller goes before.
+    /// Released with the episode's memory, even if the caller is gone earlier.
     _room: Room,
 }
 
-/// What a scorer says of itself once it is loaded.
+/// Shape and window of a loaded scorer, or the error of loading it.
 type Loaded = Result<(TaskShape, usize)>;
 
-/// A handle to a scorer's thread. The thread ends when the handle is gone, or on `close`.
+/// A handle to a scorer's thread. The thread ends when the handle is dropped, or on `close`.
 pub(super) struct Engine<S: Scorer> {
     shape: Arc<TaskShape>,
     window: usize,
-    asks: Mutex<Option<flume::Sender<Ask<S::History>>>>,
+    requests: Mutex<Option<flume::Sender<Request<S::History>>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
 }
 
@@ -56,23 +56,24 @@ impl<S: Scorer> Engine<S> {
     /// Starts a thread and loads a scorer on it with `load`.
     ///
     /// # Errors
-    /// What `load` says.
+    /// The error of `load`.
     pub(super) async fn start(run: &ScoreRunId, load: impl FnOnce() -> Result<S> + Send + 'static) -> Result<Self> {
-        // Unbounded, yet small: each running episode has at most one ask in it, each whole one has its room.
-        let (asks, asked) = flume::unbounded();
-        let (tell, told) = oneshot::channel();
+        // Unbounded, yet small: each running episode has at most one request in it, and each whole episode holds its
+        // room.
+        let (requests, receiver) = flume::unbounded();
+        let (loaded_sender, loaded) = oneshot::channel();
         let thread = std::thread::Builder::new()
             .name(format!("scorer {run}"))
             .spawn(move || {
-                if let Some(scorer) = loaded(load, tell) {
-                    serve(&scorer, &asked);
+                if let Some(scorer) = load_on_thread(load, loaded_sender) {
+                    serve(&scorer, &receiver);
                 }
             })
             .map_err(|error| Error::internal("starting a scorer's thread", error))?;
-        let (shape, window) = told.await.map_err(|error| Error::internal("loading a scorer", error))??;
+        let (shape, window) = loaded.await.map_err(|error| Error::internal("loading a scorer", error))??;
         tracing::info!(score_run.id = %run, "scorer loaded");
-        let (asks, thread) = (Mutex::new(Some(asks)), Mutex::new(Some(thread)));
-        Ok(Self { shape: Arc::new(shape), window, asks, thread })
+        let (requests, thread) = (Mutex::new(Some(requests)), Mutex::new(Some(thread)));
+        Ok(Self { shape: Arc::new(shape), window, requests, thread })
     }
 
     pub(super) fn shape(&self) -> &Arc<TaskShape> {
@@ -83,43 +84,43 @@ impl<S: Scorer> Engine<S> {
         self.window
     }
 
-    /// Has the thread go on with a running episode, soon.
-    pub(super) fn follow(&self, line: &Arc<Line<S::History>>) {
-        let asks = self.asks.lock().unwrap_or_else(PoisonError::into_inner);
-        let told = asks.as_ref().is_some_and(|asks| asks.send(Ask::Follow(Arc::clone(line))).is_ok());
-        if !told {
-            line.give_up();
+    /// Queues a running episode.
+    pub(super) fn follow(&self, queue: &Arc<EpisodeQueue<S::History>>) {
+        let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        let sent = requests.as_ref().is_some_and(|requests| requests.send(Request::Follow(Arc::clone(queue))).is_ok());
+        if !sent {
+            queue.give_up();
         }
     }
 
     /// The scores of a whole episode.
     ///
     /// # Errors
-    /// Invalid when it does not fit; Unavailable when the scorer is being unloaded; Internal when it fails.
+    /// Invalid when it does not fit the task; Unavailable when the scorer is being unloaded; Internal when it fails.
     pub(super) async fn episode(&self, steps: Trajectory, room: Room) -> Result<EpisodeScores> {
         let (reply, answer) = oneshot::channel();
-        let asks = self.asks.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let whole = Box::new(Whole { steps, reply, _room: room });
-        let asked = asks.is_some_and(|asks| asks.send(Ask::Episode(whole)).is_ok());
+        let sent = requests.is_some_and(|requests| requests.send(Request::Episode(whole)).is_ok());
         match answer.await {
-            Ok(scores) if asked => scores,
+            Ok(scores) if sent => scores,
             Ok(_) | Err(_) => Err(unloading()),
         }
     }
 
-    /// Takes nothing more and waits, blocking, until the running episodes that wait are done and the thread has ended.
+    /// Accepts no more requests; blocks until waiting running episodes are scored and the thread has ended.
     pub(super) fn close(&self) {
-        drop(self.asks.lock().unwrap_or_else(PoisonError::into_inner).take());
+        drop(self.requests.lock().unwrap_or_else(PoisonError::into_inner).take());
         let thread = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take();
         if thread.is_some_and(|thread| thread.join().is_err()) {
-            tracing::error!("a scorer's thread had panicked");
+            tracing::error!("a scorer's thread panicked");
         }
     }
 }
 
-/// The beginning of a scorer's thread. `None` when loading failed or nobody listens.
-fn loaded<S: Scorer>(load: impl FnOnce() -> Result<S>, tell: oneshot::Sender<Loaded>) -> Option<S> {
-    // One thread a model: several would fight over the processors and make every answer late.
+/// Loads the scorer on its thread and sends its shape. `None` when loading failed or the caller is gone.
+fn load_on_thread<S: Scorer>(load: impl FnOnce() -> Result<S>, loaded_sender: oneshot::Sender<Loaded>) -> Option<S> {
+    // One thread per model: several would compete for the processors and delay every reply.
     gleaner_learn::set_threads(1);
     let loaded = guarded("loading a scorer", load);
     // Of this thread alone, on Linux.
@@ -128,81 +129,82 @@ fn loaded<S: Scorer>(load: impl FnOnce() -> Result<S>, tell: oneshot::Sender<Loa
     }
     match loaded {
         Ok(scorer) => {
-            let says = (scorer.shape().clone(), scorer.window());
-            tell.send(Ok(says)).is_ok().then_some(scorer)
+            let shape_and_window = (scorer.shape().clone(), scorer.window());
+            loaded_sender.send(Ok(shape_and_window)).is_ok().then_some(scorer)
         }
         Err(error) => {
-            // Nobody listens when the caller has gone.
-            let _ = tell.send(Err(error));
+            // The caller may be gone.
+            let _ = loaded_sender.send(Err(error));
             None
         }
     }
 }
 
-/// Serves until nobody can ask any more. Running episodes that wait go together; a whole one goes alone, and is refused
-/// once nothing more may come: the stop does not wait for it.
-fn serve<S: Scorer>(scorer: &S, asked: &flume::Receiver<Ask<S::History>>) {
+/// Serves until every sender is dropped. Running episodes are batched; whole episodes run alone, and are refused once
+/// the channel is closed: the stop does not wait for them.
+fn serve<S: Scorer>(scorer: &S, requests: &flume::Receiver<Request<S::History>>) {
     let mut put_off = VecDeque::new();
-    while let Some(first) = put_off.pop_front().or_else(|| asked.recv().ok()) {
+    while let Some(first) = put_off.pop_front().or_else(|| requests.recv().ok()) {
         match first {
-            Ask::Episode(whole) => {
+            Request::Episode(whole) => {
                 let Whole { steps, reply, _room } = *whole;
                 if !reply.is_closed() {
-                    let scores = match asked.is_disconnected() {
+                    let scores = match requests.is_disconnected() {
                         true => Err(unloading()),
                         false => guarded("scoring an episode", || scorer.episode(&steps)),
                     };
-                    // A caller that has gone needs no answer.
+                    // The caller may be gone.
                     let _ = reply.send(scores);
                 }
             }
-            Ask::Follow(line) => {
-                let mut lines = vec![line];
-                while lines.len() < TOGETHER
-                    && let Ok(next) = asked.try_recv()
+            Request::Follow(queue) => {
+                let mut queues = vec![queue];
+                while queues.len() < TOGETHER
+                    && let Ok(next) = requests.try_recv()
                 {
                     match next {
-                        Ask::Follow(line) => lines.push(line),
-                        Ask::Episode(..) => put_off.push_back(next),
+                        Request::Follow(queue) => queues.push(queue),
+                        Request::Episode(..) => put_off.push_back(next),
                     }
                 }
-                follow(scorer, &lines);
+                follow(scorer, &queues);
             }
         }
     }
 }
 
-/// Goes on with episodes. If that fails as a whole, each is tried alone, so that only the one at fault fails.
-fn follow<S: Scorer>(scorer: &S, lines: &[Arc<Line<S::History>>]) {
-    // A line that only this thread holds: its watch has gone.
-    let watched = lines.iter().filter(|line| Arc::strong_count(line) > 1);
-    let taken: Vec<_> = watched.filter_map(|line| line.take().map(|stretch| (line, stretch))).collect();
+/// Scores the new steps of running episodes. If the batch fails, each episode is scored alone, so that only the faulty
+/// one fails.
+fn follow<S: Scorer>(scorer: &S, queues: &[Arc<EpisodeQueue<S::History>>]) {
+    // A queue held by this thread alone: its watch was dropped.
+    let watched = queues.iter().filter(|queue| Arc::strong_count(queue) > 1);
+    let taken: Vec<_> = watched.filter_map(|queue| queue.take().map(|stretch| (queue, stretch))).collect();
     let stretches: Vec<&Stretch<S::History>> = taken.iter().map(|(_, stretch)| stretch).collect();
     if stretches.is_empty() {
         return;
     }
     match (answer(scorer, &stretches), taken.as_slice()) {
         (Ok(followed), taken) => {
-            for ((line, stretch), followed) in taken.iter().zip(followed) {
-                line.put(stretch, Ok(followed));
+            for ((queue, stretch), followed) in taken.iter().zip(followed) {
+                queue.put(stretch, Ok(followed));
             }
         }
-        (Err(error), [(line, stretch)]) => line.put(stretch, Err(error)),
+        (Err(error), [(queue, stretch)]) => queue.put(stretch, Err(error)),
         (Err(error), taken) => {
             tracing::warn!(%error, batch.episodes = taken.len(), "a batch failed; scoring its episodes one by one");
-            for (line, stretch) in taken {
+            for (queue, stretch) in taken {
                 let alone = answer(scorer, &[stretch]).and_then(|mut one| one.pop().ok_or_else(miscounted));
-                line.put(stretch, alone);
+                queue.put(stretch, alone);
             }
         }
     }
 }
 
-/// Follows and checks what came: one entry for each stretch, one score for each step that has one.
+/// Scores a batch and checks the output: one entry per stretch, one score per step to be scored.
 fn answer<S: Scorer>(scorer: &S, stretches: &[&Stretch<S::History>]) -> Result<Vec<Followed<S::History>>> {
     let followed = guarded("scoring", || scorer.follow(stretches))?;
-    let wanted = stretches.iter().map(|stretch| stretch.steps.iter().filter(|step| step.scored).count());
-    match followed.iter().map(|followed| followed.scores.len()).eq(wanted) {
+    let expected = stretches.iter().map(|stretch| stretch.steps.iter().filter(|step| step.scored).count());
+    match followed.iter().map(|followed| followed.scores.len()).eq(expected) {
         true => Ok(followed),
         false => Err(miscounted()),
     }
@@ -213,5 +215,5 @@ fn unloading() -> Error {
 }
 
 fn miscounted() -> Error {
-    Error::internal("scoring", "the scorer gave another number of scores than it was asked")
+    Error::internal("scoring", "the number of scores differs from the number of steps to be scored")
 }

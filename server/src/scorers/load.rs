@@ -1,11 +1,11 @@
-//! What a run was made with, found again: its encoder, its experts, its settings and its normaliser.
+//! Loads a score run with the encoder, experts, settings and normaliser of its job.
 
 use std::{collections::HashMap, sync::Weak};
 
 use gleaner_core::{Device, ScoreSpec};
 use gleaner_learn::{LiveScorer, Normaliser, Trajectory, features_kind};
 
-use super::{Ready, engine::Engine, shelf::Shelf, trajectory};
+use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, trajectory};
 use crate::{
     blobs::Blobs,
     domain::{
@@ -30,7 +30,7 @@ pub(super) async fn ready(
     blobs: &Blobs,
     ingest: &Ingest,
     id: &ScoreRunId,
-    shelf: Weak<Shelf<LiveScorer>>,
+    loaded: Weak<LoadedRuns<LiveScorer>>,
 ) -> Result<Ready> {
     let run = store.score_run(id).await?;
     let spec = settings(store, &run).await?;
@@ -49,22 +49,22 @@ pub(super) async fn ready(
         if error.kind() != Fault::Invalid {
             return error;
         }
-        // The caller named a run, not what is wrong in it.
-        Error::precondition(format!("{id} cannot score live: {error}; make another run"))
+        // The caller named a run, not the setting that is wrong in it.
+        Error::precondition(format!("{id} cannot score live: {error}; submit a new score job"))
     })?;
-    Ok(Ready { task, experts: run.expert_ids, engine, shelf })
+    Ok(Ready { task, experts: run.expert_ids, engine, loaded })
 }
 
-/// The settings of a run that can score what is not stored; on this machine's processor, one thread.
+/// The settings of a run that supports live scoring, changed to the CPU and one thread.
 async fn settings(store: &Store, run: &ScoreRun) -> Result<ScoreSpec> {
     let JobSpec::Score { spec, .. } = store.job(&run.job_id).await?.spec else {
-        return Err(Error::internal("reading a score run's settings", "its job is no scoring"));
+        return Err(Error::internal("reading a score run's settings", "its job is not a score job"));
     };
     let features = features_kind(&spec).map_err(|error| Error::learned("reading a score run's settings", error))?;
     if features.is_none() {
         return Err(Error::precondition(format!(
-            "{} is a run of the {} scorer, which cannot score what is not stored; use a run of a scorer that compares \
-             features, such as ssdf",
+            "{} is a run of the {} scorer, which cannot score live; use a run of a scorer that compares features, such as \
+             ssdf",
             run.id, spec.scorer.name
         )));
     }
@@ -79,7 +79,7 @@ async fn experts(store: &Store, ingest: &Ingest, task: &Task, run: &ScoreRun) ->
     let shape = shape(&task.spec);
     let mut trajectories = Vec::with_capacity(run.expert_ids.len());
     for id in &run.expert_ids {
-        let missing = || Error::internal("loading a scorer", format!("{id} is no expert of {}", run.snapshot_id));
+        let missing = || Error::internal("loading a scorer", format!("{id} is not an expert of {}", run.snapshot_id));
         let episode = by_id.remove(id).ok_or_else(missing)?;
         let steps = ingest.frames(&task.spec, &episode.recording).await?;
         let expert = trajectory(&shape, id.as_str(), &steps);

@@ -1,13 +1,13 @@
-//! Finished score runs kept ready: they score what is not stored, a session's steps while it runs or a whole episode,
-//! as the run scored its own.
+//! Loaded score runs. They score episodes that are not stored (a running session's steps, or a whole recording) as the
+//! run scored its own.
 //!
-//! A run is loaded when it is first asked for, once however many ask. Knows no wire type and no SQL.
+//! A run is loaded on first use, once for all concurrent callers. Must not know wire types or SQL.
 
 mod engine;
-mod line;
+mod episode_queue;
 mod load;
+mod loaded_runs;
 mod model;
-mod shelf;
 mod steps;
 #[cfg(test)]
 mod testing;
@@ -20,11 +20,11 @@ use std::sync::{Arc, Weak};
 use gleaner_learn::{EpisodeScores, LearnError, LiveScorer, TaskShape, Trajectory};
 use gleaner_recording::Episode as Steps;
 
-use self::{engine::Engine, line::Line, shelf::Shelf};
+use self::{engine::Engine, episode_queue::EpisodeQueue, loaded_runs::LoadedRuns};
 pub(crate) use self::{
     model::Scorer,
     steps::{Output, Terms, score_steps},
-    watch::{Seen, Watch},
+    watch::{DecodedObservation, Watch},
 };
 use crate::{
     blobs::Blobs,
@@ -37,7 +37,7 @@ use crate::{
     store::Store,
 };
 
-/// Every run that is ready; clones share them.
+/// All loaded runs; clones share them.
 #[derive(Clone)]
 pub struct Scorers(Arc<Inner>);
 
@@ -45,31 +45,31 @@ struct Inner {
     store: Store,
     blobs: Blobs,
     ingest: Ingest,
-    shelf: Arc<Shelf<LiveScorer>>,
+    loaded: Arc<LoadedRuns<LiveScorer>>,
 }
 
 impl Scorers {
-    /// Loads nothing yet. `most` runs stay in memory when nobody uses them.
+    /// Loads no run yet. Up to `most` runs stay in memory without users.
     pub fn new(most: usize, store: Store, blobs: Blobs, ingest: Ingest) -> Self {
-        Self(Arc::new(Inner { store, blobs, ingest, shelf: Shelf::new(most) }))
+        Self(Arc::new(Inner { store, blobs, ingest, loaded: LoadedRuns::new(most) }))
     }
 
-    /// A run, ready; loaded now if it is not yet. Kept while somebody holds it.
+    /// Returns a run; loads it if needed. It stays loaded while a caller holds it.
     ///
     /// # Errors
-    /// NotFound; Precondition when its job has not succeeded, when it cannot score what is not stored, or when its
-    /// encoder cannot be read by this version; Unavailable when the server is stopping.
+    /// NotFound; Precondition when its job has not succeeded, when its scorer cannot score live, or when its encoder
+    /// cannot be read by this version; Unavailable when the server is stopping.
     pub(crate) async fn load(&self, run: &ScoreRunId) -> Result<Arc<Ready>> {
         let (inner, of) = (Arc::clone(&self.0), run.clone());
         let load = move || async move {
-            load::ready(&inner.store, &inner.blobs, &inner.ingest, &of, Arc::downgrade(&inner.shelf)).await
+            load::ready(&inner.store, &inner.blobs, &inner.ingest, &of, Arc::downgrade(&inner.loaded)).await
         };
-        self.0.shelf.ready(run, load).await
+        self.0.loaded.ready(run, load).await
     }
 
-    /// Unloads every run: what waits is scored, what comes later is refused.
+    /// Unloads every run: queued steps are scored, later ones are refused.
     pub async fn stop(&self) {
-        let engines = self.0.shelf.stop();
+        let engines = self.0.loaded.stop();
         let closing = tokio::task::spawn_blocking(move || engines.iter().for_each(|ready| ready.engine.close()));
         if let Err(error) = closing.await {
             tracing::error!(%error, "unloading scorers failed");
@@ -77,17 +77,17 @@ impl Scorers {
     }
 }
 
-/// A run that is ready.
+/// A loaded run.
 pub(crate) struct Ready<S: Scorer = LiveScorer> {
     task: Task,
-    /// What matches count in.
+    /// The experts, indexed by matches.
     experts: Vec<EpisodeId>,
     engine: Engine<S>,
-    shelf: Weak<Shelf<S>>,
+    loaded: Weak<LoadedRuns<S>>,
 }
 
 impl<S: Scorer> Ready<S> {
-    /// The way of a session that begins now to its scores.
+    /// A live scorer for a session that begins now.
     pub(crate) fn watch(self: &Arc<Self>) -> Watch<S> {
         Watch::new(Arc::clone(self))
     }
@@ -97,21 +97,21 @@ impl<S: Scorer> Ready<S> {
         &self.task
     }
 
-    /// What a step must hold.
+    /// The shape of a step.
     pub(crate) fn shape(&self) -> &Arc<TaskShape> {
         self.engine.shape()
     }
 
-    /// What matches count in.
+    /// The experts, indexed by matches.
     pub(crate) fn experts(&self) -> &[EpisodeId] {
         &self.experts
     }
 
-    /// The scores of every segment of a recording that is not stored, as the run would have given them. `room` is held
-    /// for as long as the recording is in memory.
+    /// The scores of every segment of a recording that is not stored, as the run would have scored them. `room` is held
+    /// while the recording is in memory.
     ///
     /// # Errors
-    /// Invalid when it does not fit; Unavailable when the server is stopping; Internal.
+    /// Invalid when it does not fit the task; Unavailable when the server is stopping; Internal.
     pub(crate) async fn score_recording(&self, steps: &Steps, room: Room) -> Result<EpisodeScores> {
         let recording = trajectory(self.shape(), "recording", steps);
         self.engine.episode(recording.map_err(|error| Error::learned("scoring a recording", error))?, room).await
@@ -121,8 +121,8 @@ impl<S: Scorer> Ready<S> {
         self.engine.window()
     }
 
-    fn follow(&self, line: &Arc<Line<S::History>>) {
-        self.engine.follow(line);
+    fn follow(&self, queue: &Arc<EpisodeQueue<S::History>>) {
+        self.engine.follow(queue);
     }
 
     /// The expert episode of a match.
@@ -130,15 +130,15 @@ impl<S: Scorer> Ready<S> {
         usize::try_from(place).ok().and_then(|place| self.experts.get(place))
     }
 
-    /// Somebody who holds it is about to let go.
+    /// Called by a holder that is about to drop its reference.
     fn part(self: &Arc<Self>) {
-        if let Some(shelf) = self.shelf.upgrade() {
-            shelf.make_room(Some(self));
+        if let Some(loaded) = self.loaded.upgrade() {
+            loaded.make_room(Some(self));
         }
     }
 }
 
-/// Decoded steps as models take them: mapped, not copied, but for the numbers.
+/// Decoded steps in the model's layout: images stay mapped, only the vectors are copied.
 fn trajectory(shape: &TaskShape, id: &str, steps: &Steps) -> std::result::Result<Trajectory, LearnError> {
     Trajectory::new(shape, id, Arc::new(steps.frames()), steps.proprioception(), steps.action())
 }

@@ -1,66 +1,67 @@
-//! What a scorer's thread runs, behind a small seam: `learn`'s live scorer, or in tests anything.
+//! The interface of a scorer's thread to its model: `learn`'s live scorer, or test doubles.
 
 use bytes::Bytes;
 use gleaner_learn::{EpisodeScores, History, LiveScorer, SegmentScore, TaskShape, Trajectory};
 
 use crate::error::{Error, Result};
 
-/// One step of a running episode, with what was done at it.
+/// One step of a running episode, with its executed action.
 #[derive(Debug, Clone)]
 pub(crate) struct Step {
-    /// Of the observation.
+    /// The stamp of the observation.
     pub(crate) stamp_ns: i64,
-    /// Images as models take them.
+    /// Images in the model's layout.
     pub(crate) frames: Bytes,
     /// In physical units.
     pub(crate) proprioception: Vec<f32>,
     /// In physical units.
     pub(crate) action: Vec<f32>,
-    /// Does not follow the step before: a new history begins.
+    /// Does not continue the previous step: a new history begins.
     pub(crate) begins: bool,
-    /// Whether the segment that ends here is whole, so that it has a score.
+    /// Whether the segment that ends here is whole and so gets a score.
     pub(crate) scored: bool,
 }
 
-/// Steps that go on from a history.
+/// Steps that continue a history.
 #[derive(Debug)]
 pub(crate) struct Stretch<H> {
-    /// `None` begins a new one.
+    /// `None` begins a new history.
     pub(crate) history: Option<H>,
     /// Oldest first.
     pub(crate) steps: Vec<Step>,
 }
 
-/// What came of a stretch.
+/// The output for a stretch.
 #[derive(Debug)]
 pub(crate) struct Followed<H> {
     /// The history with the stretch's steps.
     pub(crate) history: Option<H>,
-    /// One for each step that is to be scored.
+    /// One for each step to be scored.
     pub(crate) scores: Vec<SegmentScore>,
 }
 
-/// A scorer as its thread sees it. Stretches go in by reference, so that a failed batch can be run again one by one.
+/// A scorer as seen by its thread. Stretches are passed by reference, so that a failed batch can be run again one at a
+/// time.
 pub(crate) trait Scorer: 'static {
-    /// What it remembers of an episode.
+    /// The scorer's state per episode.
     type History: Send + 'static;
 
-    /// What a step must hold.
+    /// The shape of a step.
     fn shape(&self) -> &TaskShape;
 
-    /// Steps of a whole segment: l + 1.
+    /// The steps of a whole segment: l + 1.
     fn window(&self) -> usize;
 
-    /// Goes on with every stretch, in order.
+    /// Scores every stretch, in order.
     ///
     /// # Errors
-    /// Invalid when a step does not fit; Internal.
+    /// Invalid when a step does not fit the task; Internal.
     fn follow(&self, stretches: &[&Stretch<Self::History>]) -> Result<Vec<Followed<Self::History>>>;
 
     /// The scores of a whole episode.
     ///
     /// # Errors
-    /// Invalid when it does not fit; Internal.
+    /// Invalid when it does not fit the task; Internal.
     fn episode(&self, episode: &Trajectory) -> Result<EpisodeScores>;
 }
 
@@ -89,7 +90,7 @@ impl Scorer for LiveScorer {
                 let mut now = going_on.unwrap_or_else(|| History::new(self.segment_length()));
                 let embedding = embeddings
                     .next()
-                    .ok_or_else(|| Error::internal("embedding frames", "fewer embeddings came than frames went"))?;
+                    .ok_or_else(|| Error::internal("embedding frames", "fewer embeddings than frames"))?;
                 now.push(embedding, step.proprioception.clone()).map_err(learned)?;
                 now.set_executed(step.action.clone()).map_err(learned)?;
                 if step.scored {

@@ -1,5 +1,5 @@
-//! An episode's steps scored while it happens: in order, none left out, each as soon as it came. Who reads no answers
-//! holds up nobody but himself.
+//! Streamed scoring of one running episode: every step is scored, in order, as soon as it arrives. A client that stops
+//! reading blocks its own stream only.
 
 use std::{sync::Arc, time::Duration};
 
@@ -7,40 +7,40 @@ use futures::{Stream, StreamExt as _};
 use tokio::{sync::mpsc, time::Instant};
 use tokio_util::sync::CancellationToken;
 
-use super::{Ready, Seen, Watch, model::Scorer};
+use super::{DecodedObservation, Ready, Watch, model::Scorer};
 use crate::{
     domain::{score::SegmentScored, time::Millis},
     error::{Error, Result},
 };
 
-/// Answers that may wait to be read.
+/// Outputs that may wait to be read.
 const UNREAD: usize = 16;
 
-/// What holds for such a stream from its beginning to its end.
+/// Settings that hold for the whole stream.
 #[derive(Debug, Clone)]
 pub(crate) struct Terms {
-    /// How long its client may say nothing, or read nothing.
+    /// How long its client may send nothing, or read nothing.
     pub(crate) idle: Duration,
-    /// How long it may go on once the server begins to stop.
+    /// How long the stream may continue once the server begins to stop.
     pub(crate) drain: Duration,
     /// Cancelled when the server begins to stop.
     pub(crate) stopping: CancellationToken,
 }
 
-/// What such a stream answers.
+/// An output of the stream.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Output {
     /// The score of a step's segment.
     Scored(SegmentScored),
-    /// The server is stopping and will end the stream then.
+    /// The server is stopping and will end the stream.
     Draining {
-        /// When.
+        /// When it ends the stream.
         close_at: Millis,
     },
 }
 
-/// Scores the steps of one episode until they end. `start` gives the run and the steps: what was seen with what was
-/// done; it gives up by itself on a client that says nothing. An error is the last answer.
+/// Scores the steps of one episode until they end. `start` returns the run and the stream of observations and executed
+/// actions; a silent client is `start`'s to time out. An error is the last output.
 pub(crate) fn score_steps<S, F, I>(
     start: impl FnOnce() -> F + Send + 'static,
     terms: Terms,
@@ -48,14 +48,14 @@ pub(crate) fn score_steps<S, F, I>(
 where
     S: Scorer,
     F: Future<Output = Result<(Arc<Ready<S>>, I)>> + Send,
-    I: Stream<Item = Result<(Seen, Vec<f32>)>> + Send + Unpin,
+    I: Stream<Item = Result<(DecodedObservation, Vec<f32>)>> + Send + Unpin,
 {
-    // One place is kept for the error that ends it.
+    // One place is reserved for the error that ends the stream.
     let (outputs, answers) = mpsc::channel(UNREAD + 1);
     tokio::spawn(async move {
         let Ok(last) = outputs.clone().reserve_owned().await else { return };
         let ended = async {
-            // A run may take its time to load: that is not the client's silence.
+            // A run may take long to load; that does not count as the client's silence.
             let (ready, steps) = tokio::select! {
                 biased;
                 started = start() => started?,
@@ -73,7 +73,7 @@ where
     answers
 }
 
-/// One such stream.
+/// The state of one stream.
 struct Scoring<S: Scorer> {
     watch: Watch<S>,
     terms: Terms,
@@ -81,7 +81,10 @@ struct Scoring<S: Scorer> {
 }
 
 impl<S: Scorer> Scoring<S> {
-    async fn run(mut self, mut steps: impl Stream<Item = Result<(Seen, Vec<f32>)>> + Unpin) -> Result<()> {
+    async fn run(
+        mut self,
+        mut steps: impl Stream<Item = Result<(DecodedObservation, Vec<f32>)>> + Unpin,
+    ) -> Result<()> {
         let (mut close_at, mut stamp_ns) = (None, None);
         loop {
             let next = tokio::select! {
@@ -89,7 +92,7 @@ impl<S: Scorer> Scoring<S> {
                 () = self.outputs.closed() => return Err(gone()),
                 () = self.terms.stopping.cancelled(), if close_at.is_none() => {
                     close_at = Some(Instant::now() + self.terms.drain);
-                    self.say(Output::Draining { close_at: Millis::now().after(self.terms.drain) }).await?;
+                    self.send(Output::Draining { close_at: Millis::now().after(self.terms.drain) }).await?;
                     continue;
                 }
                 () = passed(close_at) => return Err(Error::unavailable("the server is stopping; open the stream again")),
@@ -98,22 +101,23 @@ impl<S: Scorer> Scoring<S> {
             let Some(step) = next else {
                 return match stamp_ns {
                     Some(_) => Ok(()),
-                    None => Err(Error::invalid("step", "none came; send the episode's steps after open")),
+                    None => {
+                        Err(Error::invalid("step", "at least one is required; send the episode's steps after open"))
+                    }
                 };
             };
             let (seen, action) = step?;
             if let Some(before) = stamp_ns.replace(seen.stamp_ns)
                 && seen.stamp_ns < before
             {
-                let mend =
-                    format!("is {}, before the {before} of the step before; stamps must not go back", seen.stamp_ns);
-                return Err(Error::invalid("step.observation.stamp_ns", mend));
+                let fix = format!("is {}, before the previous {before}; stamps must not decrease", seen.stamp_ns);
+                return Err(Error::invalid("step.observation.stamp_ns", fix));
             }
             self.step(seen, &action).await?;
         }
     }
 
-    async fn step(&mut self, seen: Seen, action: &[f32]) -> Result<()> {
+    async fn step(&mut self, seen: DecodedObservation, action: &[f32]) -> Result<()> {
         self.watch.saw(seen);
         self.watch.executed(action);
         self.watch.settle().await;
@@ -125,12 +129,12 @@ impl<S: Scorer> Scoring<S> {
             return Err(Error::unavailable("the server is stopping; open the stream again"));
         }
         for segment in scored {
-            self.say(Output::Scored(segment)).await?;
+            self.send(Output::Scored(segment)).await?;
         }
         Ok(())
     }
 
-    async fn say(&self, output: Output) -> Result<()> {
+    async fn send(&self, output: Output) -> Result<()> {
         match self.outputs.send_timeout(Ok(output), self.terms.idle).await {
             Ok(()) => Ok(()),
             Err(mpsc::error::SendTimeoutError::Closed(_)) => Err(gone()),
@@ -143,14 +147,14 @@ impl<S: Scorer> Scoring<S> {
 }
 
 impl Terms {
-    /// The error of a client that says nothing.
+    /// The error of a client that sends nothing.
     pub(crate) fn silent(&self) -> Error {
-        Error::late(format!("nothing came for {} s; open the stream again", self.idle.as_secs()))
+        Error::late(format!("no message was received for {} s; open the stream again", self.idle.as_secs()))
     }
 }
 
 fn gone() -> Error {
-    Error::cancelled("the client has gone")
+    Error::cancelled("the client closed the connection")
 }
 
 async fn passed(time: Option<Instant>) {

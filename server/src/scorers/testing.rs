@@ -1,4 +1,4 @@
-//! A scorer for tests that tells which steps it saw together, and fails, panics or waits on demand.
+//! A scorer for tests that encodes the scored steps in w and fails, panics or waits on demand.
 
 use std::sync::{Arc, Weak, mpsc};
 
@@ -6,10 +6,10 @@ use gleaner_learn::{EpisodeScores, SegmentScore, TaskShape, Trajectory};
 use tokio::sync::mpsc as tokio_mpsc;
 
 use super::{
-    Ready, Seen, Watch,
+    DecodedObservation, Ready, Watch,
     engine::Engine,
+    loaded_runs::LoadedRuns,
     model::{Followed, Scorer, Stretch},
-    shelf::Shelf,
 };
 use crate::{
     domain::{
@@ -25,10 +25,10 @@ use crate::{
 pub(super) const PANICS: f32 = 666.0;
 pub(super) const FAILS: f32 = 667.0;
 
-/// Steps of a whole segment.
+/// The steps of a whole segment.
 pub(super) const WINDOW: usize = 3;
 
-/// Its w of a segment is minus the stamps of its steps, each of two digits: −10203 for 1, 2, 3.
+/// w of a segment is minus the stamps of its steps, two digits each: −10203 for 1, 2, 3.
 pub(super) struct Parrot {
     shape: TaskShape,
     begun: tokio_mpsc::UnboundedSender<usize>,
@@ -37,9 +37,9 @@ pub(super) struct Parrot {
 
 /// The test's side of the scorer.
 pub(super) struct Control {
-    /// The number of episodes in each batch as it begins.
+    /// The number of episodes in each batch at its start.
     pub(super) begun: tokio_mpsc::UnboundedReceiver<usize>,
-    /// Lets one batch end. When it is dropped, every batch ends at once.
+    /// Releases one batch. When it is dropped, every batch ends at once.
     pub(super) gate: mpsc::Sender<()>,
 }
 
@@ -55,14 +55,14 @@ impl Scorer for Parrot {
     }
 
     fn follow(&self, stretches: &[&Stretch<Vec<i64>>]) -> Result<Vec<Followed<Vec<i64>>>> {
-        // Nobody listens, or nobody holds the gate, once the test is done with it.
+        // Both channels are closed once the test is done with them.
         let _ = self.begun.send(stretches.len());
         let _ = self.gate.recv();
         stretches.iter().map(|stretch| one(stretch)).collect()
     }
 
     fn episode(&self, _: &Trajectory) -> Result<EpisodeScores> {
-        Err(Error::internal("scoring", "no test asks for this"))
+        Err(Error::internal("scoring", "not supported by this double"))
     }
 }
 
@@ -71,8 +71,8 @@ fn one(stretch: &Stretch<Vec<i64>>) -> Result<Followed<Vec<i64>>> {
     let mut scores = Vec::new();
     for step in &stretch.steps {
         match step.proprioception[0] {
-            PANICS => panic!("told to"),
-            FAILS => return Err(Error::internal("scoring", "told to")),
+            PANICS => panic!("on demand"),
+            FAILS => return Err(Error::internal("scoring", "on demand")),
             _ => {}
         }
         if step.begins {
@@ -91,26 +91,26 @@ fn one(stretch: &Stretch<Vec<i64>>) -> Result<Followed<Vec<i64>>> {
     Ok(Followed { history: Some(history), scores })
 }
 
-/// A run of the parrot on no shelf.
+/// A loaded run outside any cache.
 pub(super) async fn ready() -> (Arc<Ready<Parrot>>, Control) {
-    let (ready, control) = ready_on(Weak::new()).await;
+    let (ready, control) = ready_in(Weak::new()).await;
     (Arc::new(ready), control)
 }
 
-pub(super) async fn ready_on(shelf: Weak<Shelf<Parrot>>) -> (Ready<Parrot>, Control) {
-    let (tell, begun) = tokio_mpsc::unbounded_channel();
+pub(super) async fn ready_in(loaded: Weak<LoadedRuns<Parrot>>) -> (Ready<Parrot>, Control) {
+    let (begun_sender, begun) = tokio_mpsc::unbounded_channel();
     let (gate, wait) = mpsc::channel();
     let load = move || {
         let shape = TaskShape { cameras: Vec::new(), proprioception: 1, action: 1 };
-        Ok(Parrot { shape, begun: tell, gate: wait })
+        Ok(Parrot { shape, begun: begun_sender, gate: wait })
     };
     let engine = Engine::start(&ScoreRunId::new(), load).await.unwrap();
     let task = Task { id: TaskId::new(), spec: store::testing::spec(), created_at: Millis::now() };
-    (Ready { task, experts: vec![EpisodeId::new()], engine, shelf }, Control { begun, gate })
+    (Ready { task, experts: vec![EpisodeId::new()], engine, loaded }, Control { begun, gate })
 }
 
-pub(super) fn seen(stamp: u8, proprioception: f32) -> Seen {
-    Seen { stamp_ns: stamp.into(), frames: Vec::new().into(), proprioception: vec![proprioception] }
+pub(super) fn seen(stamp: u8, proprioception: f32) -> DecodedObservation {
+    DecodedObservation { stamp_ns: stamp.into(), frames: Vec::new().into(), proprioception: vec![proprioception] }
 }
 
 /// A whole step of this stamp.
@@ -119,7 +119,7 @@ pub(super) fn step(watch: &mut Watch<Parrot>, stamp: u8) {
     watch.executed(&[1.0]);
 }
 
-/// Stamps and w of everything that was scored.
+/// Stamps and w of all scores.
 pub(super) fn scored(watch: &mut Watch<Parrot>) -> Vec<(i64, f64)> {
     watch.take_scored().into_iter().map(|segment| (segment.stamp_ns, segment.w)).collect()
 }

@@ -1,6 +1,6 @@
-//! Tests of watches: what is scored, what is left out, and that nobody waits for anybody.
+//! Watches: which segments are scored, which are left out, and that watches do not wait for each other.
 
-mod shelf;
+mod loaded_runs;
 mod steps;
 
 use std::sync::Arc;
@@ -12,7 +12,7 @@ use super::testing::{FAILS, PANICS, ready, scored, seen, step};
 use crate::{error::Kind, ingest::testing::room};
 
 #[tokio::test]
-async fn each_step_is_scored_with_those_before_it() {
+async fn each_step_is_scored_with_the_steps_before_it() {
     let (ready, control) = ready().await;
     drop(control.gate);
     let mut watch = ready.watch();
@@ -30,7 +30,7 @@ async fn each_step_is_scored_with_those_before_it() {
 }
 
 #[tokio::test]
-async fn what_is_seen_has_no_score_until_it_is_known_what_was_done() {
+async fn an_observation_is_scored_once_its_action_is_known() {
     let (ready, control) = ready().await;
     drop(control.gate);
     let mut watch = ready.watch();
@@ -44,9 +44,9 @@ async fn what_is_seen_has_no_score_until_it_is_known_what_was_done() {
     assert_eq!(scored(&mut watch), [(1, -1.0)]);
 }
 
-/// The segment of a busy scorer's newest score is whole and of steps that follow one another.
+/// The newest score of a busy scorer belongs to a whole segment of consecutive steps.
 #[tokio::test]
-async fn a_busy_scorer_leaves_out_the_older_ones() {
+async fn a_busy_scorer_leaves_out_older_steps() {
     let (ready, mut control) = ready().await;
     let mut watch = ready.watch();
     step(&mut watch, 1);
@@ -63,7 +63,7 @@ async fn a_busy_scorer_leaves_out_the_older_ones() {
         w == -((stamp - 2.0) * 10_000.0 + (stamp - 1.0) * 100.0 + stamp)
     }));
     assert_eq!(found.len() as u64 + watch.left_out(), 20, "{found:?}");
-    assert!(found.len() <= 6, "no more wait than twice a segment's steps: {found:?}");
+    assert!(found.len() <= 6, "at most two segments of steps wait: {found:?}");
 }
 
 #[tokio::test]
@@ -82,7 +82,7 @@ async fn a_gap_is_in_no_segment() {
 }
 
 #[tokio::test]
-async fn nothing_is_whole_that_reaches_back_over_a_gap_even_before_the_first_step() {
+async fn segments_that_span_a_gap_are_incomplete_even_before_the_first_step() {
     let (ready, control) = ready().await;
     drop(control.gate);
     let mut watch = ready.watch();
@@ -102,7 +102,7 @@ async fn nothing_is_whole_that_reaches_back_over_a_gap_even_before_the_first_ste
 }
 
 #[tokio::test]
-async fn who_waits_together_is_scored_together_and_only_the_one_at_fault_fails() {
+async fn waiting_episodes_are_batched_and_only_the_faulty_one_fails() {
     for fault in [PANICS, FAILS] {
         let (ready, mut control) = ready().await;
         let (mut first, mut good, mut bad) = (ready.watch(), ready.watch(), ready.watch());
@@ -116,18 +116,18 @@ async fn who_waits_together_is_scored_together_and_only_the_one_at_fault_fails()
         bad.settle().await;
         assert_eq!(control.begun.recv().await, Some(2));
         assert_eq!((scored(&mut good), scored(&mut bad)), (vec![(1, -1.0)], vec![]));
-        assert!(bad.take_fault().unwrap().to_string().contains("told to") && good.take_fault().is_none());
+        assert!(bad.take_fault().unwrap().to_string().contains("on demand") && good.take_fault().is_none());
         for stamp in 2..=4 {
             step(&mut bad, stamp);
             bad.settle().await;
         }
-        assert_eq!(scored(&mut bad), [(4, -20304.0)], "it begins anew");
+        assert_eq!(scored(&mut bad), [(4, -20304.0)], "the history restarts");
         assert!(bad.take_fault().is_none());
     }
 }
 
 #[tokio::test]
-async fn nobody_works_for_a_watch_that_has_gone() {
+async fn steps_of_a_dropped_watch_are_not_scored() {
     let (ready, mut control) = ready().await;
     let (mut first, mut gone) = (ready.watch(), ready.watch());
     step(&mut first, 1);
@@ -140,21 +140,21 @@ async fn nobody_works_for_a_watch_that_has_gone() {
 }
 
 #[tokio::test]
-async fn a_scorer_that_closes_keeps_nobody_waiting() {
+async fn a_closing_scorer_leaves_no_watch_waiting() {
     let (ready, control) = ready().await;
     let mut watch = ready.watch();
     step(&mut watch, 1);
     drop(control.gate);
     let closing = std::sync::Arc::clone(&ready);
     tokio::task::spawn_blocking(move || closing.engine.close()).await.unwrap();
-    assert_eq!(scored(&mut watch), [(1, -1.0)], "what waited is scored");
+    assert_eq!(scored(&mut watch), [(1, -1.0)], "waiting steps are scored");
     step(&mut watch, 2);
     watch.settle().await;
     assert_eq!((scored(&mut watch).len(), watch.left_out()), (0, 1));
 }
 
 #[tokio::test]
-async fn a_whole_episode_keeps_its_room_while_it_waits_and_is_refused_by_a_scorer_that_closes() {
+async fn a_waiting_whole_episode_keeps_its_room_and_is_refused_by_a_closing_scorer() {
     let (ready, mut control) = ready().await;
     let mut watch = ready.watch();
     step(&mut watch, 1);

@@ -1,4 +1,4 @@
-//! One session's way to a score. It never blocks and never fails: a robot does not wait for how well it does.
+//! The live scores of one session. A watch never blocks and never fails: a robot does not wait for its scores.
 
 use std::sync::Arc;
 
@@ -7,86 +7,86 @@ use gleaner_learn::LiveScorer;
 
 use super::{
     Ready,
-    line::{Line, Stamped},
+    episode_queue::{EpisodeQueue, Stamped},
     model::{Scorer, Step},
 };
 use crate::{domain::score::SegmentScored, error::Error};
 
-/// What was seen at one step, decoded.
+/// The decoded observation of one step.
 #[derive(Debug, Clone)]
-pub(crate) struct Seen {
-    /// Of the observation.
+pub(crate) struct DecodedObservation {
+    /// The stamp of the observation.
     pub(crate) stamp_ns: i64,
-    /// Images as models take them: one step of `FrameBytes`.
+    /// Images in the model's layout: one step of `FrameBytes`.
     pub(crate) frames: Bytes,
     /// In physical units.
     pub(crate) proprioception: Vec<f32>,
 }
 
-/// Follows one running episode. Per step: [`Watch::saw`] what was seen, then, once it is known,
-/// [`Watch::executed`] what was done; that completes the segment, which is scored in its own time.
+/// Follows one running episode. Per step, [`Watch::saw`] takes the observation and [`Watch::executed`] the action once
+/// it is known; that completes the segment, which is scored in the background.
 pub(crate) struct Watch<S: Scorer = LiveScorer> {
     ready: Arc<Ready<S>>,
-    line: Arc<Line<S::History>>,
-    /// Seen, but what was done is not known yet.
-    open: Option<Seen>,
+    queue: Arc<EpisodeQueue<S::History>>,
+    /// The newest observation, while its action is unknown.
+    open: Option<DecodedObservation>,
 }
 
 impl<S: Scorer> Watch<S> {
     pub(super) fn new(ready: Arc<Ready<S>>) -> Self {
-        let line = Arc::new(Line::new(ready.window()));
-        Self { ready, line, open: None }
+        let queue = Arc::new(EpisodeQueue::new(ready.window()));
+        Self { ready, queue, open: None }
     }
 
-    /// Steps have passed that this does not know. No segment reaches back over them.
+    /// Starts a gap of unknown steps. Segments that span it are not scored.
     pub(crate) fn gap(&mut self) {
         self.open = None;
-        self.line.break_off();
+        self.queue.break_off();
     }
 
-    /// The next observation. If nothing was said of the action since the one before, its segment has no score, nor
-    /// have the next ones until they hold only steps from here on.
-    pub(crate) fn saw(&mut self, step: Seen) {
+    /// Takes the next observation. If the previous one has no executed action, its segment gets no score, nor do later
+    /// ones that contain it.
+    pub(crate) fn saw(&mut self, step: DecodedObservation) {
         if self.open.replace(step).is_some() {
-            self.line.break_off();
+            self.queue.break_off();
         }
     }
 
-    /// The action that was really executed since the last observation: completes its segment. When the scorer has
-    /// been busy for too long, older segments are left out.
+    /// Takes the action executed since the last observation, which completes its segment. When the scorer has been busy
+    /// for too long, older segments are left out.
     pub(crate) fn executed(&mut self, action: &[f32]) {
-        let Some(Seen { stamp_ns, frames, proprioception }) = self.open.take() else { return };
+        let Some(DecodedObservation { stamp_ns, frames, proprioception }) = self.open.take() else { return };
         let action = action.to_vec();
         let step = Step { stamp_ns, frames, proprioception, action, begins: false, scored: false };
-        if self.line.add(step) {
-            self.ready.follow(&self.line);
+        if self.queue.add(step) {
+            self.ready.follow(&self.queue);
         }
     }
 
-    /// The newest segment that has been scored.
+    /// The newest scored segment.
     pub(crate) fn newest(&self) -> Option<SegmentScored> {
-        self.line.newest().and_then(|stamped| self.named(stamped))
+        self.queue.newest().and_then(|stamped| self.named(stamped))
     }
 
-    /// Waits until every segment that was completed is scored, or left out.
+    /// Waits until every completed segment is scored or left out.
     pub(crate) async fn settle(&mut self) {
-        self.line.settled().await;
+        self.queue.settled().await;
     }
 
-    /// What was scored since this was asked last, oldest first; the newest 65,536, if it is not asked for longer.
+    /// The scores since the last call, oldest first; at most the newest 65,536.
     pub(crate) fn take_scored(&mut self) -> Vec<SegmentScored> {
-        self.line.take_scored().into_iter().filter_map(|stamped| self.named(stamped)).collect()
+        self.queue.take_scored().into_iter().filter_map(|stamped| self.named(stamped)).collect()
     }
 
-    /// Segments so far that were completed and get no score: the scorer was too busy, or failed, or they reach back
-    /// over a step that was left out.
+    /// The number of completed segments without a score: the scorer was too busy or failed, or they span a left-out
+    /// step.
     pub(crate) fn left_out(&self) -> u64 {
-        self.line.left_out()
+        self.queue.left_out()
     }
 
-    /// Why scoring failed since this was asked last, if it did.
+    /// The scoring error since the last call, if any.
     pub(crate) fn take_fault(&mut self) -> Option<Error> {
-        self.line.take_fault()
+        self.queue.take_fault()
     }
 
     fn named(&self, (stamp_ns, score): Stamped) -> Option<SegmentScored> {
@@ -97,7 +97,7 @@ impl<S: Scorer> Watch<S> {
 
 impl<S: Scorer> Drop for Watch<S> {
     fn drop(&mut self) {
-        // What only it held may go.
+        // A run held only by this watch may be unloaded.
         self.ready.part();
     }
 }

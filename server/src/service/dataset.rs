@@ -4,7 +4,7 @@ use futures::{StreamExt as _, TryStreamExt as _, stream::BoxStream};
 use gleaner_proto::v1::{self, dataset_service_server::DatasetService};
 use tonic::{Request, Response};
 
-use super::{Rooms, segment};
+use super::{Services, segment};
 use crate::{
     domain::dataset::Dataset,
     error::Result,
@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Serves datasets.
-pub(crate) struct Datasets(pub(crate) Rooms);
+pub(crate) struct Datasets(pub(crate) Services);
 
 impl Datasets {
     async fn create(&self, request: v1::CreateDatasetRequest) -> Result<v1::CreateDatasetResponse> {

@@ -4,7 +4,7 @@ use futures::{StreamExt as _, TryStreamExt as _, stream::BoxStream};
 use gleaner_proto::v1::{self, episode_service_server::EpisodeService};
 use tonic::{Request, Response, Status, Streaming};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     access::Caller,
     domain::access::Role,
@@ -17,7 +17,7 @@ use crate::{
 };
 
 /// Serves episodes.
-pub(crate) struct Episodes(pub(crate) Rooms);
+pub(crate) struct Episodes(pub(crate) Services);
 
 impl Episodes {
     async fn start(&self, request: Request<v1::StartUploadRequest>) -> Result<v1::StartUploadResponse> {

@@ -3,7 +3,7 @@
 use gleaner_proto::inference::{grpc_inference_service_server::GrpcInferenceService, *};
 use tonic::{Request, Response};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     access::Caller,
     error::{Kind, Result},
@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Serves the Open Inference Protocol.
-pub(crate) struct InferenceFace(pub(crate) Rooms);
+pub(crate) struct InferenceFace(pub(crate) Services);
 
 impl InferenceFace {
     /// A policy is loaded and has answered before a name points at it, so a name that is there is ready.

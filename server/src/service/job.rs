@@ -6,7 +6,7 @@ use futures::{Stream, StreamExt as _};
 use gleaner_proto::v1::{self, job_service_server::JobService};
 use tonic::{Request, Response};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     domain::order::JobFilter,
     error::Result,
@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Serves jobs.
-pub(crate) struct JobsFace(pub(crate) Rooms);
+pub(crate) struct JobsFace(pub(crate) Services);
 
 impl JobsFace {
     async fn submit(&self, request: v1::SubmitJobRequest) -> Result<v1::SubmitJobResponse> {

@@ -1,4 +1,4 @@
-//! The gRPC face: thin implementations of the services, and the rooms they share.
+//! The gRPC face: thin implementations of the services, and the services they share.
 
 mod dataset;
 mod episode;
@@ -23,19 +23,19 @@ use tokio_util::sync::CancellationToken;
 pub(crate) use self::serve::serve;
 use crate::{
     blobs::Blobs, config::ServeConfig, curation::Curation, data_folder, error::Result, ingest::Ingest, jobs::Jobs,
-    keeping::Keeping, policies::Policies, rollouts::Rollouts, scorers::Scorers, store::Store,
+    maintenance::Maintenance, policies::Policies, rollouts::Rollouts, scorers::Scorers, store::Store,
 };
 
 /// Every room a service may call, built once.
 #[derive(Clone)]
-pub struct Rooms {
+pub struct Services {
     pub(crate) config: Arc<ServeConfig>,
     pub(crate) store: Store,
     pub(crate) blobs: Blobs,
     pub(crate) curation: Curation,
     pub(crate) ingest: Ingest,
     pub(crate) jobs: Jobs,
-    pub(crate) keeping: Keeping,
+    pub(crate) maintenance: Maintenance,
     pub(crate) policies: Policies,
     pub(crate) rollouts: Rollouts,
     pub(crate) scorers: Scorers,
@@ -43,15 +43,15 @@ pub struct Rooms {
     pub(crate) stopping: CancellationToken,
 }
 
-impl Rooms {
+impl Services {
     /// Opens the data directory, puts right what a crash left, and starts the supervisor of workers.
     ///
     /// # Errors
     /// When the data directory or the database cannot be used.
     pub async fn open(config: ServeConfig, address: SocketAddr) -> Result<Self> {
         let config = Arc::new(config);
-        let blobs = Blobs::open(&config.data_dir)?.sparing(config.keeping.min_free_bytes);
-        let accept = config.keeping.accept_database;
+        let blobs = Blobs::open(&config.data_dir)?.sparing(config.maintenance.min_free_bytes);
+        let accept = config.maintenance.accept_database;
         let store = Store::open_with_blobs(&config.data_dir, &blobs, accept).await?;
         data_folder::access::warn_if_open(&config.data_dir);
         let ingest = Ingest::open(&config, store.clone(), blobs.clone()).await?;
@@ -60,7 +60,7 @@ impl Rooms {
         let scorers = Scorers::new(config.policies.live_scorers, store.clone(), blobs.clone(), ingest.clone());
         let rollouts = Rollouts::open(&config, ingest.clone())?;
         let policies = Policies::new(&config, store.clone(), blobs.clone(), scorers.clone(), rollouts.clone());
-        let keeping = Keeping::start(&config, store.clone(), blobs.clone(), ingest.clone());
+        let maintenance = Maintenance::start(&config, store.clone(), blobs.clone(), ingest.clone());
         Ok(Self {
             config,
             store,
@@ -68,7 +68,7 @@ impl Rooms {
             curation,
             ingest,
             jobs,
-            keeping,
+            maintenance,
             policies,
             rollouts,
             scorers,
@@ -79,7 +79,7 @@ impl Rooms {
     /// Stops workers and models, then closes the database.
     pub async fn close(&self) {
         self.jobs.stop().await;
-        self.keeping.stop().await;
+        self.maintenance.stop().await;
         self.policies.stop().await;
         self.rollouts.stop().await;
         self.scorers.stop().await;

@@ -7,7 +7,7 @@ use gleaner_proto::v1::{self, policy_service_server::PolicyService};
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Request, Response, Streaming};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     access::Caller,
     domain::{
@@ -25,7 +25,7 @@ use crate::{
 };
 
 /// Serves policies.
-pub(crate) struct PoliciesFace(pub(crate) Rooms);
+pub(crate) struct PoliciesFace(pub(crate) Services);
 
 impl PoliciesFace {
     async fn list(&self, task: &str) -> Result<v1::ListPoliciesResponse> {

@@ -3,7 +3,7 @@
 use gleaner_proto::v1::{self, schedule_service_server::ScheduleService};
 use tonic::{Request, Response};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     domain::time::Millis,
     error::Result,
@@ -11,7 +11,7 @@ use crate::{
 };
 
 /// Serves schedules.
-pub(crate) struct Schedules(pub(crate) Rooms);
+pub(crate) struct Schedules(pub(crate) Services);
 
 impl Schedules {
     async fn create(&self, request: v1::CreateScheduleRequest) -> Result<v1::CreateScheduleResponse> {

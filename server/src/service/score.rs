@@ -4,7 +4,7 @@ use futures::stream::BoxStream;
 use gleaner_proto::v1::{self, score_service_server::ScoreService};
 use tonic::{Request, Response, Streaming};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     access::Caller,
     error::Result,
@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Serves score runs.
-pub(crate) struct Scores(pub(crate) Rooms);
+pub(crate) struct Scores(pub(crate) Services);
 
 impl Scores {
     async fn get_run(&self, id: &str) -> Result<v1::GetScoreRunResponse> {

@@ -7,20 +7,20 @@ use gleaner_proto::v1;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Streaming;
 
-use super::Rooms;
+use super::Services;
 use crate::{
     domain::client::Client,
     error::Result,
     ingest::Passing,
     policies::observation,
-    scorers::{Ready, Seen, Terms, score_steps},
+    scorers::{DecodedObservation, Ready, Terms, score_steps},
     wire::{
         scoring,
         status::{from_error, from_peer},
     },
 };
 
-impl Rooms {
+impl Services {
     /// Scores a recording of the client's while nothing of it is stored.
     pub(super) async fn score_recording(
         &self,
@@ -75,10 +75,10 @@ fn patient<T: Send + 'static>(requests: Streaming<T>, terms: Terms) -> BoxStream
 }
 
 /// One step, checked and decoded.
-async fn seen(ready: Arc<Ready>, request: Result<v1::ScoreStepsRequest>) -> Result<(Seen, Vec<f32>)> {
+async fn seen(ready: Arc<Ready>, request: Result<v1::ScoreStepsRequest>) -> Result<(DecodedObservation, Vec<f32>)> {
     let (sent, action) = scoring::step(request?)?;
     observation::vector("step.action", &action, ready.shape().action)?;
     let (stamp_ns, proprioception) = (sent.stamp_ns, sent.proprioception.clone());
     let frames = observation::frames(Arc::clone(ready.shape()), "step.observation", sent).await?.into();
-    Ok((Seen { stamp_ns, frames, proprioception }, action))
+    Ok((DecodedObservation { stamp_ns, frames, proprioception }, action))
 }

@@ -6,7 +6,7 @@ use futures::{Stream, stream};
 use gleaner_proto::v1;
 use gleaner_recording::{FrameBytes, TaskSpec, frame_bytes_per_step};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     domain::{
         dataset::DatasetContents,
@@ -36,7 +36,7 @@ struct Open {
 
 /// Where a stream stands.
 struct Walk {
-    rooms: Rooms,
+    services: Services,
     spec: TaskSpec,
     /// l: a segment is the window of l + 1 steps that ends at its step.
     length: u32,
@@ -51,15 +51,15 @@ struct Walk {
 /// # Errors
 /// NotFound; Precondition when the score run is not finished.
 pub(super) async fn segments(
-    rooms: &Rooms,
+    services: &Services,
     request: SegmentsRequest,
 ) -> Result<impl Stream<Item = Result<v1::Segment>> + Send + use<>> {
-    let contents = rooms.store.dataset_contents(&request.dataset_id).await?;
-    let recordings = rooms.store.recordings(&contents.snapshot_id).await?;
+    let contents = services.store.dataset_contents(&request.dataset_id).await?;
+    let recordings = services.store.recordings(&contents.snapshot_id).await?;
     let walk = Walk {
-        rooms: rooms.clone(),
-        spec: rooms.store.task_by_id(&contents.dataset.task_id).await?.spec,
-        length: rooms.store.segment_length(&contents.encoder_id).await?,
+        services: services.clone(),
+        spec: services.store.task_by_id(&contents.dataset.task_id).await?.spec,
+        length: services.store.segment_length(&contents.encoder_id).await?,
         include_frames: request.include_frames,
         recordings: recordings.into_iter().map(|(episode, _)| (episode.id, episode.recording)).collect(),
         parts: parts(contents, request.kept_only).into_iter(),
@@ -97,7 +97,7 @@ impl Walk {
             .recordings
             .get(&part.episode)
             .ok_or_else(|| Error::internal("streaming segments", "a scored episode is not in the run's snapshot"))?;
-        let episode = self.rooms.ingest.frames(&self.spec, recording).await?;
+        let episode = self.services.ingest.frames(&self.spec, recording).await?;
         let steps = u32::try_from(episode.steps()).map_err(|error| Error::internal("streaming segments", error))?;
         let ends = part.ends.take().unwrap_or_else(|| (0..steps).map(|end| (end, 1.0)).collect());
         Ok(Open {

@@ -24,7 +24,7 @@ use tonic_health::pb::health_server;
 use tonic_reflection::{pb, server::Builder};
 
 use super::{
-    Rooms, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace,
+    Services, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace,
     policy::PoliciesFace, schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, until::Until,
     worker::Workers,
 };
@@ -52,19 +52,19 @@ const FAREWELL: Duration = Duration::from_secs(1);
 /// # Errors
 /// When the transport fails.
 pub(crate) async fn serve(
-    rooms: &Rooms,
+    services: &Services,
     listeners: Listeners,
     tokens: TokenCache,
     stop: impl Future<Output = ()> + Send,
 ) -> Result<()> {
-    let connections = connections(&rooms.config.connections);
+    let connections = connections(&services.config.connections);
     let Listeners { calls, tls, workers, pages: _ } = listeners;
-    let guard = guard(rooms, tokens, tls.is_some(), &connections);
-    let _workers = for_workers(rooms, workers);
+    let guard = guard(services, tokens, tls.is_some(), &connections);
+    let _workers = for_workers(services, workers);
     let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
-    let (routes, health) = routes(rooms).await?;
+    let (routes, health) = routes(services).await?;
     let health = Arc::new(health);
-    let (lost, told) = (rooms.store.lost(), Arc::clone(&health));
+    let (lost, told) = (services.store.lost(), Arc::clone(&health));
     let _lost = AbortOnDropHandle::new(tokio::spawn(async move {
         lost.cancelled().await;
         told.stop().await;
@@ -76,7 +76,7 @@ pub(crate) async fn serve(
         .initial_stream_window_size(STREAM_WINDOW)
         .initial_connection_window_size(CONNECTION_WINDOW)
         .max_frame_size(FRAME)
-        .max_concurrent_streams(rooms.config.limits.max_streams)
+        .max_concurrent_streams(services.config.limits.max_streams)
         .layer(RpcLayer(access::method))
         .layer(guard)
         .layer(connections.layer())
@@ -89,13 +89,13 @@ pub(crate) async fn serve(
     });
     let deadline = async {
         stop.await;
-        let drain = Duration::from_secs(rooms.config.drain_seconds);
+        let drain = Duration::from_secs(services.config.drain_seconds);
         let end = Instant::now() + drain + FAREWELL;
         tracing::info!(drain.seconds = drain.as_secs(), "stopping");
         health.stop().await;
-        rooms.stopping.cancel();
+        services.stopping.cancel();
         // Workers are asked to stop while they can still be answered: then no attempt is counted.
-        rooms.jobs.stop().await;
+        services.jobs.stop().await;
         // The receiver is gone only when serving has ended already.
         let _ = tell.send(());
         sleep_until(end).await;
@@ -111,8 +111,8 @@ pub(crate) async fn serve(
 }
 
 /// The guard before the services.
-fn guard(rooms: &Rooms, tokens: TokenCache, encrypted: bool, connections: &Connections) -> Guard {
-    let config = &rooms.config;
+fn guard(services: &Services, tokens: TokenCache, encrypted: bool, connections: &Connections) -> Guard {
+    let config = &services.config;
     let loopback = config.listen.ip().is_loopback();
     let required = config.access.tokens_required(loopback, config.insecure);
     if !loopback && !encrypted {
@@ -124,21 +124,21 @@ fn guard(rooms: &Rooms, tokens: TokenCache, encrypted: bool, connections: &Conne
     if required && tokens.is_empty() {
         tracing::warn!("callers must show a token and there is none: make one with `gleaner-server token create`");
     }
-    Guard::new(tokens, rooms.store.clone(), required, connections.clone())
+    Guard::new(tokens, services.store.clone(), required, connections.clone())
 }
 
 /// Serves our own workers: nothing but their service, on this machine only. Each call shows the token of its job, and what
 /// happens on the callers' connections takes nothing from theirs.
-fn for_workers(rooms: &Rooms, listener: TcpListener) -> AbortOnDropHandle<()> {
-    let connections = connections(&rooms.config.connections);
-    let limit = rooms.config.limits.max_message_bytes;
-    let service = WorkerServiceServer::new(Workers(rooms.clone()))
+fn for_workers(services: &Services, listener: TcpListener) -> AbortOnDropHandle<()> {
+    let connections = connections(&services.config.connections);
+    let limit = services.config.limits.max_message_bytes;
+    let service = WorkerServiceServer::new(Workers(services.clone()))
         .max_decoding_message_size(limit)
         .max_encoding_message_size(limit);
     let server = Server::builder()
-        .max_concurrent_streams(rooms.config.limits.max_streams)
+        .max_concurrent_streams(services.config.limits.max_streams)
         .layer(RpcLayer(access::method))
-        .layer(Guard::of_workers(rooms.jobs.clone()))
+        .layer(Guard::of_workers(services.jobs.clone()))
         .layer(connections.layer())
         .add_service(service);
     let incoming = connections.accept(listener, None, Protocol::Http2);
@@ -149,15 +149,15 @@ fn for_workers(rooms: &Rooms, listener: TcpListener) -> AbortOnDropHandle<()> {
     }))
 }
 
-async fn routes(rooms: &Rooms) -> Result<(Routes, Health)> {
-    let limit = rooms.config.limits.max_message_bytes;
+async fn routes(services: &Services) -> Result<(Routes, Health)> {
+    let limit = services.config.limits.max_message_bytes;
     let small = limit.min(SMALL);
     let (reporter, health_service) = tonic_health::server::health_reporter();
     let mut health = Health::new(reporter);
-    let mut routes = Routes::new(Until::new(health_service, rooms.stopping.clone()));
+    let mut routes = Routes::new(Until::new(health_service, services.stopping.clone()));
     macro_rules! add {
         ($($server:ident($face:ident): $most:ident),* $(,)?) => {$(
-            let service = $server::new($face(rooms.clone())).max_decoding_message_size($most).max_encoding_message_size(limit);
+            let service = $server::new($face(services.clone())).max_decoding_message_size($most).max_encoding_message_size(limit);
             health.serves(&service).await;
             routes = routes.add_service(service);
         )*};
@@ -176,8 +176,8 @@ async fn routes(rooms: &Rooms) -> Result<(Routes, Health)> {
     let fault = |error| Error::internal("building server reflection", error);
     let (v1, v1alpha) = (reflection(&health).build_v1(), reflection(&health).build_v1alpha());
     let routes = routes
-        .add_service(Until::new(v1.map_err(fault)?, rooms.stopping.clone()))
-        .add_service(Until::new(v1alpha.map_err(fault)?, rooms.stopping.clone()));
+        .add_service(Until::new(v1.map_err(fault)?, services.stopping.clone()))
+        .add_service(Until::new(v1alpha.map_err(fault)?, services.stopping.clone()));
     Ok((routes, health))
 }
 

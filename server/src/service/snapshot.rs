@@ -3,14 +3,14 @@
 use gleaner_proto::v1::{self, snapshot_service_server::SnapshotService};
 use tonic::{Request, Response};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     error::Result,
     wire::{self, status::from_error},
 };
 
 /// Serves snapshots.
-pub(crate) struct Snapshots(pub(crate) Rooms);
+pub(crate) struct Snapshots(pub(crate) Services);
 
 impl Snapshots {
     async fn create(&self, request: v1::CreateSnapshotRequest) -> Result<v1::CreateSnapshotResponse> {

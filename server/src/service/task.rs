@@ -3,7 +3,7 @@
 use gleaner_proto::v1::{self, task_service_server::TaskService};
 use tonic::{Request, Response};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     access::Caller,
     domain::task::OutcomeCounts,
@@ -12,7 +12,7 @@ use crate::{
 };
 
 /// Serves tasks.
-pub(crate) struct Tasks(pub(crate) Rooms);
+pub(crate) struct Tasks(pub(crate) Services);
 
 impl Tasks {
     async fn create(&self, request: v1::CreateTaskRequest) -> Result<v1::CreateTaskResponse> {

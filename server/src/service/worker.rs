@@ -5,7 +5,7 @@ use gleaner_proto::v1::{self, worker_service_server::WorkerService};
 use prost::Message as _;
 use tonic::{Request, Response, Streaming};
 
-use super::Rooms;
+use super::Services;
 use crate::{
     access::Worker,
     domain::{
@@ -21,7 +21,7 @@ use crate::{
 };
 
 /// Serves workers.
-pub(crate) struct Workers(pub(crate) Rooms);
+pub(crate) struct Workers(pub(crate) Services);
 
 impl Workers {
     async fn assignment(&self, job: Job) -> Result<v1::GetAssignmentResponse> {

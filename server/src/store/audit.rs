@@ -66,8 +66,7 @@ impl Store {
         rows.into_iter().map(AuditRow::read).collect()
     }
 
-    /// Forgets the entries before a time, some at a time so that others can write in between, and says how many there
-    /// were.
+    /// Removes the entries before a time, in batches so that others can write in between, and returns their number.
     pub(crate) async fn forget_audit(&self, before: Millis) -> Result<u64> {
         let mut forgotten = 0;
         loop {

@@ -1,4 +1,4 @@
-//! How much work there is: for who watches the server.
+//! The amount of waiting work, for monitoring.
 
 use super::{Store, fault, row};
 use crate::{

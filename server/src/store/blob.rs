@@ -4,7 +4,7 @@
 use super::{Store, fault, row};
 use crate::{domain::id::BlobId, error::Result};
 
-/// The one list of the columns that name blobs: the blob, who needs it, and its size where a row knows it.
+/// The one list of the columns that name blobs: the blob, the row that needs it, and its size where the row has it.
 macro_rules! named_blobs {
     () => {
         "select recording as blob, id as needed_by, size_bytes from episodes where purged_at is null \
@@ -22,7 +22,7 @@ pub(crate) struct NamedBlob {
     pub(crate) blob: BlobId,
     /// The row's id: an episode, encoder, policy, export or job.
     pub(crate) needed_by: String,
-    /// Its size as the row says.
+    /// Its size according to the row.
     pub(crate) size_bytes: Option<u64>,
 }
 
@@ -37,7 +37,7 @@ impl Store {
         .bind(blob.as_str())
         .fetch_one(self.read())
         .await
-        .map_err(fault("asking who names a blob"))
+        .map_err(fault("reading the rows that name a blob"))
     }
 
     /// Every blob that a row names, once for each row that does, sorted by blob; as of one moment.

@@ -1,4 +1,4 @@
-//! What `check` asks of rows: that documents read back, that what a row says of other rows is so. Only reads.
+//! Consistency checks of `check`: documents can be parsed, and rows agree with the rows they refer to. Only reads.
 
 use futures::TryStreamExt as _;
 use gleaner_core::ScoreSpec;
@@ -14,7 +14,7 @@ use crate::{
     error::Result,
 };
 
-/// What a column of JSON is, where it is, and why a value does not read.
+/// A JSON column: its contents, its place, and the error of an unreadable value.
 type Document = (&'static str, &'static str, fn(&str) -> Option<String>);
 
 /// Columns that hold JSON.
@@ -30,9 +30,9 @@ const DOCUMENTS: [Document; 9] = [
     ("its trials", "select id, seeds from evaluations", unreadable::<Vec<SeedResult>>),
 ];
 
-/// What foreign keys cannot say. Each answers with whom, and what is wrong; each is true of one moment.
+/// Rules beyond foreign keys. Each returns the row and the problem, read at one moment.
 const RULES: [&str; 11] = [
-    // An episode is visible whole: with a label from its first moment on, which is the newest of its history.
+    // An episode is visible with its label: the one that is the newest of its history.
     "select id, 'its label is not the newest of its history' from episodes where not exists \
      (select 1 from labels where labels.id = (select max(id) from labels where episode_id = episodes.id) \
       and labels.outcome = episodes.outcome and labels.cohort = episodes.cohort)",
@@ -50,7 +50,7 @@ const RULES: [&str; 11] = [
      (select id, job_id from encoders union all select id, job_id from score_runs union all select id, job_id from policies \
       union all select id, job_id from exports union all select id, job_id from evaluations where job_id is not null) \
      as made where not exists (select 1 from jobs where jobs.id = job_id and result_id = made.id and state = 'succeeded')",
-    "select id, 'it waits for a job that will give nothing' from jobs where state = 'queued' and exists \
+    "select id, 'it waits for a job that has no result' from jobs where state = 'queued' and exists \
      (select 1 from job_dependencies join jobs as needed on needed.id = needs \
       where job_id = jobs.id and needed.state in ('failed', 'cancelled'))",
     "select id, 'it has ended, and still has a checkpoint or a token' from jobs \
@@ -71,7 +71,7 @@ const RULES: [&str; 11] = [
 ];
 
 impl Store {
-    /// What is wrong with the rows: of whom, and what.
+    /// The problems of the rows: subject and detail.
     pub(crate) async fn wrong_rows(&self) -> Result<Vec<(String, String)>> {
         let mut wrong = Vec::new();
         for (what, query, unreadable) in DOCUMENTS {

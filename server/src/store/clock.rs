@@ -88,13 +88,13 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_clock_set_under_a_running_server_jumps_by_what_it_did_not_run() {
+    async fn a_clock_set_under_a_running_server_jumps_by_the_difference() {
         let (_dir, store) = testing::store().await;
         let start = Millis(1_800_000_000_000);
         store.note_time(start, None).await.unwrap();
         let hour = DAY / 24;
         assert_eq!(store.note_time(start.after(DAY + hour), Some(hour)).await.unwrap(), Some(DAY));
-        // Back again: nothing looks older than it is.
+        // Back again: ages are not overstated.
         assert_eq!(store.note_time(start.after(hour * 2), Some(hour)).await.unwrap(), None);
         assert_eq!(store.jumped_within(hour * 3).await.unwrap(), DAY);
     }

@@ -1,4 +1,4 @@
-//! What the pages ask of the database beyond what the services do: one question, one file.
+//! Queries of the pages beyond those of the services: one query, one file.
 
 mod episode;
 mod lineage;

@@ -1,4 +1,4 @@
-//! Datasets: selections of score runs, and what they hold.
+//! Datasets: selections of score runs, and their contents.
 
 use futures::TryStreamExt as _;
 use sqlx::{Sqlite, Transaction};
@@ -56,7 +56,7 @@ impl KeptRow {
         let q = unpack::<f32>("episode_scores.q", &self.q)?;
         let episodes: Vec<u32> = unpack("episode_scores.match_episode", &self.match_episode)?.collect();
         let steps: Vec<u32> = unpack("episode_scores.match_step", &self.match_step)?.collect();
-        // A scorer that matches nothing leaves both lists empty.
+        // Without matches both lists are empty.
         let nearest = |step: usize| match (episodes.get(step), steps.get(step)) {
             (Some(&episode), Some(&end_step)) => {
                 let expert = usize::try_from(episode).ok().and_then(|index| experts.get(index)).cloned();
@@ -86,7 +86,7 @@ fn columns(selection: Selection) -> (Option<f64>, Option<f64>) {
     }
 }
 
-/// Adds a dataset; the job that makes its run is there already.
+/// Adds a dataset; the job that makes its run exists already.
 pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) -> Result<()> {
     let (beta, top_fraction) = columns(dataset.selection);
     sqlx::query(
@@ -105,7 +105,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) 
 }
 
 impl Store {
-    /// The dataset of this selection of a score run that is there or still may come; made if there is none yet.
+    /// The dataset of this selection of an existing or pending score run; created if there is none.
     ///
     /// # Errors
     /// NotFound; Precondition when the run's job gave up.
@@ -177,8 +177,8 @@ impl Store {
         rows.into_iter().map(DatasetRow::dataset).collect()
     }
 
-    /// What each dataset holds, in order; `None` while its score run is not finished. Reads each run once, however
-    /// many thresholds look at it.
+    /// The counts of each dataset, in order; `None` while its score run is not finished. Reads each run once for all
+    /// thresholds.
     ///
     /// # Errors
     /// Internal.

@@ -22,8 +22,8 @@ struct ChangeRow {
 }
 
 impl Store {
-    /// Points a name at a policy of a task, scored by a run of that task if one is named. Naming again what is in
-    /// force changes nothing.
+    /// Points a name at a policy of a task and, if one is named, at a score run of that task. Repeating the current
+    /// assignment changes nothing.
     ///
     /// # Errors
     /// Precondition when the name belongs to another task.
@@ -64,7 +64,7 @@ impl Store {
         .execute(&mut *tx)
         .await
         .map_err(fault("changing a deployment"))?;
-        // Read before it is final: who is told of an error may take it that nothing has moved.
+        // Read before the commit: after an error the deployment has not moved.
         let deployment = deployment(&mut *tx, name).await?;
         crate::fail_point::pass("deployment.row_written");
         self.commit(tx).await?;
@@ -72,10 +72,10 @@ impl Store {
         Ok(deployment)
     }
 
-    /// The policy, and the score run beside it, that rolling a name back would point it at.
+    /// The policy and the score run that rolling a name back would point it at.
     ///
     /// # Errors
-    /// NotFound; Precondition when there is nothing before.
+    /// NotFound; Precondition when there is no earlier assignment.
     pub(crate) async fn before(&self, name: &str) -> Result<(PolicyId, Option<ScoreRunId>)> {
         let before: Option<(Option<String>, Option<String>)> = sqlx::query_as(
             "select earlier.policy_id, earlier.score_run_id from deployment_changes now \
@@ -85,16 +85,17 @@ impl Store {
         .bind(name)
         .fetch_optional(self.read())
         .await
-        .map_err(fault("reading what a deployment was before"))?;
+        .map_err(fault("reading a deployment's earlier assignment"))?;
         let (policy, score_run) = before.ok_or_else(|| Error::not_found("deployment", name))?;
         let policy = row::id("deployment_changes.policy_id", policy.ok_or_else(|| nothing_before(name))?)?;
         Ok((policy, optional_run(score_run)?))
     }
 
-    /// Points a name back at the policy before, and its score run. What was before that is then next to roll back to.
+    /// Points a name back at its previous policy and score run. The assignment before that is then the next to roll
+    /// back to.
     ///
     /// # Errors
-    /// NotFound; Precondition when there is nothing before.
+    /// NotFound; Precondition when there is no earlier assignment.
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
         let mut tx = self.write().await?;
         let changed = sqlx::query(

@@ -1,4 +1,4 @@
-//! Encoders: what pretraining made.
+//! Encoders: results of pretraining.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -79,7 +79,7 @@ impl Store {
         match self.job(&encoder.job_id).await?.spec {
             JobSpec::Pretrain { spec, .. } => Ok(spec.model.segment_length),
             JobSpec::Score { .. } | JobSpec::Train { .. } | JobSpec::Export { .. } | JobSpec::Evaluate { .. } => {
-                Err(Error::internal("reading an encoder's spec", "its job is no pretraining"))
+                Err(Error::internal("reading an encoder's spec", "its job is not a pretraining job"))
             }
         }
     }

@@ -101,8 +101,8 @@ impl Store {
         by_recording(&mut tx, task, recording).await
     }
 
-    /// At most `size` episodes that fit the filter and come after the id `after`, oldest first. The second
-    /// value is where the next page goes on; `None` on the last one.
+    /// At most `size` episodes that match the filter and come after the id `after`, oldest first. The second value is
+    /// the `after` of the next page; `None` on the last one.
     pub(crate) async fn episodes(
         &self,
         filter: &EpisodeFilter,
@@ -125,7 +125,7 @@ impl Store {
         if let Some(after) = after {
             query.push(" and id > ").push_bind(after.as_str());
         }
-        // One more than asked tells whether there is a next page.
+        // One more than requested shows whether there is a next page.
         query.push(" order by id limit ").push_bind(i64::from(size) + 1);
         let rows: Vec<EpisodeRow> =
             query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing episodes"))?;
@@ -198,7 +198,7 @@ pub(super) async fn insert(
     Ok(episode.clone())
 }
 
-/// Brings back the row of an episode whose recording was gone.
+/// Restores the row of an episode whose recording was lost.
 async fn revive(tx: &mut Transaction<'_, Sqlite>, episode: &Episode) -> Result<Option<Episode>> {
     let revived: Option<String> = sqlx::query_scalar(
         "update episodes set purged_at = null, deleted_at = null, delete_forced = 0, outcome = ?, cohort = ? \

@@ -54,7 +54,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, evaluation: &Evalua
 }
 
 impl Store {
-    /// Keeps an evaluation that ran elsewhere; its policy is there.
+    /// Stores an evaluation that ran elsewhere; its policy exists.
     ///
     /// # Errors
     /// Internal.

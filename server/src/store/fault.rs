@@ -1,4 +1,4 @@
-//! What a database error means: our fault, or a disk that takes nothing more, or one that is too slow.
+//! The causes of database errors: a full disk, a slow disk, or a defect.
 
 use crate::{
     error::{DISK_FULL, DISK_READ_ONLY, Error},
@@ -10,14 +10,14 @@ const FILE_LIMIT_REACHED: &str = "the server's database cannot be written: its f
      the server's process, or the disk fails. Nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= \
      of its service), then try again";
 
-/// SQLite's codes, with the extended part where only that tells.
+/// SQLite's codes, with the extended part where it is needed.
 const BUSY: i32 = 5;
 const READ_ONLY: i32 = 8;
 const FULL: i32 = 13;
 /// Writing, syncing, cutting a file, and making room for the index of the log.
 const WRITE_FAILED: [i32; 5] = [778, 1034, 1290, 1546, 4874];
 
-/// Turns a database error into ours, saying what was being done.
+/// Converts a database error into ours, with the action that failed.
 pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
     move |error| {
         if matches!(error, sqlx::Error::PoolTimedOut) {
@@ -35,7 +35,7 @@ pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
     }
 }
 
-/// The reason why the disk refused, if it did. `limited`: this process has a file size limit.
+/// The cause in the disk, if there is one. `limited`: this process has a file size limit.
 fn refusal(code: i32, limited: bool) -> Option<&'static str> {
     match code {
         FULL => Some(DISK_FULL),
@@ -53,12 +53,12 @@ fn too_slow() -> Error {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Look, testing};
+    use super::super::{ReadOnlyDatabase, testing};
     use crate::{domain::episode::Outcome, error::Kind};
 
-    /// SQLite says the same of a database that may not grow as of a disk that is full.
+    /// SQLite reports a database that may not grow and a full disk alike.
     #[tokio::test]
-    async fn a_full_disk_refuses_writes_only_and_is_forgiven_when_there_is_room() {
+    async fn a_full_disk_refuses_writes_until_there_is_room() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let pages = "pragma max_page_count = ";
@@ -74,8 +74,8 @@ mod tests {
         let error = refused.unwrap();
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
         assert!(error.message().contains("disk is full") && error.to_string().contains("opening an upload"), "{error}");
-        assert_eq!(store.tasks().await.unwrap().len(), 1, "reading goes on");
-        // SQLite has rolled back by itself: the connection is not left in a transaction that is none.
+        assert_eq!(store.tasks().await.unwrap().len(), 1, "reading still works");
+        // SQLite has rolled back by itself: the connection must not stay in the ended transaction.
         let again = store.insert_upload(&testing::upload(&task, &[7; 100]), None).await.err().map(|error| error.kind());
         assert!(matches!(again, None | Some(Kind::Exhausted)), "{again:?}");
         testing::run(&store, &format!("{pages}1000000")).await;
@@ -83,12 +83,12 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_database_that_cannot_be_written_says_so() {
+    async fn an_unwritable_database_is_reported_as_such() {
         let (dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         store.close().await;
-        let look = Look::open(&dir.path().join("gleaner.db")).await.unwrap();
-        let error = look.store.insert_upload(&testing::upload(&task, b"x"), None).await.unwrap_err();
+        let database = ReadOnlyDatabase::open(&dir.path().join("gleaner.db")).await.unwrap();
+        let error = database.store.insert_upload(&testing::upload(&task, b"x"), None).await.unwrap_err();
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
         assert!(error.message().contains("cannot be written"), "{error}");
     }
@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(refusal(1, true), None);
     }
 
-    /// A disk that takes its time holds up who writes, and nobody who reads.
+    /// A slow disk delays writers, and no reader.
     #[tokio::test]
     async fn a_slow_write_holds_up_no_reader() {
         let (_dir, store) = testing::store().await;

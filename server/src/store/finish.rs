@@ -1,4 +1,4 @@
-//! How a job succeeds: its result's rows and its move, in one transaction.
+//! The success of a job: its result's rows and its new state, in one transaction.
 
 use super::{Store, encoder, evaluation, export, policy, queue, score};
 use crate::{
@@ -17,15 +17,15 @@ use crate::{
 /// The rows a job leaves.
 #[derive(Debug)]
 pub(crate) enum JobResult {
-    /// Of pretraining.
+    /// The result of pretraining.
     Encoder(Encoder),
-    /// Of scoring, with the episodes' scores in the snapshot's order.
+    /// The result of scoring, with the episodes' scores in the snapshot's order.
     Scores(Box<ScoreRun>, Vec<EpisodeScores>),
-    /// Of training.
+    /// The result of training.
     Policy(Policy),
-    /// Of exporting.
+    /// The result of exporting.
     Export(ExportId, DatasetId, Vec<ExportFile>),
-    /// Of evaluating.
+    /// The result of evaluating.
     Evaluation(Evaluation),
 }
 
@@ -33,7 +33,7 @@ impl Store {
     /// Ends an attempt with its result.
     ///
     /// # Errors
-    /// Precondition when the attempt is over; Cancelled when somebody has asked the job to stop.
+    /// Precondition when the attempt is over; Cancelled when the job was asked to stop.
     pub(crate) async fn finish_job(&self, attempt: &Attempt, result: &JobResult) -> Result<queue::Moved> {
         let mut tx = self.write().await?;
         let job = queue::running(&mut tx, attempt).await?.ok_or_else(queue::attempt_is_over)?;

@@ -1,4 +1,4 @@
-//! Rows of jobs: reading them and queueing new ones. How they move is in `queue`.
+//! Rows of jobs: reading them and queueing new ones. Changes of state are in `queue`.
 
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 
@@ -112,8 +112,8 @@ impl Store {
         found.map(JobRow::read).transpose()
     }
 
-    /// Jobs of a task whose specs name one of these ids (of snapshots, results or datasets), oldest first. An id is in
-    /// no spec but where it is named, so that all are found, whether or not they had to wait for it.
+    /// Jobs of a task whose specs name one of these ids (of snapshots, results or datasets), oldest first. A spec
+    /// contains an id only where it names it, so this finds all of them, whether or not they had to wait for it.
     pub(crate) async fn jobs_naming(&self, task: &TaskId, ids: &[&str]) -> Result<Vec<Job>> {
         let rows: Vec<JobRow> = sqlx::query_as(select_jobs!(
             "where task_id = ? and exists (select 1 from json_each(?) where instr(jobs.spec, value) > 0) order by id"
@@ -126,7 +126,7 @@ impl Store {
         rows.into_iter().map(JobRow::read).collect()
     }
 
-    /// The task's job of this key that has not failed and was not cancelled, and what was ordered under it.
+    /// The task's job of this key that has not failed and was not cancelled, and its order.
     pub(crate) async fn job_of_key(&self, task: &TaskId, key: &str) -> Result<Option<(Job, JobOrder)>> {
         let held = "select id, ordered from jobs where task_id = ? and key = ? and key <> '' \
              and state not in ('failed', 'cancelled')";
@@ -145,8 +145,8 @@ impl Store {
         }
     }
 
-    /// At most `size` jobs that fit the filter and come before the id `before`, newest first. The second value
-    /// is where the next page goes on; `None` on the last one.
+    /// At most `size` jobs that match the filter and come before the id `before`, newest first. The second value is the
+    /// `before` of the next page; `None` on the last one.
     pub(crate) async fn jobs(
         &self,
         filter: &JobFilter,
@@ -166,7 +166,7 @@ impl Store {
         if let Some(before) = before {
             query.push(" and id < ").push_bind(before.as_str());
         }
-        // One more than asked tells whether there is a next page.
+        // One more than requested shows whether there is a next page.
         query.push(" order by id desc limit ").push_bind(i64::from(size) + 1);
         let rows: Vec<JobRow> = query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing jobs"))?;
         let size = usize::try_from(size).unwrap_or(usize::MAX);
@@ -176,11 +176,11 @@ impl Store {
         Ok((jobs, next))
     }
 
-    /// Queues a plan whole, or nothing of it.
+    /// Queues a whole plan or no job of it.
     ///
     /// # Errors
-    /// NotFound when a job to wait for is unknown; Precondition when one failed or was cancelled; Exists when a job
-    /// has taken its key meanwhile, or does what a plan does that may be only once.
+    /// NotFound when a job to wait for is unknown; Precondition when one failed or was cancelled; Exists when another
+    /// job has taken its key meanwhile, or equals a plan's job that may exist only once.
     pub(crate) async fn insert_plan(&self, plan: &Plan) -> Result<Vec<Job>> {
         let mut tx = self.write().await?;
         if let Some(first) = plan.jobs.first().filter(|_| plan.once) {

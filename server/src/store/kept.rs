@@ -1,5 +1,5 @@
-//! What of a run would be kept: its q and w read in one pass, row by row from the database's own thread, so that the
-//! runtime is not held by a large run.
+//! Counts of a run's kept segments: q and w are read in one pass, row by row on the database's own thread, so that a
+//! large run does not block the runtime.
 
 use futures::TryStreamExt as _;
 
@@ -50,14 +50,14 @@ impl Store {
         Ok(histogram)
     }
 
-    /// What each selection would keep of a run.
+    /// The counts of each selection of a run.
     ///
     /// # Errors
     /// As for [`Store::score_run`].
     pub(crate) async fn count_kept(&self, run: &ScoreRunId, selections: Vec<Selection>) -> Result<Vec<WhatIf>> {
         let candidates = self.candidates(run).await?;
         let counting = tokio::task::spawn_blocking(move || count(&selections, &candidates));
-        counting.await.map_err(|error| Error::internal("counting what is kept", error))
+        counting.await.map_err(|error| Error::internal("counting kept segments", error))
     }
 
     /// w and q of a run's imperfect episodes, in the snapshot's order, with their cohorts in that snapshot.

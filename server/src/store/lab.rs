@@ -38,7 +38,7 @@ macro_rules! columns {
     };
 }
 
-/// How a database stands to a stamp.
+/// The relation of a database to a stamp.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Comparison {
     /// Both have one name for the folder.
@@ -49,7 +49,7 @@ pub(crate) struct Comparison {
     pub(crate) whole: bool,
 }
 
-/// What ties an open database to its folder.
+/// The link of an open database to its folder.
 #[derive(Debug)]
 pub(super) struct Tie {
     presence: Presence,
@@ -91,7 +91,7 @@ impl Store {
         }
         let store = Self::open(&path).await.map_err(|error| damaged(&path, data_dir, error))?;
         if misfit.is_some() {
-            // What the sidecars say may be newer than these rows.
+            // The sidecars may be newer than these rows.
             store.forget_queued_sidecars().await?;
         }
         store.tie(data_dir, stamp.map_or(0, |stamp| stamp.generation)).await
@@ -120,7 +120,7 @@ impl Store {
             sqlx::query("update lab set stamped = 1").execute(&mut *tx).await.map_err(fault("noting the stamp"))?;
             self.commit(tx).await?;
         }
-        // The write-ahead log is there by now.
+        // The write-ahead log exists by now.
         let presence = Presence::note(data_dir)?;
         let _: std::result::Result<(), _> = self.tie.set(Tie { presence, stamp });
         Ok(self)
@@ -171,7 +171,7 @@ impl Store {
         misfit(Some(&lab(&self.readers).await?), stamp, blobs)
     }
 
-    /// How the database stands to a stamp.
+    /// The relation of the database to a stamp.
     pub(crate) async fn compare(&self, stamp: Option<&Stamp>) -> Result<Comparison> {
         let lab = lab(&self.readers).await?;
         let same = stamp.filter(|stamp| stamp.folder == lab.folder);
@@ -197,8 +197,8 @@ impl Store {
     }
 }
 
-/// Has a copy of a database belong to no folder yet: the one where it is served first is its own from then on, and has
-/// every row described anew.
+/// Removes a copy's link to its folder: the first folder it is served in becomes its own, and every row is described
+/// again.
 pub(super) async fn detach(copy: &SqlitePool) -> Result<()> {
     let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = 'lab')")
         .fetch_one(copy)

@@ -1,4 +1,4 @@
-//! Results that jobs make: why one is not there (yet).
+//! Results of jobs that have no row: unknown, pending or given up.
 
 use super::Store;
 use crate::{

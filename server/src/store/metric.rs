@@ -1,4 +1,4 @@
-//! What running jobs report: progress on the job's row, and a row for each metric.
+//! Reports of running jobs: progress on the job's row, and a row for each metric.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -9,7 +9,7 @@ use crate::{
 };
 
 impl Store {
-    /// Keeps what a worker reports; the answer says whether somebody asked the job to stop.
+    /// Stores a worker's report; returns whether the job was asked to stop.
     ///
     /// # Errors
     /// Precondition when the attempt is over.
@@ -60,8 +60,8 @@ impl Store {
 }
 
 impl Store {
-    /// A job's metrics for a picture, in order of arrival: about `points` of each name, evenly spread, and the newest.
-    /// What lies between is left out, peaks too.
+    /// A job's metrics for a plot, in order of arrival: about `points` of each name, evenly spaced, and the newest.
+    /// Values in between are left out, peaks included.
     pub(crate) async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
         let rows: Vec<MetricRow> = sqlx::query_as(
             "select id, step, name, value from (select *, row_number() over (partition by name order by id) as place, \

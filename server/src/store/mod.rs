@@ -1,11 +1,10 @@
-//! The database: the only room that knows SQL. One table family, one file.
+//! The database: the only module with SQL. One file per family of tables.
 //!
-//! One connection writes, several read. Every write commits with `synchronous=FULL`: what returned is on disk.
-//! Values in and out are the domain's.
+//! One connection writes, several read. Every write commits with `synchronous=FULL`: it is on disk when the call
+//! returns. Arguments and results are domain values.
 
 mod audit;
 pub(crate) mod backlog;
-mod beside;
 mod blob;
 mod check;
 mod clock;
@@ -21,12 +20,13 @@ pub(crate) mod finish;
 mod job;
 mod kept;
 mod lab;
-mod look;
 mod made;
 mod metric;
+mod open_shared;
 mod packed;
 mod policy;
 pub(crate) mod queue;
+mod read_only;
 mod row;
 mod schedule;
 mod score;
@@ -51,7 +51,7 @@ use sqlx::{
 };
 
 use self::fault::fault;
-pub(crate) use self::{blob::NamedBlob, look::Look, sidecar::Described};
+pub(crate) use self::{blob::NamedBlob, read_only::ReadOnlyDatabase, sidecar::Described};
 use crate::error::{Error, Result};
 
 static MIGRATIONS: sqlx::migrate::Migrator = sqlx::migrate!("../migrations");
@@ -67,7 +67,7 @@ const READERS: u32 = 4;
 pub struct Store {
     writer: SqlitePool,
     readers: SqlitePool,
-    /// What ties a server's database to its folder; empty for who only looks at one.
+    /// The link of a server's database to its folder; empty for a database that is only read.
     tie: Arc<OnceLock<lab::Tie>>,
 }
 
@@ -87,8 +87,8 @@ impl Store {
         let doing = |error: sqlx::Error| Error::internal(format!("opening the database {}", path.display()), error);
         let writer = lasting(1).after_release(|connection, _| {
             Box::pin(async move {
-                // What was dropped is rolled back by then. A disk that is full makes SQLite roll back by itself, which the
-                // connection does not see: it would refuse every transaction from then on. A new one takes its place.
+                // Dropped transactions are rolled back by now. On a full disk SQLite rolls back by itself without the
+                // connection noticing, which would then refuse every transaction. A new connection takes its place.
                 connection.ping().await?;
                 Ok(!connection.is_in_transaction())
             })
@@ -98,7 +98,7 @@ impl Store {
         let options = options.create_if_missing(false);
         writer.set_connect_options(options.clone());
         check_version(&writer).await?;
-        look::known_schema(&writer, path).await?;
+        read_only::known_schema(&writer, path).await?;
         MIGRATIONS.run(&writer).await.map_err(|error| {
             if let sqlx::migrate::MigrateError::VersionMissing(version) = error {
                 return Error::precondition(format!(
@@ -120,15 +120,15 @@ impl Store {
         self.writer.close().await;
     }
 
-    /// Begins a write. IMMEDIATE: a transaction that turns into a write later would be refused at once.
+    /// Begins a write. IMMEDIATE: a transaction that becomes a write later would fail at once.
     async fn write(&self) -> Result<Transaction<'static, Sqlite>> {
         self.writer.begin_with("begin immediate").await.map_err(fault("beginning a write"))
     }
 
-    /// Ends a write; when this returns, it is on disk, in the database that the path names.
+    /// Commits a write: it is on disk, in the database at the path, when this returns.
     ///
     /// # Errors
-    /// Precondition when the database was deleted or replaced; as the disk refuses.
+    /// Precondition when the database was deleted or replaced; as the disk fails.
     async fn commit(&self, transaction: Transaction<'static, Sqlite>) -> Result<()> {
         transaction.commit().await.map_err(fault("committing a write"))?;
         self.verify()
@@ -140,7 +140,7 @@ impl Store {
     }
 }
 
-/// A pool whose connections stay: a new one would open the file that the path names by then.
+/// A pool whose connections stay open: a new one would open whatever file is at the path by then.
 fn lasting(connections: u32) -> SqlitePoolOptions {
     SqlitePoolOptions::new().max_connections(connections).idle_timeout(None).max_lifetime(None)
 }

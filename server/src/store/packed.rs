@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 pub(super) trait Packed: Sized {
     /// Its little-endian bytes.
     type Bytes: AsRef<[u8]>;
-    /// How many bytes it takes.
+    /// The size of a value in bytes.
     const SIZE: usize;
 
     fn to_bytes(&self) -> Self::Bytes;
@@ -47,7 +47,7 @@ pub(super) fn unpack<T: Packed>(column: &str, bytes: &[u8]) -> Result<impl Itera
     if !bytes.len().is_multiple_of(T::SIZE) {
         return Err(Error::internal(
             format!("reading the column {column}"),
-            format!("{} bytes are no whole number of values of {} bytes", bytes.len(), T::SIZE),
+            format!("{} bytes are not a multiple of {}-byte values", bytes.len(), T::SIZE),
         ));
     }
     Ok(bytes.chunks_exact(T::SIZE).filter_map(T::from_bytes))

@@ -1,4 +1,4 @@
-//! How jobs move: claimed, ended, cancelled. Every move asks `JobState::may_become`.
+//! State changes of jobs: claimed, ended, cancelled. Each one checks `JobState::may_become`.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -18,13 +18,13 @@ use crate::{
 pub(crate) struct Moved {
     /// The job as it is now.
     pub(crate) job: Job,
-    /// Its checkpoint until now, if nothing resumes from it any more.
+    /// Its previous checkpoint, if it is no longer needed.
     pub(crate) dropped: Option<BlobId>,
 }
 
 impl Store {
-    /// Gives the best job that may run to the attempt with this token: the highest priority, then the oldest,
-    /// among queued jobs whose needs have all succeeded.
+    /// Assigns a job to the attempt with this token: of the queued jobs whose needs have all succeeded, the one of
+    /// highest priority, then the oldest.
     pub(crate) async fn claim_job(&self, token_hash: &str) -> Result<Option<Job>> {
         let mut tx = self.write().await?;
         let claimed: Option<String> = sqlx::query_scalar(
@@ -86,7 +86,7 @@ impl Store {
         Ok(Some(moved))
     }
 
-    /// Every attempt that is running, as the rows say: at start, those of a server that is gone.
+    /// Every running attempt according to the rows: at the start, those of an earlier server.
     pub(crate) async fn running_attempts(&self) -> Result<Vec<Attempt>> {
         let rows: Vec<(String, String)> =
             sqlx::query_as("select id, coalesce(token_hash, '') from jobs where state = 'running'")
@@ -142,7 +142,7 @@ impl Store {
 }
 
 impl Store {
-    /// Has a running job begin anew: without its checkpoint and what was reported up to it.
+    /// Restarts a running job without its checkpoint and its reports.
     pub(crate) async fn drop_checkpoint(&self, id: &JobId) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("update jobs set checkpoint = null, checkpoint_step = null, done = 0 where id = ?")
@@ -155,7 +155,7 @@ impl Store {
     }
 }
 
-/// What a worker hears whose attempt is over.
+/// The error of a worker whose attempt is over.
 pub(super) fn attempt_is_over() -> Error {
     Error::precondition("this attempt of the job is over")
 }
@@ -172,8 +172,8 @@ pub(super) async fn running(tx: &mut Transaction<'_, Sqlite>, attempt: &Attempt)
     if held.is_some() { by_id(tx, &attempt.job_id).await } else { Ok(None) }
 }
 
-/// Moves a job to `next`. No worker may speak for it afterwards; if it has ended, nothing resumes it, and the
-/// jobs that wait for a result that will not come end too.
+/// Moves a job to `next`. Its worker's reports are refused afterwards; if it has ended, its checkpoint is dropped, and
+/// the jobs that wait for a failed result end, too.
 pub(super) async fn advance(
     tx: &mut Transaction<'_, Sqlite>,
     job: &Job,

@@ -1,6 +1,6 @@
-//! What rows have in common: reading words, ids, counts and packed arrays back into domain values.
+//! Conversions from columns: words, ids, counts and packed arrays to domain values.
 //!
-//! A row that does not read back is our fault, never the caller's.
+//! An unreadable row is our fault, never the caller's.
 
 use crate::error::{Error, Result};
 

@@ -12,7 +12,7 @@ use crate::{
     error::{Error, Result},
 };
 
-/// A schedule with its count; conditions follow. Only labels that say something count, each episode once.
+/// A schedule with its count; conditions follow. Labels other than unknown count, each episode once.
 macro_rules! select_schedules {
     ($rest:literal) => {
         concat!(
@@ -57,7 +57,7 @@ impl ScheduleRow {
             next_run_at: self.next_run_at.map(Millis),
             last_run_at: self.last_run_at.map(Millis),
             label_mark: self.label_mark,
-            // Counting goes on while it stands still, but what came then is passed over.
+            // Counting continues while it is paused, but that count is dropped.
             labelled_since: if self.paused { 0 } else { self.labelled_since },
             last_error: self.last_error,
         })
@@ -135,7 +135,7 @@ impl Store {
             .map_err(fault("asking for the newest label"))
     }
 
-    /// Pauses or resumes a schedule. Either way counting begins anew: what comes while it is paused is lost.
+    /// Pauses or resumes a schedule. Either resets its count: labels during the pause are not counted.
     ///
     /// # Errors
     /// NotFound.

@@ -177,7 +177,7 @@ impl Store {
         rows.into_iter().map(RunRow::run).collect()
     }
 
-    /// The score run that was finished last, of whatever task.
+    /// The newest finished score run of all tasks.
     pub(crate) async fn newest_run(&self) -> Result<Option<ScoreRunId>> {
         let newest: Option<String> =
             sqlx::query_scalar("select id from score_runs order by created_at desc, id desc limit 1")
@@ -187,7 +187,7 @@ impl Store {
         newest.map(|id| row::id("score_runs.id", id)).transpose()
     }
 
-    /// How much a finished run covers.
+    /// The extent of a finished run.
     ///
     /// # Errors
     /// Internal.

@@ -1,4 +1,4 @@
-//! Rows whose sidecars are missing or out of date, and the rows that are made again from sidecars.
+//! Rows whose sidecars are missing or out of date, and rows restored from sidecars.
 
 use super::{Store, episode, fault, row};
 use crate::{
@@ -16,11 +16,11 @@ use crate::{
 #[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
 pub(crate) struct Undescribed {
     seq: i64,
-    /// Of a task, an episode, an encoder or a policy.
+    /// The id of a task, an episode, an encoder or a policy.
     pub(crate) id: String,
 }
 
-/// What stands beside a blob, or among the tasks, for one row.
+/// The sidecar of one row.
 #[derive(Debug)]
 pub(crate) enum Described {
     /// Beside the blob.
@@ -42,7 +42,7 @@ impl Store {
             .map_err(fault("listing rows without a sidecar"))
     }
 
-    /// The episodes whose recordings are there, each with its recording.
+    /// The episodes with existing recordings, each with its recording.
     pub(crate) async fn kept_recordings(&self) -> Result<Vec<(EpisodeId, BlobId)>> {
         let rows: Vec<(String, String)> = sqlx::query_as("select id, recording from episodes where purged_at is null")
             .fetch_all(self.read())
@@ -65,7 +65,7 @@ impl Store {
         self.commit(tx).await
     }
 
-    /// Leaves the sidecars that are there as they are, until a row changes.
+    /// Accepts the existing sidecars as they are, until a row changes.
     pub(crate) async fn forget_queued_sidecars(&self) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("delete from sidecar_queue").execute(&mut *tx).await.map_err(fault("keeping the sidecars"))?;
@@ -119,8 +119,9 @@ impl Store {
         Ok(Described::Beside(recording, Description::recording(&inspected, &author)))
     }
 
-    /// Makes the row of a task again, and gives the task that its episodes belong to and whether it was made. Where another
-    /// task has the name, that is the other one if it has the same spec, and otherwise the task gets its id for a name.
+    /// Restores the row of a task, and returns the task that its episodes belong to and whether it was created. If
+    /// another task has the name, that one is returned if its spec is equal; otherwise the restored task is named by
+    /// its id.
     pub(crate) async fn restore_task(&self, task: &Task) -> Result<(TaskId, bool)> {
         if self.task_by_id(&task.id).await.is_ok() {
             return Ok((task.id.clone(), false));
@@ -140,7 +141,7 @@ impl Store {
             .bind(task.created_at.0)
             .execute(&mut *tx)
             .await
-            .map_err(fault("making a task again"))?;
+            .map_err(fault("restoring a task"))?;
         self.commit(tx).await?;
         Ok((task.id.clone(), true))
     }
@@ -155,7 +156,7 @@ impl Store {
             return Ok(false);
         }
         (episode.outcome, episode.cohort) = (described.episode.outcome, described.episode.cohort.clone());
-        // Its days in the trash begin anew.
+        // Its days in the trash start again.
         let deleted_at = described.episode.deleted_at.map(|_| Millis::now().0);
         sqlx::query("update episodes set outcome = ?, cohort = ?, deleted_at = ?, delete_forced = 0 where id = ?")
             .bind(episode.outcome.as_str())
@@ -198,7 +199,7 @@ impl Store {
         let inspected = InspectedEpisode { episode, report };
         episode::insert(&mut tx, &inspected, &author).await?;
         if let Some(deleted_at) = deleted_at {
-            // Its days in the trash begin anew: how long it was there is not known.
+            // Its days in the trash start again: how long it was there is unknown.
             sqlx::query("update episodes set deleted_at = ? where id = ?")
                 .bind(deleted_at.0.max(Millis::now().0))
                 .bind(inspected.episode.id.as_str())

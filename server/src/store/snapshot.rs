@@ -165,10 +165,9 @@ impl Store {
     }
 }
 
-/// The task's episodes that the rule takes, with their outcomes.
+/// The task's episodes selected by the rule, with their outcomes.
 ///
-/// By content and not by arrival: what is learned depends on the order, and episodes that are pushed side by side
-/// arrive in any.
+/// Ordered by content and not by arrival: the trained model depends on the order, and concurrent pushes arrive in any.
 async fn members_now(
     tx: &mut Transaction<'_, Sqlite>,
     task: &TaskId,
@@ -201,8 +200,7 @@ fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
         [(Role::Expert, snapshot.expert_episodes, "success"), (Role::Imperfect, snapshot.imperfect_episodes, "failure")]
     {
         if episodes == 0 {
-            let mend = if role == Role::Imperfect && rule.imperfect_per_expert > 0.0 && rule.imperfect_per_expert < 1.0
-            {
+            let fix = if role == Role::Imperfect && rule.imperfect_per_expert > 0.0 && rule.imperfect_per_expert < 1.0 {
                 "push or label some, or raise imperfect_per_expert".to_owned()
             } else if rule.by_cohort() {
                 "name cohorts that the task's episodes have".to_owned()
@@ -210,7 +208,7 @@ fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
                 format!("push or label episodes as {word}")
             };
             return Err(Error::precondition(format!(
-                "the task has no {} episode under this rule: {mend}",
+                "the task has no {} episode under this rule: {fix}",
                 role.as_str()
             )));
         }

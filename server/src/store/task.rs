@@ -66,7 +66,7 @@ impl Store {
             .await
             .map_err(|error| match is_duplicate(&error) {
                 true => Error::exists(format!(
-                    "a task named {:?} is there already: use it, or choose another name",
+                    "a task named {:?} exists already; use it, or choose another name",
                     spec.name
                 )),
                 false => fault("inserting a task")(error),
@@ -88,7 +88,7 @@ impl Store {
         .fetch_optional(self.read())
         .await
         .map_err(fault("reading a task"))?
-        .ok_or_else(|| Error::not_found("task", format!("{name_or_id:?}; list the tasks to see what there is")))?
+        .ok_or_else(|| Error::not_found("task", format!("{name_or_id:?}; list the tasks to see all names")))?
         .read()
     }
 
@@ -132,7 +132,7 @@ impl Store {
         rows.into_iter().map(|(id, name)| Ok((row::id("tasks.id", id)?, name))).collect()
     }
 
-    /// How many episodes a task has, by outcome.
+    /// The number of a task's episodes by outcome.
     pub(crate) async fn outcome_counts(&self, task: &TaskId) -> Result<OutcomeCounts> {
         let (success, failure, unknown) = sqlx::query_as::<_, (i64, i64, i64)>(
             "select count(*) filter (where outcome = 'success'), count(*) filter (where outcome = 'failure'), \

@@ -62,7 +62,7 @@ pub(crate) fn upload(task: &Task, content: &[u8]) -> Upload {
     }
 }
 
-/// What an inspection of the upload could have found: 20 steps, nothing wrong.
+/// An inspection's report on the upload: 20 steps, no finding.
 pub(crate) fn inspected(task: &Task, upload: &Upload) -> InspectedEpisode {
     let episode = Episode {
         id: EpisodeId::new(),
@@ -90,7 +90,7 @@ pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort
     store.finish_upload(&upload, &inspected(task, &upload)).await.unwrap()
 }
 
-/// Runs SQL as it stands: to make what this program never would.
+/// Runs raw SQL, for states that this program never creates.
 pub(crate) async fn run(store: &Store, statement: &str) {
     sqlx::raw_sql(sqlx::AssertSqlSafe(statement)).execute(&store.writer).await.unwrap();
 }

@@ -91,9 +91,7 @@ impl Store {
         let found: Option<TokenRow> =
             query.build_query_as().fetch_optional(&mut *tx).await.map_err(fault("reading a token"))?;
         let (_, mut token) = found
-            .ok_or_else(|| {
-                Error::not_found("live token", format!("{id_or_name:?}; list the tokens to see what there is"))
-            })?
+            .ok_or_else(|| Error::not_found("live token", format!("{id_or_name:?}; list the tokens to see all names")))?
             .read()?;
         let now = token.revoked_at.unwrap_or_else(Millis::now);
         sqlx::query("update tokens set revoked_at = ? where id = ?")

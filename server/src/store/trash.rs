@@ -12,20 +12,20 @@ use crate::{
     error::{Error, Result},
 };
 
-/// What a sweep took out of the trash.
+/// The counts of a sweep of the trash.
 #[derive(Debug, Default)]
 pub(crate) struct Swept {
     /// Episodes that are gone with their rows.
     pub(crate) removed: u64,
-    /// Episodes whose recordings are gone; snapshots hold their rows.
+    /// Episodes whose recordings are removed; snapshots hold their rows.
     pub(crate) purged: u64,
     /// Their ids and recordings, which no other row may need any more.
     pub(crate) episodes: Vec<(EpisodeId, BlobId)>,
 }
 
 impl Store {
-    /// Puts all these episodes into the trash or, when one must stay, none. The answer is in the order of `ids`. One
-    /// that is there already stays as long as it would have.
+    /// Moves all these episodes to the trash or, if one must stay, none. The result is in the order of `ids`. An
+    /// episode already in the trash keeps its date.
     ///
     /// # Errors
     /// NotFound names the first unknown episode; Precondition the first that a snapshot holds, unless `force`.
@@ -34,9 +34,9 @@ impl Store {
         let mut deleted = Vec::with_capacity(ids.len());
         for id in ids {
             let before = episode::by_id(&mut tx, id).await?;
-            let before = before.ok_or_else(|| Error::not_found("episode", format!("{id}; nothing was deleted")))?;
+            let before = before.ok_or_else(|| Error::not_found("episode", format!("{id}; no episode was deleted")))?;
             if !force {
-                refuse_what_is_needed(&mut tx, id).await?;
+                refuse_if_needed(&mut tx, id).await?;
             }
             sqlx::query(
                 "update episodes set deleted_at = coalesce(deleted_at, ?), delete_forced = max(delete_forced, ?) \
@@ -69,15 +69,15 @@ impl Store {
                 .map_err(fault("taking an episode back"))?;
             let episode = episode::by_id(&mut tx, id).await?;
             back.push(episode.ok_or_else(|| {
-                Error::not_found("episode", format!("{id}: unknown, or removed for good; nothing was taken back"))
+                Error::not_found("episode", format!("{id}: unknown, or removed for good; no episode was restored"))
             })?);
         }
         self.commit_generation(tx).await?;
         Ok(back)
     }
 
-    /// Takes out of the trash for good what was put there before `time`. An episode that a snapshot holds leaves its
-    /// row, and goes only if it was deleted by force and no job of its task is under way.
+    /// Removes for good what was moved to the trash before `time`. An episode held by a snapshot keeps its row, and is
+    /// removed only if it was deleted by force and no job of its task is running.
     pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
         let mut tx = self.write().await?;
         let gone: Vec<(String, String)> = sqlx::query_as(
@@ -118,7 +118,7 @@ impl Store {
         Ok(Swept { removed, purged: counted, episodes })
     }
 
-    /// Refuses a snapshot of which a recording is gone: nothing can be learned from it any more.
+    /// Refuses a snapshot with a removed recording: it can no longer be trained on.
     ///
     /// # Errors
     /// Precondition.
@@ -130,7 +130,7 @@ impl Store {
         .bind(snapshot.as_str())
         .fetch_optional(self.read())
         .await
-        .map_err(fault("looking for what was deleted"))?;
+        .map_err(fault("reading the deleted episodes of a snapshot"))?;
         match gone {
             None => Ok(()),
             Some(episode) => Err(Error::precondition(format!(
@@ -140,24 +140,24 @@ impl Store {
         }
     }
 
-    /// When the longest running attempt began; what it made may not have its rows yet.
+    /// When the longest running attempt began; its results may not have rows yet.
     pub(crate) async fn oldest_running(&self) -> Result<Option<Millis>> {
         let oldest: Option<i64> = sqlx::query_scalar("select min(started_at) from jobs where state = 'running'")
             .fetch_one(self.read())
             .await
-            .map_err(fault("asking what is running"))?;
+            .map_err(fault("reading the running jobs"))?;
         Ok(oldest.map(Millis))
     }
 }
 
-/// Says who needs an episode: the snapshots that hold it, and what was made from them.
-async fn refuse_what_is_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<()> {
+/// Refuses when snapshots or results need the episode, and names them.
+async fn refuse_if_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<()> {
     let (snapshots, first): (i64, Option<String>) =
         sqlx::query_as("select count(*), min(snapshot_id) from snapshot_episodes where episode_id = ?")
             .bind(id.as_str())
             .fetch_one(&mut **tx)
             .await
-            .map_err(fault("asking who holds an episode"))?;
+            .map_err(fault("reading the snapshots of an episode"))?;
     let Some(first) = first else { return Ok(()) };
     let (runs, datasets, policies): (i64, i64, i64) = sqlx::query_as(
         "with held(id) as (select snapshot_id from snapshot_episodes where episode_id = ?), \
@@ -170,11 +170,11 @@ async fn refuse_what_is_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId)
     .bind(id.as_str())
     .fetch_one(&mut **tx)
     .await
-    .map_err(fault("asking what was made from an episode"))?;
+    .map_err(fault("reading the results made from an episode"))?;
     let others = if snapshots > 1 { format!(" and {} more snapshots", snapshots - 1) } else { String::new() };
     Err(Error::precondition(format!(
-        "{id} is in {first}{others}; {runs} score runs, {datasets} datasets and {policies} policies come from them. Force \
-         it to delete it all the same: its recording then goes, and what was made from it cannot be made again"
+        "{id} is in {first}{others}, used by {runs} score runs, {datasets} datasets and {policies} policies. Repeat with \
+         force to delete it; these results can then not be reproduced"
     )))
 }
 

@@ -46,7 +46,7 @@ impl UploadRow {
 }
 
 impl Store {
-    /// Opens an upload, unless its client has `most` open already; says whether it is open. `None`: any number.
+    /// Opens an upload, unless its client has `most` open already; returns whether it was opened. `None`: no limit.
     pub(crate) async fn insert_upload(&self, upload: &Upload, most: Option<u64>) -> Result<bool> {
         let mut tx = self.write().await?;
         // Counted and inserted in one statement: concurrent starts cannot pass the limit together.
@@ -125,7 +125,7 @@ impl Store {
         Ok(())
     }
 
-    /// Forgets an upload; one that is not open is no error.
+    /// Removes an upload; a missing one is not an error.
     pub(crate) async fn delete_upload(&self, id: &UploadId) -> Result<()> {
         let mut tx = self.write().await?;
         delete(&mut tx, id).await?;
@@ -141,8 +141,8 @@ impl Store {
         rows.into_iter().map(UploadRow::read).collect()
     }
 
-    /// Ends an upload: in one act its row goes and the episode is visible. When the same content has become
-    /// visible meanwhile, the answer is that episode, whatever its label.
+    /// Ends an upload: in one transaction its row is removed and the episode becomes visible. When the same content has
+    /// become visible meanwhile, that episode is returned, whatever its label.
     pub(crate) async fn finish_upload(&self, upload: &Upload, inspected: &InspectedEpisode) -> Result<Episode> {
         let mut tx = self.write().await?;
         delete(&mut tx, &upload.id).await?;

@@ -1,11 +1,11 @@
-//! How much memory processes take, for the metrics.
+//! The memory of processes, for the metrics.
 
 use std::{convert::Infallible, time::Duration};
 
-/// How often a worker is looked at.
+/// The interval of sampling a worker.
 const EVERY: Duration = Duration::from_secs(5);
 
-/// Resident bytes of a process; `None` where the system does not say, or it has gone.
+/// Resident bytes of a process; `None` where the system does not report it, or the process has ended.
 pub(crate) fn resident(pid: u32) -> Option<u64> {
     let statm = std::fs::read_to_string(format!("/proc/{pid}/statm")).ok()?;
     let pages: u64 = statm.split_whitespace().nth(1)?.parse().ok()?;
@@ -13,7 +13,7 @@ pub(crate) fn resident(pid: u32) -> Option<u64> {
     Some(pages * page)
 }
 
-/// Watches the memory of a worker for as long as it is polled.
+/// Samples the memory of a worker for as long as it is polled.
 pub(crate) async fn of_worker(pid: u32, kind: &'static str) -> Infallible {
     let mut share = Share::new(kind);
     loop {
@@ -22,7 +22,7 @@ pub(crate) async fn of_worker(pid: u32, kind: &'static str) -> Infallible {
     }
 }
 
-/// One worker's share in the gauge of all workers of its kind; given back when it has ended.
+/// One worker's share in the gauge of its kind; subtracted on drop.
 struct Share {
     gauge: metrics::Gauge,
     bytes: f64,
@@ -52,13 +52,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_has_memory_and_one_that_is_not_there_has_none() {
+    fn a_running_process_has_memory_and_a_missing_one_has_none() {
         assert!(resident(std::process::id()).is_some_and(|bytes| bytes > 1 << 20));
         assert_eq!(resident(u32::MAX), None);
     }
 
     #[test]
-    fn two_workers_of_a_kind_add_up() {
+    fn the_memory_of_workers_of_a_kind_is_summed() {
         let recorder = metrics_exporter_prometheus::PrometheusBuilder::new().build_recorder();
         let shown = |bytes: &str| {
             let page = recorder.handle().render();

@@ -1,4 +1,4 @@
-//! The metrics: their names, what they mean, and the one recorder. `/metrics` shows them.
+//! The metrics: names, descriptions, and the recorder behind `/metrics`.
 
 use std::{sync::OnceLock, time::Duration};
 
@@ -15,13 +15,13 @@ use crate::{
 const SECONDS: [f64; 14] = [0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0, 60.0, 600.0];
 /// Upper bounds of the histogram of batches, in observations.
 const BATCHES: [f64; 7] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0];
-/// What sessions' latencies are summed up to, over the last minute.
+/// Quantiles of sessions' latencies over the last minute.
 const PERCENTILES: [f64; 4] = [0.5, 0.9, 0.99, 0.999];
 
-/// The recorder of this process, made at the first call.
+/// The recorder of this process, installed at the first call.
 ///
 /// # Errors
-/// Internal when another recorder is there already.
+/// Internal when another recorder is installed already.
 pub(crate) fn recorder() -> Result<PrometheusHandle> {
     static HANDLE: OnceLock<std::result::Result<PrometheusHandle, String>> = OnceLock::new();
     let made = HANDLE.get_or_init(|| install().map_err(|error| error.to_string()));
@@ -40,45 +40,45 @@ fn install() -> std::result::Result<PrometheusHandle, BuildError> {
 
 fn describe() {
     describe_histogram!("gleaner_rpc_seconds", Unit::Seconds, "Calls, by method and code, from first byte to last");
-    describe_counter!("gleaner_upload_bytes_total", Unit::Bytes, "Bytes of recordings that came in by uploads");
-    describe_gauge!("gleaner_connections", "Connections that are open");
+    describe_counter!("gleaner_upload_bytes_total", Unit::Bytes, "Bytes of uploaded recordings");
+    describe_gauge!("gleaner_connections", "Open connections");
     describe_counter!("gleaner_connections_refused_total", "Connections refused by a limit");
-    describe_counter!("gleaner_connections_closed_total", "Connections that were closed on a silent or slow peer");
+    describe_counter!("gleaner_connections_closed_total", "Connections closed for a silent or slow peer");
     describe_counter!("gleaner_calls_refused_total", "Calls refused or ended by a limit of their client");
     describe_gauge!("gleaner_jobs", "Jobs by state");
     describe_gauge!("gleaner_queue_age_seconds", Unit::Seconds, "How long the oldest queued job has waited");
     describe_gauge!("gleaner_worker_memory_bytes", Unit::Bytes, "Resident memory of workers, by kind of job");
     describe_histogram!("gleaner_session_seconds", Unit::Seconds, "From an observation to its action, by deployment");
-    describe_histogram!("gleaner_policy_batch_size", "Observations that went through a model together");
-    describe_counter!("gleaner_observations_total", "Observations of sessions, by deployment and what became of them");
+    describe_histogram!("gleaner_policy_batch_size", "Observations in one pass of a model");
+    describe_counter!("gleaner_observations_total", "Observations of sessions, by deployment and outcome");
     describe_gauge!("gleaner_disk_free_bytes", Unit::Bytes, "Free on the data folder's file system");
     describe_gauge!("gleaner_disk_size_bytes", Unit::Bytes, "Size of the data folder's file system");
     describe_gauge!("gleaner_memory_bytes", Unit::Bytes, "Resident memory of the server");
 }
 
-/// A call has ended.
+/// Records the end of a call.
 pub(super) fn rpc(method: &'static str, ended: Code, took: Duration) {
     histogram!("gleaner_rpc_seconds", "method" => method, "code" => code(ended)).record(took.as_secs_f64());
 }
 
-/// Bytes of a recording have come in.
+/// Records received bytes of a recording.
 pub(crate) fn uploaded(bytes: usize) {
     counter!("gleaner_upload_bytes_total").increment(bytes as u64);
 }
 
-/// What one session says, counted under its deployment.
+/// The metrics of one session, labelled with its deployment.
 #[derive(Debug, Clone)]
 pub(crate) struct SessionMetrics {
     deployment: String,
 }
 
 impl SessionMetrics {
-    /// Of a session of a deployment that exists.
+    /// For a session of an existing deployment.
     pub(crate) fn new(deployment: String) -> Self {
         Self { deployment }
     }
 
-    /// Counts what the robot is told.
+    /// Counts an output to the robot.
     pub(crate) fn say(&self, output: &SessionOutput) {
         match output {
             SessionOutput::Action { acted, dropped, .. } => {
@@ -105,7 +105,7 @@ impl SessionMetrics {
     }
 }
 
-/// A code's name, as gRPC has it.
+/// The name of a code in gRPC.
 pub(super) fn code(code: Code) -> &'static str {
     match code {
         Code::Ok => "OK",

@@ -1,4 +1,4 @@
-//! What the server tells of itself: logs, metrics and traces. Knows no room's inside; any room may call it.
+//! Logs, metrics and traces of the server. Must not know other rooms; any room may call it.
 
 pub(crate) mod memory;
 pub(crate) mod metrics;
@@ -14,19 +14,19 @@ use tracing_subscriber::{EnvFilter, Layer as _, layer::SubscriberExt as _, util:
 pub(crate) use self::rpc::RpcLayer;
 pub use self::traces::Traces;
 
-/// What to say, and to whom.
+/// The outputs of telemetry.
 #[derive(Debug, Clone, Copy)]
 pub struct Telling<'a> {
     /// What to log, as a tracing filter.
     pub filter: &'a str,
     /// Log as JSON lines.
     pub json: bool,
-    /// Where to send traces; `None`: nowhere.
+    /// The address of the trace collector; `None`: traces are not sent.
     pub otlp_endpoint: Option<&'a str>,
 }
 
 /// Sends logs to standard error, as text or JSON lines, and traces to a collector if one is named. With a collector,
-/// call it within the runtime that is to send them, and keep what it gives until all is said.
+/// call it within the runtime that sends them, and keep the returned value until the end.
 ///
 /// # Errors
 /// A sentence when the filter or the endpoint cannot be used, or logging was set up before.
@@ -34,11 +34,11 @@ pub fn start(telling: Telling<'_>) -> Result<Traces, String> {
     let Telling { filter, json, otlp_endpoint } = telling;
     let filter = EnvFilter::try_new(filter).map_err(|error| format!("--log {filter:?}: {error}"))?;
     let terminal = std::io::stderr().is_terminal();
-    // Events carry names and messages of callers, recordings and libraries. Each event is one write, and one line.
+    // Events contain names and messages from callers, recordings and libraries. Each event is one write, and one line.
     let escape = if json { Escape::Json } else { Escape::Field };
     let writer = move || EscapingWriter::new(std::io::stderr(), escape).with_colours(terminal);
     let logs = tracing_subscriber::fmt::layer().with_writer(writer);
-    // Colours are for people, and for those only who want them (NO_COLOR).
+    // Colours for terminals only, and not with NO_COLOR.
     let logs = if terminal { logs } else { logs.with_ansi(false) };
     let logs = if json { logs.json().boxed() } else { logs.boxed() };
     let (traces, layer) = Traces::to(otlp_endpoint)?;

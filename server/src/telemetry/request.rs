@@ -1,15 +1,15 @@
-//! The id of the call that is being served: in its span, in what is logged of it, and in every error its caller gets.
+//! The id of the call being served: in its span, its log events, and every error sent to its caller.
 
 use ulid::Ulid;
 
-/// The metadata that says it to the caller of a call that failed.
+/// The metadata key of the id in a failed call's response.
 pub(crate) const HEADER: &str = "request-id";
 
 tokio::task_local! {
     static CURRENT: Ulid;
 }
 
-/// The id of the call that this code runs for; a new one where none does.
+/// The id of the call that this code runs for; a new one outside of calls.
 pub(crate) fn id() -> Ulid {
     CURRENT.try_with(|id| *id).unwrap_or_else(|_| Ulid::generate())
 }

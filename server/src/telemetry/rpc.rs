@@ -1,4 +1,4 @@
-//! The layer around every call, outermost: its span, its id, how long it took and how it ended.
+//! The outermost layer around every call: span, id, duration and status.
 
 use std::{
     pin::Pin,
@@ -18,7 +18,7 @@ use super::{metrics, request};
 /// The name of an rpc of this server by its path.
 type Name = fn(&str) -> Option<&'static str>;
 
-/// What everything else is counted under, so that nobody can make up names without end.
+/// The label of all other paths, so that callers cannot create labels without end.
 const UNKNOWN: &str = "unknown";
 
 /// Wraps the services; see [`RpcService`].
@@ -68,7 +68,7 @@ struct Call {
     span: Span,
     method: &'static str,
     begun: Instant,
-    /// How it ended, once that is known.
+    /// Its final status, once known.
     code: Option<Code>,
 }
 
@@ -83,7 +83,7 @@ impl Call {
         self.span.in_scope(|| request::within(self.id, work))
     }
 
-    /// Reads how the call ended, and tells the caller of one that failed its id.
+    /// Reads the final status, and adds the id to the response of a failed call.
     fn ends(&mut self, metadata: &mut HeaderMap) {
         let Some(status) = metadata.get(Status::GRPC_STATUS) else { return };
         let code = Code::from_bytes(status.as_bytes());
@@ -98,16 +98,16 @@ impl Call {
 
 impl Drop for Call {
     fn drop(&mut self) {
-        // Without a word how it ended: the caller has gone, or broke it off.
+        // Dropped without a status: the caller is gone or cancelled the call.
         let code = self.code.unwrap_or(Code::Cancelled);
         self.span.record("rpc.code", metrics::code(code));
         metrics::rpc(self.method, code, self.begun.elapsed());
     }
 }
 
-/// An answer on its way.
+/// The pending response.
 struct Within<F> {
-    /// Until the answer has it.
+    /// Taken by the response's body.
     call: Option<Call>,
     answer: Pin<Box<F>>,
 }
@@ -132,10 +132,10 @@ where
     }
 }
 
-/// An answer's body, polled for its call.
+/// The body of a response, polled within the call's span.
 pub(crate) struct Told<O> {
     body: O,
-    /// Until the answer has ended.
+    /// `None` once the body has ended.
     call: Option<Call>,
 }
 
@@ -153,7 +153,7 @@ impl<O: Body + Unpin> Body for Told<O> {
             at.ends(trailers);
         }
         if let Poll::Ready(None) = &polled {
-            // It may be kept for a while yet.
+            // The body may be kept after its end.
             *call = None;
         }
         polled

@@ -6,15 +6,15 @@ use opentelemetry_sdk::{Resource, trace::SdkTracerProvider};
 use tracing::{Subscriber, level_filters::LevelFilter};
 use tracing_subscriber::{Layer, filter::Targets, registry::LookupSpan};
 
-/// Whose spans are sent. Those of the transport would be sent by it, and make more of themselves.
+/// The targets whose spans are sent. The transport's own spans would create more of themselves.
 const OURS: &str = "gleaner_server";
 
-/// The way to a collector, if there is one.
+/// The exporter, if there is one.
 #[derive(Debug)]
 pub struct Traces(Option<SdkTracerProvider>);
 
 impl Traces {
-    /// The way to `endpoint` and the layer that sends spans there.
+    /// The exporter to `endpoint` and the layer that feeds it.
     pub(super) fn to<S>(endpoint: Option<&str>) -> Result<(Self, Option<impl Layer<S>>), String>
     where
         S: Subscriber + for<'span> LookupSpan<'span>,
@@ -35,7 +35,7 @@ impl Traces {
         Ok((Self(Some(provider)), Some(layer)))
     }
 
-    /// Sends what has not been sent yet, for as long as the collector lets it.
+    /// Sends the remaining spans, for as long as the collector accepts them.
     pub fn finish(self) {
         if let Some(provider) = self.0
             && let Err(error) = provider.shutdown()

@@ -1,4 +1,5 @@
-//! Styles and scripts, part of the program. Each one's address has its digest, so that browsers keep it for good.
+//! Styles and scripts, embedded in the program. Their addresses contain their digests, so that browsers cache them for
+//! good.
 
 use std::{collections::HashMap, sync::LazyLock};
 
@@ -31,7 +32,7 @@ const ASSETS: &[(&str, &str, &str)] = &[
 static BY_ADDRESS: LazyLock<HashMap<String, (&str, &str)>> = LazyLock::new(|| {
     ASSETS.iter().map(|(name, kind, content)| (addressed(name, content), (*kind, *content))).collect()
 });
-/// Where each is, by its name.
+/// Addresses by name.
 static PATHS: LazyLock<HashMap<&str, String>> = LazyLock::new(|| {
     ASSETS.iter().map(|(name, _, content)| (*name, format!("/assets/{}", addressed(name, content)))).collect()
 });
@@ -41,7 +42,7 @@ fn addressed(name: &str, content: &str) -> String {
     format!("{}-{name}", digest.get(..12).unwrap_or_default())
 }
 
-/// Where a style or script is.
+/// The address of a style or script.
 pub(super) fn path(name: &str) -> &'static str {
     PATHS.get(name).map_or("/assets/missing", String::as_str)
 }
@@ -56,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_asset_is_where_its_path_says_and_reaches_for_nothing_outside() {
+    fn every_asset_has_its_address_and_loads_no_foreign_resource() {
         for (name, _, content) in ASSETS {
             let address = path(name).strip_prefix("/assets/");
             assert_eq!(address.and_then(|address| BY_ADDRESS.get(address)).map(|found| found.1), Some(*content));
@@ -65,7 +66,7 @@ mod tests {
         }
     }
 
-    /// Of a colour `#rrggbb` as WCAG has it.
+    /// The luminance of a colour `#rrggbb` as defined by WCAG.
     fn luminance(colour: &str) -> f64 {
         let part = |at: usize| {
             let value = f64::from(u8::from_str_radix(&colour[at..at + 2], 16).unwrap()) / 255.0;
@@ -74,9 +75,9 @@ mod tests {
         0.2126 * part(1) + 0.7152 * part(3) + 0.0722 * part(5)
     }
 
-    /// Text needs 4.5 to 1, lines and what has the focus 3 to 1.
+    /// Text needs a contrast of 4.5 to 1, lines and focus marks 3 to 1.
     #[test]
-    fn colours_can_be_told_apart_by_light_and_by_dark() {
+    fn colours_have_enough_contrast_in_light_and_dark() {
         let text = [
             ("ink", ["ground", "surface", "raised", "shade"].as_slice()),
             ("soft", &["ground", "surface", "raised"]),

@@ -1,7 +1,7 @@
-//! Browsers: a cookie names one, what only its own pages know proves that a request comes from them, and whose token it
-//! showed is kept in memory.
+//! Browser sessions: a cookie identifies a browser, a proof known only to its own pages shows that a request comes from
+//! them, and the token it signed in with is kept in memory.
 //!
-//! The cookie is no token: it is worth nothing after its end, a sign-out or a restart of the server.
+//! The cookie is not a token: it is worthless after its expiry, a sign-out or a restart of the server.
 
 use std::{
     collections::HashMap,
@@ -12,9 +12,9 @@ use std::{
 use axum::http::{HeaderMap, HeaderValue, header::COOKIE};
 use rand::RngExt as _;
 
-/// How long after it was last seen a browser is forgotten.
+/// Inactivity after which a browser is signed out.
 const FORGOTTEN_AFTER: Duration = Duration::from_secs(12 * 3600);
-/// Browsers that are signed in at once; beyond, the one that was silent longest must sign in again.
+/// The most browsers signed in; beyond, the one inactive for longest is signed out.
 const MOST: usize = 4096;
 
 /// A browser, by the random text in its cookie.
@@ -22,18 +22,18 @@ const MOST: usize = 4096;
 pub(super) struct Browser(String);
 
 impl Browser {
-    /// One that was never here.
+    /// A new browser.
     pub(super) fn new() -> Self {
         let random: [u8; 32] = rand::rng().random();
         Self(blake3::Hash::from_bytes(random).to_hex().to_string())
     }
 
-    /// The name of the cookie of pages on this port: cookies know no ports, and one machine may have several servers.
+    /// The name of the cookie for pages on this port: cookies ignore ports, and one machine may run several servers.
     pub(super) fn cookie_name(port: u16) -> String {
         format!("gleaner-{port}")
     }
 
-    /// The one that a request says it comes from, in the cookie of this name.
+    /// The browser named by the cookie of a request.
     pub(super) fn of(headers: &HeaderMap, name: &str) -> Option<Self> {
         let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
         let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
@@ -42,8 +42,8 @@ impl Browser {
         ours.then(|| Self(text.to_owned()))
     }
 
-    /// The header that has the browser remember who it is. It comes along where a link from elsewhere leads here, so that a
-    /// page can be sent to a colleague; what changes something needs a proof beside it.
+    /// The header that sets the cookie. The cookie is also sent when a link on another site leads here, so that a page
+    /// can be shared with a colleague; changes need a proof as well.
     pub(super) fn cookie(&self, name: &str, encrypted: bool) -> HeaderValue {
         let secure = if encrypted { "; Secure" } else { "" };
         let cookie = format!("{name}={}; Path=/; HttpOnly; SameSite=Lax{secure}", self.0);
@@ -52,7 +52,8 @@ impl Browser {
         cookie
     }
 
-    /// What a request that changes something must bring: other sites can make a browser ask, but cannot read this.
+    /// The proof that a changing request must carry: other sites can make a browser send a request, but cannot read
+    /// this.
     pub(super) fn proof(&self) -> String {
         let key =
             blake3::derive_key("gleaner 2026-11 pages: proof that a request comes from a page", self.0.as_bytes());
@@ -60,7 +61,7 @@ impl Browser {
     }
 }
 
-/// The browsers that showed a token.
+/// The browsers that are signed in.
 #[derive(Default)]
 pub(super) struct SignedIn(Mutex<HashMap<Browser, Visitor>>);
 
@@ -70,7 +71,7 @@ struct Visitor {
 }
 
 impl SignedIn {
-    /// The hash of the token that a browser showed.
+    /// The hash of a browser's token.
     pub(super) fn token_of(&self, browser: &Browser) -> Option<String> {
         let mut visitors = self.visitors();
         let visitor = visitors.get_mut(browser)?;
@@ -82,7 +83,7 @@ impl SignedIn {
         Some(visitor.token_hash.clone())
     }
 
-    /// Lets a browser in with a token. It gets a new name: one that somebody else has put there is worth nothing.
+    /// Signs a browser in with a token. It gets a new name, so that a planted cookie is worthless.
     pub(super) fn sign_in(&self, token_hash: String) -> Browser {
         let browser = Browser::new();
         let mut visitors = self.visitors();
@@ -94,7 +95,7 @@ impl SignedIn {
         browser
     }
 
-    /// Forgets a browser.
+    /// Signs a browser out.
     pub(super) fn sign_out(&self, browser: &Browser) {
         self.visitors().remove(browser);
     }
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn proofs_differ_and_tell_nothing_of_the_cookie() {
+    fn proofs_differ_and_do_not_reveal_the_cookie() {
         let (one, other) = (Browser::new(), Browser::new());
         assert_eq!(one.proof(), one.clone().proof());
         assert_ne!(one.proof(), other.proof());
@@ -148,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn there_are_so_many_at_most_and_the_oldest_goes() {
+    fn the_number_of_browsers_is_limited_and_the_oldest_is_signed_out() {
         let signed_in = SignedIn::default();
         let first = signed_in.sign_in("first".to_owned());
         for _ in 0..MOST {

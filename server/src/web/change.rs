@@ -1,5 +1,5 @@
-//! Changes: who sends a form is led on to a page, a program that sends JSON is told in JSON; the audit log hears what it
-//! was about, also when it was refused.
+//! Responses to changes: a form is redirected to a page, a JSON request gets JSON. The audit log records the subjects,
+//! of refused changes too.
 
 use axum::{
     Json,
@@ -13,23 +13,23 @@ use serde_json::Value;
 
 use super::{middleware::Subjects, refusal::Answer};
 
-/// Most characters of a value in the audit log.
+/// The most characters of a value in the audit log.
 const LONGEST: usize = 160;
 
-/// Whether a program has sent this.
+/// Whether the request comes from a program.
 pub(super) fn is_json(headers: &HeaderMap) -> bool {
     headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/json"))
 }
 
-/// The answer to a change that was made: on to `page`, or what is to be `told`.
-pub(super) fn done(json: bool, page: &str, told: Value) -> Response {
+/// The response to a change: a redirect to `page`, or the JSON.
+pub(super) fn done(json: bool, page: &str, answer: Value) -> Response {
     if json {
-        return Json(told).into_response();
+        return Json(answer).into_response();
     }
     (StatusCode::SEE_OTHER, [(LOCATION, page)]).into_response()
 }
 
-/// An answer, also one that refuses, with what it was about: fields and values as they were sent.
+/// A response, or an error, with its subjects: fields and values as sent.
 pub(super) fn about<'a>(subjects: impl IntoIterator<Item = (&'a str, &'a str)>, answer: Answer) -> Response {
     let mut response = answer.into_response();
     let subjects = subjects.into_iter().map(|(field, value)| subject(field, value)).collect();
@@ -37,7 +37,7 @@ pub(super) fn about<'a>(subjects: impl IntoIterator<Item = (&'a str, &'a str)>, 
     response
 }
 
-/// `field=value`, written so that it can be shown: control characters would reach a terminal.
+/// `field=value`, escaped for display: control characters would reach a terminal.
 fn subject(field: &str, value: &str) -> String {
     format!("{field}={}", value.escape_debug().take(LONGEST).collect::<String>())
 }
@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_sent_is_kept_short_and_harmless() {
+    fn subjects_are_shortened_and_escaped() {
         let refused = Err(crate::error::Error::invalid("id", "must be an id").into());
         let long = "\u{1b}[2J\n".repeat(1000);
         let response = about([("job_id", long.as_str()), ("task", "reach")], refused);

@@ -1,8 +1,8 @@
-//! Text in answers made safe to show: whatever a page repeats from recordings and callers, no control or bidirectional
-//! character of it reaches a browser or a terminal raw.
+//! Escaping of text in responses: control and bidirectional characters from recordings and callers never reach a
+//! browser or a terminal raw.
 //!
-//! It is done once, on the finished answer, so that no page can forget it. Readers see escapes; programs that read JSON,
-//! and values that a form or a script sends back, keep the text as it is.
+//! It is applied once, to the finished response, so that no page can omit it. Readers see escapes; JSON, and values
+//! that a form or a script sends back, keep the text unchanged.
 
 use std::fmt::Write as _;
 
@@ -15,10 +15,10 @@ use gleaner_recording::printable::{Escape, is_printable};
 
 use crate::error::{Error, Result};
 
-/// The answer with its text escaped; pictures, recordings and our own scripts pass as they are.
+/// The response with escaped text; images, recordings and our own scripts pass unchanged.
 ///
 /// # Errors
-/// Internal when the answer breaks off.
+/// Internal when the body fails.
 pub(super) async fn answer(response: Response) -> Result<Response> {
     let kind = response.headers().get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok()).unwrap_or_default();
     let kind = kind.split(';').next().unwrap_or_default();
@@ -43,13 +43,13 @@ fn kept(character: char) -> bool {
     is_printable(character) || matches!(character, '\n' | '\t')
 }
 
-/// Where in a page's markup a character is. The markup is our own templates': quotes and angle brackets of text are
-/// escaped, so that these characters only ever are markup.
+/// The context of a character in a page's markup. The markup is our own templates': quotes and angle brackets in text
+/// are escaped, so that these characters are always markup.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Place {
+enum Context {
     Text,
     Tag,
-    /// An attribute that is shown, such as a title.
+    /// A displayed attribute, such as a title.
     Shown,
     /// An attribute that is sent back or followed, such as a value or an address.
     Kept,
@@ -59,50 +59,50 @@ enum Place {
 
 fn html(markup: &str) -> String {
     let mut out = String::with_capacity(markup.len() + 16);
-    let (mut place, mut tag) = (Place::Text, 0);
+    let (mut context, mut tag) = (Context::Text, 0);
     for (at, character) in markup.char_indices() {
         if !kept(character) {
-            write(character, place, &mut out);
+            write(character, context, &mut out);
             continue;
         }
         out.push(character);
-        place = match (place, character) {
-            (Place::Text, '<') => {
+        context = match (context, character) {
+            (Context::Text, '<') => {
                 tag = at;
-                Place::Tag
+                Context::Tag
             }
-            (Place::Script, '<') if markup[at..].starts_with("</script") => {
+            (Context::Script, '<') if markup[at..].starts_with("</script") => {
                 tag = at;
-                Place::Tag
+                Context::Tag
             }
-            (Place::Tag, '>') if markup[tag..].starts_with("<script") => Place::Script,
-            (Place::Tag, '>') => Place::Text,
-            (Place::Tag, '"') => attribute(&markup[tag..at]),
-            (Place::Shown | Place::Kept, '"') => Place::Tag,
-            (place, _) => place,
+            (Context::Tag, '>') if markup[tag..].starts_with("<script") => Context::Script,
+            (Context::Tag, '>') => Context::Text,
+            (Context::Tag, '"') => attribute(&markup[tag..at]),
+            (Context::Shown | Context::Kept, '"') => Context::Tag,
+            (context, _) => context,
         };
     }
     out
 }
 
-/// What the attribute is that a tag so far ends with.
-fn attribute(tag: &str) -> Place {
+/// The context of the attribute at the end of an open tag.
+fn attribute(tag: &str) -> Context {
     let name = tag.trim_end_matches('=').rsplit(' ').next().unwrap_or_default();
     if matches!(name, "title" | "alt" | "placeholder" | "label") || name.starts_with("aria-") {
-        Place::Shown
+        Context::Shown
     } else {
-        Place::Kept
+        Context::Kept
     }
 }
 
-fn write(character: char, place: Place, out: &mut String) {
+fn write(character: char, context: Context, out: &mut String) {
     let mut buffer = [0; 4];
     let text: &str = character.encode_utf8(&mut buffer);
-    match place {
-        Place::Text | Place::Shown => out.push_str(&Escape::Field.apply(text)),
-        Place::Script => out.push_str(&Escape::Json.apply(text)),
+    match context {
+        Context::Text | Context::Shown => out.push_str(&Escape::Field.apply(text)),
+        Context::Script => out.push_str(&Escape::Json.apply(text)),
         // Writing to a string cannot fail.
-        Place::Tag | Place::Kept => {
+        Context::Tag | Context::Kept => {
             let _ = write!(out, "&#x{:x};", u32::from(character));
         }
     }
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn text_and_titles_of_a_page_show_escapes_and_values_stay_what_they_are() {
+    async fn text_and_titles_show_escapes_and_values_are_unchanged() {
         let page = html! {
             p title=(HOSTILE) aria-label=(HOSTILE) { (HOSTILE) " a > b" }
             input value=(HOSTILE) data-cohort=(HOSTILE);

@@ -1,4 +1,4 @@
-//! Single steps of a recording as pictures.
+//! Single steps of a recording as images.
 
 use axum::{
     extract::Path,
@@ -8,37 +8,37 @@ use axum::{
 use serde::Deserialize;
 
 use super::{
+    page_request::{PageRequest, escaped},
     refusal::Answer,
-    visit::{Visit, escaped},
 };
 use crate::{curation::View, domain::id::EpisodeId, error::Error};
 
-/// Pixels of a thumbnail: twice what it is shown at.
+/// Pixels of a thumbnail: twice its displayed size.
 pub(super) const THUMBNAIL: u32 = 160;
 
 #[derive(Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     depth: bool,
     size: Option<u32>,
 }
 
-/// Where a step's picture is, at most so many pixels wide and high.
+/// The address of a step's image, scaled down to this width and height.
 pub(super) fn at(episode: &EpisodeId, camera: &str, step: u64, size: u32) -> String {
     format!("{}{step}?size={size}", before_step(episode, camera))
 }
 
-/// The address of a camera's pictures up to the step.
+/// The address of a camera's images, up to the step.
 pub(super) fn before_step(episode: &EpisodeId, camera: &str) -> String {
     format!("/episodes/{episode}/frames/{}/", escaped(camera))
 }
 
-/// A recording never changes, and so its pictures do not.
-pub(super) async fn show(visit: Visit, Path((id, camera, step)): Path<(String, String, String)>) -> Answer {
-    let Asked { depth, size } = visit.asked()?;
+/// Recordings are immutable, and so are their images.
+pub(super) async fn show(request: PageRequest, Path((id, camera, step)): Path<(String, String, String)>) -> Answer {
+    let Parameters { depth, size } = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
     let step = step.parse().map_err(|_| Error::invalid("step", "must be a whole number, counted from 0"))?;
-    let jpeg = visit.rooms().curation.frame(&id, View { step, camera, depth, size }).await?;
+    let jpeg = request.services().curation.frame(&id, View { step, camera, depth, size }).await?;
     let headers = [(CONTENT_TYPE, "image/jpeg"), (CACHE_CONTROL, "private, max-age=31536000, immutable")];
     Ok((headers, jpeg).into_response())
 }
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_cannot_lead_elsewhere() {
+    fn a_camera_name_is_escaped_in_the_address() {
         let id = EpisodeId::parse("id", "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV").unwrap();
         assert_eq!(
             at(&id, "../a b?c", 7, 160),

@@ -1,5 +1,5 @@
-//! The pages' listener: connections with the same limits and encryption as those of calls. Each carries one HTTP/1
-//! request, so that no idle connection holds a permit.
+//! The pages' listener: HTTP/1 over connections with the limits and the encryption of the gRPC listener. Each
+//! connection carries one request, so that no idle connection is left open.
 
 use std::{convert::Infallible, sync::Arc};
 
@@ -14,7 +14,7 @@ use tower::ServiceExt as _;
 
 use crate::connections::Connections;
 
-/// Serves pages until the listener closes.
+/// Serves pages until the listener is closed.
 pub(super) async fn serve(connections: Connections, listener: TcpListener, tls: Option<Arc<Tls>>, pages: Router) {
     let mut incoming = connections.accept(listener, tls, Protocol::Http1);
     while let Some(Ok(connection)) = incoming.next().await {

@@ -1,21 +1,21 @@
-//! What programs ask for: `/metrics` for Prometheus and `/healthz` for whoever keeps the server running.
+//! Endpoints for programs: `/metrics` for Prometheus and `/healthz` for a supervisor.
 
 use axum::{
     http::StatusCode,
     response::{IntoResponse as _, Response},
 };
 
-use super::{refusal::Answer, visit::Visit, vitals};
+use super::{page_request::PageRequest, refusal::Answer, vitals};
 
-pub(super) async fn metrics(visit: Visit) -> Answer {
-    vitals::take(visit.rooms()).await?;
-    Ok(visit.house.metrics.render().into_response())
+pub(super) async fn metrics(request: PageRequest) -> Answer {
+    vitals::take(request.services()).await?;
+    Ok(request.state.metrics.render().into_response())
 }
 
-pub(super) async fn health(visit: Visit) -> Response {
-    if visit.rooms().stopping.is_cancelled() {
+pub(super) async fn health(request: PageRequest) -> Response {
+    if request.services().stopping.is_cancelled() {
         (StatusCode::SERVICE_UNAVAILABLE, "stopping\n").into_response()
-    } else if let Err(error) = visit.rooms().store.verify() {
+    } else if let Err(error) = request.services().store.verify() {
         (StatusCode::SERVICE_UNAVAILABLE, format!("{}\n", error.message())).into_response()
     } else {
         (StatusCode::OK, "serving\n").into_response()

@@ -1,4 +1,4 @@
-//! The middleware of every page: it identifies the caller, checks their role and the origin of the request, and sets the
+//! The middleware of every page: authentication, authorisation, protection against forged requests, and the security
 //! headers of every response.
 
 use std::{sync::Arc, time::Duration};
@@ -21,47 +21,47 @@ use gleaner_edge::{Call, ConnectionState};
 use gleaner_recording::printable;
 
 use super::{
-    House,
+    AppState,
     browser::Browser,
     escape,
-    refusal::{Refusal, Told},
+    page_request::{PageRequest, escaped},
+    refusal::{ErrorText, Refusal},
     shell,
-    visit::{Visit, escaped},
 };
 use crate::{
     access::{Caller, Done, Page, PageGuard, token_hash},
     error::{Error, Kind, Result},
 };
 
-/// Largest body that a page takes: labels of some ten thousand episodes.
+/// The largest body of a page: labels of some ten thousand episodes.
 const BODY_BYTES: usize = 1 << 20;
-/// Largest body of what anybody may send.
+/// The largest body of an unauthenticated request.
 const OPEN_BODY_BYTES: usize = 64 << 10;
-/// How long a page may take to be asked for and made. What it streams afterwards is watched by the connection.
+/// The time limit of a request and its page. Streams after that are watched by the connection.
 const WITHIN: Duration = Duration::from_secs(30);
-/// What a change was about: pages give it with their answer, for the audit log.
+/// The subjects of a change, returned by pages for the audit log.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Subjects(pub(super) Vec<String>);
 
-/// The header in which scripts bring the proof that they are ours.
+/// The header with the proof that a request comes from one of our scripts.
 const PROOF: &str = "x-gleaner-proof";
-/// Nothing of others, nothing inline, and no frame around us.
+/// No foreign resource, no inline script, and no frame around the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
-/// Passes a request on to its page, or rejects it.
+/// Authenticates and authorises a request, then serves its page.
 pub(super) async fn pass(
-    State((house, page)): State<(Arc<House>, Page)>,
+    State((state, page)): State<(Arc<AppState>, Page)>,
     ConnectInfo(connection): ConnectInfo<ConnectionState>,
     request: Request,
     next: Next,
 ) -> Response {
     connection.note_call();
-    let come = Browser::of(request.headers(), &house.cookie);
+    let come = Browser::of(request.headers(), &state.cookie);
     let browser = come.clone().unwrap_or_else(Browser::new);
     let wants_data = wants_data(&request);
     let uri = request.uri().clone();
-    let served = tokio::time::timeout(WITHIN, serve(&house, page, &connection, &browser, (request, next))).await;
+    let served = tokio::time::timeout(WITHIN, serve(&state, page, &connection, &browser, (request, next))).await;
     let mut response = match served {
         Ok(Ok(response)) => response,
         Ok(Err(error)) if error.kind() == Kind::Unauthenticated && page.method() == "GET" && !wants_data => {
@@ -70,54 +70,58 @@ pub(super) async fn pass(
         }
         Ok(Err(error)) => Refusal(error).into_response(),
         Err(_) => {
-            Refusal(Error::late("this took too long; look whether it was done before you try again")).into_response()
+            Refusal(Error::late("the request timed out; check whether it took effect before you retry")).into_response()
         }
     };
-    if let Some(told) = response.extensions_mut().remove::<Told>() {
-        response = tell(response.status(), &told, wants_data);
+    if let Some(text) = response.extensions_mut().remove::<ErrorText>() {
+        response = error_response(response.status(), &text, wants_data);
     } else if response.status().is_client_error() && says_text(response.headers()) {
-        // What could not even be given to a page, such as a form that is none.
+        // Errors of axum itself, such as a malformed form.
         let status = response.status();
-        let said = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
-        response = tell(status, &Told(String::from_utf8_lossy(&said).into_owned()), wants_data);
+        let body = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
+        response = error_response(status, &ErrorText(String::from_utf8_lossy(&body).into_owned()), wants_data);
     }
-    // A client that only fetches pictures or data needs no cookie.
+    // Requests for images and data need no cookie.
     let remembered = (come.is_none() && !wants_data && page != Page::Asset).then_some(browser);
-    finish(&house, &mut response, remembered);
+    finish(&state, &mut response, remembered);
     response
 }
 
 async fn serve(
-    house: &Arc<House>,
+    state: &Arc<AppState>,
     page: Page,
     connection: &ConnectionState,
     browser: &Browser,
     (request, next): (Request, Next),
 ) -> Result<Response> {
-    house.expects(request.headers())?;
+    state.expects(request.headers())?;
     let bearer = bearer(request.headers());
-    let (call, caller) = identify(house, page, connection, (browser, bearer.as_deref())).await?;
+    let (call, caller) = identify(state, page, connection, (browser, bearer.as_deref())).await?;
     let changes = PageGuard::changes(page);
     if let Err(error) = PageGuard::permit(&caller, page) {
-        if changes && house.guard.tells_of_refusal(&caller) {
-            note(house, page, connection, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
+        if changes && state.guard.tells_of_refusal(&caller) {
+            note(state, page, connection, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
         }
         return Err(error);
     }
-    let visit =
-        Visit { house: Arc::clone(house), caller: caller.clone(), proof: browser.proof(), uri: request.uri().clone() };
+    let page_request = PageRequest {
+        state: Arc::clone(state),
+        caller: caller.clone(),
+        proof: browser.proof(),
+        uri: request.uri().clone(),
+    };
     let mut request = request;
     if page.method() == "POST" {
         let most = if PageGuard::is_open(page) { OPEN_BODY_BYTES } else { BODY_BYTES };
-        // A request with a token in its header does not come from a browser that another site has sent.
-        request = whole(request, most, bearer.is_none().then_some(visit.proof.as_str())).await?;
+        // A request with a token in a header does not come from a browser on another site.
+        request = whole(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
     }
     request.extensions_mut().insert(browser.clone());
-    request.extensions_mut().insert(visit);
-    // Further unary calls of its client wait meanwhile.
+    request.extensions_mut().insert(page_request);
+    // Further requests of this client wait meanwhile.
     let turn = call.turn().await;
     let response = if changes {
-        made(house, page, connection, &caller, next.run(request)).await?
+        made(state, page, connection, &caller, next.run(request)).await?
     } else {
         next.run(request).await
     };
@@ -126,30 +130,30 @@ async fn serve(
     let over = if page == Page::EpisodeRecording { caller.over() } else { None };
     Ok(response.map(|body| {
         let body = match over {
-            // What is downloaded ends with the token it was asked for with.
+            // A download ends when its token expires or is revoked.
             Some(over) => Body::from_stream(body.into_data_stream().take_until(over)),
             None => body,
         };
-        Body::new(house.guard.watched(body, connection, call))
+        Body::new(state.guard.watched(body, connection, call))
     }))
 }
 
-/// Counts a request and identifies its caller: by the token in its header, or by the one that its browser once showed.
+/// Counts a request and authenticates it: by the token in its header, or by the one its browser signed in with.
 ///
 /// # Errors
-/// Exhausted; Unauthenticated, but for pages that anybody may have.
+/// Exhausted; Unauthenticated, except for public pages.
 async fn identify(
-    house: &House,
+    state: &AppState,
     page: Page,
     connection: &ConnectionState,
     (browser, bearer): (&Browser, Option<&str>),
 ) -> Result<(Call, Caller)> {
-    let remembered = if bearer.is_none() { house.signed_in.token_of(browser) } else { None };
-    let (call, mut caller) = house.guard.admit(bearer.or(remembered.as_deref()), connection).await?;
+    let remembered = if bearer.is_none() { state.signed_in.token_of(browser) } else { None };
+    let (call, mut caller) = state.guard.admit(bearer.or(remembered.as_deref()), connection).await?;
     if caller.is_err() && remembered.is_some() {
-        // What it showed is good no more: it is as if it had never been here.
-        house.signed_in.sign_out(browser);
-        caller = house.guard.nobody().await;
+        // The browser's token is no longer valid: the browser is signed out.
+        state.signed_in.sign_out(browser);
+        caller = state.guard.nobody().await;
     }
     match caller {
         Err(_) if PageGuard::is_open(page) => Ok((call, Caller::Anyone)),
@@ -157,15 +161,15 @@ async fn identify(
     }
 }
 
-/// Makes a change and writes it down, to the end, even if whoever asked for it goes away.
+/// Makes a change to the end and records it, even if its caller is gone.
 async fn made(
-    house: &Arc<House>,
+    state: &Arc<AppState>,
     page: Page,
     connection: &ConnectionState,
     caller: &Caller,
     making: impl Future<Output = Response> + Send + 'static,
 ) -> Result<Response> {
-    let (house, connection, caller) = (Arc::clone(house), connection.clone(), caller.clone());
+    let (state, connection, caller) = (Arc::clone(state), connection.clone(), caller.clone());
     let making = tokio::spawn(async move {
         let mut response = making.await;
         let subjects = response.extensions_mut().remove::<Subjects>().unwrap_or_default().0;
@@ -174,43 +178,41 @@ async fn made(
         } else {
             response.status().canonical_reason().unwrap_or("refused").to_owned()
         };
-        note(&house, page, &connection, &caller, (subjects, outcome)).await;
+        note(&state, page, &connection, &caller, (subjects, outcome)).await;
         response
     });
     making.await.map_err(|error| Error::internal("making a change", error))
 }
 
 async fn note(
-    house: &House,
+    state: &AppState,
     page: Page,
     connection: &ConnectionState,
     caller: &Caller,
     (subjects, outcome): (Vec<String>, String),
 ) {
-    house.guard.note(caller, connection, Done { page, subjects, outcome }).await;
+    state.guard.note(caller, connection, Done { page, subjects, outcome }).await;
 }
 
-/// A request with its whole body; where a proof is asked for, only if it comes from a page of ours: from a script in a
+/// Reads the whole body; if a proof is required, checks that the request comes from our own page: from a script in a
 /// header, from a form in a field.
 ///
 /// # Errors
-/// Forbidden; Invalid when its body is too large or does not come.
+/// Forbidden; Invalid when the body is too large or incomplete.
 async fn whole(request: Request, most: usize, proof: Option<&str>) -> Result<Request> {
     let (parts, body) = request.into_parts();
     let body = axum::body::to_bytes(body, most).await.map_err(|_| {
-        Error::invalid("body", format!("must come whole, with at most {most} bytes; send fewer at a time"))
+        Error::invalid("body", format!("is incomplete or larger than {most} bytes; send fewer items at a time"))
     })?;
     if let Some(proof) = proof
         && brought(&parts.headers, &body) != Some(proof)
     {
-        return Err(Error::forbidden(
-            "this did not come from a page of this server that is still good; load the page again",
-        ));
+        return Err(Error::forbidden("the request's proof is missing or expired; reload the page and retry"));
     }
     Ok(Request::from_parts(parts, Body::from(body)))
 }
 
-/// The proof that a request brings.
+/// The proof in a request.
 fn brought<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
     let in_header = headers.get(PROOF).and_then(|value| value.to_str().ok());
     let form = headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
@@ -231,45 +233,45 @@ fn says_text(headers: &HeaderMap) -> bool {
     headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"text/plain"))
 }
 
-/// Whether a program reads the answer rather than a person.
+/// Whether a program rather than a person reads the response.
 fn wants_data(request: &Request) -> bool {
     let query = request.uri().query().unwrap_or_default();
     let accepts = request.headers().get("accept").and_then(|value| value.to_str().ok()).unwrap_or_default();
     query.split('&').any(|pair| pair.starts_with("format=")) || !accepts.contains("text/html")
 }
 
-fn tell(status: StatusCode, told: &Told, data: bool) -> Response {
-    let told = printable::field(&told.0);
+fn error_response(status: StatusCode, text: &ErrorText, data: bool) -> Response {
+    let message = printable::field(&text.0);
     if data {
-        return (status, axum::Json(serde_json::json!({ "error": told }))).into_response();
+        return (status, axum::Json(serde_json::json!({ "error": message }))).into_response();
     }
-    (status, shell::bare(status.canonical_reason().unwrap_or("Refused"), &told)).into_response()
+    (status, shell::bare(status.canonical_reason().unwrap_or("Refused"), &message)).into_response()
 }
 
-/// The answer to a request for what is no page of ours.
-pub(super) async fn nowhere(house: Arc<House>, connection: ConnectionState, request: Request) -> Response {
+/// The response to an unknown address.
+pub(super) async fn nowhere(state: Arc<AppState>, connection: ConnectionState, request: Request) -> Response {
     connection.note_call();
-    let told = Told("There is no such page here. Ids are written as the lists show them.".to_owned());
-    let mut response = tell(StatusCode::NOT_FOUND, &told, wants_data(&request));
-    finish(&house, &mut response, None);
+    let text = ErrorText("There is no such page here. Ids are written as the lists show them.".to_owned());
+    let mut response = error_response(StatusCode::NOT_FOUND, &text, wants_data(&request));
+    finish(&state, &mut response, None);
     response
 }
 
-/// What every answer says to the browser.
-fn finish(house: &House, response: &mut Response, new: Option<Browser>) {
+/// Sets the headers of every response.
+fn finish(state: &AppState, response: &mut Response, new: Option<Browser>) {
     let headers = response.headers_mut();
     headers.insert(CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY));
     headers.insert(X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff"));
     headers.insert(REFERRER_POLICY, HeaderValue::from_static("same-origin"));
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     if let Some(browser) = new {
-        headers.entry(SET_COOKIE).or_insert(browser.cookie(&house.cookie, house.encrypted));
+        headers.entry(SET_COOKIE).or_insert(browser.cookie(&state.cookie, state.encrypted));
     }
 }
 
-impl House {
-    /// Whether a request is for us by name. Without tokens, a foreign name that resolves to this machine would let that
-    /// site read everything.
+impl AppState {
+    /// Checks the host name of a request. Without tokens, a foreign site's name that resolves to this address would let
+    /// that site read every page (DNS rebinding).
     ///
     /// # Errors
     /// Forbidden.
@@ -284,7 +286,7 @@ impl House {
             return Ok(());
         }
         Err(Error::forbidden(format!(
-            "these pages are at localhost and 127.0.0.1, not at {}; have a proxy ask for one of those",
+            "these pages are served at localhost and 127.0.0.1, not at {}; configure the proxy to request one of those",
             name.escape_debug()
         )))
     }

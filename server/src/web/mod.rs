@@ -1,8 +1,9 @@
-//! The curation pages, for people, and what programs ask for, on an address of their own.
+//! The curation pages for people, and the endpoints for monitoring, on an address of their own.
 //!
-//! Another face of the same rooms as `service`, behind the same table of roles. Knows HTTP and HTML; must not know gRPC,
-//! SQL or tensors. No page without a row in the authorisation table, no handler without the middleware.
+//! Uses the same services as the gRPC interface, behind the same table of roles. Knows HTTP and HTML; must not know
+//! gRPC, SQL or tensors. Every page has a row in the authorisation table, and every handler the middleware.
 
+mod artifacts;
 mod assets;
 mod browser;
 mod change;
@@ -14,15 +15,14 @@ mod frames;
 mod http1;
 mod jobs;
 mod machines;
-mod made;
 mod middleware;
 mod overview;
+mod page_request;
 mod paging;
 mod plot;
 mod refusal;
 mod routes;
 mod runs;
-mod say;
 mod settings;
 mod sheet;
 mod shell;
@@ -31,7 +31,7 @@ mod sign_in;
 mod testing;
 #[cfg(test)]
 mod tests;
-mod visit;
+mod text;
 mod vitals;
 
 use std::{sync::Arc, time::Duration};
@@ -47,44 +47,44 @@ use crate::{
     config::ConnectionsConfig,
     connections::connections,
     error::{Error, Result},
-    service::Rooms,
+    service::Services,
     telemetry,
 };
 
-/// Connections at once, and from one address: a browser opens six, each for one request.
+/// Connections in total, and from one address: a browser opens six, each for one request.
 const CONNECTIONS: usize = 512;
 const CONNECTIONS_PER_ADDRESS: usize = 128;
-/// How often what was measured is summed up, so that it does not pile up when nobody looks; and a new score run, so that
-/// who looks first need not wait.
+/// The interval of metrics upkeep, which bounds their memory while they are not read, and of loading a new score run
+/// ahead of its first view.
 const UPKEEP: Duration = Duration::from_secs(5);
 
-/// What every page may look at.
-struct House {
-    rooms: Rooms,
+/// The state shared by all pages.
+struct AppState {
+    services: Services,
     guard: PageGuard,
     signed_in: SignedIn,
     metrics: PrometheusHandle,
-    /// The name of the cookie that browsers come back with.
+    /// The name of the browsers' cookie.
     cookie: String,
-    /// Whether the way to the browser is encrypted.
+    /// Whether the connection to the browser is encrypted.
     encrypted: bool,
-    /// Whether only this machine reaches the pages.
+    /// Whether the pages are reachable from this machine only.
     loopback: bool,
 }
 
-/// Opens the pages, until what this gives is dropped.
+/// Serves the pages until the returned handle is dropped.
 ///
 /// # Errors
 /// Internal when metrics cannot be set up or the address is gone.
 pub(crate) fn open(
-    rooms: Rooms,
+    services: Services,
     listener: TcpListener,
     tls: Option<Arc<Tls>>,
     tokens: TokenCache,
 ) -> Result<AbortOnDropHandle<()>> {
     let metrics = telemetry::metrics::recorder()?;
     let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
-    let (config, loopback) = (&rooms.config, address.ip().is_loopback());
+    let (config, loopback) = (&services.config, address.ip().is_loopback());
     let required = config.access.tokens_required(loopback && config.listen.ip().is_loopback(), config.insecure);
     let connections = connections(&ConnectionsConfig {
         max_connections: CONNECTIONS,
@@ -92,23 +92,24 @@ pub(crate) fn open(
         ..config.connections.clone()
     });
     let (encrypted, cookie) = (tls.is_some(), Browser::cookie_name(address.port()));
-    let guard = PageGuard::new(tokens, rooms.store.clone(), required, connections.clone());
-    let house = Arc::new(House { rooms, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
+    let guard = PageGuard::new(tokens, services.store.clone(), required, connections.clone());
+    let state =
+        Arc::new(AppState { services, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
     Ok(AbortOnDropHandle::new(tokio::spawn(async move {
-        let pages = routes::all(&house);
+        let pages = routes::all(&state);
         tokio::select! {
             () = http1::serve(connections, listener, tls, pages) => {}
-            () = keep_up(&house) => {}
+            () = keep_up(&state) => {}
         }
     })))
 }
 
-/// Does again and again what need not wait until somebody looks.
-async fn keep_up(house: &House) {
+/// Runs the periodic work of the pages.
+async fn keep_up(state: &AppState) {
     loop {
-        house.metrics.run_upkeep();
-        if let Err(error) = house.rooms.curation.warm().await {
-            tracing::warn!(%error, "the newest score run was not summed up ahead");
+        state.metrics.run_upkeep();
+        if let Err(error) = state.services.curation.warm().await {
+            tracing::warn!(%error, "loading the newest score run ahead failed");
         }
         tokio::time::sleep(UPKEEP).await;
     }

@@ -1,4 +1,4 @@
-//! The first page: tasks with their episodes, a page of them at a time, the latest jobs, live sessions, what is left of the disk.
+//! The overview page: tasks with their episodes, the latest jobs, live sessions and free disk space.
 
 use axum::response::IntoResponse as _;
 use maud::{Markup, html};
@@ -6,12 +6,12 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::{
+    page_request::PageRequest,
     paging,
     refusal::Answer,
-    say,
     sheet::{self, Format, Sheet},
     shell::{self, Head, Tab},
-    visit::Visit,
+    text,
     vitals::{self, Disk},
 };
 use crate::{
@@ -21,40 +21,40 @@ use crate::{
         order::JobFilter,
         task::OutcomeCounts,
     },
-    service::Rooms,
+    service::Services,
 };
 
-/// Jobs that are shown.
+/// The number of jobs shown.
 const JOBS: u32 = 8;
 
 /// Tasks on one page.
 const PER_PAGE: usize = 48;
 
-/// After the `?`; a form that leaves a field alone sends it empty.
+/// The query; a form sends an unset field empty.
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct Asked {
+struct Parameters {
     text: String,
     page: String,
     format: Format,
 }
 
-pub(super) async fn show(visit: Visit) -> Answer {
-    let asked: Asked = visit.asked()?;
-    let (text, page) = (asked.text.trim(), paging::asked(&asked.page)?);
-    let rooms = visit.rooms();
-    if asked.format != Format::Html {
-        return Ok(sheet(rooms.store.overview(text, 0, usize::MAX).await?).answer(asked.format)?);
+pub(super) async fn show(request: PageRequest) -> Answer {
+    let parameters: Parameters = request.parameters()?;
+    let (text, page) = (parameters.text.trim(), paging::parse(&parameters.page)?);
+    let services = request.services();
+    if parameters.format != Format::Html {
+        return Ok(sheet(services.store.overview(text, 0, usize::MAX).await?).answer(parameters.format)?);
     }
-    let totals = rooms.store.totals().await?;
-    let found = if text.is_empty() { totals.tasks } else { rooms.store.count_tasks(text).await? };
+    let totals = services.store.totals().await?;
+    let found = if text.is_empty() { totals.tasks } else { services.store.count_tasks(text).await? };
     let pages = paging::within(page, usize::try_from(found).unwrap_or(usize::MAX), PER_PAGE);
-    let tasks = rooms.store.overview(text, (pages.0 - 1) * PER_PAGE, PER_PAGE).await?;
-    let (jobs, _) = rooms.store.jobs(&JobFilter::default(), None, JOBS).await?;
-    let disk = vitals::disk(rooms).await?;
+    let tasks = services.store.overview(text, (pages.0 - 1) * PER_PAGE, PER_PAGE).await?;
+    let (jobs, _) = services.store.jobs(&JobFilter::default(), None, JOBS).await?;
+    let disk = vitals::disk(services).await?;
     let body = html! {
         h1 { "Overview" }
-        (figures(rooms, &totals, &disk))
+        (figures(services, &totals, &disk))
         h2 { "Tasks" }
         @if totals.tasks == 0 {
             p.panel.empty { "No tasks yet. Create one with " code { "gleaner task create task.toml" } ", then "
@@ -62,11 +62,11 @@ pub(super) async fn show(visit: Visit) -> Answer {
         } @else {
             @if pages.1 > 1 || !text.is_empty() { (search(text, found)) }
             @if tasks.is_empty() {
-                p.panel.empty { "No task has this in its name. " a href="/" { "Show all" } }
+                p.panel.empty { "No task name contains this text. " a href="/" { "Show all" } }
             } @else {
                 div.cards { @for task in &tasks { (card(task)) } }
-                (sheet::links(&visit))
-                (paging::links(&visit, "Pages of tasks", pages))
+                (sheet::links(&request))
+                (paging::links(&request, "Pages of tasks", pages))
             }
         }
         h2 { "Latest jobs" }
@@ -82,24 +82,24 @@ pub(super) async fn show(visit: Visit) -> Answer {
         }
     };
     let head = Head { title: "Overview", tab: Tab::Overview, task: None, script: None };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-fn figures(rooms: &Rooms, totals: &Totals, disk: &Disk) -> Markup {
-    let sessions = u64::try_from(rooms.policies.live().len()).unwrap_or(u64::MAX);
+fn figures(services: &Services, totals: &Totals, disk: &Disk) -> Markup {
+    let sessions = u64::try_from(services.policies.live().len()).unwrap_or(u64::MAX);
     html! {
         dl.figures {
-            div { dt { "Tasks" } dd { (say::count(totals.tasks)) } }
-            div { dt { "Episodes" } dd { (say::count(totals.episodes)) } }
-            div { dt { "Recorded" } dd { (say::seconds(totals.hours * 3600.0)) } }
-            div { dt { "Recordings take" } dd { (say::bytes(totals.bytes)) } }
-            div { dt { "Live sessions" } dd { a href="/deployments" { (say::count(sessions)) } } }
-            div { dt { "Disk left" } dd { (say::bytes(disk.free)) " " small { "of " (say::bytes(disk.size)) } } }
+            div { dt { "Tasks" } dd { (text::count(totals.tasks)) } }
+            div { dt { "Episodes" } dd { (text::count(totals.episodes)) } }
+            div { dt { "Recorded" } dd { (text::seconds(totals.hours * 3600.0)) } }
+            div { dt { "Recordings take" } dd { (text::bytes(totals.bytes)) } }
+            div { dt { "Live sessions" } dd { a href="/deployments" { (text::count(sessions)) } } }
+            div { dt { "Disk left" } dd { (text::bytes(disk.free)) " " small { "of " (text::bytes(disk.size)) } } }
         }
     }
 }
 
-/// The form over tasks that fill several pages.
+/// The search form, for tasks on several pages.
 fn search(text: &str, found: u64) -> Markup {
     html! {
         form.filters method="get" action="/" role="search" aria-label="Which tasks" {
@@ -107,7 +107,7 @@ fn search(text: &str, found: u64) -> Markup {
             button.primary type="submit" { "Find" }
             @if !text.is_empty() { a.button href="/" { "Clear" } }
         }
-        p.lead { (say::counted(found, "task")) @if !text.is_empty() { " with this in the name" } ", newest first." }
+        p.lead { (text::counted(found, "task")) @if !text.is_empty() { " with this text in the name" } ", newest first." }
     }
 }
 
@@ -117,14 +117,14 @@ fn card(task: &TaskOverview) -> Markup {
     html! {
         section.card {
             h3 { a href=(format!("/tasks/{name}/episodes")) { (name) } }
-            p.soft { (say::counted(all(&task.outcomes), "episode")) " · " (say::seconds(task.hours * 3600.0)) " · "
-                (say::counted(task.cohorts, "cohort")) }
+            p.soft { (text::counted(all(&task.outcomes), "episode")) " · " (text::seconds(task.hours * 3600.0)) " · "
+                (text::counted(task.cohorts, "cohort")) }
             (outcomes_bar(&task.outcomes))
             ul.legend {
                 @for (outcome, count) in [("success", success), ("failure", failure), ("unknown", unknown)] {
                     li { a href=(format!("/tasks/{name}/episodes?outcome={outcome}")) {
                         svg viewBox="0 0 14 10" aria-hidden="true" { rect.(outcome) width="14" height="10" rx="2" {} }
-                        (say::count(count)) " " (outcome)
+                        (text::count(count)) " " (outcome)
                     } }
                 }
             }
@@ -133,7 +133,7 @@ fn card(task: &TaskOverview) -> Markup {
     }
 }
 
-/// How episodes ended, as parts of a bar.
+/// The outcomes of episodes, as parts of a bar.
 #[expect(clippy::cast_precision_loss, reason = "parts of a bar")]
 fn outcomes_bar(counts: &OutcomeCounts) -> Markup {
     let whole = all(counts).max(1) as f64;
@@ -170,7 +170,7 @@ fn job_row(job: &Job) -> Markup {
                 }
                 (if job.error.is_empty() { &job.message } else { &job.error })
             }
-            td.number { (say::time(job.created_at)) }
+            td.number { (text::time(job.created_at)) }
         }
     }
 }

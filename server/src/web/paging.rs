@@ -1,15 +1,15 @@
-//! Pages of a long list: which one the address asks for, and links to its neighbours.
+//! Pages of a long list: parsing the page number, and links to the neighbouring pages.
 
 use maud::{Markup, html};
 
-use super::visit::Visit;
+use super::page_request::PageRequest;
 use crate::error::{Error, Result};
 
 /// Reads `page` of an address, counted from 1; an empty one is the first.
 ///
 /// # Errors
 /// Invalid, naming the parameter.
-pub(super) fn asked(page: &str) -> Result<usize> {
+pub(super) fn parse(page: &str) -> Result<usize> {
     if page.is_empty() {
         return Ok(1);
     }
@@ -18,14 +18,14 @@ pub(super) fn asked(page: &str) -> Result<usize> {
 }
 
 /// The page that is shown and the number of pages, for a list of `count` entries. A page beyond the end is the last.
-pub(super) fn within(asked: usize, count: usize, per_page: usize) -> (usize, usize) {
+pub(super) fn within(page: usize, count: usize, per_page: usize) -> (usize, usize) {
     let pages = count.div_ceil(per_page).max(1);
-    (asked.min(pages), pages)
+    (page.min(pages), pages)
 }
 
 /// Links to the previous and the next page, if there are several.
-pub(super) fn links(visit: &Visit, what: &str, (page, pages): (usize, usize)) -> Markup {
-    let to = |page: usize| visit.with("page", Some(&page.to_string()));
+pub(super) fn links(request: &PageRequest, what: &str, (page, pages): (usize, usize)) -> Markup {
+    let to = |page: usize| request.with("page", Some(&page.to_string()));
     html! {
         @if pages > 1 {
             nav.pages aria-label=(what) {
@@ -43,9 +43,9 @@ mod tests {
 
     #[test]
     fn a_page_is_a_whole_number_from_1() {
-        assert_eq!((asked("").unwrap(), asked("3").unwrap()), (1, 3));
+        assert_eq!((parse("").unwrap(), parse("3").unwrap()), (1, 3));
         for wrong in ["0", "-1", "x", "1.5", "99999999999999999999999"] {
-            assert!(asked(wrong).unwrap_err().message().starts_with("page: "), "{wrong}");
+            assert!(parse(wrong).unwrap_err().message().starts_with("page: "), "{wrong}");
         }
     }
 

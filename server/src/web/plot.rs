@@ -1,17 +1,17 @@
-//! Small pictures as SVG: axes with units, lines, bars. Colours come from the style sheet, so that light and dark both read.
+//! Small plots as SVG: axes with units, lines, bars. Colours come from the style sheet, for light and dark themes.
 //!
-//! A picture is drawn in its own units and scales with the page; scripts that put a cursor into one find where its data
-//! lie in `data-left`, `data-right`, `data-from` and `data-to`.
+//! A plot is drawn in its own units and scales with the page; scripts that add a cursor find the data's position in
+//! `data-left`, `data-right`, `data-from` and `data-to`.
 
 use maud::{Markup, html};
 
-/// Room for the numbers beside and below.
+/// Space for the numbers beside and below.
 const LEFT: f64 = 46.0;
 const BOTTOM: f64 = 34.0;
 const TOP: f64 = 20.0;
 const RIGHT: f64 = 12.0;
 
-/// A picture's frame: its size, and the ranges of its axes.
+/// A plot's frame: its size, and the ranges of its axes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame {
     width: f64,
@@ -26,18 +26,18 @@ impl Frame {
         Self { width: size.0, height: size.1, x: widened(x), y: widened(y) }
     }
 
-    /// Where a value lies, from the left.
+    /// The horizontal position of a value.
     pub(super) fn x(&self, value: f64) -> f64 {
         LEFT + (value - self.x.0) / (self.x.1 - self.x.0) * (self.width - LEFT - RIGHT)
     }
 
-    /// Where a value lies, from the top.
+    /// The vertical position of a value.
     pub(super) fn y(&self, value: f64) -> f64 {
         let part = (value - self.y.0) / (self.y.1 - self.y.0);
         self.height - BOTTOM - part * (self.height - BOTTOM - TOP)
     }
 
-    /// The picture: axes with these labels, which say the units, and `inside` over them.
+    /// The plot: axes with these labels, which include the units, and `inside` over them.
     pub(super) fn draw(&self, title: &str, labels: (&str, &str), inside: &Markup) -> Markup {
         let (left, right, top, bottom) = (LEFT, self.width - RIGHT, TOP, self.height - BOTTOM);
         let across = ticks(self.x.0, self.x.1, 8);
@@ -62,8 +62,8 @@ impl Frame {
         }
     }
 
-    /// A line through points in order of x; where there are more than the picture has places, each place keeps its
-    /// lowest and highest. Values that are no numbers break it.
+    /// A line through points in order of x; with more points than pixels, each pixel keeps its lowest and highest
+    /// value. NaN breaks the line.
     pub(super) fn line(&self, points: &[(f64, f64)], class: &str) -> Markup {
         let places = (self.width - LEFT - RIGHT).max(1.0);
         let mut path = String::new();
@@ -88,7 +88,7 @@ impl Frame {
         }
     }
 
-    /// A stretch of x over the whole height.
+    /// A range of x over the whole height.
     pub(super) fn stretch(&self, (from, to): (f64, f64), class: &str) -> Markup {
         let (left, right) = (self.x(from), self.x(to));
         html! {
@@ -102,14 +102,14 @@ impl Frame {
     }
 }
 
-/// The range of some values with a little room on both sides, so that a line does not run along the edge.
+/// The range of some values with a margin on both sides, so that a line does not run along the edge.
 pub(super) fn roomy(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let (lo, hi) = range(values);
     let room = (hi - lo) * 0.04;
     (lo - room, hi + room)
 }
 
-/// Lowest and highest of some values, without those that are no numbers; 0 to 1 of none.
+/// The lowest and highest of some values, without NaN; 0 to 1 of none.
 pub(super) fn range(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let finite = values.into_iter().filter(|value| value.is_finite());
     let (lo, hi) = finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), value| (lo.min(value), hi.max(value)));
@@ -189,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_breaks_a_line_and_an_empty_range_is_drawn() {
+    fn nan_breaks_a_line_and_an_empty_range_is_drawn() {
         let frame = Frame::new((600.0, 200.0), range([2.0, f64::NAN]), range([]));
         let line = frame.line(&[(2.0, 0.5), (2.0, f64::NAN), (2.0, 1.0)], "c1").into_string();
         assert_eq!(line.matches('M').count(), 2);

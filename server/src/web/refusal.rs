@@ -1,4 +1,4 @@
-//! An error as a page: a right status, one sentence that says the mend, and nothing else.
+//! An error as a page: its status, and one sentence with the fix.
 
 use axum::{
     http::StatusCode,
@@ -10,10 +10,10 @@ use crate::{
     telemetry::request,
 };
 
-/// What every page gives.
+/// The result of every page.
 pub(super) type Answer = Result<Response, Refusal>;
 
-/// An error on its way to a browser. The door makes a page or JSON of it.
+/// An error on its way to a browser. The middleware makes a page or JSON of it.
 #[derive(Debug)]
 pub(super) struct Refusal(pub(super) Error);
 
@@ -23,23 +23,23 @@ impl From<Error> for Refusal {
     }
 }
 
-/// What a browser is told, until the door has said it.
+/// The text of an error, until the middleware has written it.
 #[derive(Debug, Clone)]
-pub(super) struct Told(pub(super) String);
+pub(super) struct ErrorText(pub(super) String);
 
 impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         let status = status(self.0.kind());
-        let told = if self.0.kind() == Kind::Internal {
+        let message = if self.0.kind() == Kind::Internal {
             let request_id = request::id();
             tracing::error!(request.id = %request_id, error = %self.0, "a page failed");
-            format!("Something went wrong in the server; its log tells more under request {request_id}.")
+            format!("The server failed; see its log for request {request_id}.")
         } else {
             tracing::debug!(error = %self.0, %status, "a page was refused");
             self.0.message().to_owned()
         };
         let mut response = status.into_response();
-        response.extensions_mut().insert(Told(told));
+        response.extensions_mut().insert(ErrorText(message));
         response
     }
 }

@@ -1,4 +1,4 @@
-//! Which handler makes which page. The `match` has no wildcard: a page without a handler does not build.
+//! The handler of each page. The `match` has no wildcard: a page without a handler does not build.
 
 use std::sync::Arc;
 
@@ -10,19 +10,20 @@ use axum::{
 };
 
 use super::{
-    House, assets, deployments, episode, episodes, frames, jobs, machines, made, middleware, overview, runs, sign_in,
+    AppState, artifacts, assets, deployments, episode, episodes, frames, jobs, machines, middleware, overview, runs,
+    sign_in,
 };
 use crate::access::Page;
 
 /// Every page behind the middleware.
-pub(super) fn all(house: &Arc<House>) -> Router {
+pub(super) fn all(state: &Arc<AppState>) -> Router {
     let pages = Page::ALL.iter().fold(Router::new(), |pages, &page| {
-        let guarded = from_fn_with_state((Arc::clone(house), page), middleware::pass);
+        let guarded = from_fn_with_state((Arc::clone(state), page), middleware::pass);
         pages.route(page.path(), made(page).layer(guarded))
     });
     let lost = {
-        let house = Arc::clone(house);
-        move |ConnectInfo(connection), request| middleware::nowhere(house, connection, request)
+        let state = Arc::clone(state);
+        move |ConnectInfo(connection), request| middleware::nowhere(state, connection, request)
     };
     pages.fallback(lost.clone()).method_not_allowed_fallback(lost)
 }
@@ -40,10 +41,10 @@ fn made(page: Page) -> MethodRouter {
         Page::Run => get(runs::show),
         Page::WhatIf => get(runs::what_if),
         Page::MakeDataset => post(runs::make),
-        Page::Snapshot => get(made::snapshot),
-        Page::Encoder => get(made::encoder),
-        Page::Dataset => get(made::dataset),
-        Page::Policy => get(made::policy),
+        Page::Snapshot => get(artifacts::snapshot),
+        Page::Encoder => get(artifacts::encoder),
+        Page::Dataset => get(artifacts::dataset),
+        Page::Policy => get(artifacts::policy),
         Page::Jobs => get(jobs::list),
         Page::Job => get(jobs::show),
         Page::JobCourse => get(jobs::course),

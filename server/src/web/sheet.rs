@@ -1,4 +1,4 @@
-//! Tables for programs: what a page's table shows, as JSON or CSV.
+//! Tables for programs: a page's table as JSON or CSV.
 
 use axum::{
     http::header::{CONTENT_DISPOSITION, CONTENT_TYPE},
@@ -8,14 +8,14 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
-use super::visit::Visit;
+use super::page_request::PageRequest;
 use crate::error::{Error, Result};
 
-/// How a page is asked for.
+/// The format of a page.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Format {
-    /// To look at.
+    /// A page for people.
     #[default]
     Html,
     /// A list of objects.
@@ -24,19 +24,19 @@ pub(super) enum Format {
     Csv,
 }
 
-/// What the address of a page asks for that has nothing else to ask.
+/// The query of a page that has no other parameter.
 #[derive(Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     format: Format,
 }
 
-/// How a page is asked for whose address can say nothing else.
+/// The format of a page without other parameters.
 ///
 /// # Errors
 /// Invalid.
-pub(super) fn asked(visit: &Visit) -> Result<Format> {
-    visit.asked().map(|Asked { format }| format)
+pub(super) fn format(request: &PageRequest) -> Result<Format> {
+    request.parameters().map(|Parameters { format }| format)
 }
 
 /// A table: its file's name, its columns, its rows.
@@ -73,7 +73,7 @@ impl Sheet {
     }
 }
 
-/// A cell of CSV. Text that a spreadsheet would take for a formula is marked as text.
+/// A cell of CSV. Text that a spreadsheet would read as a formula is marked as text.
 fn cell(value: &Value) -> String {
     match value {
         Value::Null => String::new(),
@@ -83,11 +83,11 @@ fn cell(value: &Value) -> String {
     }
 }
 
-/// The links under a table to the same for programs.
-pub(super) fn links(visit: &Visit) -> Markup {
+/// Links under a table to the same table for programs.
+pub(super) fn links(request: &PageRequest) -> Markup {
     html! {
-        p.formats { "This table as " a href=(visit.with("format", Some("json"))) { "JSON" } " or "
-            a href=(visit.with("format", Some("csv"))) { "CSV" } }
+        p.formats { "This table as " a href=(request.with("format", Some("json"))) { "JSON" } " or "
+            a href=(request.with("format", Some("csv"))) { "CSV" } }
     }
 }
 
@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn cells_are_text_even_where_a_spreadsheet_would_reckon() {
+    fn formulas_are_written_as_text() {
         let row = vec![json!("=1+1"), json!(-1.5), json!("a \"b\", c"), Value::Null, json!(true)];
         let sheet = Sheet { name: "t".into(), columns: &["a", "b", "c", "d", "e"], rows: vec![row] };
         let text = String::from_utf8(sheet.csv().unwrap()).unwrap();

@@ -1,38 +1,38 @@
-//! What is around every page: its head, the way to the other pages, who is looking.
+//! The frame of every page: its head, the navigation and the signed-in caller.
 
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 
-use super::{assets, made::link, visit::Visit};
+use super::{artifacts::link, assets, page_request::PageRequest};
 use crate::access::{Caller, Page};
 
-/// Which of the pages' families one belongs to.
+/// The tab of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Tab {
     /// Every task.
     Overview,
     /// A task's episodes.
     Episodes,
-    /// A task's score runs, and what was made from them.
+    /// A task's score runs and the results made from them.
     Runs,
     /// Jobs of all tasks.
     Jobs,
-    /// What is served.
+    /// All deployments.
     Deployments,
 }
 
-/// What a page says of itself.
+/// The head of a page.
 pub(super) struct Head<'a> {
     pub(super) title: &'a str,
     pub(super) tab: Tab,
-    /// The task it is about, by name.
+    /// The page's task, by name.
     pub(super) task: Option<&'a str>,
     /// Its script, if it has one.
     pub(super) script: Option<&'static str>,
 }
 
-/// A page with its surroundings.
-pub(super) fn page(visit: &Visit, head: &Head, body: &Markup) -> Markup {
+/// A page with its frame.
+pub(super) fn page(request: &PageRequest, head: &Head, body: &Markup) -> Markup {
     let link = |tab: Tab, to: &str, name: &str| {
         html! { a href=(to) aria-current=[(head.tab == tab).then_some("page")] { (name) } }
     };
@@ -50,25 +50,25 @@ pub(super) fn page(visit: &Visit, head: &Head, body: &Markup) -> Markup {
                 (link(Tab::Jobs, "/jobs", "Jobs"))
                 (link(Tab::Deployments, "/deployments", "Deployments"))
             }
-            div.who { (who(visit)) }
+            div.who { (who(request)) }
         }
         main #main { (body) }
     };
-    whole(head.title, Some(&visit.proof), head.script, &top)
+    whole(head.title, Some(&request.proof), head.script, &top)
 }
 
-/// A page without surroundings: for who is not in yet.
+/// A page without navigation, before the sign-in.
 pub(super) fn alone(title: &str, body: &Markup) -> Markup {
     whole(title, None, None, &html! { main { (body) } })
 }
 
-/// A page that only says something.
-pub(super) fn bare(title: &str, told: &str) -> Markup {
+/// A page with a message only.
+pub(super) fn bare(title: &str, message: &str) -> Markup {
     let body = html! {
         main {
             div.bare.panel role="alert" {
                 h1 { (title) }
-                p { (link::text(told)) }
+                p { (link::text(message)) }
                 p { a href="/" { "Overview" } }
             }
         }
@@ -76,19 +76,19 @@ pub(super) fn bare(title: &str, told: &str) -> Markup {
     whole(title, None, None, &body)
 }
 
-/// What a page's script reads, by the id of its element.
+/// Data for a page's script, by the id of its element.
 pub(super) fn data(id: &str, value: &Value) -> Markup {
-    // Escaped as JSON does it: markup is not read there, but for an end of the element.
+    // JSON escapes suffice: markup is not parsed there, except for the end of the element.
     let text = value.to_string().replace('<', "\\u003c");
     html! { script type="application/json" id=(id) { (PreEscaped(text)) } }
 }
 
-fn who(visit: &Visit) -> Markup {
-    match &visit.caller {
+fn who(request: &PageRequest) -> Markup {
+    match &request.caller {
         Caller::Known(_) => html! {
-            span { (visit.caller.who()) }
+            span { (request.caller.who()) }
             form method="post" action=(Page::SigningOut.path()) {
-                input type="hidden" name="proof" value=(visit.proof);
+                input type="hidden" name="proof" value=(request.proof);
                 button.plain type="submit" { "Sign out" }
             }
         },

@@ -1,4 +1,4 @@
-//! Signing in: a form that takes a token, and a way out.
+//! Signing in with a token, and signing out.
 
 use axum::{
     Extension, Form,
@@ -11,13 +11,13 @@ use axum::{
 use maud::html;
 use serde::Deserialize;
 
-use super::{browser::Browser, refusal::Answer, shell, visit::Visit};
+use super::{browser::Browser, page_request::PageRequest, refusal::Answer, shell};
 use crate::{
     access::{Page, PageGuard, token_hash},
     config::Secret,
 };
 
-/// Where to go afterwards.
+/// The page to continue with.
 #[derive(Deserialize)]
 struct Next {
     #[serde(default)]
@@ -32,7 +32,7 @@ pub(super) struct Shown {
     next: String,
 }
 
-/// A token that no log shows.
+/// A token, hidden from logs.
 #[derive(Deserialize)]
 #[serde(from = "String")]
 struct Unlogged(Secret);
@@ -43,16 +43,16 @@ impl From<String> for Unlogged {
     }
 }
 
-pub(super) async fn form(visit: Visit) -> Answer {
-    let Next { next } = visit.asked()?;
+pub(super) async fn form(request: PageRequest) -> Answer {
+    let Next { next } = request.parameters()?;
     let body = html! {
         form.sign-in method="post" action="/sign-in" {
             h1 { "gleaner" }
-            p { "Paste a token. Who runs this server makes one with " code { "gleaner-server token create" } "." }
+            p { "Paste a token. The operator of this server issues tokens with " code { "gleaner-server token create" } "." }
             label for="token" { "Token" }
             input #token name="token" type="password" autocomplete="current-password" required autofocus;
             input type="hidden" name="next" value=(next);
-            input type="hidden" name="proof" value=(visit.proof);
+            input type="hidden" name="proof" value=(request.proof);
             button.primary type="submit" { "Sign in" }
         }
     };
@@ -60,26 +60,26 @@ pub(super) async fn form(visit: Visit) -> Answer {
 }
 
 pub(super) async fn sign_in(
-    visit: Visit,
+    request: PageRequest,
     Extension(browser): Extension<Browser>,
     Form(Shown { token, next }): Form<Shown>,
 ) -> Answer {
     let hash = token_hash(token.0.reveal().trim());
-    let caller = visit.house.guard.known(&hash).await?;
-    // One that opens no page is not worth remembering.
+    let caller = request.state.guard.known(&hash).await?;
+    // A token that opens no page is not stored.
     PageGuard::permit(&caller, Page::Overview)?;
-    visit.house.signed_in.sign_out(&browser);
-    let browser = visit.house.signed_in.sign_in(hash);
-    let cookie = browser.cookie(&visit.house.cookie, visit.house.encrypted);
+    request.state.signed_in.sign_out(&browser);
+    let browser = request.state.signed_in.sign_in(hash);
+    let cookie = browser.cookie(&request.state.cookie, request.state.encrypted);
     Ok((StatusCode::SEE_OTHER, [(LOCATION, local(&next).to_owned())], [(SET_COOKIE, cookie)]).into_response())
 }
 
-pub(super) async fn sign_out(visit: Visit, Extension(browser): Extension<Browser>) -> Response {
-    visit.house.signed_in.sign_out(&browser);
+pub(super) async fn sign_out(request: PageRequest, Extension(browser): Extension<Browser>) -> Response {
+    request.state.signed_in.sign_out(&browser);
     (StatusCode::SEE_OTHER, [(LOCATION, "/sign-in")]).into_response()
 }
 
-/// A page of ours to go on to. An address that names another server, or could be taken for one, is none.
+/// A local page to continue with. An address of another server, or one that could be read as such, is ignored.
 fn local(next: &str) -> &str {
     let plain = next.bytes().all(|byte| byte.is_ascii_graphic() && byte != b'\\');
     if plain && next.starts_with('/') && !next.starts_with("//") { next } else { "/" }
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn nobody_is_sent_elsewhere() {
+    fn sign_in_never_redirects_to_another_server() {
         assert_eq!(local("/runs/1?beta=0.5"), "/runs/1?beta=0.5");
         for elsewhere in ["", "//evil.example", "https://evil.example", "/\\evil", "/a\r\nb", "javascript:1"] {
             assert_eq!(local(elsewhere), "/", "{elsewhere:?}");

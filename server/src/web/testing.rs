@@ -1,4 +1,4 @@
-//! The pages over a fresh folder, asked without a socket.
+//! The pages over a fresh folder, requested without a socket.
 
 use std::{net::SocketAddr, sync::Arc};
 
@@ -16,7 +16,7 @@ use gleaner_edge::ConnectionState;
 use tempfile::TempDir;
 use tower::ServiceExt as _;
 
-use super::{House, routes};
+use super::{AppState, routes};
 use crate::{
     access::{PageGuard, TokenCache, token_hash},
     config::{Cli, Command},
@@ -26,18 +26,18 @@ use crate::{
         id::TokenId,
         time::Millis,
     },
-    service::Rooms,
+    service::Services,
     telemetry,
 };
 
-/// The pages, and the rooms behind them.
+/// The pages, and the services behind them.
 pub(super) struct Pages {
-    pub(super) rooms: Rooms,
+    pub(super) services: Services,
     router: Router,
     _dir: TempDir,
 }
 
-/// What a page answered.
+/// The response of a page.
 pub(super) struct Reply {
     pub(super) status: StatusCode,
     pub(super) headers: HeaderMap,
@@ -53,19 +53,19 @@ pub(super) struct Client {
 }
 
 impl Pages {
-    /// Pages that ask for tokens, or do not.
+    /// Pages with or without tokens.
     pub(super) async fn open(required: bool) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let data = dir.path().to_str().unwrap();
         let cli = Cli::try_parse_from(["gleaner-server", "serve", "--workers", "0", "--data-dir", data]).unwrap();
         let Command::Serve(config) = cli.command else { panic!("not serve") };
         let connections = connections(&config.connections);
-        let rooms = Rooms::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
-        let tokens = TokenCache::open(rooms.store.clone()).await.unwrap();
-        let guard = PageGuard::new(tokens, rooms.store.clone(), required, connections);
+        let services = Services::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
+        let tokens = TokenCache::open(services.store.clone()).await.unwrap();
+        let guard = PageGuard::new(tokens, services.store.clone(), required, connections);
         let metrics = telemetry::metrics::recorder().unwrap();
-        let house = House {
-            rooms: rooms.clone(),
+        let state = AppState {
+            services: services.clone(),
             guard,
             signed_in: super::browser::SignedIn::default(),
             metrics,
@@ -73,21 +73,21 @@ impl Pages {
             encrypted: false,
             loopback: true,
         };
-        Self { rooms, router: routes::all(&Arc::new(house)), _dir: dir }
+        Self { services, router: routes::all(&Arc::new(state)), _dir: dir }
     }
 
-    /// Makes a token of this role.
+    /// Issues a token of this role.
     pub(super) async fn token(&self, role: Role) -> String {
         self.token_until(role, None).await
     }
 
-    /// Makes a token of this role that expires.
+    /// Issues a token of this role that expires.
     pub(super) async fn token_until(&self, role: Role, expires_at: Option<Millis>) -> String {
         let deployments = if role == Role::Robot { vec!["arm".to_owned()] } else { Vec::new() };
         let word = format!("token {} of {}", expires_at.map_or(0, |at| at.0), role.as_str());
         let token = Token {
             id: TokenId::new(),
-            // A name is one live token's.
+            // Names of live tokens are unique.
             name: expires_at.map_or(role.as_str().to_owned(), |at| format!("{} until {}", role.as_str(), at.0)),
             role,
             deployments,
@@ -96,20 +96,20 @@ impl Pages {
             revoked_at: None,
             last_used_at: None,
         };
-        self.rooms.store.insert_token(&token, &token_hash(&word)).await.unwrap();
+        self.services.store.insert_token(&token, &token_hash(&word)).await.unwrap();
         word
     }
 
-    /// Makes an admin's token and revokes it.
+    /// Issues an admin's token and revokes it.
     pub(super) async fn revoked(&self) -> String {
         let word = self.token_until(Role::Admin, Some(Millis(i64::MAX))).await;
-        let tokens = self.rooms.store.tokens().await.unwrap();
+        let tokens = self.services.store.tokens().await.unwrap();
         let (_, token) = tokens.iter().find(|(hash, _)| *hash == token_hash(&word)).unwrap();
-        self.rooms.store.revoke_token(token.id.as_str()).await.unwrap();
+        self.services.store.revoke_token(token.id.as_str()).await.unwrap();
         word
     }
 
-    /// Asks for a page.
+    /// Requests a page.
     pub(super) async fn ask(&self, request: Request<Body>) -> Reply {
         let answer = self.router.clone().oneshot(request).await.unwrap();
         let (parts, body) = answer.into_parts();
@@ -117,7 +117,7 @@ impl Pages {
         Reply { status: parts.status, headers: parts.headers, body }
     }
 
-    /// Looks at a page as a browser does.
+    /// Requests a page as a browser does.
     pub(super) async fn get(&self, client: &Client, path: &str) -> Reply {
         self.ask(client.request(Method::GET, path, Body::empty())).await
     }
@@ -129,7 +129,7 @@ impl Pages {
         self.ask(request).await
     }
 
-    /// A browser on pages that ask for no token, once it has seen a page.
+    /// A browser on pages without tokens, after its first page.
     pub(super) async fn visitor(&self) -> Client {
         let reply = self.get(&Client::default(), "/").await;
         Client { cookie: reply.cookie(), proof: reply.proof(), token: None }
@@ -167,13 +167,13 @@ impl Reply {
         String::from_utf8(self.body.clone()).unwrap()
     }
 
-    /// The cookie that it sets, as a browser sends it back.
+    /// The cookie in the response, as a browser sends it back.
     pub(super) fn cookie(&self) -> Option<String> {
         let cookie = self.headers.get(SET_COOKIE)?.to_str().unwrap();
         cookie.split(';').next().map(str::to_owned)
     }
 
-    /// What scripts of the page would bring.
+    /// The proof that the page's scripts send.
     pub(super) fn proof(&self) -> Option<String> {
         let text = self.text();
         let begin = text.find("name=\"proof\" content=\"")? + "name=\"proof\" content=\"".len();

@@ -1,4 +1,4 @@
-//! The door: who comes in to which page, what other sites cannot do, what every answer says.
+//! The middleware: access to every page, requests from other sites, and headers of every response.
 
 use axum::{
     body::Body,
@@ -12,7 +12,7 @@ use super::testing::{Client, FORM, JSON, Pages};
 use crate::access::Page;
 use crate::{access::PageGuard, domain::access::Role, domain::time::Millis};
 
-/// A page's address with something in every brace.
+/// A page's address with a value in every brace.
 fn address(page: Page) -> String {
     page.path().replace("{id}", "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV").replace(['{', '}'], "")
 }
@@ -37,7 +37,7 @@ async fn every_page_with_every_role() {
             let answered = status(&pages, &nobody, page).await;
             let sent_to_sign_in = answered == StatusCode::SEE_OTHER && page.method() == Method::GET;
             let let_in = !refused(answered) && !sent_to_sign_in;
-            // Signing in and out are for everybody, who then has to come from a page of ours.
+            // Signing in and out is public, but requires a request from our own page.
             if page.method() == Method::GET || !PageGuard::is_open(page) {
                 assert_eq!(let_in, PageGuard::is_open(page), "{page:?} {answered}");
             }
@@ -56,13 +56,13 @@ async fn every_page_with_every_role() {
     }
 }
 
-/// Changes that need no more than a contributor.
+/// Changes for contributors.
 fn pages_of_contributors(page: Page) -> bool {
     format!("{page:?}").starts_with("Label")
 }
 
 #[tokio::test]
-async fn what_changes_something_is_posted_and_the_rest_is_not() {
+async fn changes_are_posted_and_other_requests_are_not() {
     for &page in Page::ALL {
         let signing = matches!(page, Page::SigningIn | Page::SigningOut);
         assert_eq!(page.method() == Method::POST, PageGuard::changes(page) || signing, "{page:?}");
@@ -70,7 +70,7 @@ async fn what_changes_something_is_posted_and_the_rest_is_not() {
 }
 
 #[tokio::test]
-async fn another_site_cannot_make_a_browser_change_anything() {
+async fn another_site_cannot_make_a_browser_change_data() {
     let pages = Pages::open(false).await;
     let visitor = pages.visitor().await;
     let path = address(Page::RollBack);
@@ -81,20 +81,20 @@ async fn another_site_cannot_make_a_browser_change_anything() {
         for (kind, body) in [(FORM, "proof=1"), (JSON, "{}")] {
             let reply = pages.post(&client, &path, (kind, body)).await;
             assert_eq!(reply.status, StatusCode::FORBIDDEN);
-            assert!(reply.text().contains("load the page again"));
+            assert!(reply.text().contains("reload the page"));
         }
     }
-    // With the proof of its own page it comes as far as the deployment, which is not there.
+    // With the proof of its own page it reaches the deployment, which does not exist.
     assert_eq!(pages.post(&visitor, &path, (FORM, "")).await.status, StatusCode::NOT_FOUND);
     let form = format!("proof={}", visitor.proof.clone().unwrap());
     let by_form = Client { proof: None, ..visitor };
     assert_eq!(pages.post(&by_form, &path, (FORM, &form)).await.status, StatusCode::NOT_FOUND);
-    let log = pages.rooms.store.audit(Millis(0), 10).await.unwrap();
+    let log = pages.services.store.audit(Millis(0), 10).await.unwrap();
     assert!(log.iter().any(|entry| entry.rpc == "pages/RollBack" && entry.outcome == "Not Found"), "{log:?}");
 }
 
 #[tokio::test]
-async fn a_name_that_was_made_to_lead_here_reads_nothing() {
+async fn a_foreign_host_name_reads_no_page() {
     let pages = Pages::open(false).await;
     for (host, status) in [
         ("127.0.0.1:7401", StatusCode::OK),
@@ -133,7 +133,7 @@ async fn a_browser_signs_in_and_out() {
     assert_eq!(right.status, StatusCode::SEE_OTHER);
     assert_eq!(right.headers[LOCATION], "/deployments?x=1");
     let signed_in = Client { cookie: right.cookie(), proof: None, token: None };
-    assert!(signed_in.cookie != browser.cookie, "a name that was put there by somebody else is worth nothing");
+    assert!(signed_in.cookie != browser.cookie, "a planted name is worthless");
     assert!(!right.cookie().unwrap().contains("token"));
 
     let overview = pages.get(&signed_in, "/").await;
@@ -146,7 +146,7 @@ async fn a_browser_signs_in_and_out() {
 }
 
 #[tokio::test]
-async fn a_token_that_is_over_is_as_if_it_had_never_been_shown() {
+async fn an_ended_token_is_treated_as_no_token() {
     let pages = Pages::open(false).await;
     let browser = pages.visitor().await;
     let soon = Millis::now().after(std::time::Duration::from_millis(300));
@@ -158,25 +158,25 @@ async fn a_token_that_is_over_is_as_if_it_had_never_been_shown() {
         tokio::task::yield_now().await;
     }
     let after = pages.get(&viewer, "/").await;
-    assert_eq!(after.status, StatusCode::OK, "nobody is asked for a token here");
+    assert_eq!(after.status, StatusCode::OK, "no token is required here");
     assert!(!after.text().contains("Sign out"));
     let robot = format!("token={}", pages.token(Role::Robot).await.replace(' ', "+"));
     assert_eq!(pages.post(&browser, "/sign-in", (FORM, &robot)).await.status, StatusCode::FORBIDDEN);
 }
 
 #[tokio::test]
-async fn what_is_sent_has_an_end() {
+async fn bodies_have_a_size_limit() {
     let pages = Pages::open(false).await;
     let visitor = pages.visitor().await;
     let rollback = address(Page::RollBack);
     for (path, most) in [("/sign-in", 64 << 10), (rollback.as_str(), 1 << 20)] {
         let fits = pages.post(&visitor, path, (JSON, &" ".repeat(most))).await;
-        assert!(!fits.text().contains("must come whole"), "{path}: {}", fits.text());
+        assert!(!fits.text().contains("is incomplete or larger"), "{path}: {}", fits.text());
         for client in [&visitor, &Client::with("no token of ours")] {
             let reply = pages.post(client, path, (JSON, &" ".repeat(most + 1))).await;
             assert!(reply.status.is_client_error(), "{path}");
             if client.token.is_none() || path == "/sign-in" {
-                assert!(reply.text().contains(&format!("at most {most} bytes")), "{path}: {}", reply.text());
+                assert!(reply.text().contains(&format!("larger than {most} bytes")), "{path}: {}", reply.text());
             }
         }
     }
@@ -189,12 +189,12 @@ async fn a_flood_of_refusals_does_not_fill_the_audit_log() {
     for _ in 0..50 {
         assert_eq!(status(&pages, &viewer, Page::RollBack).await, StatusCode::FORBIDDEN);
     }
-    let written = pages.rooms.store.audit(Millis(0), 100).await.unwrap().len();
+    let written = pages.services.store.audit(Millis(0), 100).await.unwrap().len();
     assert!((10..15).contains(&written), "{written}");
 }
 
 #[tokio::test]
-async fn every_answer_says_what_a_browser_must_not_do() {
+async fn every_response_has_its_security_headers() {
     let pages = Pages::open(false).await;
     let visitor = pages.visitor().await;
     for path in ["/", "/deployments", "/healthz", "/nothing/here", "/deployments/none", "/assets/../../etc/passwd"] {
@@ -215,8 +215,8 @@ async fn programs_get_data_and_people_get_pages() {
     let pages = Pages::open(false).await;
     let visitor = pages.visitor().await;
     let missing = pages.get(&visitor, "/deployments/none?format=json").await;
-    let said: serde_json::Value = serde_json::from_slice(&missing.body).unwrap();
-    assert_eq!((missing.status, &said["error"]), (StatusCode::NOT_FOUND, &serde_json::json!("no deployment none")));
+    let message: serde_json::Value = serde_json::from_slice(&missing.body).unwrap();
+    assert_eq!((missing.status, &message["error"]), (StatusCode::NOT_FOUND, &serde_json::json!("no deployment none")));
     assert!(pages.get(&visitor, "/deployments/none").await.text().contains("no deployment none"));
     assert_eq!(pages.get(&visitor, "/?format=json").await.text(), "[]");
     let csv = pages.get(&visitor, "/?format=csv").await.text();
@@ -226,15 +226,15 @@ async fn programs_get_data_and_people_get_pages() {
 }
 
 #[tokio::test]
-async fn a_form_that_does_not_come_is_not_waited_for() {
+async fn an_incomplete_form_times_out() {
     let pages = Pages::open(false).await;
     let visitor = pages.visitor().await;
-    // Nothing else happens in this runtime, so that time passes at once.
+    // This runtime is otherwise idle, so that paused time advances at once.
     tokio::time::pause();
     let begun = tokio::time::Instant::now();
     let endless = Body::from_stream(futures::stream::pending::<std::io::Result<Vec<u8>>>());
     let reply = pages.ask(visitor.request(Method::POST, "/sign-in", endless)).await;
     assert_eq!(reply.status, StatusCode::GATEWAY_TIMEOUT);
-    assert!(reply.text().contains("took too long"), "{}", reply.text());
+    assert!(reply.text().contains("timed out"), "{}", reply.text());
     assert!((29..60).contains(&begun.elapsed().as_secs()), "{:?}", begun.elapsed());
 }

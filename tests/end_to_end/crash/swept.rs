@@ -3,7 +3,7 @@
 use gleaner_proto::v1::*;
 use tonic::Code;
 
-use crate::{api::Api, keeping::command, lab, server::TestServer};
+use crate::{api::Api, lab, maintenance::command, server::TestServer};
 
 #[tokio::test]
 async fn a_sweep_that_is_cut_anywhere_is_gone_on_with() {

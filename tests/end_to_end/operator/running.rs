@@ -13,9 +13,9 @@ use crate::{
 };
 
 /// A part of the refusal, and what is done to the folder.
-type Slip = (&'static str, fn(&Path));
+type Mistake = (&'static str, fn(&Path));
 
-const SLIPS: [Slip; 6] = [
+const MISTAKES: [Mistake; 6] = [
     ("gleaner.db was deleted", |data| fs::remove_file(data.join("gleaner.db")).unwrap()),
     ("gleaner.db was replaced", |data| {
         fs::copy(data.join("older.db"), data.join("copy.db")).unwrap();
@@ -29,12 +29,12 @@ const SLIPS: [Slip; 6] = [
 
 #[tokio::test]
 async fn nothing_is_acknowledged_once_the_folder_was_changed_under_the_server() {
-    for (message, slip) in SLIPS {
+    for (message, mistake) in MISTAKES {
         let lab = Folder::used().await;
         let server = TestServer::start_over(lab.path(), &["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
         let mut api = Api::connect(&server).await;
         let before = ids(&mut api).await;
-        slip(lab.path());
+        mistake(lab.path());
         let label = LabelEpisodesRequest {
             episode_ids: vec![before[0].clone()],
             outcome: Outcome::Unknown.into(),

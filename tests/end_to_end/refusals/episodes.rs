@@ -69,7 +69,7 @@ async fn bytes_that_do_not_fit_their_upload() {
         write_upload(send(&[chunk(&first, 3, 1)])) => InvalidArgument ["offset: "];
         write_upload(send(&[chunk(&first, 0, 1), chunk(&first, 0, 1)])) => InvalidArgument ["offset: "];
         write_upload(send(&[chunk(&first, 1, 1), chunk(&other, 2, 1)])) => InvalidArgument ["upload_id: "];
-        write_upload(send(&[chunk(&other, 0, 5)])) => InvalidArgument ["declared as 4 bytes"];
+        write_upload(send(&[chunk(&other, 0, 5)])) => InvalidArgument ["declared size of 4 bytes"];
         write_upload(send(&[chunk(&other, 0, (2 << 20) + 1)])) => InvalidArgument ["data: "];
         get_upload(GetUploadRequest { upload_id: "x".into() }) => InvalidArgument ["upload_id: "];
         get_upload(GetUploadRequest { upload_id: nobody("up") }) => NotFound [&nobody("up"), "start again"];

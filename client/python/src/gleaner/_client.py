@@ -1,4 +1,4 @@
-"""The client: one connection, and a room for each concern."""
+"""The client: one connection, with an attribute per service."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Client:
     def score_recording(
         self, run: str, path: str | os.PathLike[str], *, progress: Callable[[int], object] = lambda sent: None
     ) -> ScoredRecording:
-        """Scores a recording (MCAP) as a score run scores its own, and keeps nothing of it on the server.
+        """Scores a recording (MCAP) as a score run scores its own, without storing it on the server.
 
         Raises `InvalidArgument` when it does not fit the task, `FailedPrecondition` when the run is not finished or
         scores only what is stored (those of ssdf score anything).
@@ -49,18 +49,18 @@ class Client:
         return self._scoring.steps(run, steps)
 
     def stream_scores(self, run: str, steps: Iterable[Step]) -> Iterator[LiveScore]:
-        """As `score_steps`, while the episode happens: each step's score comes before the next step is taken."""
+        """As `score_steps`, for a running episode: yields each step's score before it takes the next step."""
         return self._scoring.stream(run, steps)
 
     def deploy(self, name: str, policy_id: str, *, score_run: str = "") -> Deployment:
-        """Points a deployment's name at a policy; running sessions keep the policy they began with.
+        """Points a deployment's name at a policy; running sessions keep theirs.
 
-        With a score run each answer says how well the session's newest segment fits what experts do.
+        With a score run each answer carries the score of the session's newest segment.
         """
         return self.policies.deploy(name, policy_id, score_run=score_run)
 
     def rollback(self, name: str) -> Deployment:
-        """Points a deployment's name back at what it pointed at before."""
+        """Points a deployment's name back at its previous policy."""
         return self.policies.rollback(name)
 
     def deployments(self, task: str = "") -> list[Deployment]:

@@ -1,4 +1,4 @@
-"""A stream both ways that can be waited for: messages out at any time, answers with a time limit. Knows no message."""
+"""A bidirectional stream: messages out at any time, answers with a time limit. Must not know messages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Conversation(Generic[Request, Reply]):
         self._requests: queue.SimpleQueue[Request | None] = queue.SimpleQueue()
         self._replies: queue.SimpleQueue[Reply | Rejected] = queue.SimpleQueue()
         self._call = rpc.converse(method, self._outgoing(), reply)
-        # grpc's own iterator cannot stop waiting, so a thread reads and this one waits for it, for a time.
+        # grpc's own iterator blocks without a time limit, so a thread reads and this one waits for it.
         threading.Thread(target=self._read, name="gleaner-conversation", daemon=True).start()
 
     def send(self, request: Request) -> None:
@@ -38,23 +38,23 @@ class Conversation(Generic[Request, Reply]):
         self._requests.put(request)
 
     def no_more(self) -> None:
-        """Says that nothing else will be sent."""
+        """Closes the sending side."""
         self._requests.put(None)
 
     def receive(self) -> Reply:
-        """The next answer. Raises what ended the call, again and again, or `DeadlineExceeded`."""
+        """Returns the next answer. Raises the error that ended the call, at every call, or `DeadlineExceeded`."""
         try:
             reply = self._replies.get(timeout=self._patience)
         except queue.Empty:
             raise DeadlineExceeded(f"the server did not answer within {self._patience:g} s") from None
         if isinstance(reply, Rejected):
-            # Whoever asks again hears the same.
+            # Raised again by later calls.
             self._replies.put(reply)
             raise reply
         return reply
 
     def end(self) -> None:
-        """Ends the call, whatever is still on its way."""
+        """Cancels the call."""
         self._requests.put(None)
         self._call.cancel()
 
@@ -70,7 +70,7 @@ class Conversation(Generic[Request, Reply]):
                 if not self._aside(reply):
                     self._replies.put(reply)
         except grpc.RpcError as error:
-            # A call that had begun was connected; a robot need not wait for a look at why it no longer is.
+            # A call with an answer was connected: its error needs no diagnosis, for which a robot would wait.
             self._replies.put(from_rpc(error) if begun else self._rpc.failure(error))
         else:
             self._replies.put(Unavailable("the server ended the stream"))

@@ -1,4 +1,4 @@
-"""Download: bytes into a file that is there whole, and as promised, or not at all."""
+"""Download: a file appears only complete and with the expected digest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gleaner.errors import Damaged
 
 
 def inside(folder: Path, name: str, otherwise: str) -> Path:
-    """A place in a folder for a name from elsewhere, which may be no path out of it."""
+    """A path in a folder for a received name, which must not lead out of it."""
     last = Path(name).name
     return folder / (otherwise if last in ("", "..") else last)
 
@@ -28,7 +28,7 @@ def save(pieces: Iterable[bytes], path: Path, expected: str) -> Path:
                 file.write(piece)
         found = hasher.hexdigest()
         if found != expected:
-            raise Damaged(f"{path}: arrived damaged, its BLAKE3 is {found}, not {expected}; fetch it again")
+            raise Damaged(f"{path}: arrived damaged: its BLAKE3 is {found}, expected {expected}; fetch it again")
         part.replace(path)
     finally:
         with suppress(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""Where a server is, what a client shows of itself, and whose word it takes for who the server is."""
+"""The address of a server, the client's credentials, and the trusted authority."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gleaner.errors import invalid
 
 @dataclass(frozen=True)
 class Endpoint:
-    """All that `connect` is told. Worker processes of a data loader get it too, and connect by themselves."""
+    """The arguments of `connect`. Worker processes of a data loader use a copy to connect by themselves."""
 
     address: str
     token: str | None = field(default=None, repr=False)
@@ -48,11 +48,11 @@ class Endpoint:
 
     @property
     def metadata(self) -> tuple[tuple[str, str | bytes], ...]:
-        """What goes with every call."""
+        """The metadata of every call."""
         if self.token is None:
             return ()
         token = self.token.strip()
-        # The text itself is a secret: no message repeats it.
+        # The token is a secret: error messages must not contain it.
         if not token or not all("!" <= character <= "~" for character in token):
             raise invalid("token", "a token is one word of visible ASCII characters; copy it again")
         return (("authorization", f"Bearer {token}"),)

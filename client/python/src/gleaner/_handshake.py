@@ -1,4 +1,4 @@
-"""Why a connection cannot be made: one attempt of its own at the same address, with words for what went wrong.
+"""Diagnosis of a failed connection: a separate attempt at the same address, with an error message and its fix.
 
 grpcio retries a failed handshake for ever and writes its reason to a log of its C core. The attempt here uses Python's
 `ssl` with the same address, authorities and certificates, so that the reason reaches the caller.
@@ -12,9 +12,9 @@ from contextlib import closing, suppress
 
 from gleaner._endpoint import Endpoint
 
-# Seconds for which a refusal after the handshake is waited for.
+# Seconds to wait for a rejection after the handshake.
 _GRACE = 0.5
-# What opens HTTP/2 (RFC 9113, 3.4), with empty settings.
+# The preface of HTTP/2 (RFC 9113, 3.4), with empty settings.
 _PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
 # A request of HTTP/1.1, which the pages answer.
 _OLDER = b"OPTIONS * HTTP/1.1\r\nHost: gleaner\r\nConnection: close\r\n\r\n"
@@ -29,11 +29,11 @@ _UNTRUSTED = (2, 18, 19, 20, 21)
 
 
 def problem(endpoint: Endpoint, timeout: float) -> str | None:
-    """Why the server there and this client cannot talk, and what to do. `None` when they can, or nobody answers."""
+    """Why server and client cannot connect, with the fix. `None` when they can, or the server is unreachable."""
     try:
         return _encrypted(endpoint, timeout) if endpoint.encrypted else _plain(endpoint, timeout)
     except OSError:
-        # Nobody there, or the connection broke: another attempt may succeed.
+        # Unreachable, or the connection broke: a retry may succeed.
         return None
 
 
@@ -44,7 +44,7 @@ def _encrypted(endpoint: Endpoint, timeout: float) -> str | None:
     try:
         with _connected(endpoint, timeout) as plain, context.wrap_socket(plain, server_hostname=endpoint.host) as line:
             certificate = line.getpeercert(binary_form=True) or b""
-            # A server that misses our certificate refuses only after the client's part of the handshake.
+            # A server that requires a client certificate rejects only after the client's part of the handshake.
             line.settimeout(min(timeout, _GRACE))
             with suppress(TimeoutError):
                 line.recv(_FRAME)
@@ -63,12 +63,12 @@ def _encrypted(endpoint: Endpoint, timeout: float) -> str | None:
 
 
 def _context(endpoint: Endpoint) -> ssl.SSLContext | str:
-    """What the endpoint's files ask for, or which of them cannot be used."""
+    """A TLS context from the endpoint's files, or the error of an unusable file."""
     try:
         context = ssl.create_default_context(cafile=endpoint.ca)
     except ssl.SSLError:
         return f"ca: {endpoint.ca} holds no certificate in PEM form; name the authority's (ca.pem)"
-    # What grpc does not ask of a certificate is not what went wrong.
+    # Checks that grpc does not make cannot be the cause.
     context.verify_flags &= ~getattr(ssl, "VERIFY_X509_STRICT", 0)
     if endpoint.cert is not None and endpoint.key is not None:
         try:
@@ -89,26 +89,26 @@ def _plain(endpoint: Endpoint, timeout: float) -> str | None:
 
 
 def _distrust(endpoint: Endpoint, error: ssl.SSLCertVerificationError) -> str:
-    said = error.verify_message
+    reason = error.verify_message
     if error.verify_code in _UNTRUSTED:
         trusted = f"{endpoint.ca} has not signed it" if endpoint.ca else "no public authority has signed it"
         return (
-            f"the server's certificate is not trusted ({said}): {trusted}; name the file of the authority that has "
-            "with `ca` (ca.pem of `gleaner-server tls init`)"
+            f"the server's certificate is not trusted ({reason}): {trusted}; name the certificate file of that "
+            "authority with `ca` (ca.pem of `gleaner-server tls init`)"
         )
     if error.verify_code in (_OTHER_HOST, _OTHER_ADDRESS):
         return (
-            f"the server's certificate is for another name ({said}); connect by a name that it has, or add this one "
+            f"the server's certificate is for another name ({reason}); connect by a name that it has, or add this one "
             f"there with `gleaner-server tls renew --name {endpoint.host}`"
         )
     if error.verify_code == _EXPIRED:
         return (
-            f"the server's certificate or its authority has expired ({said}); renew it there with "
-            "`gleaner-server tls renew`, and look at this machine's clock"
+            f"the server's certificate or its authority has expired ({reason}); renew it there with "
+            "`gleaner-server tls renew`, and check this machine's clock"
         )
     if error.verify_code == _NOT_YET_VALID:
-        return f"the server's certificate is not valid yet ({said}); look at the clocks of both machines"
-    return f"the server's certificate cannot be used ({said}); make one there with `gleaner-server tls init`"
+        return f"the server's certificate is not valid yet ({reason}); check the clocks of both machines"
+    return f"the server's certificate cannot be used ({reason}); make one there with `gleaner-server tls init`"
 
 
 def _refusal(endpoint: Endpoint, error: ssl.SSLError, timeout: float) -> str:
@@ -133,7 +133,7 @@ def _unencrypted(endpoint: Endpoint, timeout: float) -> str | None:
 
 
 def _answer(endpoint: Endpoint, timeout: float, opening: bytes) -> bytes:
-    """The first bytes of what is answered to an opening that is not encrypted."""
+    """The first bytes of the answer to an unencrypted request."""
     answer = b""
     try:
         with _connected(endpoint, timeout) as line:
@@ -141,13 +141,13 @@ def _answer(endpoint: Endpoint, timeout: float, opening: bytes) -> bytes:
             while len(answer) < _FRAME and (more := line.recv(_FRAME - len(answer))):
                 answer += more
     except ConnectionError:
-        # Cut off, perhaps after an answer.
+        # Closed, perhaps after an answer.
         pass
     return answer
 
 
 def _encrypts(endpoint: Endpoint, timeout: float) -> bool:
-    """Whether a TLS handshake begins there, whoever the server is."""
+    """Whether the server answers a TLS handshake; its certificate is not checked."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     context.set_alpn_protocols(["h2"])

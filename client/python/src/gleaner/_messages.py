@@ -1,4 +1,4 @@
-"""Messages from plain Python values, and the plain words for their choices.
+"""Conversion of plain Python values to messages, and of enum values to words.
 
 A choice is `PRESET_TINY` on the wire and `"tiny"` here, as on the command line.
 """
@@ -18,12 +18,12 @@ M = TypeVar("M", bound=Message)
 
 
 def build(kind: type[M], values: Mapping[str, Any]) -> M:
-    """A message from a mapping: choices as words, messages as mappings, `None` as unset."""
+    """A message from a mapping: enum values as words, messages as mappings, `None` as unset."""
     return kind(**_plain(kind.DESCRIPTOR, values, ""))
 
 
 def word(message: Message, field: str) -> str:
-    """The word for a message's choice, for example `word(episode, "outcome")` is `"success"`."""
+    """The word for a message's enum value, for example `word(episode, "outcome")` is `"success"`."""
     descriptor = _enum(message, field)
     number = getattr(message, field)
     value = descriptor.values_by_number.get(number)
@@ -31,7 +31,7 @@ def word(message: Message, field: str) -> str:
 
 
 def number(kind: type[Message], field: str, text: str) -> Any:
-    """The value of a choice on the wire."""
+    """The enum value of a word."""
     return _choice(_enum(kind, field), text, field)
 
 
@@ -44,7 +44,7 @@ def _plain(descriptor: Any, values: Mapping[str, Any], path: str) -> dict[str, A
     for name, value in values.items():
         field = descriptor.fields_by_name.get(name)
         if field is None:
-            raise invalid(path + name, f"is not known; there are {', '.join(sorted(descriptor.fields_by_name))}")
+            raise invalid(path + name, f"is unknown; supported: {', '.join(sorted(descriptor.fields_by_name))}")
         if value is not None:
             plain[name] = _value(field, value, path + name)
     return plain
@@ -71,7 +71,7 @@ def _struct(values: Mapping[str, Any]) -> Struct:
 def _choice(descriptor: EnumDescriptor, text: str, path: str) -> int:
     words = {_word(descriptor, value.name): value.number for value in descriptor.values if value.number != 0}
     if text not in words:
-        raise invalid(path, f"{text!r} is none of {', '.join(words)}")
+        raise invalid(path, f"{text!r} is unknown; supported: {', '.join(words)}")
     return words[text]
 
 

@@ -1,4 +1,4 @@
-"""Text from servers and recordings made safe to show in a terminal. Knows no message."""
+"""Escaping of text from servers and recordings for terminals. Must not know messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _HIDDEN = ("Cc", "Cf", "Zl", "Zp", "Co", "Cs")
 
 
 def printable(text: str, kept: str = "\n\t") -> str:
-    """The text with each such character as a visible escape, but for those in `kept`."""
+    """The text with each such character as a visible escape, except those in `kept`."""
     return "".join(
         f"\\u{{{ord(character):x}}}"
         if unicodedata.category(character) in _HIDDEN and character not in kept

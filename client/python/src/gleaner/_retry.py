@@ -1,4 +1,4 @@
-"""Patience with a connection that broke: waits that grow, and an end to them."""
+"""Retries over a broken connection: growing pauses and a limit."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ _TRIES = 7
 
 
 class Patience:
-    """Tries left, for calls that are safe to make again."""
+    """The remaining retries of calls that are safe to repeat."""
 
     def __init__(self) -> None:
         self._failures = 0
 
     def restore(self) -> None:
-        """Something was achieved: the count begins anew."""
+        """Progress was made: the count starts again."""
         self._failures = 0
 
     def wait(self, error: Exception) -> None:
-        """Waits before the next try; raises the error instead when it is time to give up, or when no try will help."""
+        """Pauses before the next try; raises the error when the retries are exhausted or cannot help."""
         if self._failures == _TRIES or isinstance(error, HandshakeFailed):
             raise error
         time.sleep(_FIRST_WAIT * 2**self._failures)
@@ -34,7 +34,7 @@ class Patience:
 
 
 def patiently(call: Callable[[], T]) -> T:
-    """Makes a call that is safe to make twice, again and again while there is no connection."""
+    """Makes a call that is safe to repeat; retries while there is no connection."""
     patience = Patience()
     while True:
         try:

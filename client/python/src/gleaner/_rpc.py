@@ -1,4 +1,4 @@
-"""Calls: one channel, time limits and errors. Knows no service."""
+"""Calls: one channel, time limits and errors. Must not know services."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from gleaner.errors import HandshakeFailed, Rejected, Unavailable, from_rpc
 
 Reply = TypeVar("Reply", bound=Message)
 
-# A segment of large raw frames is the biggest message either side sends.
+# A segment of large raw frames is the largest message in either direction.
 _LARGEST = 256 << 20
 _OPTIONS: list[tuple[str, int | str]] = [
     ("grpc.max_receive_message_length", _LARGEST),
     ("grpc.max_send_message_length", _LARGEST),
     ("grpc.keepalive_time_ms", 30_000),
     ("grpc.keepalive_timeout_ms", 20_000),
-    # Or a server that is back could go unnoticed for longer than anybody is patient.
+    # With grpc's default a restarted server could go unnoticed for longer than the retries last.
     ("grpc.initial_reconnect_backoff_ms", 200),
     ("grpc.min_reconnect_backoff_ms", 200),
     ("grpc.max_reconnect_backoff_ms", 2_000),
     ("grpc.primary_user_agent", f"gleaner-python/{version('gleaner')}"),
 ]
 
-# Seconds without news of a connection after which the reason is looked for.
+# Seconds without a connection after which its error is diagnosed.
 _SILENCE = 2.0
-# Seconds that looking for it may take.
+# Seconds that the diagnosis may take.
 _PROBE = 3.0
 
 
@@ -52,7 +52,7 @@ class Rpc:
             raise
 
     def _connect(self) -> None:
-        """Waits until the channel is connected, for as long as that can still happen."""
+        """Waits until the channel is connected, or cannot be any more."""
         states: queue.SimpleQueue[grpc.ChannelConnectivity] = queue.SimpleQueue()
         news = states.put
         self._channel.subscribe(news, try_to_connect=True)
@@ -62,7 +62,7 @@ class Rpc:
                 try:
                     state = states.get(timeout=min(left, _SILENCE))
                 except queue.Empty:
-                    # grpc waits long for a server that is silent because it expects TLS.
+                    # grpc waits long for a server that stays silent because it expects TLS.
                     state = grpc.ChannelConnectivity.TRANSIENT_FAILURE
                 if state is grpc.ChannelConnectivity.READY:
                     return
@@ -82,7 +82,7 @@ class Rpc:
             raise HandshakeFailed(f"cannot connect to {self._endpoint.target}: {problem}") from None
 
     def failure(self, error: grpc.RpcError) -> Rejected:
-        """The exception for a failed call; of a connection that broke and cannot be made again it has the reason."""
+        """The exception for a failed call; with the diagnosis when the connection cannot be opened again."""
         failure = from_rpc(error)
         if isinstance(failure, Unavailable):
             try:
@@ -93,14 +93,14 @@ class Rpc:
 
     @contextmanager
     def _translated(self) -> Iterator[None]:
-        """Turns a failed call into an exception of ours."""
+        """Converts the error of a failed call."""
         try:
             yield
         except grpc.RpcError as error:
             raise self.failure(error) from None
 
     def close(self) -> None:
-        """Ends every call and the connection."""
+        """Cancels every call and closes the connection."""
         self._channel.close()
 
     def unary(self, method: str, request: Message, reply: type[Reply], *, hurry: bool = True) -> Reply:
@@ -111,7 +111,7 @@ class Rpc:
         return answer
 
     def safe(self, method: str, request: Message, reply: type[Reply]) -> Reply:
-        """As `unary`, made again while there is no connection: only for calls that may be made twice."""
+        """As `unary`, retried while there is no connection: only for calls that are safe to repeat."""
         return patiently(lambda: self.unary(method, request, reply))
 
     def upload(self, method: str, requests: Iterable[Message], reply: type[Reply]) -> Reply:
@@ -134,7 +134,7 @@ class Rpc:
             call.cancel()
 
     def converse(self, method: str, requests: Iterator[Message], reply: type[Reply]) -> Any:
-        """Streams both ways; the call, to be read and cancelled."""
+        """A bidirectional stream: returns the call, to be read and cancelled."""
         return self._channel.stream_stream(_path(method), _serialize, reply.FromString)(
             requests, metadata=self._metadata
         )

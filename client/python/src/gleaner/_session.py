@@ -1,4 +1,4 @@
-"""A session on the wire: open, ask, close. Knows messages, no arrays."""
+"""A session on the wire: open, observe, close. Knows messages; must not know arrays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Session:
     def __init__(self, rpc: Rpc, opening: pb.SessionOpen, patience: float) -> None:
         self.draining = False
         self._stream: Conversation[pb.SessionRequest, pb.SessionResponse] = Conversation(
-            rpc, "PolicyService/Session", pb.SessionResponse, patience, self._told_aside
+            rpc, "PolicyService/Session", pb.SessionResponse, patience, self._is_notice
         )
         self._stream.send(pb.SessionRequest(open=opening))
         try:
@@ -26,7 +26,7 @@ class Session:
             raise
 
     def ask(self, observation: pb.Observation) -> pb.SessionAction | pb.SessionMissed:
-        """Sends an observation and waits for what answers it."""
+        """Sends an observation and waits for its answer."""
         self._stream.send(pb.SessionRequest(observation=observation))
         while True:
             response = self._expect("action", "missed")
@@ -35,7 +35,7 @@ class Session:
                 return answer
 
     def close(self, outcome: Any) -> pb.SessionClosed:
-        """Ends the episode as it should."""
+        """Closes the session with an outcome."""
         self._stream.send(pb.SessionRequest(close=pb.SessionClose(outcome=outcome)))
         self._stream.no_more()
         try:
@@ -47,18 +47,21 @@ class Session:
             self._stream.end()
 
     def abandon(self) -> None:
-        """Ends the stream without a word."""
+        """Cancels the stream."""
         self._stream.end()
 
     def _expect(self, *kinds: str) -> pb.SessionResponse:
         response = self._stream.receive()
         kind = response.WhichOneof("message")
         if kind not in kinds:
-            raise ServerError(f"the server said {kind}, not {' or '.join(kinds)}; is it of another version?")
+            expected = " or ".join(kinds)
+            raise ServerError(
+                f"the server sent {kind}, expected {expected}; client and server may be of different versions"
+            )
         return response
 
-    def _told_aside(self, response: pb.SessionResponse) -> bool:
-        # Answers no call, so it is seen at once, even while the robot does something else.
+    def _is_notice(self, response: pb.SessionResponse) -> bool:
+        # Not an answer, so it is noted at once, even between two observations.
         draining = response.HasField("draining")
         self.draining |= draining
         return draining

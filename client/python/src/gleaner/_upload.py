@@ -15,7 +15,7 @@ from gleaner._rpc import Rpc
 from gleaner.errors import InvalidArgument, NotFound, Unavailable, invalid
 from gleaner.types import Episode
 
-# Half of what the server takes in one message.
+# Half of the server's message limit.
 _PIECE = 1 << 20
 _LONGEST_NAME = 255
 
@@ -30,20 +30,20 @@ def digest(path: Path) -> str:
 
 
 def regular(path: Path) -> Path:
-    """The path, if a regular file is there. Reading a FIFO, for example, could wait for ever."""
+    """The path, if it is a regular file. Reading a FIFO, for example, could block for ever."""
     if path.exists() and not path.is_file():
-        raise invalid(str(path), "is not a regular file; only those can be sent")
+        raise invalid(str(path), "is not a regular file; only regular files can be sent")
     return path
 
 
 def name_to_send(path: Path) -> str:
-    """A file's name as the server takes it: without control characters, at most 255 bytes."""
+    """A file's name within the server's rules: without control characters, at most 255 bytes."""
     return printable(path.name, kept="").encode()[:_LONGEST_NAME].decode(errors="ignore")
 
 
 @dataclass
 class Upload:
-    """One recording on its way."""
+    """The upload of one recording."""
 
     rpc: Rpc
     path: Path
@@ -53,7 +53,7 @@ class Upload:
     committed: int = 0
 
     def run(self) -> Episode:
-        """Goes on until the server holds the episode, or patience with the connection has run out."""
+        """Uploads until the server holds the episode or the retries are exhausted."""
         patience = Patience()
         while True:
             before = self.committed
@@ -62,8 +62,8 @@ class Upload:
             except Unavailable as error:
                 patience.wait(error)
             except NotFound as error:
-                # Of an open upload: an earlier finish arrived and only its answer was lost, or the server tidied
-                # the upload away. Opening again finds the episode or begins anew.
+                # Not found: an earlier finish succeeded and only its answer was lost, or the server removed
+                # the upload. Reopening finds the episode or starts again.
                 if not self.upload_id:
                     raise
                 self.upload_id = ""
@@ -82,7 +82,7 @@ class Upload:
             self._write()
             return None
         request = pb.FinishUploadRequest(upload_id=self.upload_id)
-        # The server reads the whole recording before it answers.
+        # The server inspects the whole recording before it answers.
         return self.rpc.unary("EpisodeService/FinishUpload", request, pb.FinishUploadResponse, hurry=False).episode
 
     def _open(self) -> Episode | None:
@@ -99,10 +99,11 @@ class Upload:
         try:
             reply = self.rpc.upload("EpisodeService/WriteUpload", self._pieces(), pb.WriteUploadResponse)
         except InvalidArgument as error:
-            # An older stream of ours may still have been written when this one began.
+            # An older stream of this client may still have been written when this one began.
             raise Unavailable(str(error), error.code) from error
         if reply.committed_size <= before:
-            raise invalid(str(self.path), "the file became shorter while it was sent; push it again once it is whole")
+            problem = "the file became shorter while it was sent; push it again once it is complete"
+            raise invalid(str(self.path), problem)
         self.committed = reply.committed_size
 
     def _pieces(self) -> Iterator[pb.WriteUploadRequest]:

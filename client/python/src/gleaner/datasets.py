@@ -48,7 +48,7 @@ class Datasets:
     def create(self, run: str, *, beta: float | None = None, top_fraction: float | None = None) -> Dataset:
         """Creates a dataset: a run's experts, and the imperfect segments with q > β or the best part of them.
 
-        Give exactly one of `beta` and `top_fraction`. Asked for twice, the same dataset is the answer.
+        Give exactly one of `beta` and `top_fraction`. The same arguments return the same dataset.
         """
         selection = score_pb2.Selection()
         if beta is not None:
@@ -61,7 +61,7 @@ class Datasets:
         return self._rpc.safe("DatasetService/CreateDataset", request, pb.CreateDatasetResponse).dataset
 
     def get(self, dataset_id: str) -> Dataset:
-        """Looks a dataset up; its counts are there once its score run is finished."""
+        """Looks a dataset up; its counts are set once its score run is finished."""
         request = pb.GetDatasetRequest(dataset_id=dataset_id)
         return self._rpc.safe("DatasetService/GetDataset", request, pb.GetDatasetResponse).dataset
 
@@ -79,9 +79,9 @@ class Datasets:
     def torch_dataset(
         self, dataset_id: str, *, steps: int | None = None, frames: bool = False, kept_only: bool = False
     ) -> SegmentDataset:
-        """The same stream as a PyTorch `IterableDataset`, shared out among a `DataLoader`'s workers.
+        """The same stream as a PyTorch `IterableDataset`, distributed over a `DataLoader`'s workers.
 
-        With `steps` every item has so many: what lies before an episode's beginning repeats its first step, and
+        With `steps` every item has this many: steps before an episode's beginning repeat its first step, and
         `mask` is false there; the default collation needs that. Needs `torch`.
         """
         from gleaner.torch import SegmentDataset
@@ -94,7 +94,7 @@ class Datasets:
         return [*self._rpc.safe("DatasetService/ListExportFiles", request, pb.ListExportFilesResponse).files]
 
     def download_export(self, export_id: str, folder: str | os.PathLike[str]) -> Sequence[Path]:
-        """Fetches every file of a finished export into a folder. Raises `Damaged` when one is not as promised."""
+        """Fetches every file of a finished export into a folder. Raises `Damaged` when a digest differs."""
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         return [self._download(export_id, file, folder) for file in self.export_files(export_id)]
@@ -136,7 +136,7 @@ def _frames(
     for camera in spec.cameras:
         size = (steps, camera.height, camera.width)
         pixels = camera.height * camera.width
-        # Copies: arrays of their own, that may be written to.
+        # Copies, so that the arrays are writable.
         images[camera.name] = rows[:, at : at + 3 * pixels].reshape(*size, 3).copy()
         at += 3 * pixels
         if camera.depth:

@@ -34,7 +34,7 @@ class Episodes:
     ) -> Episode:
         """Uploads a recording (MCAP) under a label: `outcome` is success, failure or unknown.
 
-        A broken connection is mended and the upload goes on where it was. Content that the task holds already
+        A broken connection is reopened and the upload resumes where it was. Content that the task holds already
         under this label is not sent again. `progress` is called with the bytes sent so far.
 
         Raises `InvalidArgument` when the recording does not fit the task (each finding with its mend), `NotFound`
@@ -57,7 +57,7 @@ class Episodes:
         return self._get(episode_id).episode
 
     def report(self, episode_id: str) -> Report:
-        """What the inspection of an episode's recording found. Raises `NotFound`."""
+        """The report of the inspection of an episode's recording. Raises `NotFound`."""
         return self._get(episode_id).report
 
     def label(
@@ -69,7 +69,7 @@ class Episodes:
         author: str = "",
         reason: str = "",
     ) -> list[Episode]:
-        """Sets the outcome (and cohort, if given) of one or many episodes in one act; each change is kept."""
+        """Sets the outcome (and cohort, if given) of one or many episodes at once; each change is kept."""
         ids = _ids(episode_ids)
         wire = number(pb.LabelEpisodesRequest, "outcome", outcome)
         request = pb.LabelEpisodesRequest(episode_ids=ids, outcome=wire, cohort=cohort, author=author, reason=reason)
@@ -77,28 +77,28 @@ class Episodes:
         return [*reply.episodes]
 
     def labels(self, episode_id: str) -> list[Label]:
-        """Every label an episode ever had, oldest first."""
+        """The history of an episode's labels, oldest first."""
         request = pb.ListLabelsRequest(episode_id=episode_id)
         return [*self._rpc.safe("EpisodeService/ListLabels", request, pb.ListLabelsResponse).labels]
 
     def delete(self, episode_ids: str | Iterable[str], *, force: bool = False) -> list[Episode]:
-        """Puts one or many episodes into the trash, all or none: lists and new snapshots no longer have them.
+        """Moves one or many episodes to the trash, all or none: lists and new snapshots exclude them.
 
         `undelete` takes them back until the server's sweep removes them for good. Raises `FailedPrecondition` when a
-        snapshot holds one; `force` deletes it all the same, and what was made from it cannot be made again.
+        snapshot holds one; `force` deletes it nevertheless: its results can then not be reproduced.
         """
         request = pb.DeleteEpisodesRequest(episode_ids=_ids(episode_ids), force=force)
         return [*self._rpc.unary("EpisodeService/DeleteEpisodes", request, pb.DeleteEpisodesResponse).episodes]
 
     def undelete(self, episode_ids: str | Iterable[str]) -> list[Episode]:
-        """Takes one or many episodes out of the trash, all or none. Raises `NotFound` when one is gone for good."""
+        """Restores one or many episodes from the trash, all or none. Raises `NotFound` when one is removed for good."""
         request = pb.UndeleteEpisodesRequest(episode_ids=_ids(episode_ids))
         return [*self._rpc.unary("EpisodeService/UndeleteEpisodes", request, pb.UndeleteEpisodesResponse).episodes]
 
     def download(self, episode_id: str, path: str | os.PathLike[str]) -> Path:
-        """Fetches a recording as it was uploaded. `path` is a file, or a folder that it is put into.
+        """Downloads a recording as uploaded. `path` is a file, or an existing folder for it.
 
-        Raises `Damaged` when the bytes are not those that were uploaded; the file is there whole or not at all.
+        Raises `Damaged` when the digest differs; the file appears only complete.
         """
         episode = self.get(episode_id)
         path = Path(path)
@@ -111,7 +111,7 @@ class Episodes:
     def list(
         self, task: str, *, outcome: str | None = None, cohort: str = "", deleted: bool = False
     ) -> Iterator[Episode]:
-        """A task's episodes, or those in the trash, oldest first; fetched page by page as they are read."""
+        """A task's episodes, or those in the trash, oldest first; fetched lazily, page by page."""
         request = pb.ListEpisodesRequest(task=task, cohort=cohort, page_size=_PAGE, deleted=deleted)
         if outcome is not None:
             request.outcome = number(pb.ListEpisodesRequest, "outcome", outcome)

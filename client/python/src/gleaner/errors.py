@@ -1,4 +1,4 @@
-"""What can go wrong: one tree of exceptions, made from gRPC statuses, that keeps the server's own message."""
+"""The exceptions of this package, made from gRPC statuses with the server's own message."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ if TYPE_CHECKING:
 
 
 class GleanerError(Exception):
-    """Anything that this package raises on purpose."""
+    """The base of all exceptions of this package."""
 
 
 class Rejected(GleanerError):
-    """The server said no. The text is the server's and names the mend; `code` is the gRPC status."""
+    """The server rejected the call. The text is the server's and names the fix; `code` is the gRPC status."""
 
     code = grpc.StatusCode.UNKNOWN
 
     def __init__(self, message: str, code: grpc.StatusCode | None = None) -> None:
-        # Servers repeat names from recordings, and tracebacks go to terminals.
+        # Messages contain names from recordings, and tracebacks go to terminals.
         super().__init__(printable(message))
         if code is not None:
             self.code = code
 
 
 class InvalidArgument(Rejected, ValueError):
-    """A field of the request is wrong."""
+    """A field of the request is invalid."""
 
     code = grpc.StatusCode.INVALID_ARGUMENT
 
 
 class NotFound(Rejected, LookupError):
-    """What the request names is not there."""
+    """An object named by the request does not exist."""
 
     code = grpc.StatusCode.NOT_FOUND
 
 
 class AlreadyExists(Rejected):
-    """What the request would make is there already."""
+    """The object to create exists already."""
 
     code = grpc.StatusCode.ALREADY_EXISTS
 
 
 class FailedPrecondition(Rejected):
-    """The request is right, but something else must come first."""
+    """The request is valid, but another step must come first."""
 
     code = grpc.StatusCode.FAILED_PRECONDITION
 
@@ -59,49 +59,49 @@ class ResourceExhausted(Rejected):
 
 
 class Unauthorized(Rejected, PermissionError):
-    """The token is missing, wrong or not enough."""
+    """The token is missing, invalid or lacks the role."""
 
     code = grpc.StatusCode.UNAUTHENTICATED
 
 
 class DeadlineExceeded(Rejected, TimeoutError):
-    """No answer within the time allowed."""
+    """No answer within the time limit."""
 
     code = grpc.StatusCode.DEADLINE_EXCEEDED
 
 
 class Unavailable(Rejected, ConnectionError):
-    """No server there, the connection broke, or the server is stopping. The same call may succeed later."""
+    """The server is unreachable, the connection broke, or the server is stopping. A retry may succeed later."""
 
     code = grpc.StatusCode.UNAVAILABLE
 
 
 class HandshakeFailed(Unavailable):
-    """Server and client cannot talk: one does not trust the other, or only one encrypts. Retrying does not help."""
+    """The handshake failed: one side does not trust the other, or only one encrypts. Retrying does not help."""
 
 
 class Cancelled(Rejected):
-    """The call was given up."""
+    """The call was cancelled."""
 
     code = grpc.StatusCode.CANCELLED
 
 
 class ServerError(Rejected):
-    """Something went wrong in the server; its log tells more."""
+    """An internal error of the server; see its log."""
 
     code = grpc.StatusCode.INTERNAL
 
 
 class Missed(GleanerError):
-    """The policy could not answer an observation by its deadline, and no earlier chunk covers its step."""
+    """The policy did not answer an observation by its deadline, and no earlier chunk covers its step."""
 
 
 class Damaged(GleanerError):
-    """What arrived is not what was promised; fetch it again."""
+    """Received bytes differ from the announced digest; fetch them again."""
 
 
 class JobFailed(GleanerError):
-    """A job ended without success; `job` is how it ended."""
+    """A job ended without success; `job` is its final state."""
 
     def __init__(self, message: str, job: Job) -> None:
         super().__init__(message)
@@ -132,9 +132,9 @@ def from_rpc(error: grpc.RpcError) -> Rejected:
     code = error.code()
     if code is grpc.StatusCode.UNIMPLEMENTED:
         return Rejected("the server does not know this call; is it older than this client?", code)
-    return _BY_CODE.get(code, Rejected)(error.details() or f"the server refused: {code.value[1]}", code)
+    return _BY_CODE.get(code, Rejected)(error.details() or f"the server rejected the call: {code.value[1]}", code)
 
 
-def invalid(field: str, mend: str) -> InvalidArgument:
-    """Something the caller gave that cannot be used; said the way the server says it."""
-    return InvalidArgument(f"{field}: {mend}")
+def invalid(field: str, fix: str) -> InvalidArgument:
+    """The exception for an invalid argument, in the server's format."""
+    return InvalidArgument(f"{field}: {fix}")

@@ -18,27 +18,27 @@ from gleaner.types import Evaluation, SeedResult, TaskSpec
 
 
 class Env(Protocol):
-    """What is used of a `gymnasium.Env`."""
+    """The used part of a `gymnasium.Env`."""
 
     def reset(self, *, seed: int | None = None) -> tuple[Any, dict[str, Any]]:
-        """Begins an episode: its first observation, and info."""
+        """Starts an episode: returns its first observation, and info."""
 
     def step(self, action: Any, /) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Acts: observation, reward, terminated, truncated, info."""
 
 
 class Acting(Protocol):
-    """What is used of a `Policy`; any other controller with these will do."""
+    """The used part of a `Policy`; any controller with these methods is accepted."""
 
     def __call__(self, observation: Observation, /) -> NDArray[np.float32]:
-        """The action for now."""
+        """The action for this step."""
 
     def reset(self) -> object:
         """Ends the episode."""
 
 
 class Adapter:
-    """Between an environment and a task: override `cameras` and `proprioception`, and what else differs.
+    """Adapter of an environment to a task: override `cameras` and `proprioception`, and whatever else differs.
 
     `spec` is the task's, set before the first episode: image sizes are there, for rendering.
     """
@@ -58,11 +58,11 @@ class Adapter:
         raise NotImplementedError(f"{type(self).__name__}.proprioception: override it to give the task's values")
 
     def action(self, env: Any, action: NDArray[np.float32]) -> Any:
-        """What the environment takes for a policy's action: here the action itself."""
+        """The environment's action for a policy's action: by default the action itself."""
         return action
 
     def success(self, env: Any, info: Mapping[str, Any]) -> bool:
-        """Whether the task is solved after a step: here `success` or `is_success` in the environment's info."""
+        """Whether the task is solved after a step: by default `success` or `is_success` in the environment's info."""
         return bool(info.get("success", info.get("is_success", False)))
 
 
@@ -78,7 +78,7 @@ class Trial:
 
 @dataclass(frozen=True)
 class Trials:
-    """How an evaluation went."""
+    """The result of an evaluation."""
 
     seed: int
     trials: tuple[Trial, ...]
@@ -86,12 +86,12 @@ class Trials:
 
     @property
     def episodes(self) -> int:
-        """How many there were."""
+        """The number of episodes."""
         return len(self.trials)
 
     @property
     def successes(self) -> int:
-        """How many were solved."""
+        """The number of solved episodes."""
         return sum(trial.success for trial in self.trials)
 
     @property
@@ -110,9 +110,9 @@ class Trials:
         return sum(trial.steps for trial in self.trials) / self.episodes
 
     def report(self, client: Client, simulation: str) -> Evaluation:
-        """Keeps this with the policy on the server; `simulation` is for example metaworld/pick-place-v3."""
+        """Stores this result with the policy on the server; `simulation` is for example metaworld/pick-place-v3."""
         if not self.policy_id:
-            raise invalid("policy_id", "these trials were not of a deployed policy")
+            raise invalid("policy_id", "these trials did not use a deployed policy")
         seed = SeedResult(seed=self.seed, episodes=self.episodes, successes=self.successes, mean_steps=self.mean_steps)
         return client.policies.report(self.policy_id, simulation, [seed])
 
@@ -131,11 +131,11 @@ def evaluate(
     max_steps: int | None = None,
     on_trial: Callable[[Trial], object] = lambda trial: None,
 ) -> Trials:
-    """Runs episodes one after the other; episode i starts from seed + i, so that two policies meet the same ones.
+    """Runs episodes one after the other; episode i starts from seed + i, so that policies are evaluated on equal ones.
 
-    An episode ends solved as soon as the adapter says so, else when the environment ends it, or unsolved after
-    `max_steps`. An exception of the policy, a missed deadline too, ends the evaluation. What a `Policy` records is
-    labelled by how the episode ended.
+    An episode ends solved as soon as the adapter's `success` returns true, else when the environment ends it, or
+    unsolved after `max_steps`. An exception of the policy, including a missed deadline, ends the evaluation. A
+    recording `Policy` labels each episode by its result.
     """
     if episodes < 1:
         raise invalid("episodes", "must be at least 1")

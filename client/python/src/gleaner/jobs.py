@@ -25,7 +25,7 @@ _ENDED = (pb.JOB_STATE_SUCCEEDED, pb.JOB_STATE_FAILED, pb.JOB_STATE_CANCELLED)
 
 
 class JobEvent(NamedTuple):
-    """A job as it is now, and the metrics that are new."""
+    """The current job and its new metrics."""
 
     job: Job
     metrics: list[Metric]
@@ -41,7 +41,7 @@ class Curve(NamedTuple):
 class Jobs:
     """`client.jobs`. A job is named by its id or by the `Job` itself.
 
-    A job's `result_id` is there from the start, so that a later job can name what an earlier one will make.
+    A job's `result_id` is set from the start, so that a later job can name the result of an earlier one.
     """
 
     def __init__(self, rpc: Rpc) -> None:
@@ -50,7 +50,7 @@ class Jobs:
     def submit(self, task: str, spec: JobSpec | Mapping[str, Any], **order: Unpack[settings.Order]) -> Job:
         """Queues a job from its whole spec, for example `{"export": {"dataset_id": …, "format": "mcap"}}`.
 
-        With a `key` a broken connection is mended, because the same key never queues twice.
+        With a `key` the call is retried over a broken connection, because the same key never queues twice.
         """
         if not isinstance(spec, JobSpec):
             spec = build(JobSpec, spec)
@@ -79,10 +79,10 @@ class Jobs:
         return self._rpc.safe("JobService/GetJob", pb.GetJobRequest(job_id=_id(job)), pb.GetJobResponse).job
 
     def watch(self, job: str | Job, timeout: float | None = None) -> Iterator[JobEvent]:
-        """The job now, then each change and new metric, until it has ended, however it ends.
+        """The current job, then each change and new metric, until the job ends.
 
-        A broken connection is mended, after which metrics may come twice. Raises `DeadlineExceeded` when the job has
-        not ended after `timeout` seconds; it goes on all the same.
+        A broken connection is reopened, after which metrics may repeat. Raises `DeadlineExceeded` when the job has
+        not ended after `timeout` seconds; the job continues.
         """
         end = None if timeout is None else time.monotonic() + timeout
         patience = Patience()
@@ -99,7 +99,7 @@ class Jobs:
             except Unavailable as broken:
                 error = broken
             except DeadlineExceeded:
-                raise DeadlineExceeded(f"job {_id(job)} has not ended after {timeout:g} s; it goes on") from None
+                raise DeadlineExceeded(f"job {_id(job)} has not ended after {timeout:g} s; it continues") from None
             patience.wait(error)
 
     def wait(self, job: str | Job, timeout: float | None = None) -> Job:
@@ -132,7 +132,7 @@ class Jobs:
         }
 
     def list(self, task: str = "", *, state: str | None = None) -> Iterator[Job]:
-        """Jobs, newest first, of one task or of all; `state` is for example queued. Fetched as they are read."""
+        """Jobs, newest first, of one task or of all; `state` is for example queued. Fetched lazily."""
         request = pb.ListJobsRequest(task=task, page_size=_PAGE)
         if state is not None:
             request.state = number(pb.ListJobsRequest, "state", state)

@@ -1,4 +1,4 @@
-"""Observations: what a robot sees and feels at one step, checked against the task and put on the wire."""
+"""Observations: a robot's data of one step, checked against the task and converted to a message."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gleaner.types import CameraSpec, FieldSpec, TaskSpec
 
 @dataclass
 class Observation:
-    """One step. A mapping with the same keys will do in its place."""
+    """One step. A mapping with the same keys is accepted in its place."""
 
     images: Mapping[str, NDArray[np.uint8] | bytes]  # camera → height × width × RGB, or JPEG or PNG bytes
     proprioception: ArrayLike  # the task's fields, one after the other, in physical units
@@ -32,16 +32,16 @@ class Observation:
         try:
             return cls(**given)
         except TypeError as error:
-            raise invalid("observation", f"{error}; there are {', '.join(cls.__dataclass_fields__)}") from None
+            raise invalid("observation", f"{error}; supported: {', '.join(cls.__dataclass_fields__)}") from None
 
 
 def size(fields: Iterable[FieldSpec]) -> int:
-    """How many values fields hold together."""
+    """The total number of values of the fields."""
     return sum(field.size for field in fields)
 
 
 def to_wire(observation: Observation, spec: TaskSpec, stamp_ns: int) -> pb.Observation:
-    """The message for an observation. Raises `InvalidArgument` naming the field and the mend."""
+    """The message for an observation. Raises `InvalidArgument` naming the field and the fix."""
     known = {camera.name for camera in spec.cameras}
     for kind, given in (("images", observation.images), ("depth", observation.depth)):
         for name in given:
@@ -61,7 +61,7 @@ def vector(name: str, values: ArrayLike, length: int) -> NDArray[np.float32]:
     """Values as 32-bit numbers, checked for length and finiteness."""
     array = np.asarray(values, np.float32).reshape(-1)
     if len(array) != length:
-        raise invalid(name, f"has {len(array)} values, the task has {length}")
+        raise invalid(name, f"expected {length} values, got {len(array)}")
     if not np.isfinite(array).all():
         place = int(np.flatnonzero(~np.isfinite(array))[0])
         raise invalid(f"{name}[{place}]", f"is {array[place]}, must be finite")
@@ -89,7 +89,7 @@ def _image(path: str, given: NDArray[Any] | bytes, kind: np.dtype[Any], shape: t
     if isinstance(given, bytes):
         return pb.Image(data=given)
     array = np.asarray(given)
-    # Never converted silently: a float image in [0, 1] would turn black, metres would turn into nought.
+    # Never converted implicitly: a float image in [0, 1] would turn black, metres would turn to zero.
     if array.dtype != kind:
         raise invalid(path, f"is of {array.dtype}, must be {kind.name}")
     if array.shape != shape:

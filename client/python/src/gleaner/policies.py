@@ -1,4 +1,4 @@
-"""Policies: trained models, the names they are deployed under, and how they did."""
+"""Policies: trained models, their deployments and evaluations."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class Policies:
     def deploy(self, name: str, policy_id: str, *, score_run: str = "") -> Deployment:
         """Points a deployment's name at a policy, once it is loaded and warmed up.
 
-        Sessions are then scored by the score run, a finished one of the same task and of ssdf; empty: not at all.
+        Sessions are scored by the score run, a finished one of the same task and of ssdf; empty: no live scores.
         """
         request = pb.DeployRequest(name=name, policy_id=policy_id, score_run_id=score_run)
         return self._rpc.unary("PolicyService/Deploy", request, pb.DeployResponse).deployment
 
     def rollback(self, name: str) -> Deployment:
-        """Points a deployment's name back at what it pointed at before; twice goes two back."""
+        """Points a deployment's name back at its previous policy; calling it twice goes back two."""
         request = pb.RollBackRequest(name=name)
         return self._rpc.unary("PolicyService/RollBack", request, pb.RollBackResponse).deployment
 
@@ -34,7 +34,7 @@ class Policies:
         return [*self._rpc.safe("PolicyService/ListDeployments", request, pb.ListDeploymentsResponse).deployments]
 
     def report(self, policy_id: str, simulation: str, seeds: Sequence[SeedResult]) -> Evaluation:
-        """Keeps the result of trials that ran elsewhere; `simulation` is for example metaworld/pick-place-v3."""
+        """Stores the result of trials that ran elsewhere; `simulation` is for example metaworld/pick-place-v3."""
         request = pb.ReportEvaluationRequest(policy_id=policy_id, simulation=simulation, seeds=seeds)
         return self._rpc.unary("PolicyService/ReportEvaluation", request, pb.ReportEvaluationResponse).evaluation
 

@@ -22,13 +22,13 @@ from gleaner.observation import Observation, size, to_wire
 from gleaner.scoring import LiveScore
 from gleaner.types import TaskSpec, Timings
 
-# Of a rate and of times; the wire has no room for deadlines over an hour or so.
+# The most of a rate or a time; longer deadlines than about an hour do not fit the message.
 _MOST = 3600.0
 
 
 @dataclass(frozen=True)
 class Chunk:
-    """The actions that answer one observation, one a control period from its stamp on."""
+    """The actions that answer one observation, one per control period from its stamp on."""
 
     stamp_ns: int
     actions: NDArray[np.float32]  # k × values
@@ -41,13 +41,13 @@ class Policy:
     """A deployment to act with. A context manager; for one thread.
 
     `rate_hz` is the control rate (None: the task's), `deadline` how many seconds after its arrival at the server an
-    observation may be answered (None: whenever), `timeout` how long to wait for any answer at all.
+    observation may be answered (None: no deadline), `timeout` how long to wait for any answer.
 
     With `record` the server keeps each episode as a recording of the task, under `cohort` (empty: the deployment's
-    name) and the outcome that `close` or `reset` tells; one that ends without is kept as unknown.
+    name) and the outcome given to `close` or `reset`; an episode that ends otherwise is kept as unknown.
 
-    The session opens with the first call, again and again while there is no connection; once open it is not
-    mended, because its history would be lost in the middle of an episode: `reset()` begins anew.
+    The session opens with the first call, retried while there is no connection; once open it is not
+    reopened, because its history would be lost in the middle of an episode: `reset()` starts again.
     """
 
     def __init__(
@@ -85,9 +85,9 @@ class Policy:
         self._stamp_ns: int | None = None
 
     def __call__(self, observation: Observation | Mapping[str, Any]) -> NDArray[np.float32]:
-        """The action for now.
+        """The action for this step.
 
-        When the server misses the deadline, the newest chunk that reaches this step answers in its place; without
+        When the server misses the deadline, the newest chunk that covers this step is used in its place; without
         one `Missed` is raised, and the robot should hold.
         """
         try:
@@ -101,7 +101,7 @@ class Policy:
         return action.copy()
 
     def chunk(self, observation: Observation | Mapping[str, Any]) -> Chunk:
-        """All the actions for an observation, from now on. Raises `Missed` when they are not there in time."""
+        """All the actions for an observation, from this step on. Raises `Missed` without an answer by the deadline."""
         observation = Observation.of(observation)
         stamp_ns = self._stamp(observation)
         message = to_wire(observation, self.spec, stamp_ns)
@@ -124,10 +124,10 @@ class Policy:
         return self.last
 
     def reset(self, outcome: str = "unknown") -> str:
-        """Ends the episode; the next call begins another, with the policy that is deployed then.
+        """Ends the episode; the next call starts another, with the policy deployed then.
 
-        The id of the episode that was recorded is returned; empty without `record`, or with fewer than two steps.
-        `outcome` is its label: success, failure or unknown. Raises when the server could not keep it.
+        Returns the id of the recorded episode; empty without `record`, or with fewer than two steps.
+        `outcome` is its label: success, failure or unknown. Raises when the server could not store it.
         """
         wire = number(pb.SessionClose, "outcome", outcome)
         session, self._session = self._session, None
@@ -137,19 +137,19 @@ class Policy:
         try:
             return session.close(wire).episode_id
         except GleanerError:
-            # The episode is over either way; unless it was to be kept, what failed is but telling so.
+            # The episode is over either way; without a recording only the close failed.
             if self._open.record:
                 raise
             return ""
 
     @property
     def score(self) -> LiveScore | None:
-        """The newest score of this episode: when q falls, it leaves what experts do."""
+        """The newest score of this episode: a falling q shows that it departs from the experts."""
         return self.last.score if self.last is not None else None
 
     @property
     def draining(self) -> bool:
-        """The server is stopping: finish or `reset()` soon, or be closed."""
+        """Whether the server is stopping: it will close the session; finish or `reset()` soon."""
         return self._session is not None and self._session.draining
 
     def close(self, outcome: str = "unknown") -> str:
@@ -163,11 +163,11 @@ class Policy:
         if error is None:
             self.close()
         else:
-            # What went wrong already matters more; what was recorded is kept without an outcome.
+            # The first error matters more; the recording is kept with an unknown outcome.
             self._abandon()
 
     def _begin(self) -> None:
-        # What belongs to one episode; policy_id stays until the next session opens.
+        # The state of one episode; policy_id stays until the next session opens.
         self.last, self._given, self._stamp_ns = None, None, None
         self.dropped, self.missed = 0, 0
 
@@ -187,7 +187,7 @@ class Policy:
             return observation.stamp_ns
         if self._stamp_ns is not None:
             return self._stamp_ns + self._period_ns
-        # A recording has a date.
+        # A recording needs real time stamps.
         return time.time_ns() if self._open.record else 0
 
     def _late(self) -> NDArray[np.float32] | None:
@@ -204,5 +204,5 @@ class Policy:
 def _spec(client: Client, deployment: str) -> TaskSpec:
     names = {known.name: known.task_id for known in client.deployments()}
     if deployment not in names:
-        raise NotFound(f"no deployment {deployment}; there are {', '.join(names) or 'none'}")
+        raise NotFound(f"no deployment {deployment}; existing: {', '.join(names) or 'none'}")
     return client.tasks.get(names[deployment]).spec

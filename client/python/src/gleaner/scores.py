@@ -18,7 +18,7 @@ from gleaner.types import KeptBySelection, ScoreRun
 
 @dataclass(frozen=True)
 class EpisodeScores:
-    """One episode's scores. Every array has one entry a step: the segment that ends there."""
+    """One episode's scores. Every array has one entry per step: the segment that ends there."""
 
     episode_id: str  # empty when it is not stored
     role: str  # expert or imperfect; experts' scores leave their own episode out; unspecified when it is not stored
@@ -33,7 +33,7 @@ class EpisodeScores:
 
 @dataclass(frozen=True)
 class Histogram:
-    """How q is spread over a run's imperfect segments."""
+    """The distribution of q over a run's imperfect segments."""
 
     counts: NDArray[np.uint64]
     edges: NDArray[np.float64]  # one more than counts, from 0 to 1
@@ -54,7 +54,7 @@ class Scores:
         return self._rpc.safe("ScoreService/GetScoreRun", request, pb.GetScoreRunResponse).score_run
 
     def histogram(self, run: str, bins: int = 20, betas: Sequence[float] = ()) -> Histogram:
-        """The histogram of q, and what each threshold would keep."""
+        """The histogram of q, and the counts of each threshold."""
         request = pb.GetHistogramRequest(score_run_id=run, bins=bins, betas=betas)
         reply = self._rpc.safe("ScoreService/GetHistogram", request, pb.GetHistogramResponse)
         return Histogram(
@@ -67,7 +67,7 @@ class Scores:
     def what_if(
         self, run: str, selections: Sequence[Mapping[str, Any]], *, per_episode: bool = False
     ) -> list[KeptBySelection]:
-        """What datasets would hold, per cohort, without making any; selections are like `{"beta": 0.5}`."""
+        """The counts of datasets, per cohort, without creating them; selections are like `{"beta": 0.5}`."""
         wanted = [build(pb.Selection, selection) for selection in selections]
         request = pb.CountKeptRequest(score_run_id=run, selections=wanted, per_episode=per_episode)
         return [*self._rpc.safe("ScoreService/CountKept", request, pb.CountKeptResponse).counts]
@@ -78,7 +78,7 @@ class Scores:
         return from_wire(self._rpc.safe("ScoreService/GetEpisodeScores", request, pb.GetEpisodeScoresResponse).scores)
 
     def all(self, run: str, role: str | None = None) -> Iterator[EpisodeScores]:
-        """Every episode's scores, or those of one role (expert, imperfect), fetched as they are read."""
+        """Every episode's scores, or those of one role (expert, imperfect), fetched lazily."""
         for episode in self._snapshots.episodes(self.get(run).snapshot_id):
             if role is None or word(episode, "role") == role:
                 yield self.episode(run, episode.episode_id)

@@ -1,4 +1,4 @@
-"""Scores of what is not stored: a recording, or the steps of an episode while it happens. The server keeps nothing."""
+"""Scores of data that is not stored: a recording, or the steps of a running episode."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from gleaner.scores import EpisodeScores, Scores, from_wire
 from gleaner.tasks import Tasks
 from gleaner.types import Report, TaskSpec
 
-# Half of what the server takes in one message.
+# Half of the server's message limit.
 _PIECE = 1 << 20
-# Steps on their way while the answer to the first of them is waited for.
+# Steps in flight while the first of them is unanswered.
 _AHEAD = 16
 _PATIENCE_S = 60.0
 
-# What was seen and felt at a step, and what was done.
+# A step's observation and action.
 Step = tuple[Observation | Mapping[str, Any], ArrayLike]
 
 
 @dataclass(frozen=True)
 class LiveScore:
-    """How well one segment fits what experts do."""
+    """The score of one segment."""
 
     stamp_ns: int  # of the segment's last observation
     w: float  # the highest similarity to an expert segment
@@ -52,7 +52,7 @@ class LiveScore:
 
 @dataclass(frozen=True)
 class StepScores:
-    """Scores of an episode's steps; every array has one entry a step: the segment that ends there."""
+    """Scores of an episode's steps; every array has one entry per step: the segment that ends there."""
 
     stamp_ns: NDArray[np.int64]
     w: NDArray[np.float64]
@@ -62,7 +62,7 @@ class StepScores:
 
 
 class ScoredRecording(NamedTuple):
-    """A recording's scores, and what its inspection found."""
+    """A recording's scores, and the report of its inspection."""
 
     scores: EpisodeScores
     report: Report
@@ -76,8 +76,8 @@ class Scoring:
         self._scores, self._tasks = Scores(rpc), Tasks(rpc)
 
     def recording(self, run: str, path: Path, progress: Callable[[int], object]) -> ScoredRecording:
-        """A whole recording's scores. Sent anew while there is no connection, since nothing is kept."""
-        # Opened here: what is no file is the caller's to hear of, not the stream's.
+        """A whole recording's scores. Retried from the beginning while there is no connection."""
+        # Opened here, so that a missing file is raised to the caller and not in the stream.
         with regular(path).open("rb") as file:
 
             def send() -> pb.ScoreRecordingResponse:
@@ -89,7 +89,7 @@ class Scoring:
         return ScoredRecording(from_wire(reply.scores), reply.report)
 
     def steps(self, run: str, steps: Iterable[Step]) -> StepScores:
-        """All steps' scores, once all are there."""
+        """All steps' scores, once all have arrived."""
         scores = [*self._converse(run, steps, _AHEAD)]
         return StepScores(
             stamp_ns=np.array([score.stamp_ns for score in scores], np.int64),
@@ -148,7 +148,7 @@ def _step(step: Step, spec: TaskSpec, place: int) -> pb.ScoreStep:
     if stamp_ns is None:
         stamp_ns = round(place * 1e9 / spec.rate_hz)
     message = to_wire(observation, spec, stamp_ns)
-    # The next step says what was done: its action.
+    # The action of this step.
     message.ClearField("executed_action")
     return pb.ScoreStep(observation=message, action=action)
 
@@ -156,5 +156,5 @@ def _step(step: Step, spec: TaskSpec, place: int) -> pb.ScoreStep:
 def _answer(response: pb.ScoreStepsResponse, stamp_ns: int) -> LiveScore:
     score = LiveScore.of(response.score)
     if score.stamp_ns != stamp_ns:
-        raise ServerError(f"the server scored the step of {score.stamp_ns} ns, not that of {stamp_ns} ns")
+        raise ServerError(f"the server scored the step of {score.stamp_ns} ns, expected {stamp_ns} ns")
     return score

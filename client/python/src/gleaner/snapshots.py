@@ -1,4 +1,4 @@
-"""Snapshots: immutable lists of a task's episodes with their labels and roles. What a job saw."""
+"""Snapshots: immutable lists of a task's episodes with their labels and roles, the inputs of jobs."""
 
 from __future__ import annotations
 

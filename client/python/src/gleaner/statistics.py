@@ -1,4 +1,4 @@
-"""How sure a success rate is."""
+"""The confidence interval of a success rate."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ _Z = 1.959963984540054
 
 
 def wilson(successes: int, trials: int) -> tuple[float, float]:
-    """The 95 % Wilson interval of a success rate: low, high; (0, 1) when nothing was tried."""
+    """The 95 % Wilson interval of a success rate: low, high; (0, 1) without trials."""
     if not 0 <= successes <= trials:
-        raise ValueError(f"successes: {successes} of {trials} cannot be")
+        raise ValueError(f"successes: {successes} of {trials} is impossible")
     if trials == 0:
         return 0.0, 1.0
     rate = successes / trials

@@ -1,4 +1,4 @@
-"""A dataset as a PyTorch `IterableDataset`. Importing this needs torch; nothing else of the package does."""
+"""A dataset as a PyTorch `IterableDataset`. Only this module of the package needs torch."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class SegmentDataset(IterableDataset):  # type: ignore[misc]
         kept_only: bool,
     ) -> None:
         if steps is not None and steps < 1:
-            raise ValueError("steps: must be at least 1, or None for segments as long as they are")
+            raise ValueError("steps: must be at least 1, or None for segments of their own length")
         self._endpoint = endpoint
         self._dataset_id = dataset_id
         self._steps = steps
         self._wanted = {"frames": frames, "kept_only": kept_only}
-        # Workers know nothing of the ranks, so this is asked here, in the process that makes the loader.
+        # Workers do not have the ranks, so they are read here, in the process that creates the loader.
         self._rank, self._ranks = _rank()
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
@@ -57,7 +57,7 @@ class SegmentDataset(IterableDataset):  # type: ignore[misc]
     def _item(self, segment: Segment) -> dict[str, Any]:
         have = len(segment.action)
         steps = self._steps or have
-        # Row i of the item is this step of the segment; before the first, the first again.
+        # Row i of the item is this step of the segment; earlier rows repeat the first.
         rows = np.arange(have - steps, have)
         mask, rows = rows >= 0, np.maximum(rows, 0)
         item = {
@@ -70,7 +70,7 @@ class SegmentDataset(IterableDataset):  # type: ignore[misc]
         for camera, images in segment.images.items():
             item[f"images.{camera}"] = torch.from_numpy(images[rows])
         for camera, depth in segment.depth.items():
-            # Not every operation of torch knows 16 unsigned bits.
+            # Some operations of torch do not support unsigned 16-bit integers.
             item[f"depth.{camera}"] = torch.from_numpy(depth[rows].astype(np.int32))
         return item
 

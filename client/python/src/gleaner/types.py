@@ -1,4 +1,4 @@
-"""The records that the server sends, as generated from its .proto files. `word` gives the word for a choice."""
+"""The server's messages, as generated from its .proto files. `word` returns the word of an enum value."""
 
 from gleaner._messages import word
 from gleaner._proto.v1.dataset_pb2 import Dataset, ExportFile

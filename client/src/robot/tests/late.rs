@@ -1,10 +1,10 @@
-//! Actions in time and actions that are late.
+//! Actions in time and late actions.
 
 use super::Done::{Command, Stop};
 use super::*;
 
 #[tokio::test(start_paused = true)]
-async fn answers_in_time_are_commanded_as_they_come() {
+async fn answers_in_time_are_commanded() {
     let server = Server::new(|_, nth| Reply::After(20, vec![[1.0, 2.0, 3.0][nth]]));
     let mut robot = Noting::new(3);
     let report = run(&mut robot, &server, &plan()).await.unwrap();
@@ -18,7 +18,7 @@ async fn answers_in_time_are_commanded_as_they_come() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_late_action_is_held_for_then_the_robot_stops_and_goes_on_when_actions_come() {
+async fn a_late_action_makes_the_robot_hold_then_stop_then_resume() {
     let server = Server::new(|_, nth| match nth {
         0 | 5 => Reply::After(20, vec![7.0]),
         _ => Reply::Nothing,
@@ -27,7 +27,7 @@ async fn a_late_action_is_held_for_then_the_robot_stops_and_goes_on_when_actions
     let report = run(&mut robot, &server, &plan()).await.unwrap();
     let expected = [
         (20, Command(7.0)),
-        // What else is due is looked for until three quarters of the period.
+        // Other due actions are considered at three quarters of the period.
         (175, Command(7.0)),
         (275, Command(7.0)),
         (375, Stop),
@@ -41,7 +41,7 @@ async fn a_late_action_is_held_for_then_the_robot_stops_and_goes_on_when_actions
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_robot_holds_in_its_own_way_and_says_what_was_executed() {
+async fn a_robot_holds_in_its_own_way_and_reports_the_executed_action() {
     let server = Server::new(|_, nth| if nth == 0 { Reply::After(20, vec![7.0]) } else { Reply::Nothing });
     let mut robot = Noting::new(4);
     robot.hold = Some(-1.0);
@@ -54,7 +54,7 @@ async fn a_robot_holds_in_its_own_way_and_says_what_was_executed() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn nothing_is_commanded_before_the_first_action_comes() {
+async fn no_command_is_sent_before_the_first_action() {
     let server = Server::new(|_, _| Reply::Nothing);
     let mut robot = Noting::new(8);
     let report = run(&mut robot, &server, &plan()).await.unwrap();
@@ -63,8 +63,8 @@ async fn nothing_is_commanded_before_the_first_action_comes() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn late_chunks_are_ensembled_for_the_step_that_is_due() {
-    // The answers to 0, 1 and 2 come at 140, 280 and 420 ms.
+async fn late_chunks_are_ensembled_for_the_due_step() {
+    // The answers to 0, 1 and 2 arrive at 140, 280 and 420 ms.
     let server =
         Server::new(|_, nth| Reply::After(140, [[0.0, 1.0, 2.0, 3.0], [10.0, 11.0, 12.0, 13.0]][nth % 2].to_vec()));
     let mut robot = Noting::new(4);
@@ -80,7 +80,7 @@ async fn late_chunks_are_ensembled_for_the_step_that_is_due() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_answer_that_is_of_no_use_any_more_is_counted_and_not_commanded() {
+async fn an_expired_answer_is_counted_and_not_commanded() {
     let server = Server::new(|_, nth| if nth == 0 { Reply::After(150, vec![7.0]) } else { Reply::Nothing });
     let mut robot = Noting::new(3);
     let report = run(&mut robot, &server, &plan()).await.unwrap();
@@ -89,7 +89,7 @@ async fn an_answer_that_is_of_no_use_any_more_is_counted_and_not_commanded() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_missed_deadline_is_not_waited_for() {
+async fn a_missed_deadline_ends_the_wait() {
     let server = Server::new(|_, nth| if nth == 0 { Reply::After(20, vec![7.0]) } else { Reply::Missed });
     let mut robot = Noting::new(3);
     let report = run(&mut robot, &server, &plan()).await.unwrap();

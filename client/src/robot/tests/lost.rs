@@ -1,4 +1,4 @@
-//! Servers that are lost, stopping, or not to be had.
+//! Lost, stopping and unreachable servers.
 
 use super::Done::{Command, Stop};
 use super::*;
@@ -12,7 +12,7 @@ async fn a_lost_server_means_hold_then_stop_then_another_session() {
     .away(2);
     let mut robot = Noting::new(12);
     let report = run(&mut robot, &server, &plan()).await.unwrap();
-    // Lost at 200; tried again at 300, 500 and 900, where it is there.
+    // Lost at 200; retried at 300, 500 and 900, when it is reachable.
     let expected = [(10, Command(0.0)), (110, Command(0.0)), (200, Command(0.0)), (300, Command(0.0)), (400, Stop)];
     assert_eq!(robot.done[..5], expected);
     assert_eq!(robot.done[5].1, Command(1.0));
@@ -24,7 +24,7 @@ async fn a_lost_server_means_hold_then_stop_then_another_session() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn chunks_bridge_a_loss_until_the_other_session_answers() {
+async fn chunks_bridge_a_loss_until_the_new_session_answers() {
     let server = Server::new(|session, nth| match (session, nth) {
         (0, 0) => Reply::After(10, vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]),
         (0, _) => Reply::Break(Status::unavailable("gone")),
@@ -34,25 +34,25 @@ async fn chunks_bridge_a_loss_until_the_other_session_answers() {
     robot.slow = |nth| if nth == 1 { 30 } else { 0 };
     let report = run(&mut robot, &server, &plan()).await.unwrap();
     let commanded: Vec<Done> = robot.done.iter().map(|(_, done)| *done).collect();
-    // Lost at 130 and open again at 230; from then on nothing of the old session's counts.
+    // Lost at 130 and open again at 230; from then on the chunks of the old session are ignored.
     assert_eq!(commanded, [Command(0.0), Command(1.0), Command(2.0), Command(9.0), Stop]);
     assert_eq!((report.held, report.reconnects), (0, 1));
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_server_that_falls_silent_is_lost() {
+async fn a_silent_server_is_lost() {
     let server =
         Server::new(|session, nth| if session == 0 && nth > 0 { Reply::Hang } else { Reply::After(10, vec![1.0]) });
     let mut robot = Noting::new(25);
     let report = run(&mut robot, &server, &plan()).await.unwrap();
-    // Asked in vain from 100 on, for two seconds.
+    // No response from 100 on, for two seconds.
     assert_eq!((server.sessions(), report.reconnects, report.stops), (2, 1, 1));
     let resumed = robot.done.iter().find(|(at, done)| *at > 500 && *done == Command(1.0)).unwrap();
     assert!((2200..2320).contains(&resumed.0), "{resumed:?}");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_server_that_drains_is_left_for_another_session() {
+async fn a_draining_server_is_left_for_another_session() {
     let server =
         Server::new(|session, nth| if (session, nth) == (0, 1) { Reply::Drain } else { Reply::After(10, vec![1.0]) });
     let mut robot = Noting::new(5);
@@ -62,7 +62,7 @@ async fn a_server_that_drains_is_left_for_another_session() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_refusal_ends_the_run_with_the_robot_stopped() {
+async fn a_rejection_ends_the_run_with_the_robot_stopped() {
     let server = Server::new(|_, nth| match nth {
         0 => Reply::After(10, vec![1.0]),
         _ => Reply::Break(Status::invalid_argument("observation.proprioception: 3 values, the task has 7")),
@@ -76,7 +76,7 @@ async fn a_refusal_ends_the_run_with_the_robot_stopped() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_server_that_stays_away_is_given_up() {
+async fn an_unreachable_server_is_given_up() {
     let server = Server::new(|_, nth| match nth {
         0 => Reply::After(10, vec![1.0]),
         _ => Reply::Break(Status::unavailable("gone")),
@@ -85,14 +85,14 @@ async fn a_server_that_stays_away_is_given_up() {
     let plan = ControlPlan { give_up_after: Duration::from_secs(5), ..plan() };
     let mut robot = Noting::new(1000);
     let error = run(&mut robot, &server, &plan).await.unwrap_err();
-    assert!(error.to_string().contains("not there"), "{error}");
+    assert!(error.to_string().contains("unreachable"), "{error}");
     assert!((5000..7000).contains(&robot.begin.elapsed().as_millis()));
-    // Stopped once, long before, and not told again while it rests.
+    // Stopped once, long before, and not again while it rests.
     assert_eq!((robot.stops(), robot.stopped_at_last()), (1, true));
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_the_server_calls_silence_or_fullness_is_tried_again() {
+async fn silence_and_fullness_reported_by_the_server_are_retried() {
     for status in [Status::deadline_exceeded("silent"), Status::resource_exhausted("full")] {
         let server = Server::new(move |session, nth| match (session, nth) {
             (0, 1) => Reply::Break(status.clone()),

@@ -1,4 +1,4 @@
-//! Ends that would be unsafe: whatever ends a run, the robot is stopped.
+//! Ends that would be unsafe: the robot is stopped at the end of every run.
 
 use super::Done::{Command, Stop};
 use super::*;
@@ -8,7 +8,7 @@ fn answering() -> Server {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_robot_that_fails_is_stopped() {
+async fn a_failing_robot_is_stopped() {
     for (fails, acted) in [
         ((|what, nth| what == "observe" && nth == 1) as fn(&str, usize) -> bool, 1),
         (|what, nth| what == "command" && nth == 1, 1),
@@ -24,7 +24,7 @@ async fn a_robot_that_fails_is_stopped() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn one_that_cannot_even_be_stopped_is_reported() {
+async fn a_robot_that_cannot_be_stopped_is_reported() {
     let mut robot = Noting::new(9);
     robot.fails = |what, nth| what == "stop" || (what == "observe" && nth == 1);
     let error = run(&mut robot, &answering(), &plan()).await.unwrap_err();
@@ -36,7 +36,7 @@ async fn one_that_cannot_even_be_stopped_is_reported() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_run_that_is_dropped_stops_the_robot_and_closes_the_session() {
+async fn a_dropped_run_stops_the_robot_and_closes_the_session() {
     let (server, mut robot) = (answering(), Noting::new(1000));
     let dropped = tokio::time::timeout(Duration::from_millis(150), run(&mut robot, &server, &plan())).await;
     assert!(dropped.is_err());
@@ -55,7 +55,7 @@ async fn stamps_that_do_not_rise_end_the_run() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_policy_that_gives_no_numbers_moves_nothing() {
+async fn non_finite_actions_move_nothing() {
     let server = Server::new(|_, nth| Reply::After(10, vec![[1.0, f32::NAN][nth]]));
     let mut robot = Noting::new(9);
     let error = run(&mut robot, &server, &plan()).await.unwrap_err();
@@ -64,7 +64,7 @@ async fn a_policy_that_gives_no_numbers_moves_nothing() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_plan_that_makes_no_sense_is_refused_before_anything_moves() {
+async fn an_invalid_plan_is_rejected_before_any_motion() {
     let server = answering();
     let mut robot = Noting::new(9);
     let plan = ControlPlan { answer_within: Duration::from_secs(1), ..plan() };

@@ -1,4 +1,4 @@
-//! Pictures of frames made by hand, decoded again.
+//! Images of synthetic frames, decoded again.
 
 #![allow(clippy::unwrap_used, clippy::cast_possible_truncation, reason = "tests only")]
 
@@ -21,7 +21,7 @@ fn spec() -> TaskSpec {
     }
 }
 
-/// Smooth color, as cameras see it, and depth that rises from left to right, without a reading in the first column.
+/// Smooth colour, as from a camera, and depth that rises from left to right, without a reading in the first column.
 fn frame() -> Vec<u8> {
     let color = |height: u8, width: u8, blue: u8| {
         let pixels = (0..height).flat_map(move |row| (0..width).map(move |column| (row, column)));
@@ -54,7 +54,7 @@ fn each_camera_shows_its_own_pixels() {
 }
 
 #[test]
-fn near_is_light_far_is_dark_and_nothing_is_black() {
+fn near_is_light_far_is_dark_and_no_reading_is_black() {
     assert_eq!(grey(&[0, 0, 100, 0, 44, 1]), [0, 0, 0, 255, 255, 255, 32, 32, 32]);
     assert_eq!(grey(&[7, 0, 7, 0]), [255; 6], "all as near");
     assert_eq!(grey(&[0, 0]), [0; 3], "nothing measured");
@@ -64,12 +64,12 @@ fn near_is_light_far_is_dark_and_nothing_is_black() {
 }
 
 #[test]
-fn a_smaller_picture_is_the_mean_and_never_a_larger_one() {
+fn images_are_scaled_down_by_the_mean_and_never_up() {
     let small = drawn(&View { size: Some(8), ..view("front") }, 4, 8);
     let expected: Vec<u8> =
         (0..4_u8).flat_map(|row| (0..8_u8).flat_map(move |c| [row * 16 + 4, c * 16 + 4, 40])).collect();
     assert_near(&small, &expected, 16);
-    // 6 × 10 in squares of 4: what is left over at the edge goes.
+    // 6 × 10 in squares of 4: the remainder at the edge is dropped.
     drawn(&View { size: Some(3), ..view("wrist") }, 1, 2);
     drawn(&View { size: Some(1), ..view("wrist") }, 1, 1);
     drawn(&View { size: Some(100), ..view("wrist") }, 6, 10);
@@ -79,7 +79,7 @@ fn a_smaller_picture_is_the_mean_and_never_a_larger_one() {
 }
 
 #[test]
-fn what_is_not_there_is_named() {
+fn a_missing_camera_is_named() {
     let fails = |view: &View| picture(&spec(), &frame(), view).unwrap_err();
     let unknown = fails(&view("side"));
     assert_eq!(unknown.kind(), Kind::NotFound);

@@ -1,4 +1,4 @@
-//! What a summary answers, against looking at every segment.
+//! Summaries compared with a scan of every segment.
 
 use proptest::prelude::*;
 
@@ -48,7 +48,7 @@ fn the_mean_is_that_of_the_steps() {
 }
 
 proptest! {
-    /// Nothing left out is better than what is shown of its episode, unless it lies beside it or three are shown.
+    /// No omitted segment is better than a shown one of its episode, unless it is its neighbour or three are shown.
     #[test]
     fn the_best_are_found(q in proptest::collection::vec(proptest::collection::vec(0..5_u8, 0..40), 0..5), most in 0..12_usize) {
         let candidates: Vec<_> = q.iter().map(|q| candidate(&q.iter().map(|&q| f32::from(q) / 4.0).collect::<Vec<_>>())).collect();

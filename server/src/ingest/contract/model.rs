@@ -1,5 +1,5 @@
-//! An upload beside a model of it: whatever clients do in whatever order, and wherever the server dies, the committed
-//! size is the model's and the bytes are the content's.
+//! An upload compared with a model: for any order of client actions and server deaths, the committed size is the
+//! model's and the bytes are the content's.
 
 use futures::stream;
 use proptest::{
@@ -16,22 +16,23 @@ use crate::{
     error::{Error, Kind},
 };
 
-/// What can happen to an upload.
+/// An event of an upload.
 #[derive(Debug, Clone)]
 enum Event {
-    /// A stream from so far beside the committed size, of messages of these lengths, that ends soundly or breaks.
+    /// A stream from this offset relative to the committed size, of messages of these lengths, that ends properly or
+    /// breaks.
     Write { beside: i64, lengths: Vec<usize>, broken: bool },
     /// Another client starts the same content.
     Start,
-    /// The server dies with so many bytes in the part that were never committed, and starts again.
+    /// The server dies with this many uncommitted bytes in the part, and restarts.
     Die { unsynced: usize },
-    /// The client says that it is done.
+    /// The client finishes the upload.
     Finish,
 }
 
 fn event() -> impl Strategy<Value = Event> {
     let lengths = prop::collection::vec(0..14_usize, 0..4);
-    // Mostly where it belongs.
+    // Mostly at the committed size.
     let beside = prop_oneof![8 => Just(0), 1 => -30..0_i64, 1 => 1..30_i64];
     prop_oneof![
         6 => (beside, lengths, prop::bool::ANY).prop_map(|(beside, lengths, broken)| Event::Write { beside, lengths, broken }),
@@ -41,17 +42,17 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// The content that is declared.
+/// The declared content.
 const CONTENT: &[u8] = b"what a robot saw and did while it picked a cube up";
 
-/// The simple truth: so many bytes are committed, or it is an episode.
+/// The model: this many bytes are committed, or the episode exists.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Model {
     Open(usize),
     Episode,
 }
 
-/// Sends messages from `at` on. What is beyond the content is filled up, so that it is only ever too long.
+/// Sends messages from `at` on. Messages beyond the content are padded, so that it is too long but never different.
 fn messages(id: &UploadId, mut at: usize, lengths: &[usize]) -> Vec<Chunk> {
     let message = |length: &usize| {
         let from = at;
@@ -62,8 +63,9 @@ fn messages(id: &UploadId, mut at: usize, lengths: &[usize]) -> Vec<Chunk> {
     lengths.iter().map(message).collect()
 }
 
-/// How far a stream of these messages brings an upload of which `before` bytes are committed, and whether it is refused.
-fn told(before: usize, at: usize, lengths: &[usize]) -> (usize, bool) {
+/// The committed size after a stream of these messages on an upload with `before` committed bytes, and whether it is
+/// refused.
+fn expected(before: usize, at: usize, lengths: &[usize]) -> (usize, bool) {
     let mut end = before;
     for (place, length) in lengths.iter().enumerate() {
         if place == 0 && at != before || end + length > CONTENT.len() {
@@ -83,11 +85,11 @@ async fn write(f: &Fixture, id: &UploadId, model: Model, event: (i64, &[usize], 
     let result = f.ingest.write(stream::iter(chunks.into_iter().map(Ok).chain(broke))).await;
     let Model::Open(before) = model else {
         let kind = result.unwrap_err().kind();
-        // A stream that breaks, or ends, before its first message says nothing of any upload.
+        // A stream that breaks, or ends, before its first message names no upload.
         assert!(matches!(kind, Kind::NotFound) || lengths.is_empty(), "{kind:?}");
         return model;
     };
-    let (end, refused) = told(before, at, lengths);
+    let (end, refused) = expected(before, at, lengths);
     match (refused, broken) {
         (true, true) if lengths.is_empty() => assert_eq!(result.unwrap_err().kind(), Kind::Cancelled),
         (true, _) => assert_eq!(result.unwrap_err().kind(), Kind::Invalid),
@@ -97,7 +99,7 @@ async fn write(f: &Fixture, id: &UploadId, model: Model, event: (i64, &[usize], 
     Model::Open(end)
 }
 
-/// The server's data is as after a kill: with bytes that were written and not acknowledged.
+/// The server's data as after a kill: with written and unacknowledged bytes.
 async fn die(f: &mut Fixture, id: &UploadId, model: Model, unsynced: usize) {
     if let Model::Open(_) = model {
         let path = f.ingest.part_path(id);
@@ -136,7 +138,7 @@ async fn start(f: &Fixture) -> Option<Upload> {
 async fn play(events: Vec<Event>) {
     let mut f = playing(USABLE).await;
     let id = start(&f).await.unwrap().id;
-    // As after its first word: then nobody else has been promised it.
+    // As after its first message: then the upload is promised to this client.
     assert_eq!(f.write(&id, 0, b"").await.unwrap(), 0);
     let mut model = Model::Open(0);
     for event in events {
@@ -156,7 +158,7 @@ async fn play(events: Vec<Event>) {
     }
 }
 
-/// The server says what the model says, and the bytes are the content's.
+/// The server agrees with the model, and the bytes are the content's.
 async fn check(f: &Fixture, id: &UploadId, model: Model) {
     let status = f.ingest.status(id).await;
     match model {
@@ -173,7 +175,7 @@ async fn check(f: &Fixture, id: &UploadId, model: Model) {
 }
 
 #[test]
-fn an_upload_is_what_a_simple_model_of_it_is() {
+fn an_upload_agrees_with_its_model() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let config = ProptestConfig { cases: 32, failure_persistence: None, ..ProptestConfig::default() };
     let mut runner = TestRunner::new_with_rng(

@@ -1,4 +1,4 @@
-//! Tests of recordings that only pass: what is found, and that nothing stays.
+//! Recordings that are inspected and not stored: their content, and that no file stays.
 
 use futures::stream;
 
@@ -20,12 +20,12 @@ fn chunks(bytes: &[u8]) -> Vec<Result<Bytes>> {
 }
 
 #[tokio::test]
-async fn a_recording_is_read_and_gone() {
+async fn a_recording_is_read_and_removed() {
     let f = real("none", &[]).await;
     let bytes = recording(&f.task, 12);
     let passing = pass(&f, Some(bytes.len() as u64), chunks(&bytes)).await.unwrap();
     assert_eq!((passing.report.steps, passing.frames.steps()), (12, 12));
-    assert_eq!(passing.frames.action()[3], -3.0, "what was mapped outlives its file");
+    assert_eq!(passing.frames.action()[3], -3.0, "mapped steps outlive their file");
     assert!(f.files(&FOLDERS).is_empty(), "{:?}", f.files(&FOLDERS));
     assert_eq!(f.ingest.passing.available_permits(), AT_ONCE - 1, "its steps are held");
     drop(passing);
@@ -34,7 +34,7 @@ async fn a_recording_is_read_and_gone() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_used_is_said_and_gone() {
+async fn an_unusable_recording_is_rejected_and_removed() {
     let f = playing(REFUSING).await;
     let refused = pass(&f, None, chunks(b"recording")).await.unwrap_err();
     assert!(refused.kind() == Kind::Invalid && refused.message().contains("reach.mcap holds no"), "{refused}");
@@ -48,7 +48,7 @@ async fn what_cannot_be_used_is_said_and_gone() {
 }
 
 #[tokio::test]
-async fn more_than_the_limit_is_refused_as_soon_as_it_shows() {
+async fn a_recording_above_the_limit_is_refused_early() {
     let f = real("none", &["--max-upload-bytes", "8"]).await;
     for declared in [None, Some(9)] {
         let refused = pass(&f, declared, chunks(b"recording")).await.unwrap_err();
@@ -61,7 +61,7 @@ async fn more_than_the_limit_is_refused_as_soon_as_it_shows() {
 }
 
 #[tokio::test]
-async fn only_so_many_pass_at_once() {
+async fn the_number_of_concurrent_recordings_is_limited() {
     let f = playing(REFUSING).await;
     let waits = || f.ingest.pass(&Client::Server, &f.task.spec, Declared::default(), stream::pending().boxed());
     let mut waiting = Vec::new();
@@ -76,7 +76,7 @@ async fn only_so_many_pass_at_once() {
 }
 
 #[tokio::test]
-async fn what_a_crash_leaves_is_gone_after_the_next_start() {
+async fn files_left_by_a_crash_are_removed_at_the_next_start() {
     let mut f = playing(REFUSING).await;
     let folder = f.dir.path().join("tmp/passing-x");
     std::fs::create_dir_all(&folder).unwrap();

@@ -1,4 +1,4 @@
-//! Clients beside one another: how they share inspections, and how many uploads one may have open.
+//! Concurrent clients: how they share inspections, and the limit on open uploads.
 
 use std::{collections::VecDeque, path::PathBuf, process::Command};
 
@@ -59,7 +59,7 @@ impl Lab {
         }
     }
 
-    /// Lets the slow recordings go on: a FIFO that is open for writing holds up no reader.
+    /// Releases the slow recordings: a FIFO open for writing blocks no reader.
     fn open_gate(&self) -> fs::File {
         fs::File::options().read(true).write(true).open(&self.gate).unwrap()
     }
@@ -140,9 +140,9 @@ async fn open_uploads_of_a_client_have_a_limit_that_a_restart_keeps() {
     for part in ["2 uploads of this caller", "--max-open-uploads-per-caller", "3 days", "--keep-uploads-days"] {
         assert!(error.message().contains(part), "{error}");
     }
-    assert_eq!(f.files(&["uploads"]).len(), 2, "nothing is left of the one that was refused");
+    assert_eq!(f.files(&["uploads"]).len(), 2, "the refused upload left no file");
     f.ingest.start(new(&other, b"third")).await.unwrap();
-    // The author is what a client says of itself, and counts for nothing.
+    // The author is a client's own label and is not counted.
     let renamed = NewUpload { author: "somebody else".into(), ..new(&one, b"fourth") };
     assert_eq!(f.ingest.start(renamed).await.unwrap_err().kind(), Kind::Exhausted);
 
@@ -151,7 +151,7 @@ async fn open_uploads_of_a_client_have_a_limit_that_a_restart_keeps() {
     let new = |client: &Client, content: &[u8]| NewUpload { client: client.clone(), ..f.new_upload(content) };
     assert_eq!(f.ingest.start(new(&one, b"third, too")).await.unwrap_err().kind(), Kind::Exhausted);
     let Started::Open(resumed) = f.ingest.start(new(&one, b"first")).await.unwrap() else { panic!("stored") };
-    assert_eq!((&resumed.id, resumed.committed), (&first.id, 5), "what is open can be resumed");
+    assert_eq!((&resumed.id, resumed.committed), (&first.id, 5), "open uploads can be resumed");
     for number in 0..3 {
         // Recordings of the server's own sessions have no limit.
         f.ingest.start(new(&Client::Server, format!("rollout {number}").as_bytes())).await.unwrap();

@@ -1,4 +1,4 @@
-//! Uploads that a real inspection reads: what it takes, what it refuses, and the limits it stops at.
+//! Uploads read by a real inspection: accepted and rejected ones, and its limits.
 
 use super::*;
 
@@ -24,7 +24,7 @@ async fn a_real_recording_is_read_and_its_frames_are_rebuilt_when_torn() {
 }
 
 #[tokio::test]
-async fn what_is_not_a_recording_is_refused_with_its_mend() {
+async fn a_file_that_is_not_a_recording_is_rejected_with_a_fix() {
     let f = real("none", &[]).await;
     for content in [&b"recording"[..], &recording(&f.task, 20)[..200]] {
         let error = f.push(content).await.unwrap_err();
@@ -36,8 +36,8 @@ async fn what_is_not_a_recording_is_refused_with_its_mend() {
 }
 
 #[tokio::test]
-async fn a_recording_that_breaks_a_limit_is_refused_and_nothing_is_kept() {
-    for (misbehaviour, said) in [
+async fn a_recording_that_exceeds_a_limit_is_rejected_and_not_kept() {
+    for (misbehaviour, expected) in [
         ("memory", "more than 64 MiB of memory"),
         ("reserve", "more than 64 MiB of memory"),
         ("disk", "decoded images take more than 64 MiB"),
@@ -46,14 +46,14 @@ async fn a_recording_that_breaks_a_limit_is_refused_and_nothing_is_kept() {
         let f = real(misbehaviour, &["--inspect-memory-bytes", "67108864", "--inspect-seconds", "60"]).await;
         let error = f.push(b"recording").await.unwrap_err();
         assert_eq!(error.kind(), Kind::Invalid, "{misbehaviour}: {error}");
-        assert!(error.message().contains(said), "{misbehaviour}: {error}");
+        assert!(error.message().contains(expected), "{misbehaviour}: {error}");
         assert!(f.store.uploads().await.unwrap().is_empty());
         assert!(f.files(&["uploads", "blobs", "cache", "tmp"]).is_empty(), "{misbehaviour}");
     }
 }
 
 #[tokio::test]
-async fn a_recording_that_never_ends_is_refused_in_time() {
+async fn an_endless_recording_is_rejected_in_time() {
     for misbehaviour in ["spin", "wait"] {
         let f = real(misbehaviour, &["--inspect-seconds", "1"]).await;
         let error = f.push(b"recording").await.unwrap_err();
@@ -63,7 +63,7 @@ async fn a_recording_that_never_ends_is_refused_in_time() {
 }
 
 #[test]
-fn processor_time_is_limited_without_a_parent_that_watches() {
+fn processor_time_is_limited_without_a_watching_parent() {
     use std::{os::unix::process::ExitStatusExt as _, process::Command};
 
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! A disk that is nearly full takes nothing new; what came is kept, and goes on when there is room.
+//! A nearly full disk refuses new data; received bytes are kept, and uploads resume when there is room.
 
 use std::sync::{
     Arc,
@@ -15,35 +15,35 @@ use crate::ingest::{
 };
 
 #[tokio::test]
-async fn an_upload_waits_for_room_and_goes_on() {
+async fn an_upload_waits_for_room_and_resumes() {
     let mut f = playing(USABLE).await;
     let free = f.on_a_small_disk();
     let content = b"a recording of some bytes";
     free.store(100 + content.len() as u64 - 1, Ordering::Relaxed);
     let error = f.ingest.start(f.new_upload(content)).await.unwrap_err();
     assert!(error.kind() == Kind::Exhausted && error.message().contains("--min-free-bytes"), "{error}");
-    assert!(f.store.uploads().await.unwrap().is_empty() && f.files(&["uploads"]).is_empty(), "nothing is left of it");
+    assert!(f.store.uploads().await.unwrap().is_empty() && f.files(&["uploads"]).is_empty(), "no file is left");
 
     free.store(100 + content.len() as u64, Ordering::Relaxed);
     let upload = f.start(content).await;
     assert_eq!(f.write(&upload.id, 0, &content[..9]).await.unwrap(), 9);
     free.store(99, Ordering::Relaxed);
     assert_eq!(f.write(&upload.id, 9, &content[9..]).await.unwrap_err().kind(), Kind::Exhausted);
-    assert_eq!(f.ingest.status(&upload.id).await.unwrap().committed, 9, "what was acknowledged stays");
+    assert_eq!(f.ingest.status(&upload.id).await.unwrap().committed, 9, "acknowledged bytes stay");
     free.store(u64::MAX, Ordering::Relaxed);
     f.write(&upload.id, 9, &content[9..]).await.unwrap();
     free.store(0, Ordering::Relaxed);
     assert_eq!(f.ingest.finish(&upload.id).await.unwrap_err().kind(), Kind::Exhausted);
     free.store(u64::MAX, Ordering::Relaxed);
     let stored = f.ingest.finish(&upload.id).await.unwrap().episode;
-    // What is there already takes no room.
+    // Existing content takes no room.
     free.store(0, Ordering::Relaxed);
     assert!(
         matches!(f.ingest.start(f.new_upload(content)).await.unwrap(), Started::Existing(same) if same.id == stored.id)
     );
 }
 
-/// Pieces of a recording without end; the disk fills up when the n-th is asked for.
+/// Pieces of an endless recording; the disk fills up when the n-th is polled.
 fn filling(free: &Arc<AtomicU64>, n: usize) -> impl Stream<Item = Bytes> {
     let (free, piece) = (Arc::clone(free), Bytes::from(vec![7; 1 << 20]));
     stream::iter(1..).map(move |at| {
@@ -70,7 +70,7 @@ async fn a_stream_that_fills_the_disk_ends_soon_after() {
 }
 
 #[tokio::test]
-async fn a_recording_that_is_only_looked_at_needs_room_too() {
+async fn an_inspected_recording_needs_room_even_if_it_is_not_stored() {
     let mut f = playing(USABLE).await;
     let free = f.on_a_small_disk();
     for n in [1, 9] {
@@ -82,9 +82,9 @@ async fn a_recording_that_is_only_looked_at_needs_room_too() {
     }
 }
 
-/// Somebody who pushes the same file with another label gets an upload of their own; the first that ends decides.
+/// A client that pushes the same file with another label gets its own upload; the first one to finish decides.
 #[tokio::test]
-async fn an_upload_is_offered_to_nobody_with_another_label() {
+async fn an_upload_is_not_offered_to_another_label() {
     let f = playing(USABLE).await;
     let mine = f.start(b"recording").await;
     f.write(&mine.id, 0, b"reco").await.unwrap();
@@ -92,9 +92,9 @@ async fn an_upload_is_offered_to_nobody_with_another_label() {
         NewUpload { outcome: Outcome::Failure, ..f.new_upload(b"recording") },
         NewUpload { cohort: "bob".into(), ..f.new_upload(b"recording") },
     ] {
-        let Started::Open(theirs) = f.ingest.start(other).await.unwrap() else { panic!("there is no episode") };
+        let Started::Open(theirs) = f.ingest.start(other).await.unwrap() else { panic!("no episode exists") };
         assert!(theirs.id != mine.id && theirs.committed == 0);
-        assert_eq!(f.ingest.status(&mine.id).await.unwrap().outcome, Outcome::Success, "nobody relabels it");
+        assert_eq!(f.ingest.status(&mine.id).await.unwrap().outcome, Outcome::Success, "the label stays");
         f.write(&theirs.id, 0, b"recording").await.unwrap();
     }
     assert_eq!(f.start(b"recording").await.id, mine.id);

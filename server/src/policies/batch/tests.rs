@@ -1,4 +1,4 @@
-//! What goes through a model together, how long it waits for that, and what it does not run at all.
+//! Batching, waiting for other sessions, and deadlines.
 
 use std::pin::pin;
 
@@ -6,43 +6,44 @@ use futures::poll;
 
 use super::{
     super::{
-        engine::Ask,
-        pace::Seat,
-        testing::{FAILS, GIVES_NAN, PANICS, TestEngine, engine, turn},
+        engine::InferenceRequest,
+        session_rates::RateGuard,
+        testing::{FAILS, GIVES_NAN, PANICS, TestEngine, engine, input},
     },
     *,
 };
 use crate::{domain::observation::Timings, error::Kind};
 
-/// Longer than any model of a test takes, shorter than a test may.
+/// Longer than the model of any test takes, shorter than the time limit of a test.
 const SOON: Duration = Duration::from_millis(50);
 
-fn ask(proprioception: f32, within: Option<Duration>) -> (Ask<(f32, Vec<f32>)>, Arc<Stages>) {
+fn request(proprioception: f32, within: Option<Duration>) -> (InferenceRequest<(f32, Vec<f32>)>, Arc<Stages>) {
     let stages = Arc::new(Stages::begin());
     let deadline = within.map(|within| stages.arrived() + within);
-    (Ask { turn: turn(proprioception), stages: Arc::clone(&stages), deadline }, stages)
+    (InferenceRequest { input: input(proprioception), stages: Arc::clone(&stages), deadline }, stages)
 }
 
-/// Asks, and gives the answer's timings.
+/// Sends a request and returns its timings.
 async fn timed(engine: &TestEngine, proprioception: f32) -> Timings {
-    let (ask, stages) = ask(proprioception, None);
-    engine.ask_by(ask).await.unwrap().advanced().unwrap();
+    let (call, stages) = request(proprioception, None);
+    engine.infer_by(call).await.unwrap().advanced().unwrap();
     stages.timings()
 }
 
-fn present(engine: &TestEngine, period: Option<Duration>) -> Seat {
-    let seat = engine.join(period);
-    seat.asks();
-    seat
+fn present(engine: &TestEngine, period: Option<Duration>) -> RateGuard {
+    let guard = engine.join(period);
+    guard.record_request();
+    guard
 }
 
 #[tokio::test]
-async fn what_waits_is_answered_together_up_to_the_limit() {
+async fn waiting_requests_are_answered_together_up_to_the_batch_limit() {
     let (engine, mut control) = engine(2, 8).await;
-    let mut first = pin!(engine.ask(turn(1.0)));
+    let mut first = pin!(engine.infer(input(1.0)));
     assert!(poll!(&mut first).is_pending());
     assert_eq!(control.begun.recv().await, Some(1), "an idle model does not wait for more");
-    let mut rest = pin!(futures::future::join3(engine.ask(turn(2.0)), engine.ask(turn(3.0)), engine.ask(turn(4.0))));
+    let mut rest =
+        pin!(futures::future::join3(engine.infer(input(2.0)), engine.infer(input(3.0)), engine.infer(input(4.0))));
     assert!(poll!(&mut rest).is_pending());
     control.gate.send(()).unwrap();
     assert_eq!(first.await.unwrap().actions, [[1.0, 0.0]]);
@@ -56,31 +57,31 @@ async fn what_waits_is_answered_together_up_to_the_limit() {
 }
 
 #[tokio::test]
-async fn callers_that_have_gone_cost_nothing() {
+async fn requests_of_callers_that_are_gone_are_not_run() {
     let (engine, mut control) = engine(8, 8).await;
-    let mut busy = pin!(engine.ask(turn(1.0)));
+    let mut busy = pin!(engine.infer(input(1.0)));
     assert!(poll!(&mut busy).is_pending());
     assert_eq!(control.begun.recv().await, Some(1));
-    let mut stays = pin!(engine.ask(turn(3.0)));
+    let mut stays = pin!(engine.infer(input(3.0)));
     {
-        let mut goes = pin!(engine.ask(turn(2.0)));
+        let mut goes = pin!(engine.infer(input(2.0)));
         assert!(poll!(&mut goes).is_pending() && poll!(&mut stays).is_pending());
     }
     drop(control.gate);
     busy.await.unwrap();
     stays.await.unwrap();
-    assert_eq!(control.begun.recv().await, Some(1), "the one that stayed");
-    assert!(control.begun.try_recv().is_err(), "nothing was run for the one that went");
+    assert_eq!(control.begun.recv().await, Some(1), "the remaining caller");
+    assert!(control.begun.try_recv().is_err(), "the dropped request was not run");
 }
 
 #[tokio::test]
-async fn a_turn_that_breaks_the_model_breaks_no_other() {
-    for (bad, named) in [(PANICS, "told to"), (FAILS, "told to"), (GIVES_NAN, "not finite")] {
+async fn an_input_that_fails_in_the_model_fails_no_other() {
+    for (bad, named) in [(PANICS, "on demand"), (FAILS, "on demand"), (GIVES_NAN, "not finite")] {
         let (engine, mut control) = engine(8, 8).await;
-        let mut busy = pin!(engine.ask(turn(1.0)));
+        let mut busy = pin!(engine.infer(input(1.0)));
         assert!(poll!(&mut busy).is_pending());
         assert_eq!(control.begun.recv().await, Some(1));
-        let mut both = pin!(futures::future::join(engine.ask(turn(bad)), engine.ask(turn(2.0))));
+        let mut both = pin!(futures::future::join(engine.infer(input(bad)), engine.infer(input(2.0))));
         assert!(poll!(&mut both).is_pending());
         drop(control.gate);
         let (broken, whole) = both.await;
@@ -88,36 +89,36 @@ async fn a_turn_that_breaks_the_model_breaks_no_other() {
         assert_eq!(error.kind(), Kind::Internal);
         assert!(error.to_string().contains(named), "{error}");
         assert_eq!(whole.unwrap().actions, [[2.0, 0.0]]);
-        engine.ask(turn(3.0)).await.unwrap();
+        engine.infer(input(3.0)).await.unwrap();
     }
 }
 
 #[tokio::test]
-async fn what_is_late_before_the_model_is_free_is_not_run() {
+async fn a_request_past_its_deadline_is_not_run() {
     let (engine, mut control) = engine(8, 8).await;
-    let mut busy = pin!(engine.ask(turn(1.0)));
+    let mut busy = pin!(engine.infer(input(1.0)));
     assert!(poll!(&mut busy).is_pending());
     assert_eq!(control.begun.recv().await, Some(1));
-    let (mut late, _) = ask(2.0, Some(Duration::ZERO));
-    late.turn.history = Some((9.0, vec![8.0]));
-    let mut both = pin!(futures::future::join(engine.ask_by(late), engine.ask(turn(3.0))));
+    let (mut late, _) = request(2.0, Some(Duration::ZERO));
+    late.input.history = Some((9.0, vec![8.0]));
+    let mut both = pin!(futures::future::join(engine.infer_by(late), engine.infer(input(3.0))));
     assert!(poll!(&mut both).is_pending());
     drop(control.gate);
     let (late, in_time) = both.await;
-    assert!(matches!(late.unwrap(), Turned::Late(Some((9.0, executed))) if executed == [8.0]), "as it was");
+    assert!(matches!(late.unwrap(), StepResult::Late(Some((9.0, executed))) if executed == [8.0]), "as it was");
     assert_eq!(in_time.unwrap().actions, [[3.0, 0.0]]);
-    assert_eq!(control.begun.recv().await, Some(1), "the one in time");
-    assert!(control.begun.try_recv().is_err(), "nothing else was run");
-    let error = Turned::<()>::Late(None).advanced().unwrap_err();
+    assert_eq!(control.begun.recv().await, Some(1), "the request within its deadline");
+    assert!(control.begun.try_recv().is_err(), "no other request was run");
+    let error = StepResult::<()>::Late(None).advanced().unwrap_err();
     assert_eq!(error.kind(), Kind::Late);
 }
 
 #[tokio::test]
-async fn a_free_model_waits_for_the_sessions_that_are_present() {
+async fn a_free_model_waits_for_present_sessions() {
     let (engine, mut control) = engine(8, 8).await;
     drop(control.gate);
-    // A part of these periods is longer than any test may take: it must be the second that begins the batch.
-    let _seats = (present(&engine, None), present(&engine, None));
+    // A part of these periods is longer than the time limit of a test, so the second request must start the batch.
+    let _guards = (present(&engine, None), present(&engine, None));
     let mut first = pin!(timed(&engine, 1.0));
     assert!(poll!(&mut first).is_pending());
     let quiet = tokio::time::timeout(SOON, control.begun.recv()).await;
@@ -130,55 +131,57 @@ async fn a_free_model_waits_for_the_sessions_that_are_present() {
 }
 
 #[tokio::test]
-async fn many_sessions_go_through_the_model_in_two_waves() {
-    for (sessions, others, waves) in [(4, 0, vec![4]), (5, 0, vec![4, 1]), (10, 0, vec![5, 5]), (2, 10, vec![6, 4, 2])]
+async fn many_sessions_are_split_into_two_micro_batches() {
+    for (sessions, others, micro_batches) in
+        [(4, 0, vec![4]), (5, 0, vec![4, 1]), (10, 0, vec![5, 5]), (2, 10, vec![6, 4, 2])]
     {
         let (engine, mut control) = engine(16, 16).await;
-        let mut busy = pin!(engine.ask(turn(0.5)));
+        let mut busy = pin!(engine.infer(input(0.5)));
         assert!(poll!(&mut busy).is_pending());
         assert_eq!(control.begun.recv().await, Some(1));
-        // A part of these periods is longer than any test may take: nobody waits for those who have just been answered.
-        let _seats: Vec<Seat> = (0..sessions).map(|_| present(&engine, None)).collect();
-        let asks = (0..sessions + others).map(|_| engine.ask(turn(1.0)));
-        let mut all = pin!(futures::future::try_join_all(asks));
+        // A part of these periods is longer than the time limit of a test: the model must not wait for sessions that
+        // were just answered.
+        let _guards: Vec<RateGuard> = (0..sessions).map(|_| present(&engine, None)).collect();
+        let calls = (0..sessions + others).map(|_| engine.infer(input(1.0)));
+        let mut all = pin!(futures::future::try_join_all(calls));
         assert!(poll!(&mut all).is_pending());
         drop(control.gate);
         busy.await.unwrap();
         all.await.unwrap();
-        for wave in waves {
-            assert_eq!(control.begun.recv().await, Some(wave), "of {sessions} and {others}");
+        for micro_batch in micro_batches {
+            assert_eq!(control.begun.recv().await, Some(micro_batch), "of {sessions} and {others}");
         }
     }
 }
 
 #[tokio::test]
-async fn a_session_alone_is_never_held_up() {
+async fn a_single_session_is_never_delayed() {
     let (engine, control) = engine(8, 8).await;
     drop(control.gate);
-    let _seats = (present(&engine, None), engine.join(None));
+    let _guards = (present(&engine, None), engine.join(None));
     let timings = timed(&engine, 1.0).await;
     assert_eq!((timings.batch_size, timings.batch_us), (1, 0));
 }
 
 #[tokio::test]
-async fn a_session_that_stays_away_delays_nobody_for_long() {
+async fn an_absent_session_delays_others_by_at_most_a_part_of_its_period() {
     let (engine, mut control) = engine(8, 8).await;
     drop(control.gate);
-    let _seats = (present(&engine, None), present(&engine, Some(SOON)));
+    let _guards = (present(&engine, None), present(&engine, Some(SOON)));
     let timings = timed(&engine, 1.0).await;
     assert_eq!(control.begun.recv().await, Some(1));
     assert!(timings.batch_us < 1_000_000, "a part of the fastest period at most: {timings:?}");
 }
 
 #[tokio::test]
-async fn waiting_for_others_ends_before_a_deadline() {
+async fn waiting_for_other_sessions_ends_before_a_deadline() {
     let (engine, control) = engine(8, 8).await;
     drop(control.gate);
-    let _seats = (present(&engine, None), present(&engine, None));
-    // The estimate of the model's time is then that of a turn, not of the warm-up.
+    let _guards = (present(&engine, None), present(&engine, None));
+    // From here on, the estimate of the model's time comes from a request instead of the warm-up.
     futures::join!(timed(&engine, 1.0), timed(&engine, 2.0));
-    let (ask, stages) = ask(3.0, Some(Duration::from_secs(1)));
-    let turned = engine.ask_by(ask).await.unwrap();
-    assert!(matches!(turned, Turned::Advanced(_)), "{turned:?}");
+    let (call, stages) = request(3.0, Some(Duration::from_secs(1)));
+    let result = engine.infer_by(call).await.unwrap();
+    assert!(matches!(result, StepResult::Advanced(_)), "{result:?}");
     assert_eq!(stages.timings().batch_size, 1);
 }

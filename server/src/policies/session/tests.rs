@@ -1,11 +1,11 @@
-//! Sessions against a model that remembers what it was told.
+//! Sessions with a model that echoes its history.
 
 use futures::channel::mpsc::{UnboundedSender, unbounded};
 
 use super::{
     super::{
         live::Showing,
-        outlet::Answers,
+        reply_sender::Answers,
         testing::{Parrot, SKIP, engine, observation},
     },
     *,
@@ -14,7 +14,7 @@ use crate::error::Kind;
 
 const IDLE: Duration = Duration::from_secs(30);
 const DRAIN: Duration = Duration::from_secs(5);
-/// Longer than a test's model takes when nothing holds it.
+/// Longer than an ungated model of a test takes.
 const SOON: Duration = Duration::from_millis(20);
 
 fn terms() -> Terms {
@@ -24,27 +24,27 @@ fn terms() -> Terms {
 /// A robot's end of a session.
 struct Robot {
     says: UnboundedSender<Result<SessionInput>>,
-    hears: Answers,
+    answers: Answers,
 }
 
 impl Robot {
-    /// Opens a session and hears that it is open.
+    /// Opens a session and waits for the `opened` output.
     async fn open(engine: &Arc<Engine<Parrot>>, stopping: &CancellationToken) -> Self {
         Self::open_under(terms(), engine, stopping).await
     }
 
     async fn open_under(terms: Terms, engine: &Arc<Engine<Parrot>>, stopping: &CancellationToken) -> Self {
         let (says, inputs) = unbounded();
-        let (outlet, hears) = Outlet::new(IDLE);
+        let (replies, answers) = ReplySender::new(IDLE);
         let (session, stopping) =
             (Session::new(Arc::clone(engine), terms, Record::new(None, Showing::nowhere()), None), stopping.clone());
         tokio::spawn(async move {
-            if let Err(error) = session.run(inputs, &outlet, &stopping).await {
-                outlet.fail(error);
+            if let Err(error) = session.run(inputs, &replies, &stopping).await {
+                replies.fail(error);
             }
         });
-        let mut robot = Self { says, hears };
-        assert!(matches!(robot.hears.recv().await, Some(Ok(SessionOutput::Opened { .. }))));
+        let mut robot = Self { says, answers };
+        assert!(matches!(robot.answers.recv().await, Some(Ok(SessionOutput::Opened { .. }))));
         robot
     }
 
@@ -53,9 +53,9 @@ impl Robot {
         self.says.unbounded_send(Ok(input)).unwrap();
     }
 
-    /// The stamp answered, the action and the dropped count.
+    /// The answered stamp, the action and the dropped count.
     async fn acts(&mut self) -> (i64, Vec<f32>, u64) {
-        match self.hears.recv().await {
+        match self.answers.recv().await {
             Some(Ok(SessionOutput::Action { mut acted, dropped, score: None })) => {
                 (acted.stamp_ns, acted.actions.pop().unwrap(), dropped)
             }
@@ -63,9 +63,9 @@ impl Robot {
         }
     }
 
-    /// The stamp missed and the dropped count.
+    /// The missed stamp and the dropped count.
     async fn misses(&mut self) -> (i64, u64) {
-        match self.hears.recv().await {
+        match self.answers.recv().await {
             Some(Ok(SessionOutput::Missed { stamp_ns, dropped, timings })) => {
                 assert!(timings.total_us > 0);
                 (stamp_ns, dropped)
@@ -75,13 +75,13 @@ impl Robot {
     }
 
     async fn fails(&mut self) -> Error {
-        self.hears.recv().await.unwrap().unwrap_err()
+        self.answers.recv().await.unwrap().unwrap_err()
     }
 
-    /// Closes and gives what was answered, what was dropped and what was missed.
+    /// Closes; returns the counts of answered, dropped and missed observations.
     async fn closes(&mut self) -> (u64, u64, u64) {
         self.says.unbounded_send(Ok(SessionInput::Close { outcome: Outcome::Unknown })).unwrap();
-        match self.hears.recv().await {
+        match self.answers.recv().await {
             Some(Ok(SessionOutput::Closed { observations, dropped, missed, episode_id: None })) => {
                 (observations, dropped, missed)
             }
@@ -91,7 +91,7 @@ impl Robot {
 }
 
 #[tokio::test]
-async fn the_newest_observation_wins_and_the_others_are_counted() {
+async fn the_newest_observation_is_answered_and_others_are_counted_as_dropped() {
     let (engine, mut control) = engine(8, 8).await;
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
     robot.sees(1, &[]);
@@ -104,18 +104,18 @@ async fn the_newest_observation_wins_and_the_others_are_counted() {
     assert_eq!(
         robot.acts().await,
         (5, vec![5.0, 100.0 + 3.0 * SKIP], 3),
-        "what was dropped is not remembered, but counted"
+        "dropped observations are counted and not in the history"
     );
     assert_eq!(robot.closes().await, (2, 3, 0));
-    assert!(robot.hears.recv().await.is_none());
+    assert!(robot.answers.recv().await.is_none());
 }
 
 #[tokio::test]
-async fn the_given_action_counts_as_executed_unless_the_robot_says_otherwise() {
+async fn the_sent_action_counts_as_executed_unless_the_robot_sends_another() {
     let (engine, control) = engine(8, 8).await;
     drop(control);
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
-    // Before the first observation nothing can have been executed.
+    // Before the first observation no action can have been executed.
     robot.sees(1, &[50.0, 0.0]);
     assert_eq!(robot.acts().await.1, [1.0, 0.0]);
     robot.sees(2, &[]);
@@ -125,7 +125,7 @@ async fn the_given_action_counts_as_executed_unless_the_robot_says_otherwise() {
 }
 
 #[tokio::test]
-async fn a_bad_session_ends_alone() {
+async fn a_failed_session_does_not_affect_others() {
     let (engine, control) = engine(8, 8).await;
     drop(control);
     let stopping = CancellationToken::new();
@@ -146,10 +146,10 @@ async fn a_bad_session_ends_alone() {
     assert!(twice.fails().await.message().starts_with("open: "));
 
     good.sees(3, &[]);
-    assert_eq!(good.acts().await, (3, vec![3.0, 1.0], 0), "the other session goes on with its history");
+    assert_eq!(good.acts().await, (3, vec![3.0, 1.0], 0), "the other session keeps its history");
     drop(good.says);
     assert!(matches!(
-        good.hears.recv().await,
+        good.answers.recv().await,
         Some(Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0, episode_id: None }))
     ));
 }

@@ -1,9 +1,9 @@
-//! What is stored of a deployment and what is served, should they ever come apart.
+//! Differences between the stored and the served policy of a deployment.
 
 use super::*;
 
 #[tokio::test]
-async fn a_session_gets_what_is_stored_even_if_the_shelf_was_not_told() {
+async fn a_session_uses_the_stored_policy_even_if_memory_is_behind() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
@@ -17,7 +17,7 @@ async fn a_session_gets_what_is_stored_even_if_the_shelf_was_not_told() {
 }
 
 #[tokio::test]
-async fn a_move_that_has_begun_is_done_even_if_who_asked_has_gone() {
+async fn a_move_completes_even_if_its_caller_is_gone() {
     let (go_on, done) = (Arc::new(tokio::sync::Notify::new()), Arc::new(tokio::sync::Notify::new()));
     let (told, tell) = (Arc::clone(&go_on), Arc::clone(&done));
     let mut asked = Box::pin(whole(async move {

@@ -1,9 +1,9 @@
-//! Deployments that name a score run which cannot score what they do.
+//! Deployments that name a score run unable to score them.
 
 use super::*;
 
 #[tokio::test]
-async fn a_run_that_cannot_score_a_deployment_leaves_it_as_it_was() {
+async fn a_run_that_cannot_score_leaves_the_deployment_unchanged() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();

@@ -1,4 +1,4 @@
-//! Steps scored while they happen, and everything their client can do wrong.
+//! Streamed scoring, and every mistake of its clients.
 
 use std::{sync::Arc, time::Duration};
 
@@ -7,12 +7,12 @@ use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
 use super::super::{
-    Output, Ready, Seen, Terms, score_steps,
+    DecodedObservation, Output, Ready, Terms, score_steps,
     testing::{FAILS, Parrot, ready, seen},
 };
 use crate::error::{Error, Kind, Result};
 
-type Step = Result<(Seen, Vec<f32>)>;
+type Step = Result<(DecodedObservation, Vec<f32>)>;
 
 fn terms() -> Terms {
     Terms { idle: Duration::from_secs(60), drain: Duration::from_secs(20), stopping: CancellationToken::new() }
@@ -46,7 +46,7 @@ async fn last(mut answers: mpsc::Receiver<Result<Output>>) -> Error {
 }
 
 #[tokio::test]
-async fn every_step_is_answered_in_order_however_many_come_at_once() {
+async fn every_step_is_answered_in_order() {
     let mut answers = begin(&quick().await, stream::iter(steps(1..=40)), terms());
     for stamp in 1..=40 {
         let answer = answers.recv().await.unwrap().unwrap();
@@ -57,7 +57,7 @@ async fn every_step_is_answered_in_order_however_many_come_at_once() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_scored_is_said() {
+async fn errors_end_the_stream() {
     let ready = quick().await;
     let none = last(begin(&ready, stream::empty(), terms())).await;
     assert!(none.kind() == Kind::Invalid && none.message().starts_with("step: "), "{none}");
@@ -75,7 +75,7 @@ async fn what_cannot_be_scored_is_said() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_client_that_says_nothing_or_reads_nothing_loses_its_stream() {
+async fn a_silent_or_unreading_client_loses_its_stream() {
     let ready = quick().await;
     let silent = begin(&ready, stream::iter(steps([1])).chain(stream::pending()), terms());
     assert_eq!(last(silent).await.kind(), Kind::Late);
@@ -87,7 +87,7 @@ async fn a_client_that_says_nothing_or_reads_nothing_loses_its_stream() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_run_may_take_its_time_to_load_but_not_to_the_end_of_the_server() {
+async fn a_run_may_load_slowly_but_not_beyond_the_server_stop() {
     let (ready, slow) = (quick().await, terms());
     let load = 10 * slow.idle;
     let start = move || async move {
@@ -105,14 +105,14 @@ async fn a_run_may_take_its_time_to_load_but_not_to_the_end_of_the_server() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_server_that_stops_says_so_and_ends_the_stream_in_time() {
+async fn a_stopping_server_announces_and_ends_the_stream_in_time() {
     let (ready, terms) = (quick().await, terms());
     let stopping = terms.stopping.clone();
-    let (say, said) = mpsc::channel(4);
-    let mut answers = begin(&ready, tokio_stream::wrappers::ReceiverStream::new(said), terms);
+    let (sender, receiver) = mpsc::channel(4);
+    let mut answers = begin(&ready, tokio_stream::wrappers::ReceiverStream::new(receiver), terms);
     stopping.cancel();
     assert!(matches!(answers.recv().await.unwrap().unwrap(), Output::Draining { .. }));
-    say.send(steps([1]).remove(0)).await.unwrap();
-    assert!(matches!(answers.recv().await.unwrap().unwrap(), Output::Scored(_)), "it goes on for a while");
+    sender.send(steps([1]).remove(0)).await.unwrap();
+    assert!(matches!(answers.recv().await.unwrap().unwrap(), Output::Scored(_)), "it continues until then");
     assert_eq!(last(answers).await.kind(), Kind::Unavailable);
 }

@@ -1,4 +1,4 @@
-//! What the page of one episode asks beside the episode itself.
+//! Queries of an episode's page beyond the episode itself.
 
 use crate::{
     domain::id::{EpisodeId, ScoreRunId, TaskId},

@@ -1,4 +1,4 @@
-//! Where a result comes from and what came of it, one step each way.
+//! Lineage: the inputs of a result and the results made from it, one step each way.
 
 use crate::{
     domain::{
@@ -10,7 +10,7 @@ use crate::{
 };
 
 impl Store {
-    /// Where a job's result comes from and what came of it.
+    /// The inputs of a job's result and the results made from it.
     ///
     /// # Errors
     /// Internal.
@@ -30,7 +30,7 @@ impl Store {
         Ok(Lineage { inputs: self.inputs(job).await?, jobs, datasets, deployments })
     }
 
-    /// What a job's spec names, each with the job that made it.
+    /// The inputs named by a job's spec, each with the job that made it.
     pub(crate) async fn inputs(&self, job: &Job) -> Result<Vec<(Input, Option<Job>)>> {
         let (mut inputs, dataset) = Input::named(&job.spec);
         if let Some(id) = dataset {
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_chain_is_told_both_ways() {
+    async fn lineage_is_found_in_both_directions() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         for outcome in [Outcome::Success, Outcome::Failure] {

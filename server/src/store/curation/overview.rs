@@ -1,4 +1,4 @@
-//! Tasks at a glance, and who is in them.
+//! Overview of all tasks with their cohorts.
 
 use crate::{
     domain::{
@@ -52,7 +52,7 @@ impl OverviewRow {
 }
 
 impl Store {
-    /// Tasks at a glance, newest first; the trash is left out. Of the tasks with `text` in their name, whatever its case
+    /// Tasks at a glance, newest first; the trash is left out. Of the tasks with `text` in their name, in any case
     /// (of ASCII letters), the answer leaves out the first `skip` and has at most `most`.
     ///
     /// # Errors

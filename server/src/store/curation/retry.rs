@@ -1,4 +1,4 @@
-//! What a retry needs to know: how a job was ordered, which jobs ended because it did, and whether it goes on already.
+//! Queries for retrying a job: its order, the jobs that ended with it, and an equal job in progress.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -13,10 +13,10 @@ use crate::{
 };
 
 impl Store {
-    /// What a job that has a key was asked to do, as its caller said it.
+    /// The order of a job that has a key, as its caller sent it.
     ///
     /// # Errors
-    /// Internal, also when it has none.
+    /// Internal, also for a job without a key.
     pub(crate) async fn ordered(&self, job: &JobId) -> Result<JobOrder> {
         let ordered: String = sqlx::query_scalar("select ordered from jobs where id = ?")
             .bind(job.as_str())
@@ -50,10 +50,10 @@ impl Store {
     }
 }
 
-/// Refuses a job when one of its task that has not ended is to do the very same.
+/// Rejects a job when an equal one of its task has not ended.
 ///
 /// # Errors
-/// Exists, naming that one.
+/// Exists, naming that job.
 pub(in crate::store) async fn expect_none_alike(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
     let alike: Option<String> = sqlx::query_scalar(
         "select id from jobs where task_id = ? and state in ('queued', 'running') and spec = ? limit 1",

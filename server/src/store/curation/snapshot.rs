@@ -1,4 +1,4 @@
-//! Snapshots and the episodes in them, from both sides: what one holds, and which ones hold an episode.
+//! Snapshots and their episodes, in both directions.
 
 use crate::{
     domain::{
@@ -75,10 +75,10 @@ impl UseRow {
 }
 
 impl Store {
-    /// The episodes of a snapshot in its order, as it holds them and as they are now; none of an unknown snapshot.
+    /// The episodes of a snapshot in its order, with their labels then and now; none of an unknown snapshot.
     ///
-    /// A snapshot keeps what labels said, not their versions: the version is that of the newest label that says the
-    /// same and is no younger than the snapshot.
+    /// A snapshot keeps labels, not their versions: the version is that of the newest equal label that is no younger
+    /// than the snapshot.
     ///
     /// # Errors
     /// Internal.
@@ -134,12 +134,12 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_snapshot_tells_labels_of_then_and_now_and_what_is_gone() {
+    async fn a_snapshot_lists_labels_then_and_now_and_removed_episodes() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let expert = testing::episode(&store, &task, Outcome::Success, "").await.id;
         let failure = testing::episode(&store, &task, Outcome::Failure, "bob").await.id;
-        // The same said again is another version.
+        // An equal label is another version.
         store.label_episodes(std::slice::from_ref(&failure), &label(Outcome::Failure)).await.unwrap();
         let version = store.label_version(&failure).await.unwrap();
         let id = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap().id;
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn an_episode_tells_the_newest_snapshots_that_hold_it() {
+    async fn an_episode_lists_its_newest_snapshots() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let expert = testing::episode(&store, &task, Outcome::Success, "").await.id;

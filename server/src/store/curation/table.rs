@@ -78,7 +78,7 @@ fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
         query.push(if *warnings { " and warnings > 0" } else { " and warnings = 0" });
     }
     if let Some(text) = text {
-        // Not `like`: what is looked for may hold % and _.
+        // Not `like`: the text may contain % and _.
         let text = text.to_ascii_lowercase();
         query.push(" and (instr(lower(file_name), ").push_bind(text.clone()).push(") > 0 ");
         query.push("or instr(lower(episodes.id), ").push_bind(text).push(") > 0)");

@@ -8,7 +8,7 @@ use crate::{
 };
 
 #[tokio::test]
-async fn contents_are_the_experts_and_what_lies_above_beta() {
+async fn contents_are_the_experts_and_segments_above_beta() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let expert = testing::episode(&store, &task, Outcome::Success, "").await;
@@ -79,7 +79,7 @@ async fn a_top_fraction_keeps_the_best_and_the_same_one_twice_is_one() {
     let contents = store.dataset_contents(&dataset.id).await.unwrap();
     let ends = |kept: &KeptEpisode| kept.segments.iter().map(|segment| segment.end_step).collect::<Vec<_>>();
     let kept: Vec<_> = contents.kept.iter().map(|kept| (&kept.episode_id, ends(kept))).collect();
-    assert_eq!(kept, [(&good.id, vec![0, 1, 3]), (&bad.id, vec![0])], "the third highest w is there twice");
+    assert_eq!(kept, [(&good.id, vec![0, 1, 3]), (&bad.id, vec![0])], "the third highest w occurs twice");
     assert_eq!(contents.kept[1].segments[0].nearest, None);
 
     let again = store.insert_dataset(&run.id, Selection::TopFraction(0.5)).await.unwrap();

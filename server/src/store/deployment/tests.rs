@@ -1,4 +1,4 @@
-//! Tests of deployments: what a name remembers, and what rolling back brings.
+//! Deployments: history and rolling back.
 
 use super::*;
 use crate::{
@@ -8,7 +8,7 @@ use crate::{
 };
 
 #[tokio::test]
-async fn a_deployment_remembers_what_it_pointed_at() {
+async fn a_deployment_keeps_its_history() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "").await;
@@ -51,11 +51,11 @@ async fn a_name_stays_with_its_task() {
 
     let error = store.deploy("arm@prod", &other.id, &policy.id, None).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);
-    assert_eq!(store.deployment("arm@prod").await.unwrap().history.len(), 1, "nothing was written");
+    assert_eq!(store.deployment("arm@prod").await.unwrap().history.len(), 1, "no row was written");
 }
 
 #[tokio::test]
-async fn rolling_back_walks_what_was_deployed() {
+async fn rolling_back_walks_the_history() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "").await;
@@ -74,19 +74,19 @@ async fn rolling_back_walks_what_was_deployed() {
     }
     assert_eq!(store.before("arm").await.unwrap(), (made[1].clone(), None));
     assert_eq!(back().await.unwrap(), made[1]);
-    assert_eq!(back().await.unwrap(), made[0], "twice goes two back, not to and fro");
+    assert_eq!(back().await.unwrap(), made[0], "rolling back twice goes two steps back");
     assert_eq!(back().await.unwrap_err().kind(), Kind::Precondition);
     assert_eq!(store.before("arm").await.unwrap_err().kind(), Kind::Precondition);
 
     store.deploy("arm", &task.id, &made[3], None).await.unwrap();
-    assert_eq!(back().await.unwrap(), made[0], "what is deployed anew goes on from there");
+    assert_eq!(back().await.unwrap(), made[0], "a new deployment continues from there");
     let history = store.deployment("arm").await.unwrap().history;
     let kept: Vec<_> = history.into_iter().map(|change| change.policy_id).collect();
-    assert_eq!(kept, [0, 1, 2, 1, 0, 3, 0].map(|index: usize| made[index].clone()), "nothing is forgotten");
+    assert_eq!(kept, [0, 1, 2, 1, 0, 3, 0].map(|index: usize| made[index].clone()), "the history is complete");
 }
 
 #[tokio::test]
-async fn a_score_run_comes_and_goes_with_its_policy() {
+async fn a_score_run_is_deployed_and_rolled_back_with_its_policy() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "").await;
@@ -98,7 +98,7 @@ async fn a_score_run_comes_and_goes_with_its_policy() {
 
     assert_eq!(deploy(None).await.score_run_id(), None);
     assert_eq!(deploy(Some(&run)).await.score_run_id(), Some(&run), "another run is a change");
-    assert_eq!(deploy(Some(&run)).await.history.len(), 2, "the same is none");
+    assert_eq!(deploy(Some(&run)).await.history.len(), 2, "an equal assignment is no change");
     assert_eq!(deploy(None).await.score_run_id(), None);
     assert_eq!(store.before("arm").await.unwrap(), (policy.clone(), Some(run.clone())));
     let back = store.roll_back("arm").await.unwrap();

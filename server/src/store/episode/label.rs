@@ -51,8 +51,8 @@ impl Store {
         Ok(labelled.into_iter().map(|(episode, _)| episode).collect())
     }
 
-    /// Labels all these episodes if nobody has labelled any of them since they were at the version beside; otherwise
-    /// none, and tells which and how.
+    /// Labels all these episodes if each still has the given version of its label; otherwise none, and returns the
+    /// newer labels.
     ///
     /// # Errors
     /// As for [`Store::label_episodes`].
@@ -111,10 +111,13 @@ async fn label_all(
         if !named.insert(id) {
             continue;
         }
-        let mut episode =
-            by_id(tx, id).await?.ok_or_else(|| Error::not_found("episode", format!("{id}; nothing was labelled")))?;
+        let mut episode = by_id(tx, id)
+            .await?
+            .ok_or_else(|| Error::not_found("episode", format!("{id}; no episode was labelled")))?;
         if episode.deleted_at.is_some() {
-            return Err(Error::precondition(format!("{id} is in the trash; nothing was labelled. Take it back first")));
+            return Err(Error::precondition(format!(
+                "{id} is in the trash; no episode was labelled. Restore it first"
+            )));
         }
         episode.outcome = label.outcome;
         if let Some(cohort) = &label.cohort {
@@ -141,7 +144,7 @@ async fn newest(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Opti
         .map_err(fault("reading a label"))
 }
 
-/// Keeps the episode's present label in its history and gives its version.
+/// Moves the episode's present label to its history and returns its version.
 pub(in crate::store) async fn insert(
     tx: &mut Transaction<'_, Sqlite>,
     episode: &Episode,

@@ -1,4 +1,4 @@
-//! Whether a database and a folder of blobs belong together. Nothing is written here: what is wrong must stay as it is.
+//! Whether a database and a folder of blobs belong together. Read-only: a mismatch must be left as it is.
 
 use std::{io::ErrorKind, os::unix::fs::MetadataExt as _, path::Path};
 
@@ -31,23 +31,23 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
         ))
     })?;
     // Read-only: a write-ahead log that is another database's must not be written into this one.
-    let look = crate::store::look::read_only(path).await.map_err(|error| unusable(error.to_string()))?;
+    let database = crate::store::read_only::open_read_only(path).await.map_err(|error| unusable(error.to_string()))?;
     let read = async {
-        if crate::store::look::known_schema(&look.readers, path).await? == 0 {
+        if crate::store::read_only::known_schema(&database.readers, path).await? == 0 {
             return Ok(None);
         }
         let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = 'lab')")
-            .fetch_one(&look.readers)
+            .fetch_one(&database.readers)
             .await
             .map_err(fault("looking for the row"))?;
         if must_be_checked(path, data_dir) {
-            look.expect_sound(data_dir).await?;
+            database.expect_sound(data_dir).await?;
         }
         let never = Lab { folder: String::new(), stamped: false, generation: 0, missing: 0 };
-        if there { lab(&look.readers).await.map(Some) } else { Ok(Some(never)) }
+        if there { lab(&database.readers).await.map(Some) } else { Ok(Some(never)) }
     }
     .await;
-    look.close().await;
+    database.close().await;
     read.map_err(|error| damaged(path, data_dir, error))
 }
 
@@ -60,7 +60,7 @@ fn must_be_checked(path: &Path, data_dir: &Path) -> bool {
     other || file(&data_folder::beside_database(data_dir, "-wal")).1 > 0
 }
 
-/// Why a database and a folder of blobs do not belong together, if they do not.
+/// Why a database and a folder of blobs do not belong together; `None` if they do.
 pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<Option<String>> {
     let misfit = match (lab, stamp) {
         (None, None) if blobs.is_empty()? => return Ok(None),

@@ -71,7 +71,7 @@ async fn blobs_with_an_empty_database_are_refused() {
 }
 
 #[tokio::test]
-async fn a_database_that_is_no_database_is_refused() {
+async fn a_file_that_is_not_a_database_is_refused() {
     let dir = used().await;
     fs::write(data_folder::database(dir.path()), vec![7; 9000]).unwrap();
     let error = open(dir.path(), false).await.unwrap_err();
@@ -80,7 +80,7 @@ async fn a_database_that_is_no_database_is_refused() {
 }
 
 #[tokio::test]
-async fn a_database_that_was_cut_is_refused() {
+async fn a_truncated_database_is_refused() {
     let dir = used().await;
     let path = data_folder::database(dir.path());
     let whole = fs::read(&path).unwrap();
@@ -149,7 +149,7 @@ async fn a_crash_before_the_first_stamp_is_no_misfit() {
 }
 
 #[tokio::test]
-async fn nothing_is_acknowledged_once_the_database_is_deleted() {
+async fn no_write_is_acknowledged_once_the_database_is_deleted() {
     let dir = tempfile::tempdir().unwrap();
     let store = open(dir.path(), false).await.unwrap();
     let task = testing::task(&store).await;
@@ -166,7 +166,7 @@ async fn nothing_is_acknowledged_once_the_database_is_deleted() {
         let _ = fs::remove_file(beside_database(dir.path(), suffix));
     }
     let store = open(dir.path(), false).await.unwrap();
-    assert_eq!(store.task(&task.spec.name).await.unwrap().id, task.id, "what was acknowledged was saved");
+    assert_eq!(store.task(&task.spec.name).await.unwrap().id, task.id, "acknowledged data was saved");
 }
 
 /// An older copy under the newer log: SQLite would take the log in without a word.
@@ -185,7 +185,7 @@ async fn an_older_database_under_a_newer_log_is_refused_and_left_as_it_is() {
     fs::write(beside_database(dir.path(), "-wal"), &log[..log.len() / 2]).unwrap();
     let error = open(dir.path(), false).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition, "{error}");
-    assert_eq!(fs::read(&path).unwrap(), older, "nothing was written into it");
+    assert_eq!(fs::read(&path).unwrap(), older, "the file is unchanged");
 }
 
 #[tokio::test]

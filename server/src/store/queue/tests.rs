@@ -46,7 +46,7 @@ async fn succeed(store: &Store, attempt: &Attempt) {
 }
 
 #[tokio::test]
-async fn the_highest_priority_goes_first_then_the_oldest() {
+async fn the_highest_priority_runs_first_then_the_oldest() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let mut ids = Vec::new();
@@ -152,7 +152,7 @@ async fn a_requeued_job_forgets_the_metrics_it_will_report_again() {
     let again = Progress { metrics: vec![(4, "loss".to_owned(), 0.25)], ..progress };
     store.report_progress(&held, &again).await.unwrap();
     let watched = store.metrics(&id, seen.last().unwrap().sequence, 100).await.unwrap();
-    assert_eq!(watched.len(), 1, "who watched before goes on with what comes after");
+    assert_eq!(watched.len(), 1, "an earlier watcher receives later metrics");
 }
 
 #[tokio::test]
@@ -171,7 +171,7 @@ async fn a_cancel_takes_the_queued_dependents_along_and_asks_a_worker_to_stop() 
         assert_eq!(store.job(dependent).await.unwrap().state, JobState::Cancelled);
     }
     assert_eq!(store.job(&other).await.unwrap().state, JobState::Queued);
-    assert!(store.report_progress(&held, &Progress::default()).await.unwrap(), "the worker is told");
+    assert!(store.report_progress(&held, &Progress::default()).await.unwrap(), "the worker is asked to stop");
     let crash = AttemptEnd::Broken("the worker ended with code 1".to_owned());
     let ended = store.end_attempt(&held, &crash).await.unwrap().unwrap().job;
     assert_eq!(ended.state, JobState::Cancelled);
@@ -181,7 +181,7 @@ async fn a_cancel_takes_the_queued_dependents_along_and_asks_a_worker_to_stop() 
 }
 
 #[tokio::test]
-async fn what_gave_up_cannot_be_waited_for() {
+async fn a_failed_job_cannot_be_waited_for() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let first = queue(&store, export(&task, 0, &[])).await.unwrap();
@@ -191,11 +191,11 @@ async fn what_gave_up_cannot_be_waited_for() {
     assert!(error.message().contains("cancelled"), "{error}");
     assert_eq!(queue(&store, export(&task, 0, &[&JobId::new()])).await.unwrap_err().kind(), Kind::NotFound);
     let (listed, _) = store.jobs(&crate::domain::order::JobFilter::default(), None, 10).await.unwrap();
-    assert_eq!(listed.len(), 1, "a refused plan leaves nothing");
+    assert_eq!(listed.len(), 1, "a rejected plan leaves no job");
 }
 
 #[tokio::test]
-async fn a_worker_of_an_old_attempt_has_no_say() {
+async fn reports_of_an_old_attempt_are_refused() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let id = queue(&store, export(&task, 0, &[])).await.unwrap();

@@ -63,7 +63,7 @@ async fn each_newly_labelled_episode_counts_once() {
     label(&store, &one.id, Outcome::Failure).await;
     assert_eq!(labelled_since(&store, &id).await, 1, "labelled twice, counted once");
     let silent = testing::episode(&store, &task, Outcome::Unknown, "").await;
-    assert_eq!(labelled_since(&store, &id).await, 1, "unknown says nothing");
+    assert_eq!(labelled_since(&store, &id).await, 1, "unknown does not count");
     label(&store, &silent.id, Outcome::Success).await;
     assert_eq!(labelled_since(&store, &id).await, 2);
 
@@ -75,7 +75,7 @@ async fn each_newly_labelled_episode_counts_once() {
 }
 
 #[tokio::test]
-async fn a_start_counts_anew_and_clears_the_error() {
+async fn a_start_resets_the_count_and_the_error() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let id = schedule(&store, &task, "often").await.unwrap().id;
@@ -93,7 +93,7 @@ async fn a_start_counts_anew_and_clears_the_error() {
 }
 
 #[tokio::test]
-async fn nothing_accrues_while_it_stands_still() {
+async fn labels_during_a_pause_are_not_counted() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let id = schedule(&store, &task, "often").await.unwrap().id;
@@ -101,10 +101,10 @@ async fn nothing_accrues_while_it_stands_still() {
     testing::episode(&store, &task, Outcome::Success, "").await;
     assert_eq!(labelled_since(&store, &id).await, 0);
     store.pause_schedule(&id, false, None).await.unwrap();
-    assert_eq!(labelled_since(&store, &id).await, 0, "what came meanwhile is passed over");
+    assert_eq!(labelled_since(&store, &id).await, 0, "labels during the pause are not counted");
     testing::episode(&store, &task, Outcome::Success, "").await;
     store.pause_schedule(&id, false, None).await.unwrap();
-    assert_eq!(labelled_since(&store, &id).await, 1, "resuming what runs changes nothing");
+    assert_eq!(labelled_since(&store, &id).await, 1, "resuming a running schedule changes nothing");
 }
 
 #[tokio::test]

@@ -82,7 +82,7 @@ async fn what_if_counts_by_cohort_of_the_snapshot() {
 }
 
 #[tokio::test]
-async fn a_run_that_is_not_there_says_why() {
+async fn a_missing_run_returns_its_cause() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "").await;
@@ -102,7 +102,7 @@ async fn a_run_that_is_not_there_says_why() {
 }
 
 #[tokio::test]
-async fn lists_of_different_length_are_refused() {
+async fn lists_of_different_length_are_rejected() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     testing::episode(&store, &task, Outcome::Success, "").await;

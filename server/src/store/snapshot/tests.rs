@@ -89,7 +89,7 @@ async fn a_snapshot_keeps_to_its_limits() {
     for member in &members {
         recordings.push(store.episode(&member.episode_id).await.unwrap().episode.recording);
     }
-    assert!(recordings.is_sorted(), "in the order of what is in them, not of arrival");
+    assert!(recordings.is_sorted(), "ordered by content, not by arrival");
 
     let none = RoleRule { imperfect_per_expert: 0.1, ..RoleRule::default() };
     let error = store.create_snapshot(&task.id, &none).await.unwrap_err();

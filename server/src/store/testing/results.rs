@@ -128,7 +128,7 @@ pub(crate) fn scores(episode: &EpisodeId, role: Role, q: &[f32]) -> EpisodeScore
     }
 }
 
-/// A finished policy, trained on experts alone, whose checkpoint is this blob.
+/// A finished policy, trained on experts alone, with this checkpoint.
 pub(crate) async fn policy(store: &Store, task: &Task, encoder: &Encoder, checkpoint: BlobId) -> Policy {
     let id = PolicyId::new();
     let spec = JobSpec::Train {

@@ -1,5 +1,5 @@
-//! Whatever is done to jobs in whatever order: only legal moves happen, what has ended stays ended, no job gets more
-//! attempts than it may have, and every job ends.
+//! Properties of the queue under any sequence of events: only legal state changes, ended jobs stay ended, the number of
+//! attempts is limited, and every job ends.
 
 use std::collections::HashMap;
 
@@ -17,7 +17,7 @@ use crate::{
     store::{Store, queue, testing},
 };
 
-/// What may happen to the queue. The numbers choose a job or a running attempt, wherever they point.
+/// The events of the queue. The numbers choose a job or a running attempt, modulo their count.
 #[derive(Debug, Clone)]
 enum Event {
     Claim,
@@ -49,7 +49,7 @@ fn jobs() -> impl Strategy<Value = Vec<(i32, u32, Vec<bool>)>> {
     proptest::collection::vec((-1..2_i32, 1..4_u32, needs), 1..5)
 }
 
-/// The queue under test, and what is known of it.
+/// The queue under test, and its expected state.
 struct Course {
     store: Store,
     ids: Vec<JobId>,
@@ -101,7 +101,7 @@ impl Course {
                 let id = self.ids[at % self.ids.len()].clone();
                 let ended = self.before[&id].state.ended();
                 match self.store.cancel_job(&id).await {
-                    Ok(_) => assert!(!ended, "what had ended was cancelled"),
+                    Ok(_) => assert!(!ended, "an ended job was cancelled"),
                     Err(error) => assert!(ended && error.kind() == Kind::Precondition, "{error}"),
                 }
             }
@@ -113,7 +113,7 @@ impl Course {
                 }
             }
         }
-        self.look().await;
+        self.check().await;
     }
 
     async fn claim(&mut self) -> bool {
@@ -134,7 +134,7 @@ impl Course {
         Some(attempt)
     }
 
-    /// As a worker's result does: a job that somebody cancelled ends cancelled.
+    /// As with a worker's result: a job that was cancelled ends cancelled.
     async fn succeed(&self, attempt: &Attempt) {
         if self.store.job(&attempt.job_id).await.unwrap().cancel_requested {
             self.store.end_attempt(attempt, &AttemptEnd::Stopped).await.unwrap();
@@ -146,8 +146,8 @@ impl Course {
         self.store.commit(tx).await.unwrap();
     }
 
-    /// Holds every job against what it was before.
-    async fn look(&mut self) {
+    /// Compares each job with its earlier state.
+    async fn check(&mut self) {
         for id in self.ids.clone() {
             let now = self.store.job(&id).await.unwrap();
             let before = &self.before[&id];
@@ -161,13 +161,13 @@ impl Course {
             assert_eq!(now.state.ended(), now.ended_at.is_some());
             assert_eq!(now.state == JobState::Running, self.running.iter().any(|attempt| attempt.job_id == id));
             if before.state.ended() {
-                assert_eq!(&now, before, "what had ended changed");
+                assert_eq!(&now, before, "an ended job changed");
             }
             self.before.insert(id, now);
         }
         for job in self.before.values().filter(|job| job.state == JobState::Queued) {
             let lost = |state| matches!(state, JobState::Failed | JobState::Cancelled);
-            assert!(!job.needs.iter().any(|need| lost(self.before[need].state)), "a job waits for what will not come");
+            assert!(!job.needs.iter().any(|need| lost(self.before[need].state)), "a job waits for a lost result");
         }
     }
 
@@ -176,19 +176,19 @@ impl Course {
         loop {
             while let Some(attempt) = self.take(0) {
                 self.succeed(&attempt).await;
-                self.look().await;
+                self.check().await;
             }
             if !self.claim().await {
                 break;
             }
-            self.look().await;
+            self.check().await;
         }
         assert!(self.before.values().all(|job| job.state.ended()), "{:?}", self.before);
     }
 }
 
 #[test]
-fn jobs_keep_to_their_states_whatever_happens() {
+fn jobs_keep_to_their_states_under_any_events() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let (_dir, store) = runtime.block_on(testing::store());
     let task = runtime.block_on(testing::task(&store));

@@ -1,4 +1,4 @@
-//! Pages: whatever their sizes, together they are the whole list once, and their cursors survive the wire.
+//! Pages of any sizes cover the whole list once, and their cursors survive the wire.
 
 use proptest::prelude::*;
 

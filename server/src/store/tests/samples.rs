@@ -1,8 +1,8 @@
-//! Databases as earlier versions left them, dumped as SQL: each is opened, migrated, and is sound afterwards.
+//! Databases of earlier versions, dumped as SQL: each is opened, migrated, and consistent afterwards.
 //!
-//! A change of the schema adds a sample of the schema before it: `tests/samples/README.md` says how.
+//! A change of the schema adds a sample of the schema before it; see `tests/samples/README.md`.
 
-use super::super::{look::newest_schema, *};
+use super::super::{read_only::newest_schema, *};
 use crate::{domain::order::JobFilter, error::Kind};
 
 /// A version, a dump, and how many rows of which table it must still have.
@@ -39,7 +39,7 @@ async fn load(path: &Path, dump: &'static str) {
 }
 
 #[tokio::test]
-async fn every_sample_is_migrated_whole() {
+async fn every_sample_is_migrated_completely() {
     for (version, dump, counts) in SAMPLES {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("gleaner.db");
@@ -47,10 +47,10 @@ async fn every_sample_is_migrated_whole() {
 
         // Looking migrates a copy, and leaves the file as it is.
         let before = std::fs::read(&path).unwrap();
-        let look = Look::open(&path).await.unwrap();
-        assert_eq!(look.schema, version);
-        assert_eq!(look.store.wrong_rows().await.unwrap(), [], "schema {version}");
-        look.store.close().await;
+        let database = ReadOnlyDatabase::open(&path).await.unwrap();
+        assert_eq!(database.schema, version);
+        assert_eq!(database.store.wrong_rows().await.unwrap(), [], "schema {version}");
+        database.store.close().await;
         assert!(std::fs::read(&path).unwrap() == before, "schema {version}");
 
         let store = Store::open(&path).await.unwrap();
@@ -108,7 +108,7 @@ async fn a_newer_database_is_refused_with_both_versions_and_left_alone() {
     store.close().await;
     let path = dir.path().join("gleaner.db");
     let before = std::fs::read(&path).unwrap();
-    for error in [Store::open(&path).await.unwrap_err(), Look::open(&path).await.unwrap_err()] {
+    for error in [Store::open(&path).await.unwrap_err(), ReadOnlyDatabase::open(&path).await.unwrap_err()] {
         assert_eq!(error.kind(), Kind::Precondition, "{error}");
         for part in [newer, newest_schema()] {
             assert!(error.message().contains(&part.to_string()), "{error}");
@@ -118,10 +118,10 @@ async fn a_newer_database_is_refused_with_both_versions_and_left_alone() {
 }
 
 #[tokio::test]
-async fn a_file_that_is_no_database_of_ours_is_told() {
+async fn a_foreign_sqlite_file_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("gleaner.db");
     load(&path, "create table songs (name text)").await;
-    let error = Look::open(&path).await.unwrap_err();
-    assert!(error.kind() == Kind::Precondition && error.message().contains("no database of gleaner"), "{error}");
+    let error = ReadOnlyDatabase::open(&path).await.unwrap_err();
+    assert!(error.kind() == Kind::Precondition && error.message().contains("is not a gleaner database"), "{error}");
 }

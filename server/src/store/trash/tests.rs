@@ -1,4 +1,4 @@
-//! The trash: what goes in, what comes back, and what a sweep leaves.
+//! The trash: deletion, restoration and the sweep.
 
 use super::*;
 use crate::{
@@ -24,7 +24,7 @@ async fn listed(store: &Store, task: &Task, deleted: bool) -> Vec<EpisodeId> {
 }
 
 #[tokio::test]
-async fn what_is_deleted_is_invisible_and_can_be_taken_back() {
+async fn deleted_episodes_are_invisible_and_can_be_restored() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let kept = testing::episode(&store, &task, Outcome::Success, "").await.id;
@@ -63,7 +63,7 @@ async fn all_or_none_are_deleted() {
 }
 
 #[tokio::test]
-async fn what_a_snapshot_holds_goes_by_force_only_and_leaves_its_row() {
+async fn an_episode_of_a_snapshot_is_deleted_by_force_only_and_keeps_its_row() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let expert = testing::episode(&store, &task, Outcome::Success, "").await;
@@ -81,7 +81,7 @@ async fn what_a_snapshot_holds_goes_by_force_only_and_leaves_its_row() {
     assert!(store.episode(&expert.id).await.unwrap().episode.deleted_at.is_none());
 
     store.delete_episodes(&ids, true).await.unwrap();
-    assert_eq!(store.snapshot(&encoder.snapshot_id).await.unwrap().1.len(), 2, "a snapshot is what it was");
+    assert_eq!(store.snapshot(&encoder.snapshot_id).await.unwrap().1.len(), 2, "the snapshot is unchanged");
     let swept = store.sweep_trash(LATER).await.unwrap();
     assert_eq!((swept.removed, swept.purged), (0, 0), "jobs of the task are under way");
     for job in [&encoder.job_id, &policy.job_id] {
@@ -104,7 +104,7 @@ async fn what_a_snapshot_holds_goes_by_force_only_and_leaves_its_row() {
     assert_eq!(store.undelete_episodes(&ids).await.unwrap_err().kind(), Kind::NotFound);
     assert!(listed(&store, &task, true).await.is_empty());
 
-    // The same recording pushed again is the same episode, and the snapshot is whole.
+    // The same recording pushed again is the same episode, and the snapshot is complete.
     let upload = crate::domain::episode::Upload {
         blake3: expert.recording.clone(),
         outcome: Outcome::Failure,
@@ -119,7 +119,7 @@ async fn what_a_snapshot_holds_goes_by_force_only_and_leaves_its_row() {
 }
 
 #[tokio::test]
-async fn a_sweep_removes_what_nobody_needs_whole() {
+async fn a_sweep_removes_unneeded_episodes_completely() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let gone = testing::episode(&store, &task, Outcome::Success, "").await;

@@ -1,4 +1,4 @@
-// One episode: moves its cameras, the cursor in its plots and the matched expert from step to step; plays; labels.
+// One episode: steps and plays its cameras, the cursor in its plots and the matched expert; labels.
 (() => {
   const about = JSON.parse(document.getElementById('episode').textContent);
   const element = (id) => document.getElementById(id);
@@ -12,7 +12,7 @@
   let beta = about.beta;
   let scores = null;
 
-  // Pictures, a few on their way at a time: what is looked at first, then what comes next.
+  // Images, a few requests at a time: the shown ones first, then the next ones.
   const AT_ONCE = 4;
   const KEPT = 900;
   const kept = new Map();
@@ -41,7 +41,7 @@
     fetchMore();
   }
 
-  // The expert's pictures at the step that the current one was matched with.
+  // The expert's images at the matched step.
   function match() {
     const expert = scores?.experts[scores.match_episode[step]];
     return expert && { expert, at: scores.match_step[step], distances: scores.distances[step] };
@@ -61,7 +61,7 @@
     matched().forEach(([image, url]) => put(image, url));
   }
 
-  // Plots: a cursor in each, and where a place in one lies in time.
+  // Plots: a cursor in each, and the time of a position in one.
   const scale = ({ dataset }) => ({
     left: Number(dataset.left), right: Number(dataset.right), from: Number(dataset.from), to: Number(dataset.to),
     top: Number(dataset.top), bottom: Number(dataset.bottom),
@@ -97,7 +97,7 @@
     svg.addEventListener('pointermove', (event) => { if (event.buttons & 1) seek(event); });
   });
 
-  // The address says what is shown, so that it can be sent.
+  // The address contains the view, so that it can be shared.
   let writing = 0;
   function address() {
     clearTimeout(writing);
@@ -141,7 +141,7 @@
     if (!playing) address();
   }
 
-  // Plays at the recorded speed; waits when pictures are late.
+  // Plays at the recorded speed; waits for late images.
   let playing = null;
   const button = element('play');
   function pause() {
@@ -180,7 +180,7 @@
     element('step').scrollIntoView({ block: 'nearest' });
   });
 
-  // β: its line, what is above it, how much that is.
+  // β: its line, the segments above it, and their number.
   function threshold(value) {
     beta = value;
     const svg = element('level')?.ownerSVGElement;

@@ -1,4 +1,4 @@
-// The table of episodes: a cursor that keys move, a strip of the episode under it, labels for it or for the selected ones.
+// The table of episodes: a cursor moved by keys, a strip of the focused episode, labels for it or the selected ones.
 (() => {
   const table = document.getElementById('episodes');
   if (!table) return;
@@ -32,7 +32,7 @@
     }));
   }
 
-  // The next episode's frames come before it is looked at.
+  // The next episode's frames are loaded ahead.
   function ahead(row) {
     if (!row?.dataset.frames) return;
     const last = Math.max(Number(row.dataset.steps) - 1, 0);
@@ -139,7 +139,7 @@
       rows.forEach((row) => { box(row).checked = target.checked; });
       count();
     });
-    // With Shift everything from the last box to this one.
+    // With Shift, all boxes from the last one to this one.
     table.addEventListener('click', (event) => {
       const row = event.target.closest('tbody tr');
       if (!row || event.target !== box(row)) return;
@@ -157,7 +157,7 @@
       x: () => (cursor < 0 ? move(0) : select(rows[cursor])),
       '?': () => element('keys').showModal(),
     });
-    // A browser that comes back remembers boxes.
+    // Browsers restore boxes on returning to a page.
     count();
   }
 
@@ -169,7 +169,7 @@
     const row = event.target.closest('tbody tr');
     if (row && rows.indexOf(row) !== cursor) move(rows.indexOf(row), false);
   });
-  // Episodes that do not fit the filter any more have made room: then this same page has new ones.
+  // Labelled episodes no longer match the filter: this same page then has new ones.
   function turn(which) {
     const { only } = table.dataset;
     const link = document.querySelector(`nav.pages a[rel=${which}]`);

@@ -1,19 +1,19 @@
-// Follows a job's course and log until it has ended, then shows the page anew with what it made.
+// Refreshes a job's progress and log until it ends, then reloads the page with its result.
 'use strict';
 (() => {
   const ended = ['succeeded', 'failed', 'cancelled'];
   const course = () => document.getElementById('course');
   if (!course()) return;
   let asking = false;
-  // The last words of its workers may come after its end.
+  // The last lines of its workers may arrive after its end.
   let afterwards = 2;
 
-  // Lines come where somebody may be reading: what is selected, focused or scrolled to stays as it is.
+  // Lines are added while a person may be reading: selection, focus and scroll position are kept.
   const listen = (fresh) => {
-    const said = document.getElementById('said');
-    const [lines, more] = [said, fresh].map((part) => part.querySelector('pre'));
+    const section = document.getElementById('log-section');
+    const [lines, more] = [section, fresh].map((part) => part.querySelector('pre'));
     if (!lines || !more) {
-      if (said.textContent !== fresh.textContent) said.replaceChildren(...fresh.childNodes);
+      if (section.textContent !== fresh.textContent) section.replaceChildren(...fresh.childNodes);
       return;
     }
     const selection = document.getSelection();
@@ -22,7 +22,7 @@
     const log = lines.parentElement;
     const { scrollTop, scrollHeight } = log;
     lines.textContent = more.textContent;
-    // It is scrolled from its end: 0 is the newest line, and stays it.
+    // Scrolled from its end: 0 is the newest line.
     if (scrollTop < 0) log.scrollTop = scrollTop - (log.scrollHeight - scrollHeight);
   };
 
@@ -34,16 +34,16 @@
       const answer = await fetch(`${location.pathname}/course`, { headers: { accept: 'text/html' } });
       if (!answer.ok || answer.redirected) return;
       const parts = new DOMParser().parseFromString(await answer.text(), 'text/html');
-      const [fresh, said] = ['course', 'said'].map((id) => parts.getElementById(id));
-      if (!fresh || !said) return;
+      const [fresh, section] = ['course', 'log-section'].map((id) => parts.getElementById(id));
+      if (!fresh || !section) return;
       if (fresh.dataset.state !== before) {
         location.reload();
         return;
       }
-      listen(said);
+      listen(section);
       if (!ended.includes(before)) course().replaceChildren(...fresh.childNodes);
     } catch (_) {
-      // The server is away; the next time may have it back.
+      // The server is unreachable; the next refresh retries.
     } finally {
       asking = false;
     }

@@ -1,4 +1,4 @@
-// Keeps the list of jobs fresh while one of them runs or waits: each row that has changed is put in anew.
+// Refreshes the list of jobs while one of them runs or waits: changed rows are replaced.
 'use strict';
 (() => {
   const list = document.getElementById('jobs');
@@ -16,7 +16,7 @@
       const rows = Array.from(fresh.rows);
       rows.forEach((row, place) => {
         const old = document.getElementById(row.id);
-        // A row that has not changed stays as it is, and so does what is focused in it.
+        // An unchanged row stays, and so does the focus in it.
         const kept = old && old.innerHTML === row.innerHTML ? old : row;
         if (old && kept !== old && old.contains(document.activeElement)) {
           old.replaceWith(row);
@@ -30,7 +30,7 @@
       while (list.rows.length > rows.length) list.deleteRow(-1);
       if (!('live' in fresh.dataset)) delete list.dataset.live;
     } catch (_) {
-      // The server is away; the next time may have it back.
+      // The server is unreachable; the next refresh retries.
     } finally {
       asking = false;
     }

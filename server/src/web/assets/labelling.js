@@ -1,39 +1,39 @@
 'use strict';
-// Labels: sends them one after the other, so that each is sent with the version that the one before has made; tells who
-// was first when somebody else was; takes the last ones back. Both pages that label begin with this file.
+// Labels: sends them one after the other, each with the version made by the one before; asks when another person was
+// first; undoes the last ones. Both labelling pages load this file first.
 const labelling = (() => {
   const proof = document.querySelector('meta[name=proof]')?.content ?? '';
-  const told = document.getElementById('told');
+  const messages = document.getElementById('message');
   const undo = document.getElementById('undo');
   const done = [];
   let queue = Promise.resolve();
   let page = { task: '', find: () => null, apply: () => {}, back: () => {} };
 
   const made = (name, text, more = {}) => Object.assign(document.createElement(name), { textContent: text, ...more });
-  const line = told?.appendChild(made('p', ''));
+  const line = messages?.appendChild(made('p', ''));
 
-  // Text from elsewhere as the server's pages show it: control and bidirectional characters as visible escapes.
+  // Received text with control and bidirectional characters as visible escapes, as on the server's pages.
   const visible = (text) => String(text ?? '').replace(/[\p{Cc}\p{Cf}\p{Zl}\p{Zp}]/gu,
     (character) => `\\u{${character.codePointAt(0).toString(16)}}`);
 
-  // What went well is said until the next does.
+  // A success is shown until the next one.
   function say(text) {
     if (line) line.textContent = visible(text);
   }
 
-  // What did not stays until somebody has seen it.
+  // A failure is shown until it is dismissed.
   function warn(text, again) {
-    if (!told) return;
+    if (!messages) return;
     const note = made('div', '', { className: 'note bad' });
-    const leave = made('button', again ? 'Leave it' : 'Dismiss', { type: 'button', className: 'leave' });
+    const leave = made('button', again ? 'Cancel' : 'Dismiss', { type: 'button', className: 'leave' });
     leave.addEventListener('click', () => note.remove());
     note.append(made('p', visible(text)), leave);
     if (again) {
-      const button = made('button', again.said, { type: 'button', className: 'again' });
+      const button = made('button', again.text, { type: 'button', className: 'again' });
       button.addEventListener('click', () => { note.remove(); again.act(); });
       leave.before(button, ' ');
     }
-    told.append(note);
+    messages.append(note);
   }
 
   async function post(items, label) {
@@ -50,15 +50,15 @@ const labelling = (() => {
 
   const many = (items) => (items.length === 1 ? page.find(items[0].id).name : `${items.length} episodes`);
 
-  // Somebody else was first: shows what they said, and asks.
+  // Another person was first: shows their label, and asks.
   function overtaken(items, label, changed) {
     const asked = items.map(({ id }) => page.find(id));
     changed.forEach((one) => page.apply(one));
     const first = changed[0];
     const others = changed.length > 1 ? ` and ${changed.length - 1} more` : '';
-    warn(`${first.by || 'Somebody'} labelled ${page.find(first.id).name} ${first.outcome} at ${first.at} UTC ` +
+    warn(`${first.by || 'Another person'} labelled ${page.find(first.id).name} ${first.outcome} at ${first.at} UTC ` +
       `meanwhile${others}. Nothing was changed.`,
-      { said: `Label ${label.outcome} all the same`, act: () => send(asked, label) });
+      { text: `Label ${label.outcome} anyway`, act: () => send(asked, label) });
   }
 
   async function attempt(items, label, undoing) {
@@ -86,7 +86,7 @@ const labelling = (() => {
     return queue;
   }
 
-  // Labels the episodes of the last labelling back to what they were, those that were alike together.
+  // Restores the labels of the last labelling, grouped by label.
   function takeBack() {
     queue = queue.then(async () => {
       const last = done.pop();
@@ -112,12 +112,12 @@ const labelling = (() => {
   }
 
   undo?.addEventListener('click', takeBack);
-  const press = (which) => () => told?.querySelector(`.note ${which}`)?.click();
+  const press = (which) => () => messages?.querySelector(`.note ${which}`)?.click();
 
-  // Keys that change labels: one that is held down changes one.
+  // Keys that change labels: key repeat is ignored.
   const ONCE = ['s', 'f', 'u', 'z', 'a'];
 
-  // What keys do, unless somebody writes or holds a modifier.
+  // Keyboard actions, except in text fields and with modifiers.
   function keys(handlers) {
     document.addEventListener('keydown', (event) => {
       if (event.ctrlKey || event.metaKey || event.altKey || document.querySelector('dialog[open]')) return;

@@ -1,4 +1,4 @@
-// Keeps a part of a page fresh: asks for it again each second while somebody looks, and puts it in whole.
+// Refreshes a part of a page each second while the page is visible.
 'use strict';
 (() => {
   const part = document.getElementById('live');
@@ -11,7 +11,7 @@
       const answer = await fetch(part.dataset.from, { headers: { accept: 'text/html' } });
       if (answer.ok && !answer.redirected) part.innerHTML = await answer.text();
     } catch (_) {
-      // The server is away; the next second may have it back.
+      // The server is unreachable; the next second retries.
     } finally {
       asking = false;
     }

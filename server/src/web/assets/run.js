@@ -1,5 +1,5 @@
-// Moves the threshold: the histogram at once, the counts as fast as the server says them. One question is under way at a
-// time, and the newest place of the slider is asked next.
+// Moves the threshold: the histogram at once, the counts as fast as the server answers. One request is in flight at a
+// time; the next one takes the newest position of the slider.
 'use strict';
 (() => {
   const form = document.getElementById('threshold');
@@ -32,7 +32,7 @@
     for (const end of ['x1', 'x2']) line().setAttribute(end, x);
   };
 
-  const tell = (text) => {
+  const showError = (text) => {
     trouble.textContent = text;
     trouble.hidden = !text;
   };
@@ -57,9 +57,9 @@
       }
       query.delete('format');
       history.replaceState(null, '', `?${query}`);
-      tell('');
+      showError('');
     } catch (error) {
-      tell(error.message || 'The server cannot be reached.');
+      showError(error.message || 'The server cannot be reached.');
     } finally {
       asking = false;
       ask();
@@ -69,7 +69,7 @@
   const move = (text, other) => {
     const beta = Number(text);
     if (text.trim() === '' || !(beta >= 0 && beta <= 1)) {
-      tell('β must be a number between 0 and 1.');
+      showError('β must be a number between 0 and 1.');
       return;
     }
     other.value = beta;

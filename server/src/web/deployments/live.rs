@@ -1,4 +1,4 @@
-//! The sessions of a deployment as they run: what the cameras see, the newest q, how fast answers are.
+//! The running sessions of a deployment: camera images, the newest q, response times.
 
 use axum::{
     extract::Path,
@@ -16,29 +16,29 @@ use crate::{
     },
     error::{Error, Result},
     policies::{LiveSession, Now},
-    web::{refusal::Answer, say, visit::Visit},
+    web::{page_request::PageRequest, refusal::Answer, text},
 };
 
-/// Sessions that are shown; a fleet's others are counted.
+/// Sessions shown; further ones are only counted.
 const MOST: usize = 24;
-/// Good enough to see what a robot does.
+/// Good enough to see the robot's motion.
 const QUALITY: u8 = 80;
 
-/// What a page that is open asks for again and again.
-pub(in crate::web) async fn fragment(visit: Visit, Path(name): Path<String>) -> Answer {
-    visit.rooms().store.deployment(&name).await?;
-    Ok(sessions(&visit, &name).into_response())
+/// The part of an open page that is refreshed.
+pub(in crate::web) async fn fragment(request: PageRequest, Path(name): Path<String>) -> Answer {
+    request.services().store.deployment(&name).await?;
+    Ok(sessions(&request, &name).into_response())
 }
 
 /// The sessions of a deployment.
-pub(super) fn sessions(visit: &Visit, deployment: &str) -> Markup {
-    let all = visit.rooms().policies.live();
+pub(super) fn sessions(request: &PageRequest, deployment: &str) -> Markup {
+    let all = request.services().policies.live();
     let own: Vec<_> = all.iter().filter(|(session, _)| session.deployment == deployment).collect();
     html! {
         @if own.is_empty() {
             p.panel.empty { "No session is open." }
         } @else {
-            p.soft { (say::counted(own.len() as u64, "session")) " open"
+            p.soft { (text::counted(own.len() as u64, "session")) " open"
                 @if own.len() > MOST { ", the newest " (MOST) " are shown" } "." }
             div.cards { @for (session, now) in own.iter().take(MOST) { (card(session, now)) } }
         }
@@ -46,7 +46,7 @@ pub(super) fn sessions(visit: &Visit, deployment: &str) -> Markup {
 }
 
 fn card(session: &LiveSession, now: &Now) -> Markup {
-    // The address changes with each observation, so that a picture is asked for once.
+    // The address changes with each observation, so that each image is loaded once.
     let stamp = now.seen_at.map_or(0, |at| at.0);
     let milliseconds = |part: f64| now.quantile_us(part).map_or("–".to_owned(), milliseconds);
     html! {
@@ -56,13 +56,13 @@ fn card(session: &LiveSession, now: &Now) -> Markup {
                     img.live alt=(format!("camera {}", camera.camera)) width="112" height="112"
                         src=(format!("/sessions/{}/frames/{}?at={stamp}", session.id, camera.camera));
                 }
-                @if now.cameras.is_empty() { span.soft { "Nothing was seen yet." } }
+                @if now.cameras.is_empty() { span.soft { "No image yet." } }
             }
             dl.facts {
                 dt { "Session" } dd.id { (session.id) }
-                dt { "Since" } dd { (say::time(session.since)) " UTC" @if session.recorded { ", recorded" } }
+                dt { "Since" } dd { (text::time(session.since)) " UTC" @if session.recorded { ", recorded" } }
                 dt { "Last seen" } dd { (ago(now.seen_at)) }
-                dt { "Answers" } dd { (say::count(now.answered)) }
+                dt { "Answers" } dd { (text::count(now.answered)) }
                 dt { "p50 / p99" } dd { (milliseconds(0.5)) " / " (milliseconds(0.99)) }
                 dt { "q" } dd { (quality(now)) }
                 dt { "Policy" } dd { a.id href=(format!("/policies/{}", session.policy_id)) { (session.policy_id) } }
@@ -86,7 +86,7 @@ fn quality(now: &Now) -> Markup {
 fn ago(at: Option<Millis>) -> String {
     at.map_or("never".to_owned(), |at| {
         let milliseconds = u32::try_from((Millis::now().0 - at.0).max(0)).unwrap_or(u32::MAX);
-        format!("{} ago", say::seconds(f64::from(milliseconds) / 1000.0))
+        format!("{} ago", text::seconds(f64::from(milliseconds) / 1000.0))
     })
 }
 
@@ -95,21 +95,21 @@ fn milliseconds(microseconds: u64) -> String {
     format!("{:.1} ms", microseconds as f64 / 1000.0)
 }
 
-/// What a session's camera saw last.
-pub(in crate::web) async fn frame(visit: Visit, Path((session, camera)): Path<(String, String)>) -> Answer {
+/// The last image of a session's camera.
+pub(in crate::web) async fn frame(request: PageRequest, Path((session, camera)): Path<(String, String)>) -> Answer {
     let id = SessionId::parse("session", &session)?;
-    let rooms = visit.rooms();
-    let (session, now) = rooms.policies.live_session(&id)?;
+    let services = request.services();
+    let (session, now) = services.policies.live_session(&id)?;
     let missing = || Error::not_found("camera of this session", camera.escape_debug());
     let seen = now.cameras.into_iter().find(|seen| seen.camera == camera).and_then(|seen| seen.color);
     let image = seen.ok_or_else(missing)?;
-    let task = rooms.store.task_by_id(&session.task_id).await?;
+    let task = services.store.task_by_id(&session.task_id).await?;
     let spec = task.spec.cameras.iter().find(|spec| spec.name == camera).ok_or_else(missing)?;
     let (kind, bytes) = picture(image, (spec.height, spec.width)).await?;
     Ok(([(CONTENT_TYPE, kind), (CACHE_CONTROL, "private, max-age=60")], bytes).into_response())
 }
 
-/// An image as a browser reads it.
+/// An image in a format for browsers.
 async fn picture(image: Image, (height, width): (u32, u32)) -> Result<(&'static str, bytes::Bytes)> {
     match image.format {
         ImageFormat::Jpeg => Ok(("image/jpeg", image.data)),

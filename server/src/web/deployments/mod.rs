@@ -1,4 +1,4 @@
-//! What is served: deployments with their history, and the sessions that run on them.
+//! Deployments with their history, and their running sessions.
 
 mod live;
 mod one;
@@ -12,28 +12,28 @@ pub(super) use self::{
     one::{roll_back, show},
 };
 use super::{
+    page_request::PageRequest,
     refusal::Answer,
-    say,
     sheet::{self, Format, Sheet},
     shell::{self, Head, Tab},
-    visit::Visit,
+    text,
 };
 use crate::domain::policy::Deployment;
 
-/// A deployment with its task's name and how many sessions it has.
+/// A deployment with its task's name and its number of sessions.
 struct Row {
     deployment: Deployment,
     task: String,
     sessions: usize,
 }
 
-pub(super) async fn list(visit: Visit) -> Answer {
-    let format = sheet::asked(&visit)?;
-    let rooms = visit.rooms();
-    let live = rooms.policies.live();
+pub(super) async fn list(request: PageRequest) -> Answer {
+    let format = sheet::format(&request)?;
+    let services = request.services();
+    let live = services.policies.live();
     let mut rows = Vec::new();
-    for deployment in rooms.store.deployments(None).await? {
-        let task = rooms.store.task_by_id(&deployment.task_id).await?.spec.name;
+    for deployment in services.store.deployments(None).await? {
+        let task = services.store.task_by_id(&deployment.task_id).await?.spec.name;
         let sessions = live.iter().filter(|(session, _)| session.deployment == deployment.name).count();
         rows.push(Row { deployment, task, sessions });
     }
@@ -42,20 +42,20 @@ pub(super) async fn list(visit: Visit) -> Answer {
     }
     let body = html! {
         h1 { "Deployments" }
-        p.lead { "What robots and simulators are served, by name." }
+        p.lead { "The policies served to robots and simulators, by name." }
         @if rows.is_empty() {
-            p.panel.empty { "Nothing is deployed. " code { "gleaner deploy NAME POLICY" } " does it." }
+            p.panel.empty { "No deployments yet. Create one with " code { "gleaner deploy NAME POLICY" } "." }
         } @else {
             div.scroll { table {
                 thead { tr { th { "Name" } th { "Task" } th { "Policy" } th { "Live score" } th.number { "Sessions" }
                     th.number { "Since (UTC)" } } }
                 tbody { @for row in &rows { (line(row)) } }
             } }
-            (sheet::links(&visit))
+            (sheet::links(&request))
         }
     };
     let head = Head { title: "Deployments", tab: Tab::Deployments, task: None, script: None };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
 fn line(row: &Row) -> Markup {
@@ -63,7 +63,7 @@ fn line(row: &Row) -> Markup {
     let now = deployment.history.last();
     html! {
         tr {
-            td { a href=(format!("/deployments/{}", super::visit::escaped(&deployment.name))) { (deployment.name) } }
+            td { a href=(format!("/deployments/{}", super::page_request::escaped(&deployment.name))) { (deployment.name) } }
             td { a href=(format!("/tasks/{task}/episodes")) { (task) } }
             @if let Some(now) = now {
                 td { a.id href=(format!("/policies/{}", now.policy_id)) { (now.policy_id) } }
@@ -72,7 +72,7 @@ fn line(row: &Row) -> Markup {
                     None => span.soft { "none" },
                 } }
                 td.number { (sessions) }
-                td.number { (say::time(now.since)) }
+                td.number { (text::time(now.since)) }
             }
         }
     }
@@ -88,7 +88,7 @@ fn sheet(rows: &[Row]) -> Sheet {
             json!(deployment.policy_id().map(|id| id.as_str())),
             json!(deployment.score_run_id().map(|id| id.as_str())),
             json!(sessions),
-            json!(now.map(|change| say::stamp(change.since))),
+            json!(now.map(|change| text::stamp(change.since))),
             json!(deployment.history.len()),
         ]
     };

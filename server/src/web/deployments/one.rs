@@ -1,4 +1,4 @@
-//! One deployment: what it points at, what it pointed at before, a way back, and its sessions.
+//! One deployment: its policy, its history, rolling back, and its sessions.
 
 use axum::{
     extract::Path,
@@ -14,48 +14,48 @@ use crate::{
     domain::policy::{Deployment, DeploymentChange},
     web::{
         change::about,
+        page_request::{PageRequest, escaped},
         refusal::Answer,
-        say,
         sheet::{self, Format, Sheet},
         shell::{self, Head, Tab},
-        visit::{Visit, escaped},
+        text,
     },
 };
 
-pub(in crate::web) async fn show(visit: Visit, Path(name): Path<String>) -> Answer {
-    let rooms = visit.rooms();
-    let deployment = rooms.store.deployment(&name).await?;
-    let format = sheet::asked(&visit)?;
+pub(in crate::web) async fn show(request: PageRequest, Path(name): Path<String>) -> Answer {
+    let services = request.services();
+    let deployment = services.store.deployment(&name).await?;
+    let format = sheet::format(&request)?;
     if format != Format::Html {
         return Ok(history_sheet(&deployment).answer(format)?);
     }
-    let task = rooms.store.task_by_id(&deployment.task_id).await?.spec.name;
-    let back = rooms.store.before(&name).await.ok();
+    let task = services.store.task_by_id(&deployment.task_id).await?.spec.name;
+    let back = services.store.before(&name).await.ok();
     let body = html! {
         h1 { (deployment.name) }
         p.lead { "Serves " a href=(format!("/tasks/{task}/episodes")) { (task) } "." }
         (facts(&deployment))
         h2 { "Live sessions" }
         div #live data-from=(format!("/deployments/{}/live", escaped(&name))) aria-live="off" {
-            (live::sessions(&visit, &name))
+            (live::sessions(&request, &name))
         }
         h2 { "History" }
         (history(&deployment))
-        (sheet::links(&visit))
-        @if let (Some((policy, _)), true) = (back, visit.may(Page::RollBack)) {
+        (sheet::links(&request))
+        @if let (Some((policy, _)), true) = (back, request.may(Page::RollBack)) {
             form.row method="post" action=(format!("/deployments/{}/roll-back", escaped(&name))) {
-                input type="hidden" name="proof" value=(visit.proof);
+                input type="hidden" name="proof" value=(request.proof);
                 button.danger type="submit" { "Roll back" }
                 span.soft { "to " span.id { (policy) } ". Running sessions keep the policy they have." }
             }
         }
     };
     let head = Head { title: &deployment.name, tab: Tab::Deployments, task: Some(&task), script: Some("live.js") };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-pub(in crate::web) async fn roll_back(visit: Visit, Path(name): Path<String>) -> Response {
-    let rolled = visit.rooms().policies.roll_back(&name).await;
+pub(in crate::web) async fn roll_back(request: PageRequest, Path(name): Path<String>) -> Response {
+    let rolled = request.services().policies.roll_back(&name).await;
     let policy = rolled.as_ref().ok().and_then(Deployment::policy_id).cloned();
     let to = format!("/deployments/{}", escaped(&name));
     let answer = rolled.map(|_| (StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response()).map_err(Into::into);
@@ -69,7 +69,7 @@ fn facts(deployment: &Deployment) -> Markup {
             dl.facts.panel {
                 dt { "Policy" } dd { a.id href=(format!("/policies/{}", now.policy_id)) { (now.policy_id) } }
                 dt { "Live score" } dd { (scorer(now)) }
-                dt { "Since" } dd { (say::time(now.since)) " UTC" }
+                dt { "Since" } dd { (text::time(now.since)) " UTC" }
             }
         }
     }
@@ -91,7 +91,7 @@ fn history(deployment: &Deployment) -> Markup {
             tbody {
                 @for change in deployment.history.iter().rev() {
                     tr {
-                        td { (say::time(change.since)) }
+                        td { (text::time(change.since)) }
                         td { a.id href=(format!("/policies/{}", change.policy_id)) { (change.policy_id) } }
                         td { @match &change.score_run_id {
                             Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
@@ -104,11 +104,11 @@ fn history(deployment: &Deployment) -> Markup {
     }
 }
 
-/// The history for programs, the newest first.
+/// The history as a table for programs, the newest first.
 fn history_sheet(deployment: &Deployment) -> Sheet {
     let row = |change: &DeploymentChange| {
         let run = change.score_run_id.as_ref().map(|run| run.as_str());
-        vec![json!(say::stamp(change.since)), json!(change.policy_id.as_str()), json!(run)]
+        vec![json!(text::stamp(change.since)), json!(change.policy_id.as_str()), json!(run)]
     };
     Sheet {
         name: format!("{}-history", deployment.name),

@@ -1,4 +1,4 @@
-//! What stands beside the cameras: the matched expert, labels, report, facts.
+//! The panel beside the cameras: the matched expert, labels, report, facts.
 
 use gleaner_recording::{Finding, Report, Severity};
 use maud::{Markup, html};
@@ -7,14 +7,13 @@ use super::{Scored, View, uses};
 use crate::{
     domain::{episode::Label, id::EpisodeId},
     web::{
+        artifacts::link,
         episodes::{buttons, live},
-        frames,
-        made::link,
-        say, sheet,
+        frames, sheet, text,
     },
 };
 
-/// All of it.
+/// The whole panel.
 pub(super) fn aside(view: &View) -> Markup {
     html! {
         div.beside {
@@ -42,7 +41,7 @@ fn labelling() -> Markup {
     }
 }
 
-/// The expert's step that the current step was matched with. A script moves it on.
+/// The expert's step matched with the current step. A script updates it.
 fn matched(view: &View) -> Markup {
     let Some(scored) = &view.scored else { return html! {} };
     let first = usize::try_from(view.step).ok().and_then(|step| nearest(scored, step));
@@ -50,7 +49,7 @@ fn matched(view: &View) -> Markup {
         section.panel aria-labelledby="match-head" {
             h2 #match-head { "Matched expert" }
             @match first {
-                None => p.soft { "This run's scorer matches nothing." },
+                None => p.soft { "This run's scorer has no matches." },
                 Some((expert, step, distances)) => {
                     div #match {
                         div.cameras {
@@ -68,8 +67,8 @@ fn matched(view: &View) -> Markup {
                         } }
                         h3 { "Distances of features" }
                         dl.facts {
-                            @for ((name, said), distance) in MODALITIES.iter().zip(distances) {
-                                dt { (said) }
+                            @for ((name, text), distance) in MODALITIES.iter().zip(distances) {
+                                dt { (text) }
                                 dd.number data-distance=(name) { (format!("{distance:.3}")) }
                             }
                             dt { "q here" } dd #q-here.number { (q_at(scored, view.step)) }
@@ -81,7 +80,7 @@ fn matched(view: &View) -> Markup {
     }
 }
 
-/// The modalities as the paper and the page name them, in the order of distances.
+/// The names of the modalities, in the order of distances.
 const MODALITIES: [(&str, &str); 3] = [("o", "Images o"), ("m", "Proprioception m"), ("a", "Action a")];
 
 fn nearest(scored: &Scored, step: usize) -> Option<(&EpisodeId, u32, [f32; 3])> {
@@ -100,7 +99,7 @@ fn history(view: &View) -> Markup {
         section.panel aria-labelledby="labels-head" {
             h2 #labels-head { "Labels" }
             ol #labels.labels reversed { @for label in view.labels.iter().rev() { (given(label)) } }
-            (sheet::links(&view.visit))
+            (sheet::links(&view.request))
         }
     }
 }
@@ -111,7 +110,7 @@ fn given(label: &Label) -> Markup {
         li {
             span class=(format!("tag {outcome}")) { (outcome) } " "
             @if !label.cohort.is_empty() { (label.cohort) " " }
-            span.soft { @if !label.author.is_empty() { "by " (label.author) ", " } (say::time(label.created_at)) " UTC" }
+            span.soft { @if !label.author.is_empty() { "by " (label.author) ", " } (text::time(label.created_at)) " UTC" }
             @if !label.reason.is_empty() { br; "“" (label.reason) "”" }
         }
     }
@@ -123,13 +122,13 @@ fn report(view: &View) -> Markup {
         section.panel aria-labelledby="report-head" {
             h2 #report-head { "Report" }
             @if report.findings.is_empty() {
-                p { span.tag.success { "clean" } " Nothing was found." }
+                p { span.tag.success { "clean" } " No findings." }
             }
             ul.findings { @for finding in &report.findings { (found(view, finding)) } }
             dl.facts {
                 dt { "Rate" } dd { (format!("{:.2}", report.rate_hz)) " Hz, the task says " (view.task.spec.rate_hz) " Hz" }
-                dt { "Messages" } dd { (say::count(report.messages)) }
-                @if report.dropped_ticks > 0 { dt { "Ticks dropped" } dd { (say::count(report.dropped_ticks)) } }
+                dt { "Messages" } dd { (text::count(report.messages)) }
+                @if report.dropped_ticks > 0 { dt { "Ticks dropped" } dd { (text::count(report.dropped_ticks)) } }
             }
             (topics(report))
         }
@@ -147,7 +146,7 @@ fn found(view: &View, finding: &Finding) -> Markup {
         li {
             span class=(class) { (code.as_str().unwrap_or_default().replace('_', " ")) } " " code { (finding.subject) } " "
             @if let Some(step) = finding.first_step {
-                a data-step=(step) href=(view.visit.with("step", Some(&step.to_string()))) { "step " (step) }
+                a data-step=(step) href=(view.request.with("step", Some(&step.to_string()))) { "step " (step) }
             }
             br; (finding.detail)
         }
@@ -157,10 +156,10 @@ fn found(view: &View, finding: &Finding) -> Markup {
 fn topics(report: &Report) -> Markup {
     html! {
         details {
-            summary { (say::counted(u64::try_from(report.topics.len()).unwrap_or(u64::MAX), "topic")) }
+            summary { (text::counted(u64::try_from(report.topics.len()).unwrap_or(u64::MAX), "topic")) }
             ul.topics { @for topic in &report.topics {
                 li {
-                    code { (topic.topic) } " " span.soft { (say::counted(topic.messages, "message")) ", " (topic.encoding)
+                    code { (topic.topic) } " " span.soft { (text::counted(topic.messages, "message")) ", " (topic.encoding)
                         @if !topic.schema.is_empty() { " " (topic.schema) }
                         @if !topic.used { ", not read" } }
                 }
@@ -178,7 +177,7 @@ fn facts(view: &View) -> Markup {
                 dt { "Id" } dd.id { (episode.id) }
                 dt { "Task" } dd { (view.task.spec.name) }
                 dt { "File" } dd { (episode.file_name) }
-                dt { "Size" } dd { (say::bytes(episode.size_bytes)) }
+                dt { "Size" } dd { (text::bytes(episode.size_bytes)) }
                 dt { "Mapping" } dd { (episode.mapping) }
                 dt { "BLAKE3" } dd.id { (episode.recording) }
             }

@@ -1,11 +1,11 @@
-//! The cameras side by side, and what moves them from step to step.
+//! The cameras side by side, and the controls that step through them.
 
 use maud::{Markup, html};
 
 use super::View;
 use crate::web::frames;
 
-/// A picture of the step for each camera, and for each that has depth one more.
+/// An image of the step for each camera, and another for each depth.
 pub(super) fn figures(view: &View) -> Markup {
     let cameras = &view.task.spec.cameras;
     html! {

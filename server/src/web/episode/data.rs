@@ -1,4 +1,4 @@
-//! What the page's script and other programs fetch of an episode: its scores in one run, and its recording.
+//! Data of an episode for the page's script and other programs: its scores in one run, and its recording.
 
 use axum::{
     body::Body,
@@ -13,43 +13,43 @@ use super::scored;
 use crate::{
     domain::id::{EpisodeId, ScoreRunId},
     error::Error,
-    web::{refusal::Answer, visit::Visit},
+    web::{page_request::PageRequest, refusal::Answer},
 };
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct Asked {
+struct Parameters {
     run: String,
 }
 
-/// q and w of every segment, what each was matched with, and how far apart they are. `match_episode` counts in
-/// `experts`; the last three lists are empty when the run's scorer matches nothing.
-pub(in crate::web) async fn scores(visit: Visit, Path(id): Path<String>) -> Answer {
-    let Asked { run } = visit.asked()?;
+/// q and w of every segment, its match and the distances to it. `match_episode` is an index into `experts`; the last
+/// three lists are empty when the run's scorer has no matches.
+pub(in crate::web) async fn scores(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let Parameters { run } = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
-    let rooms = visit.rooms();
+    let services = request.services();
     let run = if run.is_empty() {
-        let episode = rooms.store.episode(&id).await?.episode;
-        let newest = rooms.store.runs_that_scored(&episode.task_id, &id).await?.into_iter().next();
+        let episode = services.store.episode(&id).await?.episode;
+        let newest = services.store.runs_that_scored(&episode.task_id, &id).await?.into_iter().next();
         newest.ok_or_else(|| Error::not_found("score run of", &id))?
     } else {
         ScoreRunId::parse("run", &run)?
     };
-    let scored = scored(rooms, &id, rooms.store.score_run(&run).await?).await?;
+    let scored = scored(services, &id, services.store.score_run(&run).await?).await?;
     let scores = &scored.scores;
-    let told = json!({
+    let answer = json!({
         "episode": id, "run": run, "role": scores.role.as_str(), "segment_length": scored.segment_length,
         "q": scores.q, "w": scores.w, "experts": scored.run.expert_ids, "match_episode": scores.match_episode,
         "match_step": scores.match_step, "distances": scores.distances,
     });
-    Ok(axum::Json(told).into_response())
+    Ok(axum::Json(answer).into_response())
 }
 
-/// The recording as it came.
-pub(in crate::web) async fn recording(visit: Visit, Path(id): Path<String>) -> Answer {
+/// The recording as uploaded.
+pub(in crate::web) async fn recording(request: PageRequest, Path(id): Path<String>) -> Answer {
     let id = EpisodeId::parse("episode", &id)?;
-    let episode = visit.rooms().store.episode(&id).await?.episode;
-    let bytes = visit.rooms().blobs.stream(&episode.recording).await?;
+    let episode = request.services().store.episode(&id).await?.episode;
+    let bytes = request.services().blobs.stream(&episode.recording).await?;
     let headers = [
         (CONTENT_TYPE, "application/octet-stream".to_owned()),
         (CONTENT_DISPOSITION, format!("attachment; filename=\"{id}.mcap\"")),

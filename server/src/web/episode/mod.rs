@@ -1,4 +1,4 @@
-//! One episode: its cameras over its numbers over its q, the expert it was matched with, its labels and its report.
+//! One episode: its cameras, its values and q over time, the matched expert, its labels and its report.
 
 mod aside;
 mod cameras;
@@ -13,11 +13,11 @@ use serde_json::json;
 
 pub(super) use self::data::{recording, scores};
 use super::{
+    page_request::PageRequest,
     refusal::Answer,
-    say,
     sheet::{Format, Sheet},
     shell::{self, Head, Tab},
-    visit::Visit,
+    text,
 };
 use crate::{
     access::Page,
@@ -31,41 +31,41 @@ use crate::{
         time::seconds,
     },
     error::{Error, Kind, Result},
-    service::Rooms,
+    service::Services,
 };
 
-/// β until somebody moves it.
+/// The initial β.
 const BETA: &str = "0.5";
 
 #[derive(Default, Deserialize)]
 #[serde(default)]
-struct Asked {
+struct Parameters {
     step: String,
     run: String,
     beta: String,
     format: Format,
 }
 
-/// Everything the page shows.
+/// The data of the page.
 struct View {
-    visit: Visit,
+    request: PageRequest,
     task: Task,
     inspected: InspectedEpisode,
     labels: Vec<Label>,
     /// The version of the newest label.
     version: i64,
-    /// The newest snapshots that hold it, and how many do.
+    /// The newest snapshots of the episode, and their number.
     uses: (Vec<SnapshotUse>, u64),
     /// The runs that scored it, newest first.
     runs: Vec<ScoreRun>,
-    /// What the chosen one says.
+    /// The scores of the selected run.
     scored: Option<Scored>,
     numbers: Result<Numbers>,
     step: u64,
     beta: f64,
 }
 
-/// An episode as one run sees it.
+/// The scores of an episode in one run.
 struct Scored {
     run: ScoreRun,
     scores: EpisodeScores,
@@ -78,9 +78,9 @@ impl View {
         &self.inspected.episode.id
     }
 
-    /// Whether who looks may label this.
+    /// Whether the caller may label this episode.
     fn labels(&self) -> bool {
-        self.inspected.episode.deleted_at.is_none() && self.visit.may(Page::LabelEpisodes)
+        self.inspected.episode.deleted_at.is_none() && self.request.may(Page::LabelEpisodes)
     }
 
     /// Seconds from the first step to each; by the task's rate when the recording cannot be read.
@@ -95,13 +95,13 @@ impl View {
     }
 }
 
-pub(super) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let asked: Asked = visit.asked()?;
+pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let parameters: Parameters = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
-    if asked.format != Format::Html {
-        return Ok(history(&id, visit.rooms().store.labels(&id).await?).answer(asked.format)?);
+    if parameters.format != Format::Html {
+        return Ok(history(&id, request.services().store.labels(&id).await?).answer(parameters.format)?);
     }
-    let view = look(visit, &id, &asked).await?;
+    let view = look(request, &id, &parameters).await?;
     let name = view.task.spec.name.clone();
     let head = Head {
         title: &view.inspected.episode.file_name,
@@ -109,55 +109,55 @@ pub(super) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
         task: Some(&name),
         script: Some("episode.js"),
     };
-    Ok(shell::page(&view.visit, &head, &body(&view)).into_response())
+    Ok(shell::page(&view.request, &head, &body(&view)).into_response())
 }
 
-async fn look(visit: Visit, id: &EpisodeId, asked: &Asked) -> Result<View> {
-    let rooms = visit.rooms();
-    let beta = beta(if asked.beta.is_empty() { BETA } else { &asked.beta })?;
-    // Before the episode: a label that is given in between is then newer than what was seen.
-    let version = rooms.store.label_version(id).await?;
-    let inspected = rooms.store.episode(id).await?;
-    let step = step(&asked.step, inspected.episode.steps)?;
-    let task = rooms.store.task_by_id(&inspected.episode.task_id).await?;
-    let scoring = rooms.store.runs_that_scored(&task.id, id).await?;
-    let mut runs = rooms.store.score_runs(&task.id).await?;
+async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> Result<View> {
+    let services = request.services();
+    let beta = beta(if parameters.beta.is_empty() { BETA } else { &parameters.beta })?;
+    // Before the episode: a label stored in between then has a newer version than the shown one.
+    let version = services.store.label_version(id).await?;
+    let inspected = services.store.episode(id).await?;
+    let step = step(&parameters.step, inspected.episode.steps)?;
+    let task = services.store.task_by_id(&inspected.episode.task_id).await?;
+    let scoring = services.store.runs_that_scored(&task.id, id).await?;
+    let mut runs = services.store.score_runs(&task.id).await?;
     runs.retain(|run| scoring.contains(&run.id));
-    let labels = rooms.store.labels(id).await?;
-    let uses = rooms.store.snapshots_with(id, uses::MOST).await?;
-    let scored = match chosen(&asked.run, &runs)? {
-        Some(run) => Some(scored(rooms, id, run.clone()).await?),
+    let labels = services.store.labels(id).await?;
+    let uses = services.store.snapshots_with(id, uses::MOST).await?;
+    let scored = match chosen(&parameters.run, &runs)? {
+        Some(run) => Some(scored(services, id, run.clone()).await?),
         None => None,
     };
-    let numbers = rooms.curation.numbers(id).await;
+    let numbers = services.curation.numbers(id).await;
     if let Err(error) = &numbers
         && error.kind() == Kind::Internal
     {
         tracing::error!(%error, episode.id = %id, "an episode's steps cannot be read");
     }
-    Ok(View { task, inspected, labels, version, uses, runs, scored, numbers, step, beta, visit })
+    Ok(View { task, inspected, labels, version, uses, runs, scored, numbers, step, beta, request })
 }
 
-/// The run that is asked for, or the newest that scored the episode.
-fn chosen<'a>(asked: &str, runs: &'a [ScoreRun]) -> Result<Option<&'a ScoreRun>> {
-    if asked.is_empty() {
+/// The run in the query, or the newest that scored the episode.
+fn chosen<'a>(id: &str, runs: &'a [ScoreRun]) -> Result<Option<&'a ScoreRun>> {
+    if id.is_empty() {
         return Ok(runs.first());
     }
-    let asked = ScoreRunId::parse("run", asked)?;
-    let found = runs.iter().find(|run| run.id == asked);
-    found.map(Some).ok_or_else(|| Error::not_found("scores of this episode in a finished run", asked))
+    let id = ScoreRunId::parse("run", id)?;
+    let found = runs.iter().find(|run| run.id == id);
+    found.map(Some).ok_or_else(|| Error::not_found("scores of this episode in a finished run", id))
 }
 
-async fn scored(rooms: &Rooms, id: &EpisodeId, run: ScoreRun) -> Result<Scored> {
-    let scores = rooms.store.episode_scores(&run.id, id).await?;
-    let segment_length = rooms.store.segment_length(&run.encoder_id).await?;
+async fn scored(services: &Services, id: &EpisodeId, run: ScoreRun) -> Result<Scored> {
+    let scores = services.store.episode_scores(&run.id, id).await?;
+    let segment_length = services.store.segment_length(&run.encoder_id).await?;
     Ok(Scored { run, scores, segment_length })
 }
 
-/// Reads a threshold.
+/// Parses a threshold.
 fn beta(text: &str) -> Result<f64> {
     let read = text.parse::<f64>().ok().filter(|beta| (0.0..=1.0).contains(beta));
-    read.ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; what has a higher q is kept"))
+    read.ok_or_else(|| Error::invalid("beta", "must be a number from 0 to 1; segments with a higher q are kept"))
 }
 
 fn step(text: &str, steps: u64) -> Result<u64> {
@@ -180,12 +180,12 @@ fn body(view: &View) -> Markup {
         p.lead.row {
             span #outcome class=(format!("tag {outcome}")) { (outcome) }
             @if episode.cohort.is_empty() { span { "no cohort" } } @else { span { "cohort " (episode.cohort) } }
-            span { (say::counted(episode.steps, "step")) ", " (say::seconds(episode.duration_s)) }
-            span { "arrived " (say::time(episode.created_at)) " UTC" }
+            span { (text::counted(episode.steps, "step")) ", " (text::seconds(episode.duration_s)) }
+            span { "arrived " (text::time(episode.created_at)) " UTC" }
             a href=(format!("/tasks/{task}/episodes")) { "All episodes" }
         }
         @if let Some(since) = episode.deleted_at {
-            p.note.bad { "In the trash since " (say::time(since)) " UTC. It takes no label until it is taken back." }
+            p.note.bad { "In the trash since " (text::time(since)) " UTC. It cannot be labelled until it is restored." }
         }
         div.episode {
             div.watch {
@@ -205,10 +205,10 @@ fn body(view: &View) -> Markup {
     }
 }
 
-/// The labels an episode ever had.
+/// The history of the episode's labels.
 fn history(id: &EpisodeId, labels: Vec<Label>) -> Sheet {
     let row = |Label { outcome, cohort, author, reason, created_at }: Label| {
-        vec![json!(say::stamp(created_at)), json!(outcome.as_str()), json!(cohort), json!(author), json!(reason)]
+        vec![json!(text::stamp(created_at)), json!(outcome.as_str()), json!(cohort), json!(author), json!(reason)]
     };
     Sheet {
         name: format!("labels-{id}"),

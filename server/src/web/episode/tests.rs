@@ -1,4 +1,4 @@
-//! The page of one episode, whatever there is of it and whatever is missing.
+//! The page of one episode, complete or with missing data.
 
 use axum::http::{
     StatusCode,
@@ -28,21 +28,21 @@ async fn lab() -> Lab {
     let pages = Pages::open(false).await;
     let camera = CameraSpec { name: "front".into(), height: 16, width: 16, depth: true };
     let spec = TaskSpec { cameras: vec![camera], ..testing::spec() };
-    let task = pages.rooms.store.insert_task(&spec).await.unwrap();
+    let task = pages.services.store.insert_task(&spec).await.unwrap();
     Lab { pages, task }
 }
 
 impl Lab {
     /// An episode of 20 steps, ten a second, whose frames are in the cache.
     async fn recorded(&self, outcome: Outcome) -> Episode {
-        let episode = testing::episode(&self.pages.rooms.store, &self.task, outcome, "").await;
+        let episode = testing::episode(&self.pages.services.store, &self.task, outcome, "").await;
         let spec = &self.task.spec;
         let frames = (0..20_u8).flat_map(|step| vec![step * 10; frame_bytes_per_step(spec)]).collect();
         let numbers = |size: usize| (0..20 * size).map(|n| f32::from(u16::try_from(n).unwrap())).collect();
         let stamps = (0..20).map(|step| 5_000_000_000 + step * 100_000_000).collect();
         let (proprioception, action) = (numbers(spec.proprioception_size()), numbers(spec.action_size()));
         let decoded = Decoded::new(spec, stamps, proprioception, action, frames).unwrap();
-        let place = frames_path(&self.pages.rooms.config.data_dir, &episode.recording, spec);
+        let place = frames_path(&self.pages.services.config.data_dir, &episode.recording, spec);
         decoded.write_cache(&place).unwrap();
         episode
     }
@@ -53,14 +53,14 @@ impl Lab {
 }
 
 #[tokio::test]
-async fn an_episode_that_was_scored_shows_what_is_kept_and_whom_it_resembles() {
+async fn a_scored_episode_shows_its_kept_segments_and_matches() {
     let lab = lab().await;
     let (expert, weak) = (lab.recorded(Outcome::Success).await, lab.recorded(Outcome::Failure).await);
-    let encoder = results::encoder(&lab.pages.rooms.store, &lab.task).await;
+    let encoder = results::encoder(&lab.pages.services.store, &lab.task).await;
     let q: Vec<f32> = (0..20).map(|step: u8| f32::from(step) / 20.0).collect();
     let scores =
         [results::scores(&expert.id, Role::Expert, &[1.0; 20]), results::scores(&weak.id, Role::Imperfect, &q)];
-    let run = results::run(&lab.pages.rooms.store, &lab.task, &encoder, &scores).await;
+    let run = results::run(&lab.pages.services.store, &lab.task, &encoder, &scores).await;
 
     let page = lab.get(&format!("/episodes/{}?step=7&beta=0.8", weak.id)).await;
     assert_eq!(page.status, StatusCode::OK, "{}", page.text());
@@ -68,16 +68,16 @@ async fn an_episode_that_was_scored_shows_what_is_kept_and_whom_it_resembles() {
     assert!(text.contains("3 of 20 segments kept (15.0 %)"), "0.85, 0.9 and 0.95 are above 0.8");
     assert!(text.contains(&format!("/episodes/{}?step=7&amp;run={}", expert.id, run.id)), "the expert's step");
     assert!(text.contains(&format!("/episodes/{}/frames/front/7?depth=true", weak.id)));
-    assert!(text.contains("1.9]"), "steps are told in seconds from the first");
+    assert!(text.contains("1.9]"), "steps are shown in seconds from the first");
 
-    let told = lab.get(&format!("/episodes/{}/scores.json", weak.id)).await;
-    let told: Value = serde_json::from_slice(&told.body).unwrap();
-    assert_eq!((&told["run"], told["q"].as_array().unwrap().len()), (&json!(run.id), 20));
-    assert_eq!((&told["experts"][0], &told["match_step"][7]), (&json!(expert.id), &json!(7)));
+    let content = lab.get(&format!("/episodes/{}/scores.json", weak.id)).await;
+    let content: Value = serde_json::from_slice(&content.body).unwrap();
+    assert_eq!((&content["run"], content["q"].as_array().unwrap().len()), (&json!(run.id), 20));
+    assert_eq!((&content["experts"][0], &content["match_step"][7]), (&json!(expert.id), &json!(7)));
 }
 
 #[tokio::test]
-async fn a_frame_is_a_picture_that_browsers_keep() {
+async fn a_frame_is_an_image_that_browsers_cache() {
     let lab = lab().await;
     let episode = lab.recorded(Outcome::Success).await;
     let reply = lab.get(&format!("/episodes/{}/frames/front/3?size=8", episode.id)).await;
@@ -98,10 +98,10 @@ async fn a_frame_is_a_picture_that_browsers_keep() {
 }
 
 #[tokio::test]
-async fn what_is_missing_is_said_and_the_rest_is_shown() {
+async fn missing_data_is_reported_and_the_rest_is_shown() {
     let lab = lab().await;
-    // Neither frames nor a recording to make them from, nor scores.
-    let bare = testing::episode(&lab.pages.rooms.store, &lab.task, Outcome::Unknown, "").await;
+    // Without frames, without a recording to decode them from, and without scores.
+    let bare = testing::episode(&lab.pages.services.store, &lab.task, Outcome::Unknown, "").await;
     let text = lab.get(&format!("/episodes/{}", bare.id)).await.text();
     assert!(text.contains("No finished score run has scored this episode"));
     assert!(
@@ -110,39 +110,39 @@ async fn what_is_missing_is_said_and_the_rest_is_shown() {
     );
     assert!(text.contains("reach.mcap") && text.contains("data-label=\"success\""));
 
-    lab.pages.rooms.store.delete_episodes(std::slice::from_ref(&bare.id), false).await.unwrap();
+    lab.pages.services.store.delete_episodes(std::slice::from_ref(&bare.id), false).await.unwrap();
     let page = lab.get(&format!("/episodes/{}", bare.id)).await;
     assert!(page.status == StatusCode::OK && page.text().contains("In the trash since"));
-    assert!(!page.text().contains("data-label="), "it takes no label");
+    assert!(!page.text().contains("data-label="), "it cannot be labelled");
 }
 
 #[tokio::test]
-async fn the_page_leads_to_the_snapshots_it_went_into() {
+async fn the_page_links_to_its_snapshots() {
     let lab = lab().await;
-    let store = &lab.pages.rooms.store;
+    let store = &lab.pages.services.store;
     let expert = testing::episode(store, &lab.task, Outcome::Success, "").await;
     let weak = testing::episode(store, &lab.task, Outcome::Failure, "bob").await;
     assert!(!lab.get(&format!("/episodes/{}", weak.id)).await.text().contains("Went into"));
     let oldest = results::encoder(store, &lab.task).await.snapshot_id;
     testing::run(store, &format!("update episodes set outcome = 'success' where id = '{}'", weak.id)).await;
-    let told = lab.get(&format!("/episodes/{}", weak.id)).await.text();
-    let panel = told.split("Went into").nth(1).unwrap().split("</section>").next().unwrap();
+    let content = lab.get(&format!("/episodes/{}", weak.id)).await.text();
+    let panel = content.split("Went into").nth(1).unwrap().split("</section>").next().unwrap();
     assert!(panel.contains(&format!("href=\"/snapshots/{oldest}\"")) && panel.contains(" as imperfect"), "{panel}");
     assert!(panel.contains("tag failure") && panel.contains("bob"), "as labelled then: {panel}");
     testing::episode(store, &lab.task, Outcome::Failure, "").await;
     for _ in 0..10 {
         results::encoder(store, &lab.task).await;
     }
-    let told = lab.get(&format!("/episodes/{}", expert.id)).await.text();
-    assert_eq!(told.matches("href=\"/snapshots/").count(), 8);
-    assert!(told.contains("and 3 older snapshots") && !told.contains(oldest.as_str()), "{told}");
+    let content = lab.get(&format!("/episodes/{}", expert.id)).await.text();
+    assert_eq!(content.matches("href=\"/snapshots/").count(), 8);
+    assert!(content.contains("and 3 older snapshots") && !content.contains(oldest.as_str()), "{content}");
 }
 
 #[tokio::test]
-async fn an_address_that_is_wrong_is_refused_by_name() {
+async fn an_invalid_address_is_refused_by_name() {
     let lab = lab().await;
     let episode = lab.recorded(Outcome::Success).await;
-    for (path, status, told) in [
+    for (path, status, content) in [
         ("/episodes/7".to_owned(), StatusCode::BAD_REQUEST, "episode: "),
         ("/episodes/ep_01ARZ3NDEKTSV4RRFFQ69G5FAV".to_owned(), StatusCode::NOT_FOUND, "no episode "),
         (format!("/episodes/{}?beta=high", episode.id), StatusCode::BAD_REQUEST, "beta: "),
@@ -152,18 +152,18 @@ async fn an_address_that_is_wrong_is_refused_by_name() {
     ] {
         let reply = lab.get(&path).await;
         assert_eq!(reply.status, status, "{path}");
-        assert!(reply.text().contains(told), "{path} {}", reply.text());
+        assert!(reply.text().contains(content), "{path} {}", reply.text());
     }
 }
 
 #[tokio::test]
-async fn the_recording_and_the_labels_can_be_taken_along() {
+async fn the_recording_and_the_labels_can_be_downloaded() {
     let lab = lab().await;
     let content = b"an mcap";
-    let episode = testing::episode(&lab.pages.rooms.store, &lab.task, Outcome::Success, "weak").await;
-    let blob = lab.pages.rooms.blobs.put(content).unwrap();
+    let episode = testing::episode(&lab.pages.services.store, &lab.task, Outcome::Success, "weak").await;
+    let blob = lab.pages.services.blobs.put(content).unwrap();
     let rename = format!("update episodes set recording = '{blob}', size_bytes = 7 where id = '{}'", episode.id);
-    testing::run(&lab.pages.rooms.store, &rename).await;
+    testing::run(&lab.pages.services.store, &rename).await;
     let reply = lab.get(&format!("/episodes/{}/recording.mcap", episode.id)).await;
     assert_eq!((reply.status, reply.body.as_slice()), (StatusCode::OK, content.as_slice()));
     assert!(reply.headers[CONTENT_DISPOSITION].to_str().unwrap().contains(&format!("{}.mcap", episode.id)));
@@ -183,7 +183,7 @@ fn a_threshold_is_a_number_between_0_and_1() {
 }
 
 #[test]
-fn a_step_must_be_there() {
+fn a_step_must_exist() {
     assert_eq!([step("", 3).unwrap(), step("2", 3).unwrap()], [0, 2]);
     assert_eq!(step("3", 3).unwrap_err().kind(), Kind::NotFound);
     assert_eq!(step("-1", 3).unwrap_err().kind(), Kind::Invalid);

@@ -1,4 +1,4 @@
-//! Everything over time, on one axis under the cameras: q with β and what is kept, proprioception, action.
+//! Plots over time on one axis under the cameras: q with β and the kept segments, proprioception, action.
 
 use maud::{Markup, html};
 
@@ -8,17 +8,17 @@ use crate::{
     domain::{id::ScoreRunId, score::ScoreRun, selection::Filter, snapshot::Role},
     error::Kind,
     web::{
-        episodes::said,
+        episodes::describe,
         plot::{Frame, roomy},
-        say,
+        text,
     },
 };
 
-/// Size of a plot in its own units; it scales with the page.
+/// The size of a plot in its own units; it scales with the page.
 const WIDTH: f64 = 720.0;
 const Q_HEIGHT: f64 = 170.0;
 const HEIGHT: f64 = 120.0;
-/// Colours of lines; after these the same ones dashed.
+/// Colours of lines; further lines repeat them dashed.
 const COLOURS: usize = 6;
 
 /// The plots.
@@ -66,15 +66,15 @@ fn quality(view: &View, scored: &Scored, times: &[f64]) -> Markup {
         div.panel {
             (drawn(view, scores.q.as_slice(), &stretches, times))
             p.formats aria-live="polite" {
-                span #kept { (say::count(count)) " of " (say::counted(of, "segment")) " kept (" (say::share(count, of)) ")" }
+                span #kept { (text::count(count)) " of " (text::counted(of, "segment")) " kept (" (text::share(count, of)) ")" }
             }
         }
         p.formats {
             @if scores.role == Role::Expert {
-                "An expert of this run: compared with the other experts, and kept whole whatever β is. "
+                "An expert of this run: compared with the other experts, and kept whole for any β. "
             }
             "Shaded where a kept segment ends: q > β there. Each covers that step and the "
-            (say::counted(u64::from(scored.segment_length), "step")) " before. "
+            (text::counted(u64::from(scored.segment_length), "step")) " before. "
             a href=(format!("/runs/{}?beta={}", scored.run.id, view.beta)) { "The run" } ", "
             a href=(format!("/episodes/{}/scores.json?run={}", view.id(), scored.run.id)) { "these scores as JSON" }
         }
@@ -84,7 +84,7 @@ fn quality(view: &View, scored: &Scored, times: &[f64]) -> Markup {
 fn runs(runs: &[ScoreRun], chosen: &ScoreRunId) -> Markup {
     html! {
         select #run name="run" {
-            @for run in runs { option value=(run.id) selected[run.id == *chosen] { (said(run)) } }
+            @for run in runs { option value=(run.id) selected[run.id == *chosen] { (describe(run)) } }
         }
     }
 }
@@ -129,7 +129,7 @@ fn panel(field: &Series, times: &[f64]) -> Markup {
     }
 }
 
-/// Which line is which of a field's numbers.
+/// The legend: the line of each component of a field.
 fn legend(field: &Series) -> Markup {
     html! {
         ul.legend { @for place in 0..field.size {
@@ -150,7 +150,7 @@ fn whole(times: &[f64]) -> (f64, f64) {
     (times.first().copied().unwrap_or(0.0), times.last().copied().unwrap_or(0.0))
 }
 
-/// Runs of steps at which kept segments end, each with its first and last.
+/// Ranges of steps at which kept segments end, each with its first and last.
 fn kept(q: &[f32], beta: f64) -> Vec<(usize, usize)> {
     let filter = Filter::Above(beta);
     let mut stretches: Vec<(usize, usize)> = Vec::new();
@@ -166,7 +166,7 @@ fn kept(q: &[f32], beta: f64) -> Vec<(usize, usize)> {
     stretches
 }
 
-/// From half-way to the step before to half-way to the step after.
+/// From half-way to the previous step to half-way to the next.
 fn bounds((first, last): (usize, usize), times: &[f64]) -> (f64, f64) {
     let at = |step: usize| times.get(step).copied().or(times.last().copied()).unwrap_or(0.0);
     ((at(first.saturating_sub(1)) + at(first)) / 2.0, (at(last) + at(last + 1)) / 2.0)
@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_kept_lies_above_the_threshold_and_not_on_it() {
+    fn kept_segments_are_strictly_above_the_threshold() {
         let q = [0.9, 0.5, 0.51, 0.7, 0.2, 0.6];
         assert_eq!(kept(&q, 0.5), [(0, 0), (2, 3), (5, 5)]);
         assert_eq!(kept(&q, 0.0), [(0, 5)]);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stretch_ends_half_way_to_its_neighbours() {
+    fn a_range_ends_half_way_to_its_neighbours() {
         let times = [0.0, 1.0, 3.0, 4.0];
         assert_eq!(bounds((1, 2), &times), (0.5, 3.5));
         assert_eq!(bounds((0, 3), &times), (0.0, 4.0));
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn so_many_lines_differ() {
+    fn lines_differ_in_colour_or_dashes() {
         let all: std::collections::HashSet<String> = (0..2 * COLOURS).map(colour).collect();
         assert_eq!(all.len(), 2 * COLOURS);
     }

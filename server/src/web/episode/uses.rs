@@ -1,17 +1,17 @@
-//! What an episode went into: the snapshots that hold it, whose pages tell what jobs made of them.
+//! The snapshots of an episode; their pages show the results made from them.
 
 use maud::{Markup, html};
 
 use super::View;
 use crate::{
     domain::curation::SnapshotUse,
-    web::{made::link, say},
+    web::{artifacts::link, text},
 };
 
-/// Most snapshots that are named.
+/// The most snapshots named.
 pub(super) const MOST: u32 = 8;
 
-/// The snapshots, newest first, each with the role and the label that the episode had; nothing if there are none.
+/// The snapshots, newest first, each with the episode's role and label; empty without snapshots.
 pub(super) fn panel(view: &View) -> Markup {
     let (uses, of) = &view.uses;
     if uses.is_empty() {
@@ -21,7 +21,7 @@ pub(super) fn panel(view: &View) -> Markup {
         section.panel aria-labelledby="uses-head" {
             h2 #uses-head { "Went into" }
             ul.uses { @for held in uses { (one(held)) } }
-            @if *of > u64::from(MOST) { p.soft { "and " (say::counted(of - u64::from(MOST), "older snapshot")) } }
+            @if *of > u64::from(MOST) { p.soft { "and " (text::counted(of - u64::from(MOST), "older snapshot")) } }
         }
     }
 }
@@ -33,7 +33,7 @@ fn one(held: &SnapshotUse) -> Markup {
             (link::brief(id, link::page(id).as_deref())) " as " (held.role.as_str()) ", labelled "
             span class=(format!("tag {outcome}")) { (outcome) }
             @if !held.cohort.is_empty() { " " (held.cohort) }
-            br; span.soft { (say::time(held.created_at)) " UTC" }
+            br; span.soft { (text::time(held.created_at)) " UTC" }
         }
     }
 }

@@ -1,52 +1,52 @@
-//! The form over the table: which episodes it shows.
+//! The filter form over the table of episodes.
 
 use maud::{Markup, html};
 
-use super::{View, asked::NO_COHORT};
+use super::{View, query::NO_COHORT};
 use crate::{
     domain::{episode::Outcome, score::ScoreRun},
-    web::{made::link, say},
+    web::{artifacts::link, text},
 };
 
-/// The form. What is filled in is what the address says.
+/// The form, filled in from the address.
 pub(super) fn form(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
-    let asked = view.asked;
+    let parameters = view.parameters;
     let outcomes = [Outcome::Success, Outcome::Failure, Outcome::Unknown].map(|outcome| {
         let word = outcome.as_str();
         (word.to_owned(), word.to_owned())
     });
     html! {
         form.filters method="get" role="search" aria-label="Which episodes" {
-            (choice(("outcome", "Outcome"), &asked.outcome, "any", &outcomes))
-            (choice(("cohort", "Cohort"), &asked.cohort, "any", &cohort_choices(&asked.cohort, cohorts)))
-            (choice(("findings", "Report"), &asked.findings, "any", &[
+            (choice(("outcome", "Outcome"), &parameters.outcome, "any", &outcomes))
+            (choice(("cohort", "Cohort"), &parameters.cohort, "any", &cohort_choices(&parameters.cohort, cohorts)))
+            (choice(("findings", "Report"), &parameters.findings, "any", &[
                 ("some".to_owned(), "with warnings".to_owned()), ("none".to_owned(), "without".to_owned()),
             ]))
-            label { "From (UTC)" input type="date" name="from" value=(asked.from); }
-            label { "To (UTC)" input type="date" name="to" value=(asked.to); }
-            label { "Name or id" input type="search" name="text" value=(asked.text) maxlength="255"; }
+            label { "From (UTC)" input type="date" name="from" value=(parameters.from); }
+            label { "To (UTC)" input type="date" name="to" value=(parameters.to); }
+            label { "Name or id" input type="search" name="text" value=(parameters.text) maxlength="255"; }
             @if !runs.is_empty() {
-                (choice(("run", "q of run"), &asked.run, "the newest", &run_choices(runs)))
-                label { "Mean q from" (number("q_from", &asked.q_from)) }
-                label { "to" (number("q_to", &asked.q_to)) }
+                (choice(("run", "q of run"), &parameters.run, "the newest", &run_choices(runs)))
+                label { "Mean q from" (number("q_from", &parameters.q_from)) }
+                label { "to" (number("q_to", &parameters.q_to)) }
             }
-            @if !asked.sort.is_empty() { input type="hidden" name="sort" value=(asked.sort); }
+            @if !parameters.sort.is_empty() { input type="hidden" name="sort" value=(parameters.sort); }
             button.primary type="submit" { "Filter" }
-            @if view.visit.uri.query().is_some_and(|query| !query.is_empty()) {
-                a.button href=(view.visit.uri.path()) { "Clear" }
+            @if view.request.uri.query().is_some_and(|query| !query.is_empty()) {
+                a.button href=(view.request.uri.path()) { "Clear" }
             }
         }
     }
 }
 
-/// A list to choose from; the first choice is none.
+/// A list of choices; the first one is no filter.
 fn choice((name, title): (&str, &str), chosen: &str, none: &str, choices: &[(String, String)]) -> Markup {
     html! {
         label { (title)
             select name=(name) {
                 option value="" selected[chosen.is_empty()] { (none) }
-                @for (value, said) in choices {
-                    option value=(value) selected[value == chosen] { (said) }
+                @for (value, text) in choices {
+                    option value=(value) selected[value == chosen] { (text) }
                 }
             }
         }
@@ -57,7 +57,7 @@ fn number(name: &str, value: &str) -> Markup {
     html! { input type="number" name=(name) value=(value) min="0" max="1" step="any" inputmode="decimal"; }
 }
 
-/// Every cohort of the task, and the chosen one though no episode be of it any more.
+/// Every cohort of the task, and the chosen one even without episodes.
 fn cohort_choices(chosen: &str, cohorts: &[String]) -> Vec<(String, String)> {
     let value = |cohort: &String| if cohort.is_empty() { NO_COHORT.to_owned() } else { cohort.clone() };
     let mut choices: Vec<(String, String)> = cohorts.iter().map(|cohort| (value(cohort), value(cohort))).collect();
@@ -68,12 +68,12 @@ fn cohort_choices(chosen: &str, cohorts: &[String]) -> Vec<(String, String)> {
 }
 
 fn run_choices(runs: &[ScoreRun]) -> Vec<(String, String)> {
-    runs.iter().map(|run| (run.id.to_string(), said(run))).collect()
+    runs.iter().map(|run| (run.id.to_string(), describe(run))).collect()
 }
 
-/// A run as a list names it.
-pub(in crate::web) fn said(run: &ScoreRun) -> String {
-    format!("{} UTC · {} · {}", say::time(run.created_at), run.spec.scorer.name, link::short(run.id.as_str()))
+/// The description of a run in a list.
+pub(in crate::web) fn describe(run: &ScoreRun) -> String {
+    format!("{} UTC · {} · {}", text::time(run.created_at), run.spec.scorer.name, link::short(run.id.as_str()))
 }
 
 #[cfg(test)]
@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_chosen_cohort_stays_though_it_is_empty_now() {
+    fn the_chosen_cohort_is_listed_even_without_episodes() {
         let choices = cohort_choices("gone", &[String::new(), "weak".to_owned()]);
         let values: Vec<&str> = choices.iter().map(|(value, _)| value.as_str()).collect();
         assert_eq!(values, [NO_COHORT, "weak", "gone"]);

@@ -1,4 +1,4 @@
-//! Labelling: what a page sends, and what it is told when somebody else was first.
+//! Labelling: the request of a page, and the answer when another person was first.
 
 use axum::{
     body::Bytes,
@@ -10,7 +10,7 @@ use maud::{Markup, html};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::asked::outcome;
+use super::query::outcome;
 use crate::{
     domain::{
         curation::{Labelled, Overtaken},
@@ -22,25 +22,25 @@ use crate::{
     store::Store,
     web::{
         change::about,
+        page_request::{PageRequest, read},
         refusal::Answer,
-        say,
-        visit::{Visit, read},
+        text,
     },
     wire::field,
 };
 
-/// Most episodes in one act.
+/// The most episodes in one request.
 const MANY: usize = 1000;
-/// Most that the audit log names of one act.
+/// The most episodes named in one entry of the audit log.
 const NAMED: usize = 31;
 
-/// A label for some episodes, each with the label's version that the page showed.
+/// A label for some episodes, each with the label's version shown on the page.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Sent {
-    episodes: Vec<Seen>,
+    episodes: Vec<LabelledVersion>,
     outcome: String,
-    /// Left out, each keeps its own.
+    /// If omitted, each keeps its own.
     cohort: Option<String>,
     #[serde(default)]
     reason: String,
@@ -48,7 +48,7 @@ struct Sent {
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Seen {
+struct LabelledVersion {
     id: String,
     version: i64,
 }
@@ -58,8 +58,9 @@ impl Sent {
         if self.episodes.is_empty() || self.episodes.len() > MANY {
             return Err(Error::invalid("episodes", format!("name 1 to {MANY} of them")));
         }
-        let id =
-            |(at, seen): (usize, Seen)| Ok((EpisodeId::parse(&format!("episodes[{at}].id"), &seen.id)?, seen.version));
+        let id = |(at, labelled): (usize, LabelledVersion)| {
+            Ok((EpisodeId::parse(&format!("episodes[{at}].id"), &labelled.id)?, labelled.version))
+        };
         let label = NewLabel {
             outcome: outcome("outcome", &self.outcome)?,
             cohort: self.cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
@@ -70,42 +71,42 @@ impl Sent {
     }
 }
 
-pub(in crate::web) async fn label(visit: Visit, Path(task): Path<String>, body: Bytes) -> Response {
+pub(in crate::web) async fn label(request: PageRequest, Path(task): Path<String>, body: Bytes) -> Response {
     let sent = match read::<Sent>(&body) {
         Ok(sent) => sent,
         Err(error) => return about([("task", task.as_str())], Err(error.into())),
     };
-    let ids: Vec<String> = sent.episodes.iter().take(NAMED).map(|seen| seen.id.clone()).collect();
+    let ids: Vec<String> = sent.episodes.iter().take(NAMED).map(|labelled| labelled.id.clone()).collect();
     let episodes = ids.iter().map(|id| ("episode_id", id.as_str()));
-    about([("task", task.as_str())].into_iter().chain(episodes), given(&visit, &task, sent).await)
+    about([("task", task.as_str())].into_iter().chain(episodes), given(&request, &task, sent).await)
 }
 
-async fn given(visit: &Visit, task: &str, sent: Sent) -> Answer {
-    let (seen, label) = sent.read(visit.caller.who())?;
-    let rooms = visit.rooms();
-    let task = rooms.store.task(task).await?;
-    belong(&rooms.store, &task.id, &seen).await?;
-    Ok(match rooms.store.label_episodes_as_seen(&seen, &label).await? {
+async fn given(request: &PageRequest, task: &str, sent: Sent) -> Answer {
+    let (labelled, label) = sent.read(request.caller.who())?;
+    let services = request.services();
+    let task = services.store.task(task).await?;
+    belong(&services.store, &task.id, &labelled).await?;
+    Ok(match services.store.label_episodes_as_seen(&labelled, &label).await? {
         Labelled::Done(episodes) => {
-            rooms.jobs.labelled();
+            services.jobs.labelled();
             done(&episodes, &label.author)
         }
         Labelled::Changed(changed) => overtaken(&changed),
     })
 }
 
-/// Refuses episodes of another task: who labels looks at this one's.
-async fn belong(store: &Store, task: &TaskId, seen: &[(EpisodeId, i64)]) -> Result<()> {
-    for (id, _) in seen {
+/// Rejects episodes of another task.
+async fn belong(store: &Store, task: &TaskId, labelled: &[(EpisodeId, i64)]) -> Result<()> {
+    for (id, _) in labelled {
         if store.recording_of(id).await?.0 != *task {
-            return Err(Error::invalid("episodes", format!("{id} is of another task; nothing was labelled")));
+            return Err(Error::invalid("episodes", format!("{id} is of another task; no episode was labelled")));
         }
     }
     Ok(())
 }
 
 fn done(episodes: &[(Episode, i64)], author: &str) -> Response {
-    let now = say::time(Millis::now());
+    let now = text::time(Millis::now());
     let row = |(episode, version): &(Episode, i64)| -> Value {
         json!({
             "id": episode.id, "version": version, "outcome": episode.outcome.as_str(), "cohort": episode.cohort,
@@ -119,17 +120,17 @@ fn overtaken(changed: &[Overtaken]) -> Response {
     let row = |one: &Overtaken| -> Value {
         json!({
             "id": one.episode_id, "version": one.label_version, "outcome": one.label.outcome.as_str(),
-            "cohort": one.label.cohort, "by": one.label.author, "at": say::time(one.label.created_at),
+            "cohort": one.label.cohort, "by": one.label.author, "at": text::time(one.label.created_at),
         })
     };
-    let told = json!({
-        "error": "somebody labelled meanwhile; nothing was changed",
+    let answer = json!({
+        "error": "another person has labelled some of these episodes meanwhile; no label was changed",
         "changed": changed.iter().map(row).collect::<Vec<_>>(),
     });
-    (StatusCode::CONFLICT, axum::Json(told)).into_response()
+    (StatusCode::CONFLICT, axum::Json(answer)).into_response()
 }
 
-/// What stays in sight over the table: the episode under the cursor, and the labels it or the selected ones can get.
+/// The bar above the table: the focused episode, and label buttons for it or the selected ones.
 pub(super) fn bar(cohorts: &[String]) -> Markup {
     html! {
         section #bar.panel aria-label="Label" {
@@ -170,26 +171,26 @@ const KEYS: &[(&[&str], &str)] = &[
     (&["f"], "Failure, and on to the next"),
     (&["u"], "Unknown, and on to the next"),
     (&["z"], "Undo the last labelling"),
-    (&["a"], "Label all the same, when somebody else was first"),
-    (&["Esc"], "Leave it, or dismiss a message"),
+    (&["a"], "Label anyway, when another person was first"),
+    (&["Esc"], "Cancel, or dismiss a message"),
     (&["x"], "Select; with Shift and a click, all between"),
     (&["o", "Enter"], "Open the episode"),
     (&["n", "p"], "Next page, previous page"),
     (&["?"], "These keys"),
 ];
 
-/// Where a script says what came of a labelling.
+/// The place of a script's messages.
 pub(in crate::web) fn live() -> Markup {
-    html! { div #told role="status" aria-live="polite" {} }
+    html! { div #message role="status" aria-live="polite" {} }
 }
 
-/// A button for each outcome; a script gives `whom` the label.
+/// A button for each outcome; `whom`: the focused or the selected episodes.
 pub(in crate::web) fn buttons(whom: &str) -> Markup {
     html! {
         span.outcomes role="group" aria-label=(format!("Label the {whom}")) {
-            @for (outcome, said, key) in [("success", "Success", "s"), ("failure", "Failure", "f"), ("unknown", "Unknown", "u")] {
+            @for (outcome, text, key) in [("success", "Success", "s"), ("failure", "Failure", "f"), ("unknown", "Unknown", "u")] {
                 button type="button" class=(outcome) data-label=(outcome) data-whom=(whom) {
-                    (said) @if whom == "focused" { " " kbd { (key) } }
+                    (text) @if whom == "focused" { " " kbd { (key) } }
                 }
             }
         }
@@ -210,23 +211,23 @@ mod tests {
     }
 
     #[test]
-    fn a_label_says_which_versions_were_seen() {
+    fn a_label_names_the_seen_versions() {
         let body = json!({ "episodes": [{ "id": ID, "version": 3 }], "outcome": "success", "reason": "held it" });
-        let (seen, label) = sent(&body).unwrap();
-        assert_eq!((seen[0].0.as_str(), seen[0].1), (ID, 3));
+        let (labelled, label) = sent(&body).unwrap();
+        assert_eq!((labelled[0].0.as_str(), labelled[0].1), (ID, 3));
         assert_eq!((label.outcome, label.cohort, label.author.as_str()), (Outcome::Success, None, "ann"));
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
-        let seen = json!([{ "id": ID, "version": 3 }]);
+    fn invalid_labels_are_named() {
+        let labelled = json!([{ "id": ID, "version": 3 }]);
         for (field, body) in [
             ("episodes: ", json!({ "episodes": [], "outcome": "success" })),
             ("episodes[0].id: ", json!({ "episodes": [{ "id": "7", "version": 1 }], "outcome": "success" })),
-            ("outcome: ", json!({ "episodes": seen, "outcome": "won" })),
-            ("cohort: ", json!({ "episodes": seen, "outcome": "success", "cohort": "a\nb" })),
-            ("reason: ", json!({ "episodes": seen, "outcome": "success", "reason": "x".repeat(300) })),
-            ("body: ", json!({ "episodes": seen, "outcome": "success", "author": "somebody else" })),
+            ("outcome: ", json!({ "episodes": labelled, "outcome": "won" })),
+            ("cohort: ", json!({ "episodes": labelled, "outcome": "success", "cohort": "a\nb" })),
+            ("reason: ", json!({ "episodes": labelled, "outcome": "success", "reason": "x".repeat(300) })),
+            ("body: ", json!({ "episodes": labelled, "outcome": "success", "author": "somebody else" })),
         ] {
             let error = sent(&body).unwrap_err();
             assert!(error.message().starts_with(field), "{field} {error}");
@@ -234,7 +235,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_comes_second_is_told_who_was_first_and_with_what() {
+    async fn an_outdated_label_returns_the_newer_one() {
         let label = Label {
             outcome: Outcome::Failure,
             cohort: "weak".into(),
@@ -245,10 +246,10 @@ mod tests {
         let changed = [Overtaken { episode_id: EpisodeId::parse("id", ID).unwrap(), label_version: 9, label }];
         let response = overtaken(&changed);
         assert_eq!(response.status(), StatusCode::CONFLICT);
-        let told: Value = serde_json::from_slice(&to_bytes(response.into_body(), 1 << 16).await.unwrap()).unwrap();
+        let answer: Value = serde_json::from_slice(&to_bytes(response.into_body(), 1 << 16).await.unwrap()).unwrap();
         let expected = json!([{
             "id": ID, "version": 9, "outcome": "failure", "cohort": "weak", "by": "ben", "at": "2027-01-15 08:00",
         }]);
-        assert_eq!(told["changed"], expected);
+        assert_eq!(answer["changed"], expected);
     }
 }

@@ -1,8 +1,8 @@
 //! A task's episodes: a table that filters, sorts and labels.
 
-mod asked;
 mod filters;
 mod label;
+mod query;
 mod table;
 
 use std::sync::Arc;
@@ -11,18 +11,18 @@ use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
 use serde_json::json;
 
-use self::asked::{Asked, Order, Wanted};
+use self::query::{EpisodeParameters, EpisodeQuery, Order};
 pub(in crate::web) use self::{
-    filters::said,
+    filters::describe,
     label::{buttons, label, live},
 };
 use super::{
+    page_request::PageRequest,
     paging,
     refusal::Answer,
-    say,
     sheet::{self, Format, Sheet},
     shell::{self, Head, Tab},
-    visit::Visit,
+    text,
 };
 use crate::{
     access::Page,
@@ -39,15 +39,15 @@ use crate::{
 /// Episodes on one page.
 const PER_PAGE: usize = 100;
 
-/// Everything a table shows.
+/// The data of the table.
 struct View<'a> {
-    visit: &'a Visit,
+    request: &'a PageRequest,
     task: &'a Task,
-    asked: &'a Asked,
-    wanted: &'a Wanted,
-    /// The run whose q is shown, if the task has any.
+    parameters: &'a EpisodeParameters,
+    query: &'a EpisodeQuery,
+    /// The run of the shown q, if the task has any.
     scores: Option<Arc<Summary>>,
-    /// Every episode that fits, sorted.
+    /// Every matching episode, sorted.
     rows: Vec<TableRow>,
 }
 
@@ -56,14 +56,14 @@ impl View<'_> {
         self.scores.as_ref().and_then(|scores| scores.mean_q(&row.episode.id))
     }
 
-    /// Whether who looks may label.
+    /// Whether the caller may label.
     fn labels(&self) -> bool {
-        self.visit.may(Page::LabelEpisodes)
+        self.request.may(Page::LabelEpisodes)
     }
 
-    /// The page that is shown, from 1, and how many there are. One beyond the end is the last.
+    /// The shown page, from 1, and the number of pages. A page beyond the end is the last.
     fn page(&self) -> (usize, usize) {
-        paging::within(self.wanted.page, self.rows.len(), PER_PAGE)
+        paging::within(self.query.page, self.rows.len(), PER_PAGE)
     }
 
     /// The rows of that page.
@@ -73,23 +73,23 @@ impl View<'_> {
     }
 }
 
-pub(super) async fn show(visit: Visit, Path(task): Path<String>) -> Answer {
-    let asked: Asked = visit.asked()?;
-    let wanted = asked.read()?;
-    let rooms = visit.rooms();
-    let task = rooms.store.task(&task).await?;
-    let runs = rooms.store.score_runs(&task.id).await?;
-    let scores = match chosen(&runs, wanted.run.as_ref(), &task)? {
-        Some(run) => Some(rooms.curation.summary(run).await?),
+pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answer {
+    let parameters: EpisodeParameters = request.parameters()?;
+    let query = parameters.read()?;
+    let services = request.services();
+    let task = services.store.task(&task).await?;
+    let runs = services.store.score_runs(&task.id).await?;
+    let scores = match chosen(&runs, query.run.as_ref(), &task)? {
+        Some(run) => Some(services.curation.summary(run).await?),
         None => None,
     };
-    let rows = rooms.store.episode_table(&task.id, &wanted.filter).await?;
-    let rows = ordered(rows, scores.clone(), wanted.mean_q, wanted.order).await?;
-    let view = View { visit: &visit, task: &task, asked: &asked, wanted: &wanted, scores, rows };
-    if asked.format != Format::Html {
-        return Ok(sheet_of(&view).answer(asked.format)?);
+    let rows = services.store.episode_table(&task.id, &query.filter).await?;
+    let rows = ordered(rows, scores.clone(), query.mean_q, query.order).await?;
+    let view = View { request: &request, task: &task, parameters: &parameters, query: &query, scores, rows };
+    if parameters.format != Format::Html {
+        return Ok(sheet_of(&view).answer(parameters.format)?);
     }
-    let cohorts = rooms.store.cohorts(&task.id).await?;
+    let cohorts = services.store.cohorts(&task.id).await?;
     let name = task.spec.name.as_str();
     let head = Head {
         title: &format!("Episodes of {name}"),
@@ -97,10 +97,10 @@ pub(super) async fn show(visit: Visit, Path(task): Path<String>) -> Answer {
         task: Some(name),
         script: Some("episodes.js"),
     };
-    Ok(shell::page(&visit, &head, &body(&view, &runs, &cohorts)).into_response())
+    Ok(shell::page(&request, &head, &body(&view, &runs, &cohorts)).into_response())
 }
 
-/// Those rows whose mean q fits, in order. Ten thousand take their time, which is not the runtime's.
+/// The rows with matching mean q, in order. Ten thousand rows take long, so this runs off the runtime.
 async fn ordered(
     mut rows: Vec<TableRow>,
     scores: Option<Arc<Summary>>,
@@ -118,11 +118,11 @@ async fn ordered(
     tokio::task::spawn_blocking(ordering).await.map_err(|error| Error::internal("sorting episodes", error))
 }
 
-/// The run that was asked for, or the newest.
-fn chosen<'a>(runs: &'a [ScoreRun], asked: Option<&ScoreRunId>, task: &Task) -> Result<Option<&'a ScoreRunId>> {
-    let Some(asked) = asked else { return Ok(runs.first().map(|run| &run.id)) };
-    let found = runs.iter().find(|run| run.id == *asked).map(|run| &run.id);
-    let missing = || Error::not_found("finished score run", format!("{asked} of task {}", task.spec.name));
+/// The run in the query, or the newest.
+fn chosen<'a>(runs: &'a [ScoreRun], named: Option<&ScoreRunId>, task: &Task) -> Result<Option<&'a ScoreRunId>> {
+    let Some(named) = named else { return Ok(runs.first().map(|run| &run.id)) };
+    let found = runs.iter().find(|run| run.id == *named).map(|run| &run.id);
+    let missing = || Error::not_found("finished score run", format!("{named} of task {}", task.spec.name));
     found.map(Some).ok_or_else(missing)
 }
 
@@ -131,18 +131,18 @@ fn body(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
     let count = u64::try_from(view.rows.len()).unwrap_or(u64::MAX);
     html! {
         h1 { "Episodes" }
-        p.lead { (say::counted(count, "episode")) @if count != 0 { ", page " (page) " of " (pages) } }
+        p.lead { (text::counted(count, "episode")) @if count != 0 { ", page " (page) " of " (pages) } }
         (filters::form(view, runs, cohorts))
         @if view.rows.is_empty() {
             p.panel.empty {
-                "No episode fits. " a href=(view.visit.uri.path()) { "Show all" } ", or bring some with "
+                "No episode matches. " a href=(view.request.uri.path()) { "Show all" } ", or add some with "
                 code { "gleaner push" } "."
             }
         } @else {
             @if view.labels() { (label::bar(cohorts)) }
             (table::table(view))
-            (sheet::links(view.visit))
-            (paging::links(view.visit, "Pages of the table", (page, pages)))
+            (sheet::links(view.request))
+            (paging::links(view.request, "Pages of the table", (page, pages)))
         }
     }
 }
@@ -160,9 +160,9 @@ fn sheet_of(view: &View) -> Sheet {
             json!(episode.warnings),
             json!(view.mean_q(row)),
             json!(labelled_by),
-            json!(say::stamp(*labelled_at)),
+            json!(text::stamp(*labelled_at)),
             json!(label_version),
-            json!(say::stamp(episode.created_at)),
+            json!(text::stamp(episode.created_at)),
             json!(episode.size_bytes),
         ]
     };

@@ -1,21 +1,21 @@
-//! The table: a row an episode, with what the script needs to label it.
+//! The table: one row per episode, with the data that the labelling script needs.
 
 use maud::{Markup, html};
 
-use super::{View, asked::Order};
+use super::{View, query::Order};
 use crate::{
     domain::curation::{SortKey, TableRow},
-    web::{frames, made::link, say, visit::Visit},
+    web::{artifacts::link, frames, page_request::PageRequest, text},
 };
 
-/// The rows of the page that is shown.
+/// The rows of the shown page.
 pub(super) fn table(view: &View) -> Markup {
     let first = view.task.spec.cameras.first();
     let camera = first.map(|camera| camera.name.as_str());
     let labels = view.labels();
     html! {
         div.scroll {
-            table #episodes data-task=(view.task.spec.name) data-labels=[labels.then_some("")] data-only=(view.asked.outcome)
+            table #episodes data-task=(view.task.spec.name) data-labels=[labels.then_some("")] data-only=(view.parameters.outcome)
                 data-width=[first.map(|camera| camera.width)] data-height=[first.map(|camera| camera.height)] {
                 caption.unseen { "Episodes of " (view.task.spec.name) }
                 (heads(view, camera.is_some()))
@@ -28,15 +28,15 @@ pub(super) fn table(view: &View) -> Markup {
 }
 
 fn heads(view: &View, pictures: bool) -> Markup {
-    // Another order begins at its first page.
-    let first = view.visit.with("page", None).parse().map(|uri| Visit { uri, ..view.visit.clone() });
-    let visit = first.as_ref().unwrap_or(view.visit);
+    // Another order starts at its first page.
+    let first = view.request.with("page", None).parse().map(|uri| PageRequest { uri, ..view.request.clone() });
+    let request = first.as_ref().unwrap_or(view.request);
     let head = |key: SortKey, title: &str, number: bool| {
-        let order = view.wanted.order;
+        let order = view.query.order;
         let sorted = (order.key == key).then_some(if order.descending { "descending" } else { "ascending" });
         html! {
             th.number[number] scope="col" aria-sort=[sorted] {
-                a href=(visit.with("sort", Some(&order.by(key).word()))) { (title) (arrow(order, key)) }
+                a href=(request.with("sort", Some(&order.by(key).word()))) { (title) (arrow(order, key)) }
             }
         }
     };
@@ -69,7 +69,7 @@ fn arrow(order: Order, key: SortKey) -> &'static str {
 fn row_of(view: &View, row: &TableRow, camera: Option<&str>) -> Markup {
     let TableRow { episode, label_version, labelled_by, labelled_at } = row;
     let (id, outcome) = (&episode.id, episode.outcome.as_str());
-    let run = view.wanted.run.as_ref().map(|run| format!("?run={run}")).unwrap_or_default();
+    let run = view.query.run.as_ref().map(|run| format!("?run={run}")).unwrap_or_default();
     html! {
         tr tabindex="-1" data-id=(id) data-version=(label_version) data-outcome=(outcome) data-cohort=(episode.cohort)
             data-steps=(episode.steps) data-frames=[camera.map(|camera| frames::before_step(id, camera))] {
@@ -83,14 +83,14 @@ fn row_of(view: &View, row: &TableRow, camera: Option<&str>) -> Markup {
             td.name { a href=(format!("/episodes/{id}{run}")) { (episode.file_name) } span.id.soft { (link::short(id.as_str())) } }
             td { span class=(format!("tag {outcome}")) { (outcome) } }
             td.cohort { (episode.cohort) }
-            td.number { (say::count(episode.steps)) " " span.soft { (say::seconds(episode.duration_s)) } }
+            td.number { (text::count(episode.steps)) " " span.soft { (text::seconds(episode.duration_s)) } }
             td {
-                @if episode.warnings > 0 { span.tag.warned { (say::counted(episode.warnings, "warning")) } }
+                @if episode.warnings > 0 { span.tag.warned { (text::counted(episode.warnings, "warning")) } }
                 @else { span.soft { "clean" } }
             }
             td.number { @if let Some(q) = view.mean_q(row) { (format!("{q:.3}")) } @else { "–" } }
-            td.labelled { span.by { (labelled_by) } " " span.at.soft { (say::time(*labelled_at)) } }
-            td.arrived { (say::time(episode.created_at)) }
+            td.labelled { span.by { (labelled_by) } " " span.at.soft { (text::time(*labelled_at)) } }
+            td.arrived { (text::time(episode.created_at)) }
         }
     }
 }

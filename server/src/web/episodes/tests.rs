@@ -1,4 +1,4 @@
-//! The table and its labels, asked as browsers and programs do.
+//! The table and its labels, as requested by browsers and programs.
 
 use axum::http::{HeaderValue, Method, StatusCode, header::ACCEPT};
 use gleaner_recording::TaskSpec;
@@ -24,21 +24,21 @@ struct Lab {
 
 async fn lab() -> Lab {
     let pages = Pages::open(false).await;
-    let task = testing::task(&pages.rooms.store).await;
+    let task = testing::task(&pages.services.store).await;
     let visitor = pages.visitor().await;
     Lab { pages, task, visitor }
 }
 
 impl Lab {
     async fn episode(&self, outcome: Outcome, cohort: &str) -> Episode {
-        testing::episode(&self.pages.rooms.store, &self.task, outcome, cohort).await
+        testing::episode(&self.pages.services.store, &self.task, outcome, cohort).await
     }
 
     async fn table(&self, query: &str) -> Reply {
         self.pages.get(&self.visitor, &format!("/tasks/{}/episodes{query}", self.task.spec.name)).await
     }
 
-    /// The table as a program reads it.
+    /// The table as JSON.
     async fn rows(&self, query: &str) -> Vec<Value> {
         let reply = self.table(&format!("?format=json{query}")).await;
         assert_eq!(reply.status, StatusCode::OK, "{}", reply.text());
@@ -59,14 +59,14 @@ async fn the_table_filters_sorts_and_shows_q_of_the_newest_run() {
     let lab = lab().await;
     let (expert, weak) = (lab.episode(Outcome::Success, "expert").await, lab.episode(Outcome::Failure, "").await);
     let other = lab.episode(Outcome::Failure, "other").await;
-    let encoder = results::encoder(&lab.pages.rooms.store, &lab.task).await;
+    let encoder = results::encoder(&lab.pages.services.store, &lab.task).await;
     let scores = [
         results::scores(&expert.id, Part::Expert, &[1.0; 20]),
         results::scores(&weak.id, Part::Imperfect, &[0.25; 20]),
         results::scores(&other.id, Part::Imperfect, &[0.75; 20]),
     ];
-    let run = results::run(&lab.pages.rooms.store, &lab.task, &encoder, &scores).await;
-    results::set_state(&lab.pages.rooms.store, &run.job_id, crate::domain::job::JobState::Succeeded, "").await;
+    let run = results::run(&lab.pages.services.store, &lab.task, &encoder, &scores).await;
+    results::set_state(&lab.pages.services.store, &run.job_id, crate::domain::job::JobState::Succeeded, "").await;
 
     let ids = |rows: &[Value]| rows.iter().map(|row| row["id"].as_str().unwrap().to_owned()).collect::<Vec<_>>();
     let of = |episodes: &[&Episode]| episodes.iter().map(|episode| episode.id.to_string()).collect::<Vec<_>>();
@@ -77,11 +77,11 @@ async fn the_table_filters_sorts_and_shows_q_of_the_newest_run() {
     assert_eq!(ids(&lab.rows("&from=2020-01-01&to=2020-01-02").await), of(&[]));
     let page = lab.table("?sort=mean_q").await.text();
     assert!(page.contains("0.750") && page.contains("0.250") && page.contains("aria-sort=\"ascending\""));
-    assert!(page.contains("href=\"/tasks/reach/episodes?sort=-mean_q\""), "a second click turns the order");
+    assert!(page.contains("href=\"/tasks/reach/episodes?sort=-mean_q\""), "a second click reverses the order");
 }
 
 #[tokio::test]
-async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
+async fn a_label_is_stored_once_and_audited_with_its_episodes() {
     let lab = lab().await;
     let episode = lab.episode(Outcome::Unknown, "weak").await;
     let version = lab.rows("").await[0]["label_version"].clone();
@@ -95,15 +95,15 @@ async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
     assert_eq!((&now["outcome"], &now["cohort"]), (&json!("success"), &json!("weak")));
     assert!(now["version"].as_i64() > version.as_i64());
 
-    // The same again saw what is not there any more.
+    // The same request again names an outdated version.
     let (status, answer) = lab.label(&lab.visitor, &body).await;
     assert_eq!(status, StatusCode::CONFLICT);
     let first = &answer["changed"][0];
     assert_eq!((&first["outcome"], &first["version"]), (&json!("success"), &now["version"]));
     assert_eq!(first["by"], now["by"]);
-    let labels = lab.pages.rooms.store.labels(&episode.id).await.unwrap();
+    let labels = lab.pages.services.store.labels(&episode.id).await.unwrap();
     assert_eq!((labels.len(), labels[1].reason.as_str()), (2, "held it"));
-    let audit = lab.pages.rooms.store.audit(Millis(0), 10).await.unwrap();
+    let audit = lab.pages.services.store.audit(Millis(0), 10).await.unwrap();
     let named = ["task=reach".to_owned(), format!("episode_id={}", episode.id)];
     let mut outcomes: Vec<&str> =
         audit.iter().filter(|entry| entry.subjects == named).map(|entry| entry.outcome.as_str()).collect();
@@ -112,19 +112,19 @@ async fn a_label_is_given_once_and_the_audit_log_says_to_whom() {
 }
 
 #[tokio::test]
-async fn a_label_that_cannot_be_changes_nothing() {
+async fn an_invalid_label_changes_nothing() {
     let lab = lab().await;
     let episode = lab.episode(Outcome::Unknown, "").await;
     let version = lab.rows("").await[0]["label_version"].clone();
     let elsewhere = crate::domain::id::EpisodeId::new();
-    let store = &lab.pages.rooms.store;
+    let store = &lab.pages.services.store;
     let other = store.insert_task(&TaskSpec { name: "push".into(), ..testing::spec() }).await.unwrap();
     let foreign = testing::episode(store, &other, Outcome::Unknown, "").await;
     let foreign = json!({ "id": foreign.id, "version": store.label_version(&foreign.id).await.unwrap() });
     let seen = json!({ "id": episode.id, "version": version });
     let too_many: Vec<Value> =
         (0..=1000).map(|_| json!({ "id": crate::domain::id::EpisodeId::new(), "version": 1 })).collect();
-    for (expected, said, body) in [
+    for (expected, message, body) in [
         (
             StatusCode::NOT_FOUND,
             "no episode",
@@ -137,21 +137,21 @@ async fn a_label_that_cannot_be_changes_nothing() {
     ] {
         let (status, answer) = lab.label(&lab.visitor, &body).await;
         assert_eq!(status, expected, "{answer}");
-        assert!(answer["error"].as_str().unwrap().contains(said), "{answer}");
+        assert!(answer["error"].as_str().unwrap().contains(message), "{answer}");
     }
     let audit = store.audit(Millis(0), 10).await.unwrap();
     assert_eq!(audit.len(), 5, "the log hears of each");
     let about = |id: &str| audit.iter().filter(|entry| entry.subjects.contains(&format!("episode_id={id}"))).count();
     assert_eq!([elsewhere.as_str(), foreign["id"].as_str().unwrap(), episode.id.as_str()].map(about), [1, 1, 3]);
     assert!(audit.iter().all(|entry| entry.subjects[0] == "task=reach" && entry.subjects.len() <= 32), "{audit:?}");
-    lab.pages.rooms.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
+    lab.pages.services.store.delete_episodes(std::slice::from_ref(&episode.id), false).await.unwrap();
     let (status, answer) = lab.label(&lab.visitor, &json!({ "episodes": [seen], "outcome": "success" })).await;
     assert_eq!((status, answer["changed"].is_array()), (StatusCode::CONFLICT, false));
-    assert_eq!(lab.pages.rooms.store.labels(&episode.id).await.unwrap().len(), 1);
+    assert_eq!(lab.pages.services.store.labels(&episode.id).await.unwrap().len(), 1);
 }
 
 #[tokio::test]
-async fn who_may_only_look_is_offered_no_labels() {
+async fn a_viewer_gets_no_label_buttons() {
     let lab = lab().await;
     lab.episode(Outcome::Unknown, "").await;
     assert!(lab.table("").await.text().contains("id=\"bar\""));
@@ -161,9 +161,9 @@ async fn who_may_only_look_is_offered_no_labels() {
 }
 
 #[tokio::test]
-async fn what_the_address_gets_wrong_is_named() {
+async fn invalid_parameters_are_named() {
     let lab = lab().await;
-    for (query, status, told) in [
+    for (query, status, content) in [
         ("?outcome=won", StatusCode::BAD_REQUEST, "outcome: "),
         ("?q_from=2", StatusCode::BAD_REQUEST, "q_from: "),
         ("?run=run_01ARZ3NDEKTSV4RRFFQ69G5FAV", StatusCode::NOT_FOUND, "no finished score run"),
@@ -171,10 +171,10 @@ async fn what_the_address_gets_wrong_is_named() {
     ] {
         let reply = lab.table(query).await;
         assert_eq!(reply.status, status, "{query}");
-        assert!(reply.text().contains(told), "{query} {}", reply.text());
+        assert!(reply.text().contains(content), "{query} {}", reply.text());
     }
     let reply = lab.table("?page=9").await;
-    assert!(reply.status == StatusCode::OK && reply.text().contains("No episode fits"));
+    assert!(reply.status == StatusCode::OK && reply.text().contains("No episode matches"));
 }
 
 #[tokio::test]

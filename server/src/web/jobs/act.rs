@@ -1,4 +1,4 @@
-//! What is done to a job from its page.
+//! Actions on a job from its page.
 
 use axum::{extract::Path, http::HeaderMap, response::Response};
 use serde_json::json;
@@ -8,26 +8,26 @@ use crate::{
     error::Result,
     web::{
         change::{about, done, is_json},
-        visit::Visit,
+        page_request::PageRequest,
     },
 };
 
-/// Cancels a job, and those that wait for it.
-pub(in crate::web) async fn cancel(visit: Visit, Path(id): Path<String>, headers: HeaderMap) -> Response {
-    let cancelled = async { visit.rooms().jobs.cancel(&JobId::parse("id", &id)?).await };
+/// Cancels a job and the jobs that wait for it.
+pub(in crate::web) async fn cancel(request: PageRequest, Path(id): Path<String>, headers: HeaderMap) -> Response {
+    let cancelled = async { request.services().jobs.cancel(&JobId::parse("id", &id)?).await };
     answer(&id, &headers, cancelled.await)
 }
 
-/// Orders the same anew, and what waited for it.
-pub(in crate::web) async fn retry(visit: Visit, Path(id): Path<String>, headers: HeaderMap) -> Response {
-    let again = async { visit.rooms().jobs.retry(&JobId::parse("id", &id)?).await };
+/// Submits the same order again, and the jobs that waited for it.
+pub(in crate::web) async fn retry(request: PageRequest, Path(id): Path<String>, headers: HeaderMap) -> Response {
+    let again = async { request.services().jobs.retry(&JobId::parse("id", &id)?).await };
     answer(&id, &headers, again.await)
 }
 
 fn answer(id: &str, headers: &HeaderMap, moved: Result<Job>) -> Response {
-    let told = |job: Job| {
+    let answer = |job: Job| {
         let page = format!("/jobs/{}", job.id);
         done(is_json(headers), &page, json!({ "job_id": job.id, "state": job.state.as_str(), "page": page }))
     };
-    about([("job_id", id)], moved.map(told).map_err(Into::into))
+    about([("job_id", id)], moved.map(answer).map_err(Into::into))
 }

@@ -1,4 +1,4 @@
-//! How far a job is: the part of its page that is asked for again while it goes on.
+//! The progress of a job: the part of its page that is refreshed while it runs.
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -11,26 +11,26 @@ use crate::{
         time::Millis,
     },
     error::Result,
-    service::Rooms,
-    web::{made::link, refusal::Answer, say, visit::Visit},
+    service::Services,
+    web::{artifacts::link, page_request::PageRequest, refusal::Answer, text},
 };
 
-/// Points of a curve: more than its picture has room for.
+/// Points of a curve: more than its plot has pixels.
 const POINTS: u32 = 2000;
 
 /// The part by itself.
-pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let rooms = visit.rooms();
-    let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
-    Ok(course(rooms, &job).await?.into_response())
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let services = request.services();
+    let job = services.store.job(&JobId::parse("id", &id)?).await?;
+    Ok(course(services, &job).await?.into_response())
 }
 
 /// Progress, message, error, curves and log.
-pub(super) async fn course(rooms: &Rooms, job: &Job) -> Result<Markup> {
-    let metrics = rooms.store.sparse_metrics(&job.id, POINTS).await?;
-    // What else there is to see and do does not depend on it.
-    let said = rooms.jobs.log(&job.id, log::LOOKED_AT).await;
-    if let Err(error) = &said {
+pub(super) async fn course(services: &Services, job: &Job) -> Result<Markup> {
+    let metrics = services.store.sparse_metrics(&job.id, POINTS).await?;
+    // The rest of the page does not depend on it.
+    let text = services.jobs.log(&job.id, log::LOOKED_AT).await;
+    if let Err(error) = &text {
         tracing::warn!(job.id = %job.id, %error, "a job's log cannot be shown");
     }
     Ok(html! {
@@ -39,7 +39,7 @@ pub(super) async fn course(rooms: &Rooms, job: &Job) -> Result<Markup> {
             @if !job.error.is_empty() { p.note.bad role="alert" { (link::text(&job.error)) } }
             (panels(&metrics))
         }
-        (log::newest(&job.id, &said))
+        (log::newest(&job.id, &text))
     })
 }
 
@@ -50,30 +50,30 @@ fn standing(job: &Job, now: Millis) -> Markup {
                 (state(job))
                 @if job.total > 0 {
                     progress value=(job.done.min(job.total)) max=(job.total) aria-label="Progress" {}
-                    span { (say::count(job.done)) " of " (say::count(job.total)) }
-                    span.soft { (say::share(job.done, job.total)) }
+                    span { (text::count(job.done)) " of " (text::count(job.total)) }
+                    span.soft { (text::share(job.done, job.total)) }
                 }
-                @if let Some(left) = left(job, now) { span.soft { "about " (say::seconds(left)) " left" } }
+                @if let Some(left) = left(job, now) { span.soft { "about " (text::seconds(left)) " left" } }
             }
             @if !job.message.is_empty() { p.message { (link::text(&job.message)) } }
             dl.facts.settings {
-                div { dt { "Submitted" } dd { (say::time(job.created_at)) " UTC" } }
-                @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (say::time(started)) " UTC" } } }
+                div { dt { "Submitted" } dd { (text::time(job.created_at)) " UTC" } }
+                @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (text::time(started)) " UTC" } } }
                 @if let Some(took) = took(job, now) {
-                    div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (say::seconds(took)) } }
+                    div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (text::seconds(took)) } }
                 }
                 div { dt { "Attempts" } dd { (job.attempt) " of " (job.max_attempts) } }
-                @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (say::bytes(job.peak_memory_bytes)) } } }
-                @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (say::count(step)) } } }
+                @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (text::bytes(job.peak_memory_bytes)) } } }
+                @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (text::count(step)) } } }
             }
         }
     }
 }
 
-/// Where it stands, as a tag.
+/// Its state, as a tag.
 pub(super) fn state(job: &Job) -> Markup {
-    let said = if job.state == JobState::Running && job.cancel_requested { "cancelling" } else { job.state.as_str() };
-    html! { span class=(format!("tag {}", job.state.as_str())) { (said) } }
+    let text = if job.state == JobState::Running && job.cancel_requested { "cancelling" } else { job.state.as_str() };
+    html! { span class=(format!("tag {}", job.state.as_str())) { (text) } }
 }
 
 /// Seconds since its newest attempt began, until its end or now.
@@ -82,10 +82,10 @@ fn took(job: &Job, now: Millis) -> Option<f64> {
     Some(seconds(job.started_at?, until))
 }
 
-/// Seconds it may still take, if it goes on as it did.
+/// The estimated remaining seconds at the present rate.
 #[expect(clippy::cast_precision_loss, reason = "for reading")]
 fn left(job: &Job, now: Millis) -> Option<f64> {
-    // What an earlier attempt had done is no measure of this one.
+    // The progress of an earlier attempt is not counted.
     let measured = job.state == JobState::Running && job.checkpoint_step.is_none_or(|_| job.attempt <= 1);
     let (done, total) = (job.done as f64, job.total as f64);
     let took = took(job, now).filter(|took| measured && *took > 2.0 && done > 0.0 && done < total)?;
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_is_reckoned_from_what_was_done() {
+    fn the_remaining_time_is_estimated_from_progress() {
         let now = Millis(11_000);
         assert_eq!((took(&running(), now), left(&running(), now)), (Some(10.0), Some(30.0)));
         assert_eq!(left(&running(), Millis(2000)), None, "too early to say");
@@ -155,11 +155,11 @@ mod tests {
     }
 
     #[test]
-    fn standing_says_state_and_message_as_text() {
-        let said = standing(&Job { cancel_requested: true, ..running() }, Millis(2000)).into_string();
+    fn the_state_and_message_are_shown_as_text() {
+        let text = standing(&Job { cancel_requested: true, ..running() }, Millis(2000)).into_string();
         assert!(
-            said.contains(">cancelling<") && said.contains("writing &lt;files&gt;") && said.contains("25.0 %"),
-            "{said}"
+            text.contains(">cancelling<") && text.contains("writing &lt;files&gt;") && text.contains("25.0 %"),
+            "{text}"
         );
     }
 }

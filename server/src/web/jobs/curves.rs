@@ -1,4 +1,4 @@
-//! What a job reported over its steps, as curves: one picture for the metrics of a family.
+//! A job's metrics as curves: one plot per family of metrics.
 
 use std::collections::BTreeMap;
 
@@ -18,7 +18,7 @@ pub(super) struct Curve<'a> {
     points: Points,
 }
 
-/// Metrics that are drawn over one another: those whose names begin with the same word.
+/// Metrics in one plot: those whose names begin with the same word.
 pub(super) struct Family<'a> {
     word: &'a str,
     curves: Vec<Curve<'a>>,
@@ -42,7 +42,7 @@ pub(super) fn families(metrics: &[Metric]) -> Vec<Family<'_>> {
     families
 }
 
-/// One family's picture.
+/// One family's plot.
 pub(super) fn panel(family: &Family) -> Markup {
     let name = match family.curves.as_slice() {
         [only] => only.name,
@@ -50,7 +50,7 @@ pub(super) fn panel(family: &Family) -> Markup {
     };
     let points = || family.curves.iter().flat_map(|curve| curve.points.iter().copied());
     let steps = range(points().map(|point| point.0));
-    // Losses and times are read against nothing, so that a curve that is flat far from it looks flat.
+    // Losses and times start at zero, so that a curve that is flat far above zero looks flat.
     let against_nothing = points().all(|(_, value)| value >= 0.0).then_some(0.0);
     let values = roomy(points().map(|point| point.1).chain(against_nothing));
     let values = (against_nothing.unwrap_or(values.0), values.1);

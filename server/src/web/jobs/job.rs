@@ -1,4 +1,4 @@
-//! One job: how far it is, what it waits for and made, what it was told to do.
+//! One job: its progress, its inputs, its result and its spec.
 
 use axum::{extract::Path, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -11,20 +11,20 @@ use crate::{
         job::{Job, JobKind, JobState},
     },
     error::Result,
-    service::Rooms,
+    service::Services,
     web::{
-        made::{self, link},
+        artifacts::{self, link},
+        page_request::PageRequest,
         refusal::Answer,
-        say,
         shell::{self, Head, Tab},
-        visit::Visit,
+        text,
     },
 };
 
-pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let rooms = visit.rooms();
-    let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
-    let task = rooms.store.task_by_id(&job.task_id).await?;
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let services = request.services();
+    let job = services.store.job(&JobId::parse("id", &id)?).await?;
+    let task = services.store.task_by_id(&job.task_id).await?;
     let name = match job.spec.kind() {
         JobKind::Pretrain => "Pretrain",
         JobKind::Score => "Score",
@@ -35,28 +35,28 @@ pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer
     let body = html! {
         div.row.title {
             h1 { (name) " job " (link::tail(job.id.as_str())) }
-            (actions(&visit, &job))
+            (actions(&request, &job))
         }
-        (course::course(rooms, &job).await?)
-        (made_of(rooms, &job).await?)
-        (waits(rooms, &job).await?)
+        (course::course(services, &job).await?)
+        (made_of(services, &job).await?)
+        (waits(services, &job).await?)
         h2 { "Lineage" }
-        (made::of_job(&rooms.store, &job).await?)
+        (artifacts::of_job(&services.store, &job).await?)
         h2 { "Settings" }
         (spec::table(&job.spec)?)
         h2 { "Record" }
         (record(&job))
     };
     let head = Head { title: name, tab: Tab::Jobs, task: Some(&task.spec.name), script: Some("job.js") };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-/// What may be done with it now, by who looks.
-fn actions(visit: &Visit, job: &Job) -> Markup {
+/// The actions on it that the caller may take now.
+fn actions(request: &PageRequest, job: &Job) -> Markup {
     let form = |to: &str, class: &str, (name, hint): (&str, &str)| {
         html! {
             form method="post" action=(format!("/jobs/{}/{to}", job.id)) {
-                input type="hidden" name="proof" value=(visit.proof);
+                input type="hidden" name="proof" value=(request.proof);
                 button class=(class) type="submit" title=(hint) { (name) }
             }
         }
@@ -64,18 +64,18 @@ fn actions(visit: &Visit, job: &Job) -> Markup {
     html! {
         @match job.state {
             JobState::Queued | JobState::Running => {
-                @if visit.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", ("Cancel", "Ends it, and the jobs that wait for it"))) }
+                @if request.may(Page::CancelJob) && !job.cancel_requested { (form("cancel", "danger", ("Cancel", "Cancels the job and the jobs that wait for it"))) }
             },
             JobState::Failed | JobState::Cancelled => {
-                @if visit.may(Page::RetryJob) { (form("retry", "primary", ("Try again", "Orders the same anew, and what waited for it"))) }
+                @if request.may(Page::RetryJob) { (form("retry", "primary", ("Try again", "Submits the same order again, with the jobs that waited for it"))) }
             },
             JobState::Succeeded => {},
         }
     }
 }
 
-/// What it made, once that is there.
-async fn made_of(rooms: &Rooms, job: &Job) -> Result<Markup> {
+/// Its result, once it exists.
+async fn made_of(services: &Services, job: &Job) -> Result<Markup> {
     if job.state != JobState::Succeeded {
         return Ok(html! {});
     }
@@ -85,15 +85,15 @@ async fn made_of(rooms: &Rooms, job: &Job) -> Result<Markup> {
         JobKind::Score => html! { "Score run " (link::whole(result)) },
         JobKind::Train => html! { "Policy " (link::whole(result)) },
         JobKind::Evaluate => {
-            let evaluation = rooms.store.evaluation(&EvaluationId::parse("result_id", result)?).await?;
+            let evaluation = services.store.evaluation(&EvaluationId::parse("result_id", result)?).await?;
             let success = evaluation.success();
-            html! { "Succeeded in " b { (made::rate(&success)) } " of " (say::counted(success.episodes.into(), "attempt"))
+            html! { "Succeeded in " b { (artifacts::rate(&success)) } " of " (text::counted(success.episodes.into(), "attempt"))
             ", policy " (link::whole(evaluation.policy_id.as_str())) }
         }
         JobKind::Export => {
-            let files = rooms.store.export_files(&ExportId::parse("result_id", result)?).await?;
+            let files = services.store.export_files(&ExportId::parse("result_id", result)?).await?;
             let bytes = files.iter().map(|file| file.size_bytes).sum();
-            html! { (say::counted(files.len() as u64, "file")) ", " (say::bytes(bytes)) ": " code { "gleaner export" }
+            html! { (text::counted(files.len() as u64, "file")) ", " (text::bytes(bytes)) ": " code { "gleaner export" }
             " downloads " span.id { (result) } }
         }
     };
@@ -101,13 +101,13 @@ async fn made_of(rooms: &Rooms, job: &Job) -> Result<Markup> {
 }
 
 /// The jobs it waits or waited for.
-async fn waits(rooms: &Rooms, job: &Job) -> Result<Markup> {
+async fn waits(services: &Services, job: &Job) -> Result<Markup> {
     if job.needs.is_empty() {
         return Ok(html! {});
     }
     let mut needed = Vec::with_capacity(job.needs.len());
     for id in &job.needs {
-        needed.push(rooms.store.job(id).await?);
+        needed.push(services.store.job(id).await?);
     }
     Ok(html! {
         h2 { @if job.state == JobState::Queued { "Waits for" } @else { "Waited for" } }
@@ -124,7 +124,7 @@ fn record(job: &Job) -> Markup {
             dt { "Makes" } dd.id { (job.result_id) }
             dt { "Priority" } dd { (job.priority) }
             @if !job.key.is_empty() { dt { "Key" } dd { (job.key) } }
-            @if let Some(ended) = job.ended_at { dt { "Ended" } dd { (say::time(ended)) " UTC" } }
+            @if let Some(ended) = job.ended_at { dt { "Ended" } dd { (text::time(ended)) " UTC" } }
         }
     }
 }

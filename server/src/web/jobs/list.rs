@@ -18,21 +18,21 @@ use crate::{
     error::{Error, Result},
     store::Store,
     web::{
-        made::link,
+        artifacts::link,
+        page_request::PageRequest,
         refusal::Answer,
-        say,
         sheet::{self, Format, Sheet},
         shell::{self, Head, Tab},
-        visit::Visit,
+        text,
     },
 };
 
 /// Jobs of a page.
 const SIZE: u32 = 100;
 
-/// After the `?`; a form that leaves a field alone sends it empty.
+/// The query; a form sends an unset field empty.
 #[derive(Default, Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     task: String,
     #[serde(default)]
@@ -45,24 +45,24 @@ struct Asked {
     format: Format,
 }
 
-pub(in crate::web) async fn show(visit: Visit) -> Answer {
-    let asked: Asked = visit.asked()?;
-    let store = &visit.rooms().store;
+pub(in crate::web) async fn show(request: PageRequest) -> Answer {
+    let parameters: Parameters = request.parameters()?;
+    let store = &request.services().store;
     let tasks = store.task_names().await?;
-    let before = if asked.before.is_empty() { None } else { Some(JobId::parse("before", &asked.before)?) };
-    let (jobs, next) = store.jobs(&asked.filter(store).await?, before.as_ref(), SIZE).await?;
+    let before = if parameters.before.is_empty() { None } else { Some(JobId::parse("before", &parameters.before)?) };
+    let (jobs, next) = store.jobs(&parameters.filter(store).await?, before.as_ref(), SIZE).await?;
     let names: HashMap<&TaskId, &str> = tasks.iter().map(|(id, name)| (id, name.as_str())).collect();
-    if asked.format != Format::Html {
-        return Ok(sheet_of(&jobs, &names).answer(asked.format)?);
+    if parameters.format != Format::Html {
+        return Ok(sheet_of(&jobs, &names).answer(parameters.format)?);
     }
     let now = Millis::now();
     let live = jobs.iter().any(|job| !job.state.ended());
     let body = html! {
         h1 { "Jobs" }
-        p.lead { "What was submitted to all tasks, newest first." }
-        (asked.form(&tasks))
+        p.lead { "Jobs of all tasks, newest first." }
+        (parameters.form(&tasks))
         @if jobs.is_empty() {
-            p.panel.empty { "No job is like this." }
+            p.panel.empty { "No job matches." }
         } @else {
             div.scroll { table {
                 thead { tr {
@@ -71,17 +71,17 @@ pub(in crate::web) async fn show(visit: Visit) -> Answer {
                 } }
                 tbody #jobs data-live[live] { @for job in &jobs { (row(job, &names, now)) } }
             } }
-            (sheet::links(&visit))
+            (sheet::links(&request))
         }
         @if let Some(next) = &next {
-            p.pages { a.button href=(visit.with("before", Some(next.as_str()))) { "Older" } }
+            p.pages { a.button href=(request.with("before", Some(next.as_str()))) { "Older" } }
         }
     };
     let head = Head { title: "Jobs", tab: Tab::Jobs, task: None, script: Some("jobs.js") };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-impl Asked {
+impl Parameters {
     async fn filter(&self, store: &Store) -> Result<JobFilter> {
         let task_id = if self.task.is_empty() { None } else { Some(store.task(&self.task).await?.id) };
         let state = word("state", &self.state, JobState::from_word, &JobState::ALL.map(JobState::as_str))?;
@@ -100,7 +100,7 @@ impl Asked {
         };
         html! {
             form.filters method="get" action="/jobs" {
-                // Typed with suggestions: a list to choose from is of no use with a thousand tasks.
+                // A text field with suggestions: a drop-down list is unusable with a thousand tasks.
                 label { "Task" input type="search" name="task" value=(self.task) list="tasks" placeholder="all" maxlength="128"; }
                 datalist id="tasks" { @for (_, name) in tasks { option value=(name) {} } }
                 (choice("state", "State", &self.state, JobState::ALL.map(JobState::as_str).to_vec()))
@@ -111,7 +111,7 @@ impl Asked {
     }
 }
 
-/// A word of few; nothing for none.
+/// One of a few words; empty for no filter.
 fn word<T>(field: &str, text: &str, read: fn(&str) -> Option<T>, words: &[&str]) -> Result<Option<T>> {
     if text.is_empty() {
         return Ok(None);
@@ -120,7 +120,7 @@ fn word<T>(field: &str, text: &str, read: fn(&str) -> Option<T>, words: &[&str])
 }
 
 fn row(job: &Job, names: &HashMap<&TaskId, &str>, now: Millis) -> Markup {
-    let said = if job.error.is_empty() { &job.message } else { &job.error };
+    let text = if job.error.is_empty() { &job.message } else { &job.error };
     html! { tr id=(job.id) {
         td { (state(job)) }
         td { (job.spec.kind().as_str()) }
@@ -129,12 +129,12 @@ fn row(job: &Job, names: &HashMap<&TaskId, &str>, now: Millis) -> Markup {
         td.progress {
             @if job.total > 0 {
                 progress value=(job.done.min(job.total)) max=(job.total) aria-label="Progress" {}
-                small.soft { " " (say::count(job.done)) " of " (say::count(job.total)) }
+                small.soft { " " (text::count(job.done)) " of " (text::count(job.total)) }
             }
         }
-        td.said { (link::text(said)) }
+        td.message { (link::text(text)) }
         td.number { (job.attempt) span.soft { " of " (job.max_attempts) } }
-        td.number title=(say::stamp(job.created_at)) { (age(job.created_at, now)) }
+        td.number title=(text::stamp(job.created_at)) { (age(job.created_at, now)) }
     } }
 }
 
@@ -167,9 +167,9 @@ fn sheet_of(jobs: &[Job], names: &HashMap<&TaskId, &str>) -> Sheet {
             json!(job.key),
             json!(job.result_id),
             json!(job.peak_memory_bytes),
-            json!(say::stamp(job.created_at)),
-            json!(job.started_at.map(say::stamp)),
-            json!(job.ended_at.map(say::stamp)),
+            json!(text::stamp(job.created_at)),
+            json!(job.started_at.map(text::stamp)),
+            json!(job.ended_at.map(text::stamp)),
         ]
     };
     let columns = &[
@@ -199,11 +199,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_read_or_refused_with_those_there_are() {
+    fn words_are_parsed_or_refused_with_the_known_ones() {
         let read = |text| word("state", text, JobState::from_word, &JobState::ALL.map(JobState::as_str));
         assert_eq!((read("").unwrap(), read("failed").unwrap()), (None, Some(JobState::Failed)));
-        let told = read("done").unwrap_err();
-        assert_eq!(told.message(), "state: must be one of queued, running, succeeded, failed, cancelled");
+        let answer = read("done").unwrap_err();
+        assert_eq!(answer.message(), "state: must be one of queued, running, succeeded, failed, cancelled");
     }
 
     #[test]

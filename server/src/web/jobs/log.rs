@@ -1,4 +1,4 @@
-//! What a job's workers said: its newest lines on the job's page, and all that is kept as a page of its own.
+//! A job's log: its newest lines on the job's page, and all kept lines as text.
 
 use axum::{extract::Path, http::header::CONTENT_TYPE, response::IntoResponse as _};
 use maud::{Markup, html};
@@ -6,30 +6,30 @@ use maud::{Markup, html};
 use crate::{
     domain::id::JobId,
     error::Result,
-    web::{refusal::Answer, visit::Visit},
+    web::{page_request::PageRequest, refusal::Answer},
 };
 
-/// Lines that the job's page shows, and bytes that it looks for them in.
+/// Lines shown on the job's page, and the bytes searched for them.
 const SHOWN: usize = 200;
 pub(super) const LOOKED_AT: u64 = 48 << 10;
 
-/// All that is kept, as text.
-pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let rooms = visit.rooms();
-    let job = rooms.store.job(&JobId::parse("id", &id)?).await?;
-    let said = rooms.jobs.log(&job.id, u64::MAX).await?;
-    Ok(([(CONTENT_TYPE, "text/plain; charset=utf-8")], said).into_response())
+/// All kept lines, as text.
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let services = request.services();
+    let job = services.store.job(&JobId::parse("id", &id)?).await?;
+    let log = services.jobs.log(&job.id, u64::MAX).await?;
+    Ok(([(CONTENT_TYPE, "text/plain; charset=utf-8")], log).into_response())
 }
 
-/// The newest lines: the part of the page that a script adds to.
-pub(super) fn newest(job: &JobId, said: &Result<String>) -> Markup {
+/// The newest lines: the part of the page that a script updates.
+pub(super) fn newest(job: &JobId, log: &Result<String>) -> Markup {
     html! {
-        section #said aria-labelledby="said-head" {
-            h2 #said-head { "Log" }
-            @match said {
+        section #log-section aria-labelledby="log-head" {
+            h2 #log-head { "Log" }
+            @match log {
                 Err(_) => p.note.bad { "The log cannot be read; the server's own log says why." },
-                Ok(said) if said.is_empty() => p.panel.empty { "Nothing was said yet." },
-                Ok(said) => (lines(job, last(said, SHOWN))),
+                Ok(log) if log.is_empty() => p.panel.empty { "The log is empty." },
+                Ok(log) => (lines(job, last(log, SHOWN))),
             }
         }
     }
@@ -38,14 +38,14 @@ pub(super) fn newest(job: &JobId, said: &Result<String>) -> Markup {
 fn lines(job: &JobId, lines: &str) -> Markup {
     html! {
         div #log.panel.log tabindex="0" role="region" aria-label="Log, the newest lines" { pre { (lines) } }
-        p.formats { "The newest lines, times in UTC. " a href=(format!("/jobs/{job}/log")) { "All that is kept, as text" } }
+        p.formats { "The newest lines, times in UTC. " a href=(format!("/jobs/{job}/log")) { "The whole kept log, as text" } }
     }
 }
 
 /// The last lines of a text.
-fn last(said: &str, most: usize) -> &str {
-    let begin = said.trim_end_matches('\n').rmatch_indices('\n').nth(most - 1).map_or(0, |(at, _)| at + 1);
-    said.get(begin..).unwrap_or_default()
+fn last(log: &str, most: usize) -> &str {
+    let begin = log.trim_end_matches('\n').rmatch_indices('\n').nth(most - 1).map_or(0, |(at, _)| at + 1);
+    log.get(begin..).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -55,8 +55,8 @@ mod tests {
 
     #[test]
     fn the_newest_lines_are_shown() {
-        for (said, shown) in [("", ""), ("a\nb\n", "a\nb\n"), ("a\nb\nc\n", "b\nc\n"), ("a\nb\nc", "b\nc")] {
-            assert_eq!(last(said, 2), shown);
+        for (log, shown) in [("", ""), ("a\nb\n", "a\nb\n"), ("a\nb\nc\n", "b\nc\n"), ("a\nb\nc", "b\nc")] {
+            assert_eq!(last(log, 2), shown);
         }
         let shown = newest(&JobId::new(), &Ok("<b>\n".repeat(SHOWN + 3))).into_string();
         assert!(shown.matches("&lt;b&gt;").count() == SHOWN && !shown.contains("<b>"));

@@ -1,4 +1,4 @@
-//! Jobs: the queue, one job's course as it goes, cancelling and trying again.
+//! Jobs: the queue, one job's progress, cancelling and retrying.
 
 mod act;
 mod course;

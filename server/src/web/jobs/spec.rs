@@ -1,4 +1,4 @@
-//! A job's spec to read: every setting in a row, whatever the kind.
+//! A job's spec: every setting in a row, for any kind.
 
 use gleaner_core::Values;
 use maud::{Markup, html};
@@ -6,10 +6,10 @@ use maud::{Markup, html};
 use crate::{
     domain::job::JobSpec,
     error::{Error, Result},
-    web::{made::link, settings},
+    web::{artifacts::link, settings},
 };
 
-/// Every setting, and the same as JSON.
+/// Every setting, and the spec as JSON.
 pub(super) fn table(spec: &JobSpec) -> Result<Markup> {
     let wrong = |error: serde_json::Error| Error::internal("showing a spec", error);
     let value = serde_json::to_value(spec).map_err(wrong)?;
@@ -37,10 +37,10 @@ mod tests {
             dataset_id: Some(dataset.clone()),
             spec: TrainSpec::default(),
         };
-        let said = table(&spec).unwrap().into_string();
+        let text = table(&spec).unwrap().into_string();
         for there in ["<dt>batch</dt>", "<dt>encoder id</dt><dd>–</dd>", "<dt>kind</dt><dd>train</dd>"] {
-            assert!(said.contains(there), "{there} is not in {said}");
+            assert!(text.contains(there), "{there} is not in {text}");
         }
-        assert!(said.contains(&format!("href=\"/datasets/{dataset}\"")), "{said}");
+        assert!(text.contains(&format!("href=\"/datasets/{dataset}\"")), "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! The queue's pages, as a browser and a program ask for them.
+//! The pages of jobs as requested by browsers and programs.
 
 use axum::http::{
     StatusCode,
@@ -23,16 +23,16 @@ use crate::{
 };
 
 async fn task(pages: &Pages) -> Task {
-    let task = testing::task(&pages.rooms.store).await;
+    let task = testing::task(&pages.services.store).await;
     for outcome in [Outcome::Success, Outcome::Failure] {
-        testing::episode(&pages.rooms.store, &task, outcome, "").await;
+        testing::episode(&pages.services.store, &task, outcome, "").await;
     }
     task
 }
 
 async fn pretrain(pages: &Pages, task: &Task) -> Job {
     let order = JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec: PretrainSpec::default() };
-    pages.rooms.jobs.submit(&task.id, order, Queueing::default()).await.unwrap()
+    pages.services.jobs.submit(&task.id, order, Queueing::default()).await.unwrap()
 }
 
 async fn json(pages: &Pages, path: &str) -> Value {
@@ -40,7 +40,7 @@ async fn json(pages: &Pages, path: &str) -> Value {
 }
 
 #[tokio::test]
-async fn the_list_filters_and_goes_on_where_it_ended() {
+async fn the_list_filters_and_continues_where_it_ended() {
     let pages = Pages::open(false).await;
     let task = task(&pages).await;
     let mut made = Vec::new();
@@ -58,19 +58,19 @@ async fn the_list_filters_and_goes_on_where_it_ended() {
     let count = async |query: &str| json(&pages, &format!("/jobs?format=json&{query}")).await.as_array().unwrap().len();
     assert_eq!(count("kind=score").await, 0);
     assert_eq!(count(&format!("kind=pretrain&state=queued&task={}", task.spec.name)).await, 100);
-    for (query, said) in [("state=odd", "state: "), ("kind=odd", "kind: "), ("before=odd", "before: ")] {
+    for (query, message) in [("state=odd", "state: "), ("kind=odd", "kind: "), ("before=odd", "before: ")] {
         let refused = pages.get(&Client::default(), &format!("/jobs?{query}")).await;
-        assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(said), "{query}");
+        assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(message), "{query}");
     }
     assert_eq!(pages.get(&Client::default(), "/jobs?task=nothing").await.status, StatusCode::NOT_FOUND);
 }
 
 #[tokio::test]
-async fn a_running_job_shows_its_course() {
+async fn a_running_job_shows_its_progress() {
     let pages = Pages::open(false).await;
     let task = task(&pages).await;
     let job = pretrain(&pages, &task).await;
-    let store = &pages.rooms.store;
+    let store = &pages.services.store;
     store.claim_job("hash").await.unwrap().unwrap();
     let attempt = crate::domain::attempt::Attempt { job_id: job.id.clone(), token_hash: "hash".into() };
     let metrics = (1..=5).map(|step| (step, "loss_mtp".to_owned(), 0.5)).collect();
@@ -87,7 +87,7 @@ async fn a_running_job_shows_its_course() {
 }
 
 #[tokio::test]
-async fn a_job_is_cancelled_once_and_tried_again() {
+async fn a_job_is_cancelled_once_and_retried() {
     let pages = Pages::open(false).await;
     let task = task(&pages).await;
     let job = pretrain(&pages, &task).await;
@@ -97,43 +97,43 @@ async fn a_job_is_cancelled_once_and_tried_again() {
     let refused = pages.post(&visitor, &retry, (FORM, &proof)).await;
     assert_eq!(refused.status, StatusCode::CONFLICT);
     assert_eq!(pages.post(&visitor, &cancel, (FORM, &proof)).await.status, StatusCode::SEE_OTHER);
-    assert_eq!(pages.rooms.store.job(&job.id).await.unwrap().state, JobState::Cancelled);
+    assert_eq!(pages.services.store.job(&job.id).await.unwrap().state, JobState::Cancelled);
     assert_eq!(pages.post(&visitor, &cancel, (FORM, &proof)).await.status, StatusCode::CONFLICT);
     let shown = pages.get(&visitor, &format!("/jobs/{}", job.id)).await.text();
     assert!(shown.contains("Try again") && !shown.contains(">Cancel<"));
     let again = pages.post(&visitor, &retry, (FORM, &proof)).await;
     let page = again.headers[LOCATION].to_str().unwrap();
     assert!(page.starts_with("/jobs/job_") && page != format!("/jobs/{}", job.id));
-    let told = pages.post(&visitor, &retry, (JSON, "{}")).await;
-    assert_eq!(told.status, StatusCode::CONFLICT, "once is enough");
+    let content = pages.post(&visitor, &retry, (JSON, "{}")).await;
+    assert_eq!(content.status, StatusCode::CONFLICT, "once is enough");
     let id = page.trim_start_matches("/jobs/");
-    assert!(told.text().contains(id) && pages.rooms.store.job(&JobId::parse("id", id).unwrap()).await.is_ok());
-    let log = pages.rooms.store.audit(crate::domain::time::Millis(0), 100).await.unwrap();
+    assert!(content.text().contains(id) && pages.services.store.job(&JobId::parse("id", id).unwrap()).await.is_ok());
+    let log = pages.services.store.audit(crate::domain::time::Millis(0), 100).await.unwrap();
     let subject = format!("job_id={}", job.id);
     assert!(log.iter().any(|entry| entry.rpc == "pages/RetryJob" && entry.subjects == [subject.clone()]));
 }
 
 #[tokio::test]
-async fn what_went_wrong_is_said_and_leads_to_its_cause() {
+async fn a_failed_job_shows_its_error_and_links_to_the_cause() {
     let pages = Pages::open(false).await;
     let task = task(&pages).await;
     let (job, cause) = (pretrain(&pages, &task).await, JobId::new());
     let error = format!("{cause}, which this job waits for, <failed>");
-    results::set_state(&pages.rooms.store, &job.id, JobState::Failed, &error).await;
+    results::set_state(&pages.services.store, &job.id, JobState::Failed, &error).await;
     let shown = pages.get(&Client::default(), &format!("/jobs/{}", job.id)).await.text();
     assert!(shown.contains(&format!("href=\"/jobs/{cause}\"")) && shown.contains("&lt;failed&gt;"), "{shown}");
 }
 
 #[tokio::test]
-async fn what_its_workers_said_is_on_its_page_and_as_text() {
+async fn workers_output_is_on_the_jobs_page_and_as_text() {
     let pages = Pages::open(false).await;
     let task = task(&pages).await;
     let job = pretrain(&pages, &task).await;
     let page = format!("/jobs/{}", job.id);
-    assert!(pages.get(&Client::default(), &page).await.text().contains("Nothing was said yet"));
+    assert!(pages.get(&Client::default(), &page).await.text().contains("The log is empty"));
     assert_eq!(pages.get(&Client::default(), &format!("{page}/log")).await.text(), "");
 
-    let folder = logs_folder(&pages.rooms.config.data_dir);
+    let folder = logs_folder(&pages.services.config.data_dir);
     std::fs::create_dir_all(&folder).unwrap();
     std::fs::write(folder.join(format!("{}.log", job.id)), "one\n<script>two\x07\n").unwrap();
     let course = pages.get(&Client::default(), &format!("{page}/course")).await.text();

@@ -1,4 +1,4 @@
-//! Tests of the overview: what it shows of many tasks.
+//! The overview with many tasks.
 
 use gleaner_recording::TaskSpec;
 
@@ -9,13 +9,13 @@ use crate::{
     web::testing::{Client, Pages},
 };
 
-/// Pages over so many tasks, `fold_0000` and on; each tenth is called `pour_…`.
+/// Pages over this many tasks, `fold_0000` and on; each tenth is called `pour_…`.
 async fn with_tasks(count: usize) -> Pages {
     let pages = Pages::open(false).await;
     for number in 0..count {
         let kind = if number % 10 == 0 { "pour" } else { "fold" };
         let spec = TaskSpec { name: format!("{kind}_{number:04}"), ..testing::spec() };
-        pages.rooms.store.insert_task(&spec).await.unwrap();
+        pages.services.store.insert_task(&spec).await.unwrap();
     }
     pages
 }
@@ -51,14 +51,14 @@ async fn tasks_are_found_by_a_part_of_their_name() {
     assert!(found.contains("pour_0040") && !found.contains("fold_0001") && found.contains("value=\"POUR\""), "{found}");
     assert!(!found.contains("Page 1 of"));
     assert_eq!(text(&pages, "/?text=pour&format=json").await.matches("\"task\":").count(), 5);
-    assert!(text(&pages, "/?text=none%20such").await.contains("No task has this in its name"));
+    assert!(text(&pages, "/?text=none%20such").await.contains("No task name contains this text"));
 }
 
 #[tokio::test]
 async fn figures_sum_up_every_task_and_not_the_page() {
     let pages = with_tasks(PER_PAGE + 1).await;
-    let oldest = pages.rooms.store.task("pour_0000").await.unwrap();
-    testing::episode(&pages.rooms.store, &oldest, Outcome::Success, "").await;
+    let oldest = pages.services.store.task("pour_0000").await.unwrap();
+    testing::episode(&pages.services.store, &oldest, Outcome::Success, "").await;
     let first = text(&pages, "/").await;
     assert!(!first.contains("pour_0000"));
     assert!(first.contains("<dt>Tasks</dt><dd>49</dd>") && first.contains("<dt>Episodes</dt><dd>1</dd>"), "{first}");

@@ -1,19 +1,19 @@
-//! Contact sheets: single segments, each by the picture of its last step.
+//! Contact sheets: single segments, each with the image of its last step.
 
 use gleaner_recording::CameraSpec;
 use maud::{Markup, html};
 
 use crate::{
     domain::{curation::SegmentRef, id::ScoreRunId},
-    web::{made::link, visit::escaped},
+    web::{artifacts::link, page_request::escaped},
 };
 
 /// Segments of a sheet.
 pub(super) const SEGMENTS: usize = 12;
-/// Pixels that a picture is asked for at most.
+/// The most pixels of an image.
 const SIZE: u32 = 256;
 
-/// A sheet of segments of a run, each leading to its step; pictures are of this camera, if the task has one.
+/// A sheet of a run's segments, each linked to its step; images are of this camera, if the task has one.
 pub(super) fn sheet(run: &ScoreRunId, camera: Option<&CameraSpec>, segments: &[SegmentRef]) -> Markup {
     html! {
         ul.contact {
@@ -37,7 +37,7 @@ mod tests {
     use crate::domain::id::EpisodeId;
 
     #[test]
-    fn each_segment_leads_to_its_step_with_the_run() {
+    fn each_segment_links_to_its_step_and_run() {
         let (run, episode_id) = (ScoreRunId::new(), EpisodeId::new());
         let segment = SegmentRef { episode_id: episode_id.clone(), end_step: 17, q: 0.25 };
         let camera = CameraSpec { name: "front cam".into(), height: 48, width: 64, depth: false };

@@ -1,21 +1,21 @@
-//! What a selection keeps of a run: in all, of each cohort, of each episode.
+//! Counts of a selection: in total, by cohort, by episode.
 
 use std::cmp::Ordering;
 
 use maud::{Markup, html};
 use serde_json::{Value, json};
 
-use super::asked::{Key, Order, parameter};
+use super::query::{Key, Order, parameter};
 use crate::{
     curation::Summary,
     domain::{
         id::{EpisodeId, ScoreRunId},
         selection::{Kept, Selection, WhatIf},
     },
-    web::{made::link, say, sheet::Sheet},
+    web::{artifacts::link, sheet::Sheet, text},
 };
 
-/// Episodes that the page shows; the rest is in the table for programs.
+/// Episodes shown on the page; the table for programs has all.
 const SHOWN: usize = 200;
 
 /// One episode under a selection.
@@ -57,9 +57,9 @@ pub(in crate::web) fn figures(what: &WhatIf) -> Markup {
     let Kept { segments, of_segments, episodes, of_episodes } = what.total;
     html! {
         dl.figures {
-            div { dt { "Segments kept" } dd { (say::count(segments)) small { " of " (say::count(of_segments)) } } }
-            div { dt { "Share kept" } dd { (say::share(segments, of_segments)) } }
-            div { dt { "Episodes that contribute" } dd { (say::count(episodes)) small { " of " (say::count(of_episodes)) } } }
+            div { dt { "Segments kept" } dd { (text::count(segments)) small { " of " (text::count(of_segments)) } } }
+            div { dt { "Share kept" } dd { (text::share(segments, of_segments)) } }
+            div { dt { "Episodes that contribute" } dd { (text::count(episodes)) small { " of " (text::count(of_episodes)) } } }
             div {
                 dt { "Lowest similarity kept" }
                 dd { @match what.threshold { Some(w) => (format!("{w:.3}")), None => "–" } }
@@ -68,7 +68,7 @@ pub(in crate::web) fn figures(what: &WhatIf) -> Markup {
     }
 }
 
-/// A part of a whole as a small bar; the numbers stand beside it.
+/// A share as a small bar; the numbers stand beside it.
 fn bar(part: u64, of: u64) -> Markup {
     #[expect(clippy::cast_precision_loss, reason = "for a picture")]
     let width = 100.0 * part as f64 / of.max(1) as f64;
@@ -79,7 +79,7 @@ fn bar(part: u64, of: u64) -> Markup {
     }
 }
 
-/// What is kept of each cohort.
+/// The counts by cohort.
 pub(in crate::web) fn cohorts(what: &WhatIf) -> Markup {
     html! {
         div.scroll { table {
@@ -91,9 +91,9 @@ pub(in crate::web) fn cohorts(what: &WhatIf) -> Markup {
                     tr {
                         td { @if cohort.is_empty() { span.soft { "none" } } @else { (cohort) } }
                         td.wide { (bar(kept.segments, kept.of_segments)) }
-                        td.number { (say::share(kept.segments, kept.of_segments)) }
-                        td.number { (say::count(kept.segments)) span.soft { " of " (say::count(kept.of_segments)) } }
-                        td.number { (say::count(kept.episodes)) span.soft { " of " (say::count(kept.of_episodes)) } }
+                        td.number { (text::share(kept.segments, kept.of_segments)) }
+                        td.number { (text::count(kept.segments)) span.soft { " of " (text::count(kept.of_segments)) } }
+                        td.number { (text::count(kept.episodes)) span.soft { " of " (text::count(kept.of_episodes)) } }
                     }
                 }
             }
@@ -101,7 +101,7 @@ pub(in crate::web) fn cohorts(what: &WhatIf) -> Markup {
     }
 }
 
-/// The same for programs.
+/// The same as a table for programs.
 pub(in crate::web) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
     let row = |(cohort, kept): (&String, &Kept)| {
         vec![
@@ -116,7 +116,7 @@ pub(in crate::web) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
     Sheet { name, columns, rows: what.cohorts.iter().map(row).collect() }
 }
 
-/// What is kept of the first episodes, and links to sort them.
+/// The counts of the first episodes, with links to sort them.
 pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, rows: &[Row]) -> Markup {
     let here = format!("/runs/{run}?{}", parameter(selection));
     let head = |key: Key, name: &str| {
@@ -136,14 +136,14 @@ pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, row
             tbody { @for row in rows.iter().take(SHOWN) { tr {
                 td { (link::brief(row.episode.as_str(), Some(&format!("/episodes/{}?run={run}", row.episode)))) }
                 td.wide { (bar(row.kept, row.of)) }
-                td.number { (say::share(row.kept, row.of)) }
-                td.number { (say::count(row.kept)) }
-                td.number { (say::count(row.of)) }
+                td.number { (text::share(row.kept, row.of)) }
+                td.number { (text::count(row.kept)) }
+                td.number { (text::count(row.of)) }
                 td.number { @match row.mean_q { Some(q) => (format!("{q:.3}")), None => "–" } }
             } } }
         } }
         p.formats {
-            @if rows.len() > SHOWN { "The first " (SHOWN) " of " (say::counted(rows.len() as u64, "episode")) ". " }
+            @if rows.len() > SHOWN { "The first " (SHOWN) " of " (text::counted(rows.len() as u64, "episode")) ". " }
             "All as " a href=(format!("{here}&sort={}&format=json", order.word())) { "JSON" } " or "
             a href=(format!("{here}&sort={}&format=csv", order.word())) { "CSV" }
         }
@@ -157,7 +157,7 @@ pub(super) fn episode_sheet(run: &ScoreRunId, rows: Vec<Row>) -> Sheet {
     Sheet { name: format!("{run}-kept"), columns, rows: rows.into_iter().map(row).collect() }
 }
 
-/// All counts for programs.
+/// All counts, for programs.
 pub(super) fn counts(run: &ScoreRunId, what: &WhatIf) -> Value {
     let group = |kept: &Kept| {
         json!({
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_are_compared_exactly_and_ties_go_by_age() {
+    fn shares_are_compared_exactly_and_ties_by_age() {
         let rows = [row(1, 3, None), row(2, 6, Some(0.5)), row(0, 0, Some(0.1)), row(3, 4, Some(0.9))];
         let sorted = |key, descending| {
             let mut sorted = rows.to_vec();
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_links_to_its_other_direction_and_shows_only_so_many() {
+    fn the_table_links_to_its_reverse_order_and_is_limited() {
         let (run, rows) = (ScoreRunId::new(), vec![row(1, 2, Some(0.25)); 250]);
         let order = Order { key: Key::Share, descending: true };
         let shown = episodes(&run, Selection::Beta(0.5), order, &rows).into_string();

@@ -1,4 +1,4 @@
-//! A task's score runs, and the policies that were made in the end.
+//! A task's score runs, and the policies trained on them.
 
 use std::collections::HashMap;
 
@@ -22,27 +22,27 @@ use crate::{
     error::Result,
     store::Store,
     web::{
-        made::link,
+        artifacts::link,
+        page_request::PageRequest,
         refusal::Answer,
-        say,
         sheet::{self, Format, Sheet},
         shell::{self, Head, Tab},
-        visit::Visit,
+        text,
     },
 };
 
-/// Jobs on the way that are shown.
+/// The number of pending jobs shown.
 const COMING: u32 = 50;
 
 #[derive(Deserialize)]
-struct Asked {
+struct Parameters {
     #[serde(default)]
     format: Format,
     #[serde(default)]
     table: Table,
 }
 
-/// Which of the page's tables a program wants.
+/// The table requested by a program.
 #[derive(Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Table {
@@ -51,8 +51,8 @@ enum Table {
     Policies,
 }
 
-/// Everything the page shows.
-struct Made {
+/// The data of the page.
+struct RunsOfTask {
     runs: Vec<ScoreRun>,
     snapshots: HashMap<SnapshotId, Snapshot>,
     datasets: Vec<Dataset>,
@@ -60,11 +60,11 @@ struct Made {
     policies: Vec<Policy>,
 }
 
-pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answer {
-    let Asked { format, table } = visit.asked()?;
-    let store = &visit.rooms().store;
+pub(in crate::web) async fn show(request: PageRequest, Path(task): Path<String>) -> Answer {
+    let Parameters { format, table } = request.parameters()?;
+    let store = &request.services().store;
     let task = store.task(&task).await?;
-    let made = Made::of(store, &task).await?;
+    let made = RunsOfTask::of(store, &task).await?;
     if format != Format::Html {
         let sheet = if table == Table::Policies { made.policy_sheet(&task) } else { made.run_sheet(&task) };
         return Ok(sheet.answer(format)?);
@@ -72,16 +72,16 @@ pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answ
     let name = task.spec.name.as_str();
     let body = html! {
         h1 { "Score runs" }
-        p.lead { "What each scoring of " (name) " found, newest first. Open a run to choose a threshold." }
+        p.lead { "Score runs of " (name) ", newest first. Open a run to choose a threshold." }
         @if made.runs.is_empty() && made.coming.is_empty() {
-            p.panel.empty { "No run yet. " code { "gleaner score" } " makes one." }
+            p.panel.empty { "No runs yet. Create one with " code { "gleaner score" } "." }
         } @else {
             (made.run_table())
-            (sheet::links(&visit))
+            (sheet::links(&request))
         }
         h2 { "Policies" }
         @if made.policies.is_empty() {
-            p.panel.empty { "No policy was trained yet." }
+            p.panel.empty { "No policies yet." }
         } @else {
             (made.policy_table())
             p.formats { "This table as "
@@ -90,10 +90,10 @@ pub(in crate::web) async fn show(visit: Visit, Path(task): Path<String>) -> Answ
         }
     };
     let head = Head { title: "Score runs", tab: Tab::Runs, task: Some(name), script: None };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-impl Made {
+impl RunsOfTask {
     async fn of(store: &Store, task: &Task) -> Result<Self> {
         let runs = store.score_runs(&task.id).await?;
         let mut coming = Vec::new();
@@ -145,9 +145,9 @@ impl Made {
         let snapshot = self.snapshots.get(&run.snapshot_id);
         html! { tr {
             td { (link::brief(run.id.as_str(), Some(&format!("/runs/{}", run.id)))) }
-            td.when { (say::time(run.created_at)) }
-            td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.expert_episodes)) } }
-            td.number { @if let Some(snapshot) = snapshot { (say::count(snapshot.imperfect_episodes)) } }
+            td.when { (text::time(run.created_at)) }
+            td.number { @if let Some(snapshot) = snapshot { (text::count(snapshot.expert_episodes)) } }
+            td.number { @if let Some(snapshot) = snapshot { (text::count(snapshot.imperfect_episodes)) } }
             td.when { (run.spec.scorer.name) }
             td { (run.spec.normaliser.as_str()) }
             td { (link::brief(run.encoder_id.as_str(), Some(&format!("/encoders/{}", run.encoder_id)))) }
@@ -163,7 +163,7 @@ impl Made {
                 thead { tr { th { "Policy" } th { "Made (UTC)" } th { "Kind" } th { "Trained on" } th { "Job" } } }
                 tbody { @for policy in &self.policies { tr {
                     td { (link::brief(policy.id.as_str(), Some(&format!("/policies/{}", policy.id)))) }
-                    td.when { (say::time(policy.created_at)) }
+                    td.when { (text::time(policy.created_at)) }
                     td { (policy.kind) }
                     td { "experts" @if let Some(id) = &policy.dataset_id {
                         " and " a.tag.kept href=(format!("/datasets/{id}")) {
@@ -182,7 +182,7 @@ impl Made {
             let datasets: Vec<&str> = self.datasets_of(run).map(|dataset| dataset.id.as_str()).collect();
             vec![
                 json!(run.id),
-                json!(say::stamp(run.created_at)),
+                json!(text::stamp(run.created_at)),
                 json!(run.snapshot_id),
                 json!(snapshot.map(|snapshot| snapshot.expert_episodes)),
                 json!(snapshot.map(|snapshot| snapshot.imperfect_episodes)),
@@ -215,7 +215,7 @@ impl Made {
             let Policy { id, kind, encoder_id, dataset_id, job_id, created_at, .. } = policy;
             vec![
                 json!(id),
-                json!(say::stamp(*created_at)),
+                json!(text::stamp(*created_at)),
                 json!(kind),
                 json!(encoder_id),
                 json!(dataset_id),

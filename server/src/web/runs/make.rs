@@ -8,40 +8,41 @@ use axum::{
 use serde::Deserialize;
 use serde_json::json;
 
-use super::asked;
+use super::query;
 use crate::{
     domain::{id::ScoreRunId, selection::Selection},
     error::{Error, Result},
     web::{
         change::{about, done, is_json},
+        page_request::PageRequest,
         refusal::Answer,
-        visit::Visit,
     },
 };
 
-/// What a form or a program names.
+/// The selection in a form or in JSON.
 #[derive(Deserialize)]
 struct Named<T> {
     beta: Option<T>,
     top_fraction: Option<T>,
 }
 
-/// Makes the dataset of a selection, or finds the one there is. A form leads to its page, JSON is answered with JSON.
-pub(in crate::web) async fn make(visit: Visit, Path(id): Path<String>, request: Request) -> Response {
-    about([("score_run_id", id.as_str())], made(&visit, &id, request).await)
+/// Makes the dataset of a selection, or returns the existing one. A form is redirected to its page, JSON is answered
+/// with JSON.
+pub(in crate::web) async fn make(page_request: PageRequest, Path(id): Path<String>, request: Request) -> Response {
+    about([("score_run_id", id.as_str())], create(&page_request, &id, request).await)
 }
 
-async fn made(visit: &Visit, id: &str, request: Request) -> Answer {
+async fn create(page_request: &PageRequest, id: &str, request: Request) -> Answer {
     let run = ScoreRunId::parse("id", id)?;
     let data = is_json(request.headers());
     let selection = named(request).await?;
-    let dataset = visit.rooms().store.insert_dataset(&run, selection).await?;
+    let dataset = page_request.services().store.insert_dataset(&run, selection).await?;
     let page = format!("/datasets/{}", dataset.id);
     Ok(done(data, &page, json!({ "dataset_id": dataset.id, "page": page })))
 }
 
 async fn named(request: Request) -> Result<Selection> {
-    let unreadable = |told: String| Error::invalid("body", told);
+    let unreadable = |problem: String| Error::invalid("body", problem);
     let Named { beta, top_fraction } = if is_json(request.headers()) {
         let Json(Named { beta, top_fraction }) = Json::<Named<f64>>::from_request(request, &())
             .await
@@ -51,7 +52,7 @@ async fn named(request: Request) -> Result<Selection> {
         let read = Form::<Named<String>>::from_request(request, &()).await;
         read.map_err(|rejection| unreadable(rejection.body_text()))?.0
     };
-    asked::selection(beta.as_deref(), top_fraction.as_deref())?
+    query::selection(beta.as_deref(), top_fraction.as_deref())?
         .ok_or_else(|| Error::invalid("beta", "must be set, or top_fraction"))
 }
 
@@ -67,7 +68,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn forms_and_json_name_the_same() {
+    async fn forms_and_json_select_alike() {
         let form = "application/x-www-form-urlencoded";
         assert_eq!(read(form, "proof=x&beta=0.8").await.unwrap(), Selection::Beta(0.8));
         assert_eq!(read("application/json", "{\"beta\":0.8}").await.unwrap(), Selection::Beta(0.8));

@@ -1,11 +1,11 @@
-//! A task's score runs; one run, and what any threshold would keep of it; datasets made from there.
+//! A task's score runs; one run with the counts of any threshold; making datasets from it.
 
-mod asked;
 mod contact;
 mod kept;
 mod list;
 mod make;
 mod picture;
+mod query;
 mod run;
 
 pub(super) use self::{

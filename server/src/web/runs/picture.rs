@@ -1,4 +1,4 @@
-//! The histogram of q, with the threshold in it.
+//! The histogram of q with the threshold.
 
 use maud::{Markup, html};
 
@@ -7,7 +7,7 @@ use crate::{domain::selection::Selection, web::plot::Frame};
 /// Bins of the histogram: the slider stops between them.
 pub(super) const BINS: usize = 100;
 
-/// Segments by q; those in bins that are kept whole stand out.
+/// Segments by q; bins that are kept whole are highlighted.
 pub(super) fn histogram(counts: &[u64], selection: Selection) -> Markup {
     #[expect(clippy::cast_precision_loss, reason = "for a picture")]
     let (heights, bins): (Vec<f64>, f64) = (counts.iter().map(|&count| count as f64).collect(), counts.len() as f64);

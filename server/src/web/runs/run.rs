@@ -1,4 +1,4 @@
-//! One score run: its histogram under a threshold, and everything that follows the threshold.
+//! One score run: its histogram with a threshold, and all counts of the threshold.
 
 use std::sync::Arc;
 
@@ -7,8 +7,8 @@ use gleaner_core::Words as _;
 use maud::{Markup, html};
 
 use super::{
-    asked::{Asked, Order, parameter},
     contact, kept, picture,
+    query::{Order, RunParameters, parameter},
 };
 use crate::{
     access::Page,
@@ -22,57 +22,58 @@ use crate::{
     },
     error::Result,
     web::{
-        made::{self, link},
+        artifacts::{self, link},
+        page_request::PageRequest,
         refusal::Answer,
-        say, settings,
+        settings,
         sheet::Format,
         shell::{self, Head, Tab},
-        visit::Visit,
+        text,
     },
 };
 
-pub(in crate::web) async fn show(visit: Visit, Path(id): Path<String>) -> Answer {
-    let asked: Asked = visit.asked()?;
-    let (selection, order) = (asked.selection()?, asked.order()?);
-    let summary = visit.rooms().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let parameters: RunParameters = request.parameters()?;
+    let (selection, order) = (parameters.selection()?, parameters.order()?);
+    let summary = request.services().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
     let what = summary.what_if(selection).await?;
-    let (run, format) = (summary.run(), asked.format(Format::Html));
+    let (run, format) = (summary.run(), parameters.format(Format::Html));
     if format != Format::Html {
         return Ok(kept::episode_sheet(&run.id, kept::rows(&what, &summary, order)).answer(format)?);
     }
-    let store = &visit.rooms().store;
+    let store = &request.services().store;
     let task = store.task_by_id(&run.task_id).await?;
     let body = html! {
         h1 { "Score run " (link::tail(run.id.as_str())) }
-        p.lead { (run.spec.scorer.name) " over " (say::counted(what.total.of_episodes, "imperfect episode")) ", against "
-            (say::counted(run.expert_ids.len() as u64, "expert")) ", " (say::time(run.created_at)) " UTC" }
-        (threshold(&visit, &summary, &what).await?)
+        p.lead { (run.spec.scorer.name) " over " (text::counted(what.total.of_episodes, "imperfect episode")) ", against "
+            (text::counted(run.expert_ids.len() as u64, "expert")) ", " (text::time(run.created_at)) " UTC" }
+        (threshold(&request, &summary, &what).await?)
         (following(&summary, &what, order))
         (sheets(&summary, &task).await?)
         h2 { "Lineage" }
-        (made::of_job(store, &store.job(&run.job_id).await?).await?)
+        (artifacts::of_job(store, &store.job(&run.job_id).await?).await?)
         h2 { "Facts" }
         (facts(run, &store.frozen(&run.snapshot_id).await?))
     };
     let head = Head { title: "Score run", tab: Tab::Runs, task: Some(&task.spec.name), script: Some("run.js") };
-    Ok(shell::page(&visit, &head, &body).into_response())
+    Ok(shell::page(&request, &head, &body).into_response())
 }
 
-/// What a selection would keep: for programs, or the parts of the page that follow the slider.
-pub(in crate::web) async fn what_if(visit: Visit, Path(id): Path<String>) -> Answer {
-    let asked: Asked = visit.asked()?;
-    let (selection, order) = (asked.selection()?, asked.order()?);
-    let summary = visit.rooms().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
+/// The counts of a selection: as JSON, or as the parts of the page that follow the slider.
+pub(in crate::web) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let parameters: RunParameters = request.parameters()?;
+    let (selection, order) = (parameters.selection()?, parameters.order()?);
+    let summary = request.services().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
     let what = summary.what_if(selection).await?;
-    match asked.format(Format::Json) {
+    match parameters.format(Format::Json) {
         Format::Html => Ok(following(&summary, &what, order).into_response()),
         Format::Json => Ok(axum::Json(kept::counts(&summary.run().id, &what)).into_response()),
         Format::Csv => Ok(kept::cohort_sheet(format!("{id}-cohorts"), &what).answer(Format::Csv)?),
     }
 }
 
-/// The histogram with its slider, and the way to a dataset.
-async fn threshold(visit: &Visit, summary: &Arc<Summary>, what: &WhatIf) -> Result<Markup> {
+/// The histogram with its slider, and the button to make a dataset.
+async fn threshold(request: &PageRequest, summary: &Arc<Summary>, what: &WhatIf) -> Result<Markup> {
     let counts = summary.histogram(picture::BINS).await?;
     let run = &summary.run().id;
     let beta = match what.selection {
@@ -90,9 +91,9 @@ async fn threshold(visit: &Visit, summary: &Arc<Summary>, what: &WhatIf) -> Resu
                         aria-label="β, as a number";
                     button type="submit" { "Show" }
                 }
-                @if visit.may(Page::MakeDataset) {
+                @if request.may(Page::MakeDataset) {
                     form #make method="post" action=(format!("/runs/{run}/datasets")) {
-                        input type="hidden" name="proof" value=(visit.proof);
+                        input type="hidden" name="proof" value=(request.proof);
                         @match what.selection {
                             Selection::Beta(beta) => input type="hidden" name="beta" value=(beta);,
                             Selection::TopFraction(part) => input type="hidden" name="top_fraction" value=(part);,
@@ -102,14 +103,14 @@ async fn threshold(visit: &Visit, summary: &Arc<Summary>, what: &WhatIf) -> Resu
                 }
             }
             @if beta.is_none() {
-                p.note { "Shown is what a top fraction keeps: " (link::selection(what.selection)) ". Move the slider for a β." }
+                p.note { "The shown top fraction: " (link::selection(what.selection)) ". Move the slider for a β." }
             }
             p #trouble.note.bad role="alert" hidden {}
         }
     })
 }
 
-/// What follows the threshold.
+/// The parts that follow the threshold.
 fn following(summary: &Summary, what: &WhatIf, order: Order) -> Markup {
     let run = &summary.run().id;
     let counts = format!("/runs/{run}/what-if?{}", parameter(what.selection));
@@ -144,9 +145,9 @@ fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
             dt { "Scorer" } dd { (run.spec.scorer.name) }
             @for (name, value) in settings::rows(&run.spec.scorer.settings) { dt { (name) } dd { (value) } }
             dt { "Normaliser" }
-            dd { (run.spec.normaliser.as_str()) "; on the scale of the scorer, " (format!("{:.3}", run.lo)) " is q = 0 and "
+            dd { (run.spec.normaliser.as_str()) "; with local scaling, " (format!("{:.3}", run.lo)) " is q = 0 and "
                 (format!("{:.3}", run.hi)) " is q = 1" }
-            dt { "Episodes" } dd { (made::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
+            dt { "Episodes" } dd { (artifacts::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
             dt { "Encoder" } dd { (link::whole(run.encoder_id.as_str())) }
             @if let Some(base) = &run.extends { dt { "Extends" } dd { (link::whole(base.as_str())) } }
             dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }

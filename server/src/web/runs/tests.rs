@@ -1,4 +1,4 @@
-//! Score runs and what is made from them, as a browser and a program ask for them.
+//! Score runs and their datasets and policies, as requested by browsers and programs.
 
 use axum::http::{StatusCode, header::LOCATION};
 use serde_json::Value;
@@ -20,7 +20,7 @@ use crate::{
     web::testing::{Client, FORM, JSON, Pages},
 };
 
-/// A run of two imperfect episodes of 20 segments each: one of q 0.9, one of q 0.1 but for its last, which has 0.5.
+/// A run of two imperfect episodes of 20 segments each: one of q 0.9, one of q 0.1 except for its last, of q 0.5.
 async fn run(store: &Store) -> (Task, ScoreRun) {
     let task = testing::task(store).await;
     testing::episode(store, &task, Outcome::Success, "").await;
@@ -41,7 +41,7 @@ async fn json(pages: &Pages, path: &str) -> Value {
 #[tokio::test]
 async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
     let pages = Pages::open(false).await;
-    let (_, run) = run(&pages.rooms.store).await;
+    let (_, run) = run(&pages.services.store).await;
     let visitor = pages.visitor().await;
     let shown = pages.get(&visitor, &format!("/runs/{}?beta=0.4", run.id)).await;
     assert_eq!(shown.status, StatusCode::OK);
@@ -49,11 +49,11 @@ async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
     assert!(text.contains("<dd>21<small> of 40</small></dd>") && text.contains("value=\"0.4\""), "{text}");
     assert!(text.contains("Make dataset") && text.contains("ada") && !text.contains("style="));
 
-    let told = json(&pages, &format!("/runs/{}/what-if?beta=0.5", run.id)).await;
-    assert_eq!((&told["total"]["kept_segments"], &told["total"]["kept_episodes"]), (&20.into(), &1.into()));
-    assert_eq!(told["cohorts"]["bob"]["kept_segments"], 0);
-    let told = json(&pages, &format!("/runs/{}/what-if?top_fraction=0.51", run.id)).await;
-    assert_eq!((&told["total"]["kept_segments"], &told["selection"]["top_fraction"]), (&21.into(), &0.51.into()));
+    let content = json(&pages, &format!("/runs/{}/what-if?beta=0.5", run.id)).await;
+    assert_eq!((&content["total"]["kept_segments"], &content["total"]["kept_episodes"]), (&20.into(), &1.into()));
+    assert_eq!(content["cohorts"]["bob"]["kept_segments"], 0);
+    let content = json(&pages, &format!("/runs/{}/what-if?top_fraction=0.51", run.id)).await;
+    assert_eq!((&content["total"]["kept_segments"], &content["selection"]["top_fraction"]), (&21.into(), &0.51.into()));
     let part = pages.get(&visitor, &format!("/runs/{}/what-if?beta=0.95&format=html", run.id)).await.text();
     assert!(part.contains("id=\"by-episode\"") && part.contains("<dd>0<small> of 40</small></dd>"), "{part}");
     let table = pages.get(&visitor, &format!("/runs/{}?beta=0.4&sort=share&format=csv", run.id)).await.text();
@@ -62,12 +62,12 @@ async fn counts_follow_the_threshold_on_the_page_and_for_programs() {
 }
 
 #[tokio::test]
-async fn a_wrong_threshold_or_run_is_refused_by_name() {
+async fn an_invalid_threshold_or_run_is_refused_by_name() {
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
-    let encoder = pages.rooms.store.encoder(&run.encoder_id).await.unwrap();
-    let (_, coming) = results::scoring(&pages.rooms.store, &task, &encoder).await;
-    for (path, status, said) in [
+    let (task, run) = run(&pages.services.store).await;
+    let encoder = pages.services.store.encoder(&run.encoder_id).await.unwrap();
+    let (_, coming) = results::scoring(&pages.services.store, &task, &encoder).await;
+    for (path, status, message) in [
         (format!("/runs/{}?beta=high", run.id), StatusCode::BAD_REQUEST, "beta: "),
         (format!("/runs/{}?beta=1.5", run.id), StatusCode::BAD_REQUEST, "beta: is 1.5"),
         (format!("/runs/{}/what-if?beta=", run.id), StatusCode::BAD_REQUEST, "beta: "),
@@ -81,14 +81,14 @@ async fn a_wrong_threshold_or_run_is_refused_by_name() {
     ] {
         let refused = pages.get(&Client::default(), &path).await;
         assert_eq!(refused.status, status, "{path}");
-        assert!(refused.text().contains(said), "{path}: {}", refused.text());
+        assert!(refused.text().contains(message), "{path}: {}", refused.text());
     }
 }
 
 #[tokio::test]
-async fn a_dataset_is_made_once_and_its_page_shows_what_it_keeps() {
+async fn a_dataset_is_made_once_and_its_page_shows_its_counts() {
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
+    let (task, run) = run(&pages.services.store).await;
     let visitor = pages.visitor().await;
     let path = format!("/runs/{}/datasets", run.id);
     let proof = visitor.proof.clone().unwrap();
@@ -98,13 +98,13 @@ async fn a_dataset_is_made_once_and_its_page_shows_what_it_keeps() {
     let shown = pages.get(&visitor, &page).await.text();
     assert!(shown.contains("<dd>21<small> of 40</small></dd>") && shown.contains("q &gt; 0.4"), "{shown}");
     let again = pages.post(&visitor, &path, (JSON, "{\"beta\":0.4}")).await;
-    let told: Value = serde_json::from_slice(&again.body).unwrap();
-    assert_eq!(told["page"], page.as_str());
-    for (body, said) in [("{\"beta\":7}", "beta: is 7"), ("{}", "beta: must be set"), ("[", "body: ")] {
+    let content: Value = serde_json::from_slice(&again.body).unwrap();
+    assert_eq!(content["page"], page.as_str());
+    for (body, message) in [("{\"beta\":7}", "beta: is 7"), ("{}", "beta: must be set"), ("[", "body: ")] {
         let refused = pages.post(&visitor, &path, (JSON, body)).await;
-        assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(said), "{}", refused.text());
+        assert!(refused.status == StatusCode::BAD_REQUEST && refused.text().contains(message), "{}", refused.text());
     }
-    assert_eq!(pages.rooms.store.datasets(&task.id).await.unwrap().len(), 1);
+    assert_eq!(pages.services.store.datasets(&task.id).await.unwrap().len(), 1);
 
     let list = pages.get(&visitor, &format!("/tasks/{}/runs", task.spec.name)).await.text();
     assert!(list.contains(&page) && list.contains(run.id.as_str()), "{list}");
@@ -113,10 +113,10 @@ async fn a_dataset_is_made_once_and_its_page_shows_what_it_keeps() {
 }
 
 #[tokio::test]
-async fn a_dataset_of_a_run_to_come_says_so() {
+async fn a_dataset_of_a_pending_run_reports_it() {
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
-    let store = &pages.rooms.store;
+    let (task, run) = run(&pages.services.store).await;
+    let store = &pages.services.store;
     let encoder = store.encoder(&run.encoder_id).await.unwrap();
     let (job, coming) = results::scoring(store, &task, &encoder).await;
     let dataset = store.insert_dataset(&coming, Selection::Beta(0.5)).await.unwrap();
@@ -129,9 +129,9 @@ async fn a_dataset_of_a_run_to_come_says_so() {
 }
 
 #[tokio::test]
-async fn who_may_only_look_is_offered_no_change() {
+async fn a_viewer_gets_no_buttons() {
     let pages = Pages::open(true).await;
-    let (_, run) = run(&pages.rooms.store).await;
+    let (_, run) = run(&pages.services.store).await;
     let path = format!("/runs/{}", run.id);
     for (role, offered) in [(crate::domain::access::Role::Viewer, false), (crate::domain::access::Role::Trainer, true)]
     {
@@ -144,15 +144,15 @@ async fn who_may_only_look_is_offered_no_change() {
 }
 
 #[tokio::test]
-async fn a_policy_shows_how_it_does_and_what_it_came_from() {
+async fn a_policy_shows_its_success_and_inputs() {
     use crate::domain::{
         evaluation::{Evaluation, SeedResult},
         id::EvaluationId,
         time::Millis,
     };
     let pages = Pages::open(false).await;
-    let (task, run) = run(&pages.rooms.store).await;
-    let store = &pages.rooms.store;
+    let (task, run) = run(&pages.services.store).await;
+    let store = &pages.services.store;
     let encoder = store.encoder(&run.encoder_id).await.unwrap();
     let policy = results::policy(store, &task, &encoder, blake3::hash(b"policy").into()).await;
     let evaluation = Evaluation {

@@ -1,4 +1,4 @@
-//! Deadlines: never a late action, and a history that knows what the model did not see.
+//! Deadlines: late actions are never sent, and the history accounts for unseen steps.
 
 use super::*;
 
@@ -7,7 +7,7 @@ fn hurried() -> Terms {
 }
 
 #[tokio::test]
-async fn an_answer_that_comes_too_late_is_told_in_time_and_remembered() {
+async fn a_late_answer_is_reported_missed_at_its_deadline_and_kept_in_the_history() {
     let (engine, mut control) = engine(8, 8).await;
     let mut robot = Robot::open_under(hurried(), &engine, &CancellationToken::new()).await;
     robot.sees(1, &[]);
@@ -23,7 +23,7 @@ async fn an_answer_that_comes_too_late_is_told_in_time_and_remembered() {
 }
 
 #[tokio::test]
-async fn an_observation_whose_deadline_passes_while_it_waits_is_not_run() {
+async fn an_observation_whose_deadline_passes_in_the_queue_is_not_run() {
     let (engine, mut control) = engine(8, 8).await;
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
     robot.sees(1, &[]);
@@ -32,7 +32,7 @@ async fn an_observation_whose_deadline_passes_while_it_waits_is_not_run() {
     let mut late = observation(3, &[90.0, 0.0]);
     late.deadline = Some(SOON);
     robot.says.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
-    assert_eq!(robot.misses().await, (3, 1), "the one it took the place of was dropped");
+    assert_eq!(robot.misses().await, (3, 1), "the replaced observation was dropped");
     drop(control.gate);
     assert_eq!(robot.acts().await, (1, vec![1.0, 0.0], 0));
     robot.sees(4, &[]);
@@ -42,18 +42,18 @@ async fn an_observation_whose_deadline_passes_while_it_waits_is_not_run() {
 }
 
 #[tokio::test]
-async fn a_session_without_a_deadline_waits_however_long_it_takes() {
+async fn a_session_without_a_deadline_waits_for_its_answer() {
     let (engine, mut control) = engine(8, 8).await;
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
     robot.sees(1, &[]);
     assert_eq!(control.begun.recv().await, Some(1));
-    assert!(tokio::time::timeout(2 * SOON, robot.hears.recv()).await.is_err());
+    assert!(tokio::time::timeout(2 * SOON, robot.answers.recv()).await.is_err());
     drop(control.gate);
     assert_eq!(robot.acts().await.0, 1);
 }
 
 #[tokio::test]
-async fn an_action_that_was_never_given_is_not_taken_as_executed() {
+async fn an_unsent_action_is_not_taken_as_executed() {
     let (engine, mut control) = engine(8, 8).await;
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
     control.gate.send(()).unwrap();
@@ -70,16 +70,16 @@ async fn an_action_that_was_never_given_is_not_taken_as_executed() {
 }
 
 #[tokio::test]
-async fn after_an_answer_that_was_never_given_it_is_not_known_what_was_done() {
+async fn after_an_unsent_answer_the_executed_action_is_unknown() {
     let (engine, _control) = engine(8, 8).await;
     let mut session = Session::new(engine, terms(), Record::new(None, Showing::nowhere()), None);
     let (mut memory, actions) = (Memory::new(None), || Some(vec![vec![1.0, 0.0]]));
     for (owed, withheld) in [(true, false), (false, true), (true, false)] {
-        session.asked = owed.then(|| Due::for_observation(&observation(1, &[]), None, 0));
+        session.in_flight = owed.then(|| PendingReply::for_observation(&observation(1, &[]), None, 0));
         assert_eq!(session.settle(actions(), &mut memory).is_some(), owed);
         assert_eq!(memory.withheld, withheld);
     }
-    session.asked = Some(Due::for_observation(&observation(1, &[]), Some(Duration::ZERO), 0));
+    session.in_flight = Some(PendingReply::for_observation(&observation(1, &[]), Some(Duration::ZERO), 0));
     assert!(matches!(session.settle(actions(), &mut memory), Some(SessionOutput::Missed { .. })));
     assert!(memory.withheld);
 }

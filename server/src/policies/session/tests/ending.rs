@@ -1,20 +1,20 @@
-//! How sessions end that their robots do not close.
+//! Ends of sessions that their robots do not close.
 
 use super::*;
 
 #[tokio::test]
-async fn stamps_that_go_back_end_the_session() {
+async fn decreasing_stamps_end_the_session() {
     let (engine, control) = engine(8, 8).await;
     drop(control);
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
     for number in [5, 5] {
         robot.sees(number, &[]);
-        assert_eq!(robot.acts().await.0, i64::from(number), "the same stamp is no step back");
+        assert_eq!(robot.acts().await.0, i64::from(number), "an equal stamp is allowed");
     }
     robot.sees(4, &[]);
     let error = robot.fails().await;
     assert_eq!(error.kind(), Kind::Invalid);
-    assert!(error.message().starts_with("observation.stamp_ns: is 4, before the 5 "), "{error}");
+    assert!(error.message().starts_with("observation.stamp_ns: is 4, before the previous 5; "), "{error}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -25,11 +25,11 @@ async fn a_silent_robot_loses_its_session() {
     let error = robot.fails().await;
     assert_eq!(error.kind(), Kind::Late, "{error}");
     assert!(begun.elapsed() >= IDLE);
-    assert!(robot.hears.recv().await.is_none());
+    assert!(robot.answers.recv().await.is_none());
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_robot_that_waits_for_its_answer_is_not_silent() {
+async fn a_robot_with_a_pending_reply_is_not_silent() {
     let (engine, mut control) = engine(8, 8).await;
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
     robot.sees(1, &[]);
@@ -37,15 +37,15 @@ async fn a_robot_that_waits_for_its_answer_is_not_silent() {
     tokio::time::sleep(2 * IDLE).await;
     drop(control.gate);
     assert_eq!(robot.acts().await.0, 1);
-    assert_eq!(robot.fails().await.kind(), Kind::Late, "but then it is");
+    assert_eq!(robot.fails().await.kind(), Kind::Late, "silent after the answer");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_robot_that_reads_nothing_loses_its_session() {
+async fn a_robot_that_reads_no_output_loses_its_session() {
     let (engine, control) = engine(8, 8).await;
     drop(control);
     let mut robot = Robot::open(&engine, &CancellationToken::new()).await;
-    // Each is answered with a miss of its own.
+    // Each is answered with a `missed` of its own.
     for number in 0..40 {
         let mut late = observation(number, &[]);
         late.deadline = Some(Duration::ZERO);
@@ -57,7 +57,7 @@ async fn a_robot_that_reads_nothing_loses_its_session() {
     }
     let mut heard = 0;
     let error = loop {
-        match robot.hears.recv().await.unwrap() {
+        match robot.answers.recv().await.unwrap() {
             Ok(SessionOutput::Missed { .. }) => heard += 1,
             Ok(other) => panic!("{other:?}"),
             Err(error) => break error,
@@ -69,25 +69,25 @@ async fn a_robot_that_reads_nothing_loses_its_session() {
 }
 
 #[tokio::test]
-async fn a_stop_drains_sessions_and_ends_them_at_the_time_said() {
+async fn a_stop_drains_sessions_and_ends_them_at_the_announced_time() {
     let (engine, control) = engine(8, 8).await;
     drop(control);
     let stopping = CancellationToken::new();
-    let mut goes_on = Robot::open(&engine, &stopping).await;
+    let mut continues = Robot::open(&engine, &stopping).await;
     let mut closes = Robot::open(&engine, &stopping).await;
     let told = Millis::now();
     stopping.cancel();
     let begun = Instant::now();
-    for robot in [&mut goes_on, &mut closes] {
-        let heard = robot.hears.recv().await.unwrap().unwrap();
+    for robot in [&mut continues, &mut closes] {
+        let heard = robot.answers.recv().await.unwrap().unwrap();
         let SessionOutput::Draining { close_at } = heard else { panic!("{heard:?}") };
         assert!(close_at >= told.after(DRAIN) && close_at <= Millis::now().after(DRAIN));
     }
-    goes_on.sees(1, &[]);
-    assert_eq!(goes_on.acts().await.0, 1, "it may go on");
+    continues.sees(1, &[]);
+    assert_eq!(continues.acts().await.0, 1, "it continues until then");
     assert_eq!(closes.closes().await, (0, 0, 0));
-    // From here on nothing but time is waited for.
+    // From here on, the test waits for time only.
     tokio::time::pause();
-    assert_eq!(goes_on.fails().await.kind(), Kind::Unavailable);
+    assert_eq!(continues.fails().await.kind(), Kind::Unavailable);
     assert!(begun.elapsed() >= DRAIN && begun.elapsed() < IDLE);
 }

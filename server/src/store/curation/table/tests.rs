@@ -1,4 +1,4 @@
-//! The table against what was stored, and how it is looked up.
+//! The table of episodes compared with stored rows, and its query plans.
 
 use super::*;
 use crate::{
@@ -9,7 +9,7 @@ use crate::{
     store::testing,
 };
 
-/// An episode with a name and warnings of its own, made visible so many milliseconds after 1970.
+/// An episode with its own name and warnings, visible since this many milliseconds after 1970.
 async fn episode(store: &Store, task: &Task, name: &str, (warnings, at): (u64, i64)) -> Episode {
     let upload = Upload { file_name: name.into(), cohort: "ada".into(), ..testing::upload(task, name.as_bytes()) };
     let mut inspected = testing::inspected(task, &upload);
@@ -20,7 +20,7 @@ async fn episode(store: &Store, task: &Task, name: &str, (warnings, at): (u64, i
 }
 
 #[tokio::test]
-async fn a_row_says_who_labelled_last_and_at_which_version() {
+async fn a_row_has_its_last_author_and_version() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let first = episode(&store, &task, "first.mcap", (0, 1)).await;
@@ -37,7 +37,7 @@ async fn a_row_says_who_labelled_last_and_at_which_version() {
 }
 
 #[tokio::test]
-async fn every_filter_leaves_out_what_does_not_fit() {
+async fn every_filter_leaves_out_other_episodes() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let other =

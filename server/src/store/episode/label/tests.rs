@@ -51,7 +51,7 @@ async fn one_unknown_episode_labels_none() {
     assert_eq!(store.episode(&unknown).await.unwrap_err().kind(), Kind::NotFound);
 }
 
-/// Three episodes and the versions at which somebody sees them.
+/// Three episodes and the versions of their labels as a client read them.
 async fn seen(store: &Store, task: &Task) -> Vec<(EpisodeId, i64)> {
     for cohort in ["ada", "bob", "carol"] {
         testing::episode(store, task, Outcome::Unknown, cohort).await;
@@ -61,7 +61,7 @@ async fn seen(store: &Store, task: &Task) -> Vec<(EpisodeId, i64)> {
 }
 
 #[tokio::test]
-async fn who_saw_the_newest_labels_labels_and_gets_the_next_versions() {
+async fn a_label_on_the_current_version_returns_the_next_version() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let mut versions = seen(&store, &task).await;
@@ -78,7 +78,7 @@ async fn who_saw_the_newest_labels_labels_and_gets_the_next_versions() {
 }
 
 #[tokio::test]
-async fn who_was_overtaken_changes_nothing_and_is_told_by_whom() {
+async fn a_label_on_an_old_version_changes_nothing_and_returns_the_newer_label() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let versions = seen(&store, &task).await;
@@ -116,7 +116,7 @@ async fn of_two_at_once_one_is_first() {
 }
 
 #[tokio::test]
-async fn what_is_unknown_or_in_the_trash_is_refused_whatever_was_seen() {
+async fn unknown_or_deleted_episodes_are_rejected_at_any_version() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let mut versions = seen(&store, &task).await;

@@ -1,0 +1,159 @@
+//! `backup`: the database at one moment and every blob that it names, copied beside a running server.
+//!
+//! The order makes every result whole:
+//!
+//! 1. the server is kept from removing blobs, so that blobs named by the copied database stay until they are copied;
+//! 2. the database is copied first, in one read transaction, to a draft: a blob put later is named by no row of the
+//!    copy; the other way round a row could name a blob that was put too late to be copied;
+//! 3. each blob is copied to a draft, checked by its digest, and renamed to its place; a blob of an earlier backup is
+//!    not copied again, unless it is to be verified and does not match its name;
+//! 4. the database's draft is renamed over the earlier one, then the manifest is written.
+//!
+//! Interrupted before step 4, the folder still is the earlier backup, with more blobs. Open uploads are not part of a
+//! backup: their client has the recording and sends it again.
+
+use std::{
+    collections::HashSet,
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use super::{
+    files::{Needed, Progress, grouped},
+    manifest::{Lacking, Manifest},
+    target,
+};
+use crate::{
+    blobs::{self, Blobs, Copied, Copying, sync_folder},
+    config::BackupConfig,
+    data_folder::DATABASE,
+    domain::id::BlobId,
+    error::{Error, Result},
+    store::{ReadOnlyDatabase, Store},
+};
+
+/// Backs a data folder up and writes a summary to `out`; true when no blob is missing.
+///
+/// # Errors
+/// Precondition when the target cannot hold a backup, or there is no database to back up; Exhausted when its disk is
+/// full; Internal when a disk fails.
+pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
+    let (source, target) = (config.data_dir.as_path(), config.target.as_path());
+    let _lock = target::claim(source, target)?;
+    let blobs = Blobs::open(target)?;
+    let copying = Copying::begin(source)?;
+    let (database, made_at) = copy_database(source, target).await?;
+    let needed = grouped(database.store.named_blobs().await?);
+    database.store.close().await;
+    let copied = copy_blobs(&Blobs::at(source), &blobs, &needed, config.verify)?;
+    drop(copying);
+    let manifest = Manifest {
+        gleaner: env!("CARGO_PKG_VERSION").to_owned(),
+        made_at,
+        schema: database.schema,
+        database: blobs::digest(&draft(target))?,
+        blobs: copied.there + copied.new,
+        bytes: copied.bytes,
+        lacking: copied.lacking,
+    };
+    finish(target, &manifest)?;
+    let removed = if config.prune { prune(&blobs, &needed)? } else { 0 };
+    write_summary(out, target, &manifest, copied.new, removed)
+        .map_err(|error| Error::internal("writing the backup's summary", error))?;
+    Ok(manifest.lacking.is_empty())
+}
+
+/// The database's name until every blob that it names is copied.
+fn draft(target: &Path) -> PathBuf {
+    target.join("tmp").join(DATABASE)
+}
+
+/// Copies the database to the draft, without open uploads; also returns the time of the copy.
+async fn copy_database(source: &Path, target: &Path) -> Result<(ReadOnlyDatabase, String)> {
+    let (draft, drafts) = (draft(target), target.join("tmp"));
+    for left in fs::read_dir(&drafts).map_err(fault("listing", &drafts))? {
+        // Left by an interrupted backup.
+        let left = left.map_err(fault("listing", &drafts))?.path();
+        fs::remove_file(&left).map_err(fault("removing", &left))?;
+    }
+    let made_at = jiff::Timestamp::now().to_string();
+    Store::copy(&source.join(DATABASE), &draft).await?;
+    fs::File::open(&draft).and_then(|file| file.sync_all()).map_err(fault("syncing", &draft))?;
+    Ok((ReadOnlyDatabase::open(&draft).await?, made_at))
+}
+
+/// Counts of copied blobs.
+#[derive(Default)]
+struct CopiedBlobs {
+    there: u64,
+    new: u64,
+    bytes: u64,
+    lacking: Vec<Lacking>,
+}
+
+fn copy_blobs(source: &Blobs, target: &Blobs, needed: &[Needed], verify: bool) -> Result<CopiedBlobs> {
+    let (mut copied, mut progress) = (CopiedBlobs::default(), Progress::new("blobs backed up", needed.len()));
+    for Needed { blob, by, size_bytes: _ } in needed {
+        match target.copy_from(source, blob, verify)? {
+            Copied::New(size) => {
+                copied.new += 1;
+                copied.bytes += size;
+            }
+            Copied::There(size) => {
+                copied.there += 1;
+                copied.bytes += size;
+            }
+            Copied::Lacking(why) => copied.lacking.push(Lacking { blob: blob.clone(), why, needed_by: by.clone() }),
+        }
+        progress.one_more();
+    }
+    Ok(copied)
+}
+
+/// Replaces the earlier database, then writes the manifest.
+fn finish(target: &Path, manifest: &Manifest) -> Result<()> {
+    Manifest::remove(target)?;
+    let place = target.join(DATABASE);
+    fs::rename(draft(target), &place).map_err(fault("renaming to", &place))?;
+    sync_folder(target)?;
+    manifest.write(target)
+}
+
+/// Removes the blobs that the backup's database no longer names, and returns their number.
+fn prune(blobs: &Blobs, needed: &[Needed]) -> Result<u64> {
+    let named: HashSet<&BlobId> = needed.iter().map(|needed| &needed.blob).collect();
+    let mut removed = 0;
+    for found in blobs.list()? {
+        if found.id.is_some_and(|id| !named.contains(&id)) {
+            fs::remove_file(&found.path).map_err(fault("removing", &found.path))?;
+            removed += 1;
+        }
+    }
+    Ok(removed)
+}
+
+fn write_summary(
+    out: &mut impl io::Write,
+    target: &Path,
+    manifest: &Manifest,
+    new: u64,
+    removed: u64,
+) -> io::Result<()> {
+    for Lacking { blob, why, needed_by } in &manifest.lacking {
+        writeln!(out, "problem: blob {blob}: {why}; needed by {}", needed_by.join(", "))?;
+    }
+    let Manifest { blobs, bytes, schema, .. } = manifest;
+    let (shown, pruned) = (target.display(), if removed > 0 { format!(", {removed} removed") } else { String::new() });
+    writeln!(out, "schema {schema}; {blobs} blobs of {bytes} bytes, {new} of them new{pruned}")?;
+    match manifest.lacking.len() {
+        0 => writeln!(out, "backed up to {shown}"),
+        lacking => writeln!(
+            out,
+            "backed up to {shown}, without {lacking} blobs that are missing or damaged in the data folder"
+        ),
+    }
+}
+
+fn fault<'a>(doing: &'a str, path: &'a Path) -> impl FnOnce(io::Error) -> Error + 'a {
+    move |error| Error::internal(format!("{doing} {}", path.display()), error)
+}

@@ -1,0 +1,114 @@
+//! Rewrites the sidecars of changed rows, which triggers queue.
+
+use std::time::Duration;
+
+use crate::{
+    blobs::Blobs,
+    domain::description::Description,
+    error::{Error, Result},
+    store::{Described, Store},
+};
+
+/// The interval of reading the queue.
+const POLL_INTERVAL: Duration = Duration::from_secs(1);
+/// Rows described in one transaction of the queue.
+const AT_ONCE: u32 = 256;
+
+/// Describes queued rows until it is dropped. Interrupted anywhere, it resumes at the next start.
+pub(super) async fn keep_described(store: Store, blobs: Blobs) {
+    if let Err(error) = queue_missing(&store, &blobs).await {
+        tracing::error!(%error, "looking for missing sidecars failed");
+    }
+    let mut failing = false;
+    loop {
+        match describe_queued(&store, &blobs).await {
+            Ok(_) => failing = false,
+            Err(error) if failing => tracing::debug!(%error, "sidecars still cannot be written"),
+            Err(error) => {
+                tracing::error!(%error, "sidecars cannot be written; the server retries each second");
+                failing = true;
+            }
+        }
+        tokio::time::sleep(POLL_INTERVAL).await;
+    }
+}
+
+/// Writes the sidecars of all queued rows and returns the number of rows. A row whose sidecar cannot be written stays
+/// in the queue and does not block others.
+///
+/// # Errors
+/// When the database fails; the last row's error, when one could not be described.
+pub(super) async fn describe_queued(store: &Store, blobs: &Blobs) -> Result<usize> {
+    let (mut all, mut failed, mut last) = (0, None, None);
+    loop {
+        let rows = store.undescribed(last.as_ref(), AT_ONCE).await?;
+        let Some(newest) = rows.last() else { return failed.map_or(Ok(all), Err) };
+        last = Some(newest.clone());
+        let mut done = Vec::with_capacity(rows.len());
+        for row in rows {
+            match describe(store, blobs, &row.id).await {
+                Ok(()) => done.push(row),
+                Err(error) => failed = Some(error),
+            }
+        }
+        store.note_described(&done).await?;
+        all += done.len();
+    }
+}
+
+async fn describe(store: &Store, blobs: &Blobs, id: &str) -> Result<()> {
+    let described = store.description(id).await?;
+    let (blobs, id) = (blobs.clone(), id.to_owned());
+    let writing = tokio::task::spawn_blocking(move || write(&blobs, &id, &described));
+    writing.await.map_err(|error| Error::internal("writing a sidecar", error))?
+}
+
+/// Queues the episodes whose sidecars are missing, and logs an error when recordings are.
+///
+/// # Errors
+/// When the database or the disk fails.
+pub(super) async fn queue_missing(store: &Store, blobs: &Blobs) -> Result<()> {
+    let (all, blobs) = (store.kept_recordings().await?, blobs.clone());
+    let looking = tokio::task::spawn_blocking(move || {
+        let undescribed = all.iter().filter(|(id, blob)| !blobs.is_described(blob, id.as_str()));
+        let missing: Vec<_> = undescribed.map(|(id, _)| id.clone()).collect();
+        (missing, all.iter().filter(|(_, blob)| !blobs.contains(blob)).count())
+    });
+    let (missing, lost) = looking.await.map_err(|error| Error::internal("looking for sidecars", error))?;
+    if lost > 0 {
+        tracing::error!(
+            recordings.missing = lost,
+            "recordings named by the database are missing: `gleaner-server check` lists them. Put the blobs \
+             back, or push the recordings again"
+        );
+    }
+    if missing.is_empty() { Ok(()) } else { store.queue_sidecars(&missing).await }
+}
+
+fn write(blobs: &Blobs, id: &str, described: &Described) -> Result<()> {
+    match described {
+        Described::Task(description) => blobs.describe_task(id, &description.to_json()?),
+        // A missing blob is `check`'s to report.
+        Described::Beside(blob, description) if blobs.contains(blob) => {
+            blobs.describe(blob, id, &description.to_json()?)?;
+            forget_superseded(blobs, description)
+        }
+        Described::Beside(..) | Described::Gone => Ok(()),
+    }
+}
+
+/// Removes descriptions of the same recording as another episode of the same task, left by finishes that a crash
+/// interrupted before their row.
+fn forget_superseded(blobs: &Blobs, description: &Description) -> Result<()> {
+    let Description::Recording(row) = description else { return Ok(()) };
+    let row = &row.episode;
+    for json in blobs.descriptions(&row.recording)? {
+        if let Some(Description::Recording(other)) = Description::read(&json)
+            && other.episode.task_id == row.task_id
+            && other.episode.id != row.id
+        {
+            blobs.forget_description(&row.recording, other.episode.id.as_str())?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,70 @@
+//! Checks the target folders of backups and restores: other data is never overwritten.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+};
+
+use crate::{
+    data_folder::DATABASE,
+    error::{Error, Result},
+    lock::DataLock,
+};
+
+/// Marks a folder as a backup from its first moment.
+const MARK: &str = "BACKUP";
+const SAYS: &str = "A backup of gleaner's data. To use it: gleaner-server restore THIS_FOLDER --data-dir NEW_FOLDER\n";
+
+/// Creates the folder of a backup, or takes that of an earlier one, and locks it against other backups.
+///
+/// # Errors
+/// Precondition when it holds other data, lies within the data folder or around it, or another backup is running.
+pub(super) fn claim(source: &Path, target: &Path) -> Result<DataLock> {
+    let shown = target.display();
+    if !source.join(DATABASE).is_file() {
+        return Err(Error::precondition(format!(
+            "there is no database in {}; --data-dir names the data folder of a server",
+            source.display()
+        )));
+    }
+    let mark = target.join(MARK);
+    if !mark.is_file() && !is_free(target)? {
+        return Err(Error::precondition(format!(
+            "{shown} holds other data; name an empty or new folder, or an earlier backup"
+        )));
+    }
+    let fault = |error| Error::internal(format!("making {shown}"), error);
+    fs::create_dir_all(target).map_err(fault)?;
+    let (outer, inner) = (source.canonicalize().map_err(fault)?, target.canonicalize().map_err(fault)?);
+    if outer.starts_with(&inner) || inner.starts_with(&outer) {
+        return Err(Error::precondition(format!(
+            "{shown} and the data folder lie within one another; back up to another place, best to another disk"
+        )));
+    }
+    let lock = DataLock::take(target)?;
+    fs::write(&mark, SAYS).map_err(fault)?;
+    Ok(lock)
+}
+
+/// Whether the folder is a backup that was finished at least once.
+pub(super) fn is_backup(folder: &Path) -> bool {
+    folder.join(MARK).is_file() && folder.join(DATABASE).is_file()
+}
+
+/// Whether a folder is missing or empty.
+pub(super) fn is_free(folder: &Path) -> Result<bool> {
+    match fs::read_dir(folder) {
+        Ok(mut entries) => Ok(entries.next().is_none()),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(true),
+        Err(error) if error.kind() == io::ErrorKind::NotADirectory => Ok(false),
+        Err(error) => Err(Error::internal(format!("reading {}", folder.display()), error)),
+    }
+}
+
+/// The parent of an existing or future folder.
+pub(super) fn parent(folder: &Path) -> PathBuf {
+    match folder.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent.to_owned(),
+        Some(_) | None => PathBuf::from("."),
+    }
+}

@@ -1,0 +1,64 @@
+//! Opening a database for writing beside a running server: tokens are issued and revoked while it serves.
+
+use std::{path::Path, time::Duration};
+
+use sqlx::sqlite::{SqliteConnectOptions, SqlitePoolOptions, SqliteSynchronous};
+
+use super::{
+    Store, check_version,
+    read_only::{known_schema, newest_schema},
+};
+use crate::error::{Error, Result};
+
+/// A server that has just started may still be migrating: so long it is waited for.
+const STARTING: Duration = Duration::from_secs(10);
+const POLL_INTERVAL: Duration = Duration::from_millis(50);
+
+impl Store {
+    /// Opens a database that a server may have open. It is not migrated: that would change it under that server.
+    ///
+    /// # Errors
+    /// Precondition when it is not there, or is of another version than this program.
+    pub(crate) async fn open_shared(path: &Path) -> Result<Self> {
+        let unusable =
+            |problem: String| Error::precondition(format!("cannot use the database {}: {problem}", path.display()));
+        let options = SqliteConnectOptions::new()
+            .filename(path)
+            .foreign_keys(true)
+            .synchronous(SqliteSynchronous::Full)
+            .busy_timeout(Duration::from_secs(10));
+        let pool = SqlitePoolOptions::new()
+            .max_connections(1)
+            .connect_with(options)
+            .await
+            .map_err(|error| unusable(error.to_string()))?;
+        check_version(&pool).await?;
+        let migrated = tokio::time::timeout(STARTING, async {
+            while known_schema(&pool, path).await? != newest_schema() {
+                tokio::time::sleep(POLL_INTERVAL).await;
+            }
+            Ok(())
+        });
+        let older = |_| unusable("the server that runs on it is of an older version; use its own program".to_owned());
+        migrated.await.map_err(older)??;
+        Ok(Self { writer: pool.clone(), readers: pool, tie: std::sync::Arc::default() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::Kind;
+
+    #[tokio::test]
+    async fn two_write_to_one_database() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("gleaner.db");
+        assert_eq!(Store::open_shared(&path).await.unwrap_err().kind(), Kind::Precondition);
+        let first = Store::open(&path).await.unwrap();
+        let second = Store::open_shared(&path).await.unwrap();
+        let spec = super::super::testing::spec();
+        let task = second.insert_task(&spec).await.unwrap();
+        assert_eq!(first.task(&spec.name).await.unwrap().id, task.id);
+    }
+}

@@ -1,0 +1,60 @@
+//! One encoder: its pretraining, its data and the results made with it.
+
+use axum::{extract::Path, response::IntoResponse as _};
+use gleaner_core::{PretrainSpec, Words as _, kinds::Family};
+use maud::{Markup, html};
+
+use super::{episodes, link, of_job};
+use crate::{
+    domain::{id::EncoderId, job::JobSpec, score::Encoder, snapshot::Snapshot},
+    error::Error,
+    web::{
+        page_request::PageRequest,
+        refusal::Answer,
+        shell::{self, Head, Tab},
+        text,
+    },
+};
+
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let store = &request.services().store;
+    let encoder = store.encoder(&EncoderId::parse("id", &id)?).await?;
+    let (task, job) = (store.task_by_id(&encoder.task_id).await?, store.job(&encoder.job_id).await?);
+    let JobSpec::Pretrain { spec, .. } = &job.spec else {
+        return Err(Error::internal("reading an encoder's spec", "its job is not a pretraining job").into());
+    };
+    let snapshot = store.frozen(&encoder.snapshot_id).await?;
+    let body = html! {
+        h1 { "Encoder " (link::tail(encoder.id.as_str())) }
+        p.lead { (spec.model.preset.as_str()) ", pretrained for " (text::counted(spec.optim.steps, "step")) " on all episodes of a snapshot of "
+            (task.spec.name) ", " (text::time(encoder.created_at)) " UTC" }
+        h2 { "Lineage" }
+        (of_job(store, &job).await?)
+        h2 { "Facts" }
+        (facts(&encoder, spec, &snapshot))
+    };
+    let head = Head { title: "Encoder", tab: Tab::Runs, task: Some(&task.spec.name), script: None };
+    Ok(shell::page(&request, &head, &body).into_response())
+}
+
+fn facts(encoder: &Encoder, spec: &PretrainSpec, snapshot: &Snapshot) -> Markup {
+    let objectives: Vec<String> = spec.objectives.iter().map(objective).collect();
+    html! {
+        dl.facts.panel {
+            dt { "Encoder" } dd.id { (encoder.id) }
+            dt { "Objectives" } dd { (objectives.join(", ")) }
+            dt { "Preset" } dd { (spec.model.preset.as_str()) }
+            dt { "Segments" } dd { (text::counted(u64::from(spec.model.segment_length) + 1, "step")) }
+            dt { "Steps" } dd { (text::count(spec.optim.steps)) }
+            dt { "Episodes" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
+            dt { "Made by" } dd { (link::whole(encoder.job_id.as_str())) ", with its losses and every setting" }
+            dt { "Checkpoint (BLAKE3)" } dd.id { (encoder.checkpoint) }
+        }
+    }
+}
+
+/// The objective's name in full, as its description begins.
+fn objective(name: &String) -> String {
+    let full = Family::Objective.find(name).and_then(|kind| kind.about.split_once(':'));
+    full.map_or_else(|| name.clone(), |(full, _)| full.to_lowercase())
+}

@@ -1,0 +1,81 @@
+//! One policy: its training data, its success rates and its deployments.
+
+use axum::{extract::Path, response::IntoResponse as _};
+use maud::{Markup, html};
+
+use super::{episodes, evaluations, link, of_job};
+use crate::{
+    domain::{
+        id::PolicyId,
+        job::{Job, JobSpec},
+        policy::{Deployment, Policy},
+        snapshot::Snapshot,
+    },
+    error::Error,
+    web::{
+        page_request::PageRequest,
+        refusal::Answer,
+        sheet::{self, Format},
+        shell::{self, Head, Tab},
+        text,
+    },
+};
+
+pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let format = sheet::format(&request)?;
+    let store = &request.services().store;
+    let policy = store.policy(&PolicyId::parse("id", &id)?).await?;
+    let tried = store.evaluations(&policy.id).await?;
+    if format != Format::Html {
+        return Ok(evaluations::sheet(&policy, &tried).answer(format)?);
+    }
+    let (task, job) = (store.task_by_id(&policy.task_id).await?, store.job(&policy.job_id).await?);
+    let mut deployments = store.deployments(Some(&policy.task_id)).await?;
+    deployments.retain(|deployment| deployment.policy_id() == Some(&policy.id));
+    let Some(snapshot_id) = job.spec.snapshot_id() else {
+        return Err(Error::internal("reading a policy's spec", "its job is not a training job").into());
+    };
+    let snapshot = store.frozen(snapshot_id).await?;
+    let body = html! {
+        h1 { "Policy " (link::tail(policy.id.as_str())) }
+        p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
+            " of " (task.spec.name) ", " (text::time(policy.created_at)) " UTC" }
+        h2 { "Evaluations" }
+        @if tried.is_empty() {
+            p.panel.empty { "Not evaluated yet. " code { "gleaner evaluate" } " runs trials in the simulator; others are reported with "
+                code { "ReportEvaluation" } "." }
+        } @else {
+            (evaluations::table(&tried))
+            (sheet::links(&request))
+        }
+        h2 { "Lineage" }
+        (of_job(store, &job).await?)
+        h2 { "Facts" }
+        (facts(&policy, &job, &snapshot, &deployments))
+    };
+    let head = Head { title: "Policy", tab: Tab::Runs, task: Some(&task.spec.name), script: None };
+    Ok(shell::page(&request, &head, &body).into_response())
+}
+
+fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deployment]) -> Markup {
+    html! {
+        dl.facts.panel {
+            dt { "Policy" } dd.id { (policy.id) }
+            dt { "Kind" } dd { (policy.kind) }
+            @if let JobSpec::Train { spec, .. } = &job.spec {
+                dt { "Steps" } dd { (text::count(spec.optim.steps)) }
+                dt { "λ of kept segments" } dd { (spec.lambda) }
+                dt { "Experts of" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
+            }
+            @if let Some(dataset) = &policy.dataset_id { dt { "Dataset" } dd { (link::whole(dataset.as_str())) } }
+            @if let Some(encoder) = &policy.encoder_id { dt { "Encoder" } dd { (link::whole(encoder.as_str())) } }
+            dt { "Deployed as" }
+            dd {
+                @if deployments.is_empty() { "not deployed" }
+                @for deployment in deployments { a href=(format!("/deployments/{}", deployment.name)) { (deployment.name) } " " }
+            }
+            dt { "Made by" } dd { (link::whole(policy.job_id.as_str())) }
+            dt { "Checkpoint (BLAKE3)" } dd.id { (policy.checkpoint) }
+        }
+    }
+}
