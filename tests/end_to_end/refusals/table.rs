@@ -48,6 +48,7 @@ fn fields(owner: &str, message: &MessageDescriptor, seen: &mut BTreeSet<String>,
     for field in message.fields() {
         found.insert(format!("{owner}.{}", field.name()));
         if let (Kind::Message(inner), false) = (field.kind(), field.is_map())
+            && inner.package_name() != "google.protobuf"
             && seen.insert(inner.full_name().to_owned())
         {
             fields(inner.name(), &inner, seen, found);
