@@ -1,21 +1,64 @@
-//! Step three of SSDF: policies. One policy, one file, and its line in [`list`]; the rest here
-//! trains and runs them without knowing which they are.
+//! Step three of SSDF: policies. One policy, one file, and its two lines here; the rest
+//! trains and runs policies without knowing which they are.
 
 mod act;
 mod bc;
 mod ensemble;
 mod finetune;
 mod kind;
-mod list;
 mod scratch;
 mod serve;
 mod tf_bc;
 mod train;
 
 pub use ensemble::Ensemble;
-pub(crate) use list::describe;
 pub use serve::Policy;
 pub use train::train_policy;
+
+use std::collections::BTreeMap;
+
+use gleaner_core::kinds::{Family, Kind};
+use tch::{Device, Tensor};
+
+use crate::checkpoint::CheckpointInfo;
+use crate::error::LearnError;
+use crate::train::Learner;
+use kind::{PolicyKind, PolicyModel};
+
+/// Every policy; the first is the default.
+const POLICIES: [&PolicyKind; 4] = [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &act::KIND];
+
+/// The policy of that name.
+fn find(name: &str) -> Result<&'static PolicyKind, LearnError> {
+    let found = POLICIES.into_iter().find(|kind| kind.name == name);
+    // The error names those there are.
+    found.ok_or_else(|| Family::Policy.kind(name).err().map_or_else(|| unlisted(name), LearnError::from))
+}
+
+fn unlisted(name: &str) -> LearnError {
+    LearnError::invalid("policy", format!("{name} is missing in the list of policies of this program"))
+}
+
+/// Every policy as data.
+pub(crate) fn describe() -> Vec<Kind> {
+    POLICIES.iter().map(|kind| kind.describe()).collect()
+}
+
+impl Learner for Box<dyn PolicyModel> {
+    fn from_named(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, device: Device) -> Result<Self, LearnError> {
+        (find(info.policy.as_deref().unwrap_or_default())?.load)(info, named, device)
+    }
+
+    fn parameters(&self) -> Vec<(String, Tensor)> {
+        self.as_ref().parameters()
+    }
+
+    fn named(&self) -> Vec<(String, Tensor)> {
+        let mut named = self.as_ref().parameters();
+        named.extend(self.info().statistics.named());
+        named
+    }
+}
 
 #[cfg(test)]
 mod tests;

@@ -8,8 +8,8 @@ mod identity;
 
 use tch::Device;
 
+use super::find;
 use super::kind::{PolicyInit, PolicyModel};
-use super::list::find;
 use super::{Ensemble, Policy, train_policy};
 use crate::History;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};

@@ -7,8 +7,8 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use tch::Tensor;
 
+use super::find;
 use super::kind::{Losses, PolicyInit, PolicyInput, PolicyModel};
-use super::list::find;
 use crate::batch::{Batch, Chunks, Segment, Segments, Windows, int};
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
