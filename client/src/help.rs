@@ -10,7 +10,7 @@ use crate::cli::{Cli, GLOBAL};
 const GROUPS: [(&str, &[&str]); 8] = [
     ("Episodes", &["push", "episodes", "episode", "download", "label", "labels", "delete", "restore"]),
     ("Tasks and snapshots", &["task", "snapshot"]),
-    ("Learning", &["pretrain", "score", "train", "pipeline", "schedule"]),
+    ("Learning", &["pretrain", "score", "train", "pipeline", "schedule", "kinds"]),
     ("Jobs", &["jobs", "job", "watch", "cancel"]),
     ("Scores and datasets", &["runs", "scores", "histogram", "what-if", "score-recording", "dataset", "export"]),
     ("Policies", &["policies", "deploy", "rollback", "deployments"]),

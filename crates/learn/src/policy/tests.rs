@@ -56,7 +56,7 @@ fn spec(policy: &str, steps: u64) -> TrainSpec {
 }
 
 /// A policy of `kind` before its first step.
-fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
+pub(super) fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
     let (encoder, spec, shape) = (encoder(1), spec(kind, 1), toy::shape());
     let from = PolicyInit { shape: &shape, encoder: Some(&encoder), data, spec: &spec, device: Device::Cpu };
     let kind = find(kind).unwrap();

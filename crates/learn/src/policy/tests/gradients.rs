@@ -119,7 +119,8 @@ fn agree(parameters: &[(String, Tensor)], loss: &dyn Fn() -> Tensor) {
         assert!(error < 1e-5, "{name}: autograd {exact}, differences {numeric}");
         compared += usize::from(exact.abs() > 1e-6);
     }
-    assert!(compared > 12, "only {compared} gradients are not zero");
+    // Small networks have few parameters.
+    assert!(compared > parameters.len().min(17) * 3 / 4, "only {compared} gradients are not zero");
 }
 
 #[test]
