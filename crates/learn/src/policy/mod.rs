@@ -6,6 +6,7 @@ mod bc;
 mod ensemble;
 mod finetune;
 mod kind;
+mod perceptron;
 mod scratch;
 mod serve;
 mod tf_bc;
@@ -26,7 +27,7 @@ use crate::train::Learner;
 use kind::{PolicyKind, PolicyModel};
 
 /// Every policy; the first is the default.
-const POLICIES: [&PolicyKind; 4] = [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &act::KIND];
+const POLICIES: [&PolicyKind; 5] = [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &act::KIND, &perceptron::KIND];
 
 /// The policy of that name.
 fn find(name: &str) -> Result<&'static PolicyKind, LearnError> {
