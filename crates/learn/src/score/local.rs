@@ -1,4 +1,4 @@
-//! The yardstick of a similarity: how near experts are to one another around the matched segment.
+//! The local scale of a similarity: how near experts are to one another around the matched segment.
 //!
 //! Where experts differ widely (free reaching, each from elsewhere) even a good segment is far from
 //! its match, and where they agree (all holding the cube) even a bad one is near. So w alone ranks
@@ -12,13 +12,13 @@ use super::EpisodeScores;
 use super::features::Features;
 use crate::error::LearnError;
 
-/// k: enough that one odd expert does not set the yardstick, few enough that it stays local.
+/// k: enough that one odd expert does not set the scale, few enough that it stays local.
 const NEIGHBOURS: usize = 10;
-/// A yardstick is at least this part of the mean one, so that experts recorded twice do not make
+/// A local scale is at least this part of the mean one, so that experts recorded twice do not make
 /// all else infinitely far.
 const LEAST: f64 = 1e-3;
 
-/// w of every segment of `episode`, relative to its match's yardstick, of which `local` has one per
+/// w of every segment of `episode`, relative to the local scale of its match, of which `local` has one per
 /// expert, in the order that matches count in, and step; without, or without matches, w itself.
 pub(super) fn relative(local: Option<&Vec<Vec<f64>>>, episode: &EpisodeScores) -> impl Iterator<Item = f64> {
     (0..episode.w.len()).map(move |at| match (local, episode.match_episode.get(at)) {
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn the_yardstick_is_short_where_experts_agree_and_long_where_they_do_not() {
+    fn the_local_scale_is_short_where_experts_agree_and_long_where_they_do_not() {
         let experts = line();
         let alone = alone(&experts);
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn experts_recorded_twice_do_not_make_a_yardstick_of_nothing() {
+    fn experts_recorded_twice_do_not_make_a_local_scale_of_zero() {
         let twice = vec![line()[0].clone(), line()[0].clone(), line()[2].clone()];
         let alone = alone(&twice);
         let alone: Vec<&[f64]> = alone.iter().map(Vec::as_slice).collect();

@@ -7,7 +7,7 @@ use gleaner_core::NormaliserKind;
 const QUANTILES: usize = 1001;
 
 /// q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1], frozen with a score run, so that a later segment is measured
-/// by the same scale. Under a yardstick, w here is w / ρ: what the yardstick makes of it.
+/// by the same scale. With a local scale ρ, w here is w / ρ.
 ///
 /// `minmax`: q = (w − lo) / (hi − lo), clamped to 0 … 1. `quantile`: the share of the run's
 /// imperfect segments with a smaller w, between `quantiles` by straight lines.
