@@ -114,7 +114,7 @@ async fn a_deployment_names_a_run_and_rolling_back_brings_the_one_before() {
     for (run, code, words) in [
         (NO_RUN, Code::NotFound, ["no score run", NO_RUN]),
         ("run", Code::InvalidArgument, ["score_run_id", "run_"]),
-        (&raw, Code::FailedPrecondition, ["raw", "use a run of ssdf"]),
+        (&raw, Code::FailedPrecondition, ["raw", "such as ssdf"]),
     ] {
         refused(&api.policies.deploy(request(run)).await.unwrap_err(), code, &words);
     }

@@ -122,7 +122,12 @@ async fn succeed(client: &Client, task: &TaskSpec, spec: Spec) -> Result<String>
 /// The one policy among the blobs.
 fn checkpoint(blobs: &Path) -> Result<Vec<u8>> {
     for folder in blobs.read_dir()? {
-        for blob in folder?.path().read_dir()? {
+        let folder = folder?.path();
+        // Beside the folders lies the stamp.
+        if !folder.is_dir() {
+            continue;
+        }
+        for blob in folder.read_dir()? {
             let bytes = std::fs::read(blob?.path())?;
             if gleaner_learn::inspect(&bytes).is_ok_and(|info| info.kind == CheckpointKind::Policy && info.finished) {
                 return Ok(bytes);
