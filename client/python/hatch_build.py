@@ -53,7 +53,9 @@ def find_schema(root: Path) -> Path:
     for folder in (root / "schema", root / ".." / ".." / "crates" / "core"):
         if all((folder / name).is_file() for name in SCHEMA):
             return folder.resolve()
-    raise FileNotFoundError(f"no {' and '.join(SCHEMA)} in {root}/schema or crates/core; build from a checkout or an sdist")
+    raise FileNotFoundError(
+        f"no {' and '.join(SCHEMA)} in {root}/schema or crates/core; build from a checkout or an sdist"
+    )
 
 
 def settings_module(schema: Path) -> str:
@@ -69,7 +71,13 @@ def settings_module(schema: Path) -> str:
         "from typing import Literal, TypedDict",
     ]
     for job, settings in jobs.items():
-        lines += ["", "", f"class {job.capitalize()}Values(TypedDict, total=False):", f'    """Settings of a {job} job."""', ""]
+        lines += [
+            "",
+            "",
+            f"class {job.capitalize()}Values(TypedDict, total=False):",
+            f'    """Settings of a {job} job."""',
+            "",
+        ]
         shown = [(setting, "") for setting in settings]
         if job == "pretrain":
             shown.append((chosen_of("objectives", "words", kinds["objectives"]), ""))

@@ -149,7 +149,9 @@ def test_a_job_with_a_key_is_queued_once_and_can_be_cancelled(client: gleaner.Cl
 
 
 def test_wrong_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -> None:
-    with pytest.raises(gleaner.InvalidArgument, match=r"settings\.preset: unknown value \"huge\"; supported: tiny, small, base"):
+    with pytest.raises(
+        gleaner.InvalidArgument, match=r"settings\.preset: unknown value \"huge\"; supported: tiny, small, base"
+    ):
         client.jobs.pretrain(TASK, preset="huge")  # type: ignore[arg-type]
     with pytest.raises(gleaner.InvalidArgument, match=r"pretrain\.stepps: is not known; there are .*steps"):
         client.jobs.pretrain(TASK, stepps=3)  # type: ignore[call-arg]

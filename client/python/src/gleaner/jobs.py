@@ -146,10 +146,12 @@ class Jobs:
     def _submit(self, kind: str, task: str, given: dict[str, Any], known: type) -> Job:
         unknown = given.keys() - {"encoder_id"} - known.__annotations__.keys()
         if unknown:
-            raise invalid(f"{kind}.{min(unknown)}", f"is not known; there are {', '.join(sorted(known.__annotations__))}")
+            raise invalid(
+                f"{kind}.{min(unknown)}", f"is not known; there are {', '.join(sorted(known.__annotations__))}"
+            )
         order = {name: given.pop(name) for name in settings.Order.__annotations__ if name in given}
-        fields = JobSpec.DESCRIPTOR.fields_by_name[kind].message_type.fields_by_name
-        spec = {name: given.pop(name) for name in [*given] if name in fields}
+        inputs: Any = JobSpec.DESCRIPTOR.fields_by_name[kind].message_type
+        spec = {name: given.pop(name) for name in [*given] if name in inputs.fields_by_name}
         # A word of Python's own cannot be a keyword.
         values = {name.removesuffix("_"): value for name, value in given.items() if value is not None}
         return self.submit(task, {kind: {**spec, "settings": values}}, **order)
