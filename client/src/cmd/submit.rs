@@ -22,22 +22,22 @@ pub(crate) struct SubmitArgs {
     /// Wait until the job has ended, showing its progress.
     #[arg(long)]
     pub(crate) wait: bool,
-    /// Higher runs first.
+    /// Priority in the queue; jobs with a higher one run first.
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     pub(crate) priority: i32,
 }
 
-/// A name of one's own for a single job.
+/// The caller's name for a job.
 #[derive(Args, Debug)]
 pub(crate) struct KeyArgs {
-    /// Your own name for this work: asked for again, the same job is the answer.
+    /// Key of this work, chosen by the caller. A job with the same key that has not failed is returned instead of a new one.
     #[arg(long, default_value = "", hide_default_value = true)]
     pub(crate) key: String,
 }
 
 #[derive(Args, Debug)]
 pub(crate) struct PretrainCommand {
-    /// The task's name or id; by default the only task there is.
+    /// Name or id of the task. Default: the only task there is.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]
@@ -68,7 +68,7 @@ pub(crate) struct ScoreCommand {
     /// Another snapshot than the encoder's own.
     #[arg(long)]
     snapshot: Option<String>,
-    /// The task's name or id; by default the encoder's.
+    /// Name or id of the task. Default: the encoder's.
     #[arg(long)]
     task: Option<String>,
     /// Extend a finished score run: only what is new is computed, and its normaliser stays.
@@ -108,7 +108,7 @@ pub(crate) struct TrainCommand {
     /// Train on the experts of this snapshot alone; for policies that start from scratch.
     #[arg(long, value_name = "SNAPSHOT")]
     experts_in: Option<String>,
-    /// The task's name or id; by default that of the dataset, encoder or snapshot.
+    /// Name or id of the task. Default: that of the dataset, encoder or snapshot.
     #[arg(long)]
     task: Option<String>,
     #[command(flatten)]
@@ -170,7 +170,7 @@ pub(crate) struct Submission {
 }
 
 impl Submission {
-    /// Queues it, waits if that is asked for, and says how it stands.
+    /// Queues the job, waits for it with --wait, and prints its state.
     pub(crate) async fn submit(self, context: &Context, client: &Client, args: &SubmitArgs) -> Result<()> {
         let request = SubmitJobRequest {
             task: self.task,
