@@ -34,9 +34,7 @@ pub(crate) fn grid(axes: &[Axis]) -> Vec<Draft> {
 
 fn label(varied: &[(String, Value)]) -> String {
     let part = |(key, value): &(String, Value)| match (key.as_str(), value) {
-        ("method", value) => {
-            value.clone().try_into().map_or_else(|_| word(value), |method: Method| method.title().into())
-        }
+        ("method", value) => value.clone().try_into().map_or_else(|_| word(value), |method: Method| method.title()),
         ("rule.imperfect_per_expert", ratio) => format!("1:{}", word(ratio)),
         (_, value) => word(value),
     };

@@ -105,14 +105,13 @@ impl<O: Options> FromArgMatches for Given<O> {
         for ((setting, _), prefix) in O::settings() {
             let name = format!("{prefix}{}", setting.name);
             let given: Vec<Value> = matches.get_many(&name).into_iter().flatten().cloned().collect();
-            let value = match setting.shape {
-                Shape::Words { .. } | Shape::Integers { .. } if !given.is_empty() => {
-                    given.iter().filter_map(Value::as_array).flatten().cloned().collect::<Vec<_>>().into()
-                }
-                _ => match given.into_iter().next_back() {
+            let value = if several(&setting.shape) && !given.is_empty() {
+                given.iter().filter_map(Value::as_array).flatten().cloned().collect::<Vec<_>>().into()
+            } else {
+                match given.into_iter().next_back() {
                     Some(value) => value,
                     None => continue,
-                },
+                }
             };
             let checked = setting.check(&value).map_err(|problem| {
                 let option = format!("{prefix}{}", problem.field).replace('_', "-");
@@ -160,7 +159,7 @@ fn help(setting: &Setting, kinds: &[&str]) -> String {
             let text = |value: &Value| value.as_str().map_or_else(|| value.to_string(), str::to_owned);
             values.iter().map(text).collect::<Vec<_>>().join(",")
         }
-        other => other.to_string(),
+        other @ (Value::Null | Value::Bool(_) | Value::Number(_) | Value::Object(_)) => other.to_string(),
     };
     format!("{}{only} [default: {default}]", setting.about)
 }

@@ -36,13 +36,11 @@ pub(super) fn score(mut values: Values) -> Values {
 fn flat(values: Values) -> Values {
     let mut flat = Values::new();
     for (name, value) in values {
-        match value {
-            Value::Object(group) => flat.extend(group),
-            // Set by a worker for itself.
-            _ if name == "threads" => {}
-            other => {
-                flat.insert(name, other);
-            }
+        if let Value::Object(group) = value {
+            flat.extend(group);
+        } else if name != "threads" {
+            // A worker sets the threads for itself.
+            flat.insert(name, value);
         }
     }
     flat

@@ -38,7 +38,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
 }
 
 fn facts(encoder: &Encoder, spec: &PretrainSpec, snapshot: &Snapshot) -> Markup {
-    let objectives: Vec<String> = spec.objectives.iter().map(objective).collect();
+    let objectives: Vec<String> = spec.objectives.iter().map(|name| objective(name)).collect();
     html! {
         dl.facts.panel {
             dt { "Encoder" } dd.id { (encoder.id) }
@@ -54,7 +54,7 @@ fn facts(encoder: &Encoder, spec: &PretrainSpec, snapshot: &Snapshot) -> Markup 
 }
 
 /// The objective's name in full, as its description begins.
-fn objective(name: &String) -> String {
+fn objective(name: &str) -> String {
     let full = Family::Objective.find(name).and_then(|kind| kind.about.split_once(':'));
-    full.map_or_else(|| name.clone(), |(full, _)| full.to_lowercase())
+    full.map_or_else(|| name.to_owned(), |(full, _)| full.to_lowercase())
 }
