@@ -7,7 +7,7 @@ use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 
-use crate::schema::{Problem, Setting, WordAbout};
+use crate::schema::{Problem, Setting, WordAbout, brief};
 
 /// Every kind of every family.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -102,7 +102,10 @@ impl Family {
     pub fn kind(self, name: &str) -> Result<&'static Kind, Problem> {
         self.find(name).ok_or_else(|| {
             let known: Vec<&str> = self.kinds().iter().map(|kind| kind.name.as_str()).collect();
-            Problem::new(self.as_str(), format!("unknown value {name:?}; supported: {}", known.join(", ")))
+            Problem::new(
+                self.as_str(),
+                format!("unknown value {}; supported: {}", brief(&name.into()), known.join(", ")),
+            )
         })
     }
 

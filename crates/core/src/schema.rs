@@ -6,8 +6,10 @@ use serde_json::{Map, Number, Value};
 /// Settings by name, as JSON values.
 pub type Values = Map<String, Value>;
 
-/// Largest integer that a setting may hold: every integer up to it has an exact double, which the wire uses.
+/// Largest integer that the wire carries: every integer up to it has an exact double.
 pub const LARGEST: u64 = (1 << 53) - 1;
+/// Characters of a rejected value that an error repeats.
+const SHOWN: usize = 80;
 
 /// A setting that cannot be used: its name, what is wrong, and what would be right.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -164,7 +166,8 @@ pub fn number_in(least: f64, most: f64) -> Shape {
 
 fn integer(value: &Value, least: u64, most: u64) -> Result<Value, String> {
     let whole = value.as_u64().or_else(|| value.as_f64().and_then(whole));
-    let whole = whole.ok_or_else(|| expected(value, &format!("a whole number between {least} and {most}")))?;
+    let limit = most.min(LARGEST);
+    let whole = whole.ok_or_else(|| expected(value, &format!("a whole number between {least} and {limit}")))?;
     if (least..=most).contains(&whole) {
         return Ok(whole.into());
     }
@@ -190,7 +193,7 @@ fn word(value: &Value, words: &[WordAbout]) -> Result<Value, String> {
     if words.iter().any(|known| known.word == text) {
         return Ok(text.into());
     }
-    Err(format!("unknown value {text:?}; supported: {}", names(words)))
+    Err(format!("unknown value {}; supported: {}", brief(value), names(words)))
 }
 
 fn names(words: &[WordAbout]) -> String {
@@ -208,7 +211,7 @@ fn several(
     for (place, each) in given.iter().enumerate() {
         let each = one(each).map_err(|message| format!("[{place}] {message}"))?;
         if checked.contains(&each) {
-            return Err(format!("[{place}] is {each} again; name each value once"));
+            return Err(format!("[{place}] is {} again; name each value once", brief(&each)));
         }
         checked.push(each);
     }
@@ -219,7 +222,19 @@ fn several(
 }
 
 fn expected(value: &Value, what: &str) -> String {
-    format!("expected {what}, got {value}")
+    format!("expected {what}, got {}", brief(value))
+}
+
+/// A value as an error repeats it: its beginning, since a caller may send any length.
+pub(crate) fn brief(value: &Value) -> String {
+    shortened(&value.to_string())
+}
+
+fn shortened(text: &str) -> String {
+    match text.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.to_owned(),
+    }
 }
 
 /// The settings of `schema`, complete: each value checked, defaults filled in. `others` names settings that exist
@@ -237,7 +252,7 @@ pub fn complete(
             let known: Vec<&str> = schema.iter().map(|setting| setting.name.as_str()).collect();
             format!("unknown setting; supported: {}", known.join(", "))
         });
-        return Err(Problem::new(unknown, message));
+        return Err(Problem::new(shortened(unknown), message));
     }
     let value = |setting: &Setting| match values.get(&setting.name) {
         None | Some(Value::Null) => Ok((setting.name.clone(), setting.default.clone())),

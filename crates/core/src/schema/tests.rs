@@ -51,3 +51,12 @@ fn a_misspelt_setting_is_rejected_with_the_known_ones() {
     assert_eq!(complete(&schema, &given("batch"), |_| None).unwrap(), given("batch"));
     assert_eq!(complete(&schema, &Values::new(), |_| None).unwrap()["batch"], json!(4));
 }
+
+#[test]
+fn an_error_repeats_only_the_beginning_of_a_long_value() {
+    let long = "x".repeat(1 << 20);
+    assert!(problem(Shape::Flag, json!(long)).len() < 200);
+    assert!(problem(Shape::Word { words: words() }, json!(long)).len() < 200);
+    let given = Values::from_iter([(long, json!(1))]);
+    assert!(complete(&[], &given, |_| None).unwrap_err().to_string().len() < 200);
+}

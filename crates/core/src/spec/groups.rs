@@ -1,6 +1,6 @@
 //! Groups of settings that several kinds of jobs share.
 
-use crate::schema::{LARGEST, integer_in, number_in};
+use crate::schema::{integer_in, number_in};
 use crate::settings::Words as _;
 
 crate::words! {
@@ -106,7 +106,7 @@ crate::settings! {
     #[derive(Copy)]
     pub struct RunSpec {
         /// Seed of all random numbers.
-        pub seed: u64 = 0, integer_in(0, LARGEST);
+        pub seed: u64 = 0, integer_in(0, u64::MAX);
         /// Steps between checkpoints; an interrupted job resumes from the last one.
         pub checkpoint_every: u32 = 500, integer_in(1, u32::MAX.into());
         /// Where the job computes.

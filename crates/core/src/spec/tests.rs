@@ -74,6 +74,14 @@ fn what_earlier_versions_stored_is_read() {
 }
 
 #[test]
+fn a_stored_seed_beyond_the_wire_is_read_and_one_from_the_wire_is_rejected() {
+    let stored: PretrainSpec = serde_json::from_value(json!({"seed": u64::MAX})).unwrap();
+    assert_eq!(stored.run.seed, u64::MAX);
+    let message = PretrainSpec::from_values(&values(json!({"seed": 1e18}))).unwrap_err().to_string();
+    assert!(message.starts_with("seed: expected a whole number between 0 and 9007199254740991, got"), "{message}");
+}
+
+#[test]
 fn a_resume_may_change_only_how_the_run_is_carried_out() {
     let spec = TrainSpec::default();
     let mut carried_out = spec.clone();

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 
 use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
-use gleaner_core::schema::{LARGEST, integer_in};
+use gleaner_core::schema::integer_in;
 use tch::Tensor;
 
 use super::EpisodeScores;
@@ -40,7 +40,7 @@ gleaner_core::settings! {
     /// Settings of the classifier.
     struct ClassifierSpec {
         /// Seed of the classifier's random numbers.
-        seed: u64 = 0, integer_in(0, LARGEST);
+        seed: u64 = 0, integer_in(0, u64::MAX);
     }
 }
 
