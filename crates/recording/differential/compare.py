@@ -179,7 +179,7 @@ def differences(entry, data, base):
         return [f"{REFUSED} linear: {type(error).__name__}: {error}"]
     if topics != topics_of:
         wrong = [topic for topic in topics.keys() | topics_of.keys() if topics.get(topic) != topics_of.get(topic)]
-        found += [f"linear: {topic}: gleaner {topics_of.get(topic)}, the library {topics.get(topic)}" for topic in wrong]
+        found += [f"linear: {each}: gleaner {topics_of.get(each)}, the library {topics.get(each)}" for each in wrong]
     our_fields = {name: tuple(sums) for name, sums in ours["fields"].items()}
     if fields != our_fields:
         found.append(f"linear: fields: gleaner {our_fields}, the library {fields}")
