@@ -11,6 +11,8 @@ if [ ! -x "$root/bin/cargo-deny" ]; then
   # Where it is built, no pinned toolchain and no flags of ours count.
   (cd "${TMPDIR:-/tmp}" && cargo install cargo-deny --version "$version" --locked --quiet --root "$root")
 fi
+# A build fetches the crates of this platform alone.
+cargo fetch --locked --quiet
 "$root/bin/cargo-deny" --offline check --hide-inclusion-graph bans licenses sources
 # The list of known weaknesses is on the internet, where not every machine gets to.
 if ! said=$("$root/bin/cargo-deny" check --hide-inclusion-graph advisories 2>&1); then
