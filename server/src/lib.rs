@@ -1,4 +1,4 @@
-//! The gleaner server. `run` builds the services, hands each what it needs, and serves until told to stop.
+//! The gleaner server. `run` builds the services, hands each what it needs, and serves until it is stopped.
 //!
 //! Floors: `service` and `wire` over `ingest`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain` and
 //! `error`. Calls go down, never up. `worker` is the other process of this binary: a client of this server.
@@ -112,8 +112,8 @@ impl Listeners {
     }
 }
 
-/// Connections that the system may hold for us until they are accepted. Its own default is small: beyond it, who connects
-/// in a crowd is told that it is connected, and is not.
+/// Connections that the system may queue until they are accepted. The system's default is small; a connection beyond it
+/// looks open to its client and is never served.
 const BACKLOG: u32 = 4096;
 
 fn bind(address: SocketAddr) -> Result<TcpListener> {

@@ -98,7 +98,7 @@ impl Family {
     /// The kind of that name.
     ///
     /// # Errors
-    /// There is none; the message names those there are.
+    /// The family has no kind of that name; the message lists the known ones.
     pub fn kind(self, name: &str) -> Result<&'static Kind, Problem> {
         self.find(name).ok_or_else(|| {
             let known: Vec<&str> = self.kinds().iter().map(|kind| kind.name.as_str()).collect();

@@ -82,7 +82,7 @@ pub(crate) fn train_spec(steps: u64) -> TrainSpec {
     TrainSpec { optim: optim(steps), run: RunSpec { seed: 12, ..RunSpec::default() }, ..TrainSpec::default() }
 }
 
-/// The same with a checkpoint every so many steps.
+/// The same settings with a checkpoint every `steps` steps.
 pub(crate) fn every(steps: u32, mut spec: PretrainSpec) -> PretrainSpec {
     spec.run.checkpoint_every = steps;
     spec

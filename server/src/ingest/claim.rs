@@ -127,7 +127,7 @@ impl Claims {
         Some((Arc::clone(&holder.lock), holder.life.subscribe()))
     }
 
-    /// Removes an upload that is no longer open.
+    /// Removes a closed upload.
     pub(super) fn forget(&self, id: &UploadId) {
         self.holders().remove(id);
     }

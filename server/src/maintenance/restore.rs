@@ -39,7 +39,7 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
     fill(backup, draft.path()).await?;
     let check = CheckConfig { data_dir: draft.path().to_owned(), fast: true, json: false };
     let mut report = look_through(&check).await?;
-    // An empty folder is replaced; one that is no longer empty is an error.
+    // An empty folder is replaced; a folder that has been filled meanwhile is an error.
     fs::rename(draft.path(), place).map_err(fault("moving the restored folder to", place))?;
     // The draft has moved: it needs no removal.
     let _ = draft.keep();

@@ -42,7 +42,7 @@ pub(super) struct Sequences<M: Model>(Arc<Mutex<Table<M>>>);
 
 struct Table<M: Model> {
     slots: HashMap<Key, Arc<Slot<M>>>,
-    /// Whether a task removes idle sequences; it ends when there are none.
+    /// Whether a task removes idle sequences; the task ends with the last sequence.
     swept: bool,
 }
 
@@ -245,7 +245,7 @@ impl<M: Model> Default for Sequences<M> {
     }
 }
 
-/// Removes idle sequences, which keep their policies in memory, until there are none.
+/// Removes idle sequences, which keep their policies in memory, until the last one is removed.
 async fn sweep<M: Model>(table: Weak<Mutex<Table<M>>>) {
     loop {
         tokio::time::sleep(SWEEP).await;

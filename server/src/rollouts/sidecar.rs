@@ -85,7 +85,7 @@ impl RolloutFiles {
         sync_folder(&self.folder)
     }
 
-    /// Reads the sidecar; `None` when there is none.
+    /// Reads the sidecar; `None` when the file is missing.
     ///
     /// # Errors
     /// Invalid when it cannot be parsed.

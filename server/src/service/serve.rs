@@ -1,4 +1,4 @@
-//! The listener: every service on one port, with limits, health and reflection, until told to stop.
+//! The listener: every service on one port, with limits, health and reflection, until it is stopped.
 
 use std::{sync::Arc, time::Duration};
 
@@ -46,7 +46,7 @@ const SMALL: usize = 4 << 20;
 /// How long the last words of streams that the drain has ended may take to their readers.
 const FAREWELL: Duration = Duration::from_secs(1);
 
-/// Serves until `stop` ends; then open streams are told, and what is still open at the end of the drain is closed, with
+/// Serves until `stop` ends; then open streams receive the end of service, and what is still open at the end of the drain is closed, with
 /// a moment for what is said last.
 ///
 /// # Errors
@@ -64,10 +64,10 @@ pub(crate) async fn serve(
     let _following = tls.clone().map(|tls| AbortOnDropHandle::new(tokio::spawn(async move { tls.follow().await })));
     let (routes, health) = routes(services).await?;
     let health = Arc::new(health);
-    let (lost, told) = (services.store.lost(), Arc::clone(&health));
+    let (lost, health_on_loss) = (services.store.lost(), Arc::clone(&health));
     let _lost = AbortOnDropHandle::new(tokio::spawn(async move {
         lost.cancelled().await;
-        told.stop().await;
+        health_on_loss.stop().await;
     }));
     let config = connections.config();
     let server = Server::builder()
@@ -82,10 +82,10 @@ pub(crate) async fn serve(
         .layer(connections.layer())
         .add_routes(routes);
     let incoming = connections.accept(calls, tls, Protocol::Http2);
-    let (tell, told) = oneshot::channel::<()>();
+    let (stop_sender, stop_receiver) = oneshot::channel::<()>();
     let serving = server.serve_with_incoming_shutdown(incoming, async {
         // An error means the sender is gone, which is a stop too.
-        let _ = told.await;
+        let _ = stop_receiver.await;
     });
     let deadline = async {
         stop.await;
@@ -97,7 +97,7 @@ pub(crate) async fn serve(
         // Workers are asked to stop while they can still be answered: then no attempt is counted.
         services.jobs.stop().await;
         // The receiver is gone only when serving has ended already.
-        let _ = tell.send(());
+        let _ = stop_sender.send(());
         sleep_until(end).await;
     };
     tokio::select! {

@@ -1,4 +1,4 @@
-//! Features as bytes, for whoever can keep them, so that a later run of the same encoder need not encode again. Knows
+//! Features as bytes for a store, so that a later run of the same encoder does not encode again. Knows
 //! nothing of files.
 
 use std::collections::HashMap;
