@@ -3,6 +3,7 @@
 use gleaner_proto::v1;
 use gleaner_recording::{
     Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Limits, Mapping, RecordingError, TaskSpec,
+    validate_within,
 };
 
 use super::field;
@@ -21,7 +22,7 @@ const TOLERANCE: f64 = 0.25;
 pub(crate) fn create_request(request: v1::CreateTaskRequest, limits: &Limits) -> Result<TaskSpec> {
     let v1::CreateTaskRequest { spec } = request;
     let spec = spec_from(field::required("spec", spec)?)?;
-    spec.validate_within(limits).map_err(|error| {
+    validate_within(&spec, limits).map_err(|error| {
         if let RecordingError::Spec { field, problem } = error {
             Error::invalid(&format!("spec.{field}"), problem)
         } else {

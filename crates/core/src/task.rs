@@ -1,7 +1,6 @@
 //! Tasks: a named skill with its spec.
 
-use gleaner_learn::{CameraShape, TaskShape};
-use gleaner_recording::TaskSpec;
+use crate::TaskSpec;
 
 use super::{id::TaskId, time::Millis};
 
@@ -25,19 +24,4 @@ pub struct OutcomeCounts {
     pub failure: u64,
     /// Labelled unknown.
     pub unknown: u64,
-}
-
-/// What one step of a task holds, as models take it.
-pub fn shape(spec: &TaskSpec) -> TaskShape {
-    let camera = |camera: &gleaner_recording::CameraSpec| CameraShape {
-        name: camera.name.clone(),
-        height: camera.height,
-        width: camera.width,
-        depth: camera.depth,
-    };
-    TaskShape {
-        cameras: spec.cameras.iter().map(camera).collect(),
-        proprioception: spec.proprioception_size(),
-        action: spec.action_size(),
-    }
 }

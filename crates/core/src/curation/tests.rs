@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::domain::id::{BlobId, TaskId};
+use crate::id::{BlobId, TaskId};
 
 fn row(steps: u64, created_at: i64, outcome: Outcome) -> TableRow {
     let episode = Episode {

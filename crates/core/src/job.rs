@@ -1,6 +1,6 @@
 //! Jobs: their kinds, specs and legal moves.
 
-use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
+use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
     id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},

@@ -1,6 +1,6 @@
 //! Score runs: w and q of every segment under one encoder, one snapshot, one normaliser.
 
-use gleaner_core::ScoreSpec;
+use crate::ScoreSpec;
 
 use super::{
     id::{EncoderId, EpisodeId, JobId, ScoreRunId, SnapshotId, TaskId},

@@ -1,12 +1,11 @@
 //! Episodes and their labels.
 
-use gleaner_recording::Report;
-
 use super::{
     client::Client,
     id::{BlobId, EpisodeId, TaskId, UploadId},
-    time::Millis,
+    time::{Millis, seconds},
 };
+use crate::{Report, Severity};
 
 /// How an attempt at the task ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -117,6 +116,27 @@ pub struct EpisodeFilter {
     pub deleted: bool,
 }
 
+/// A client's declaration of a recording before it is sent.
+#[derive(Debug, Clone)]
+pub struct NewUpload {
+    /// The task it is for.
+    pub task_id: TaskId,
+    /// The name the episode will have.
+    pub file_name: String,
+    /// Size in bytes.
+    pub size_bytes: u64,
+    /// Digest of the content.
+    pub blake3: BlobId,
+    /// The label the episode will have.
+    pub outcome: Outcome,
+    /// The cohort the episode will have.
+    pub cohort: String,
+    /// The author of the label.
+    pub author: String,
+    /// The client that the upload and its inspection are counted for.
+    pub client: Client,
+}
+
 /// An upload that is not finished.
 #[derive(Debug, Clone)]
 pub struct Upload {
@@ -140,4 +160,40 @@ pub struct Upload {
     pub author: String,
     /// The client that opened it, which its inspection is counted for too.
     pub client: Client,
+}
+
+impl NewUpload {
+    /// The upload that this opens, under a new id, with no byte written.
+    pub fn open(self) -> Upload {
+        let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author, client } = self;
+        let id = UploadId::new();
+        Upload { id, task_id, file_name, size_bytes, blake3, committed: 0, outcome, cohort, author, client }
+    }
+}
+
+impl Upload {
+    /// Whether one upload may take the bytes sent for another: equal content and label.
+    pub fn is_like(&self, other: &Self) -> bool {
+        self.size_bytes == other.size_bytes && self.outcome == other.outcome && self.cohort == other.cohort
+    }
+
+    /// The episode that the finished upload becomes, with what its inspection found.
+    pub fn become_episode(&self, report: &Report) -> Episode {
+        let warnings = report.findings.iter().filter(|f| f.severity == Severity::Warning).count();
+        Episode {
+            id: EpisodeId::new(),
+            task_id: self.task_id.clone(),
+            file_name: self.file_name.clone(),
+            recording: self.blake3.clone(),
+            size_bytes: self.size_bytes,
+            steps: report.steps,
+            duration_s: seconds(report.duration_ns),
+            mapping: report.mapping.clone(),
+            warnings: warnings as u64,
+            outcome: self.outcome,
+            cohort: self.cohort.clone(),
+            created_at: Millis::now(),
+            deleted_at: None,
+        }
+    }
 }

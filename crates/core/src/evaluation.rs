@@ -1,24 +1,9 @@
 //! Evaluations: closed-loop trials of a policy, and how sure their success rate is.
 
-use gleaner_recording::TaskSpec;
-use gleaner_sim::{SimConfig, SimError, Task, compatible, compatible_with};
-
 use super::{
     id::{EvaluationId, JobId, PolicyId},
     time::Millis,
 };
-
-/// The simulator's task of that name, or of the spec's own if it is empty, with its settings for this task.
-///
-/// # Errors
-/// Why the task cannot be simulated, and the mend.
-pub fn simulated(spec: &TaskSpec, simulation: &str) -> Result<(Task, SimConfig), SimError> {
-    if simulation.is_empty() {
-        return compatible(spec);
-    }
-    let task: Task = simulation.parse()?;
-    Ok((task, compatible_with(task, spec)?))
-}
 
 /// Trials of one seed.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -72,7 +57,7 @@ impl Evaluation {
             episodes,
             successes,
             rate: f64::from(successes) / f64::from(episodes.max(1)),
-            interval: gleaner_sim::statistics::wilson(successes, episodes),
+            interval: crate::statistics::wilson(successes, episodes),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Orders: what a caller asks for, before the server has chosen inputs and ids.
 
-use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
+use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 
 use super::{
     dataset::Dataset,

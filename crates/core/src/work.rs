@@ -1,6 +1,6 @@
 //! Work: what a worker is given for a job, and what it gives back. Both sides of the worker's calls share it.
 
-use gleaner_recording::TaskSpec;
+use crate::TaskSpec;
 
 use super::{
     dataset::{ExportFile, KeptSegment},

@@ -1,7 +1,7 @@
 //! Schedules: pipelines that start by themselves.
 
+use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
 use croner::parser::{CronParser, Seconds, Year};
-use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
 
 use super::{
     id::{ScheduleId, SnapshotId, TaskId},

@@ -119,7 +119,7 @@ pub enum FindingCode {
 
 impl Report {
     /// Adds a finding, unless there is one of this kind on this subject already.
-    pub(crate) fn add(
+    pub fn add(
         &mut self,
         severity: Severity,
         code: FindingCode,
@@ -134,7 +134,7 @@ impl Report {
     }
 
     /// The worst findings first; those alike in severity stay in the order in which they were found.
-    pub(crate) fn sorted(mut self) -> Self {
+    pub fn sorted(mut self) -> Self {
         self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         self
     }

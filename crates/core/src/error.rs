@@ -8,8 +8,6 @@ use std::{
     panic::{AssertUnwindSafe, catch_unwind},
 };
 
-use gleaner_learn::LearnError;
-
 /// What a caller can do about an error. One row each in `wire::status`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
@@ -110,21 +108,9 @@ impl Error {
     }
 
     /// The disk takes nothing more: `why`, for the caller; `doing` and the source are for the log.
-    pub(crate) fn refused_by_disk(why: &str, doing: &str, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
+    pub fn refused_by_disk(why: &str, doing: &str, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
         let source: Box<dyn StdError + Send + Sync> = source.into();
         Self { kind: Kind::Exhausted, message: why.to_owned(), source: Some(format!("{doing}: {source}").into()) }
-    }
-
-    /// What an error of `learn` means to who asked for it. `doing` says what was being done.
-    pub fn learned(doing: &str, error: LearnError) -> Self {
-        match error {
-            LearnError::Version { .. } | LearnError::Checkpoint(_) => Self::precondition(error.to_string()),
-            LearnError::Invalid { ref field, ref message } => Self::invalid(field, message),
-            LearnError::Cancelled => Self::cancelled(error.to_string()),
-            LearnError::Diverged { .. } | LearnError::Monitor { .. } | LearnError::Torch(_) => {
-                Self::internal(doing, error)
-            }
-        }
     }
 
     fn new(kind: Kind, message: impl Into<String>) -> Self {
@@ -159,13 +145,14 @@ impl StdError for Error {
 }
 
 /// What the caller hears of a disk that is full or cannot be written.
-pub(crate) const DISK_FULL: &str =
+pub const DISK_FULL: &str =
     "the server's disk is full: nothing was kept of this request. Free some space there, then try again";
-pub(crate) const DISK_READ_ONLY: &str =
+/// Likewise of one that is read-only.
+pub const DISK_READ_ONLY: &str =
     "the server's disk cannot be written: nothing was kept of this request. Once that is mended, try again";
 
 /// The message for a write beyond the largest file that the process or the file system allows.
-pub(crate) const FILE_TOO_LARGE: &str = "a file of the server has reached the largest size that its process or its file \
+pub const FILE_TOO_LARGE: &str = "a file of the server has reached the largest size that its process or its file \
      system allows: nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or use \
      another file system, then try again";
 
@@ -188,7 +175,7 @@ fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static st
 ///
 /// # Errors
 /// What `work` says; Internal when it panics.
-pub(crate) fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+pub fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
     // What the work had borrowed is only read, so nothing half-written is seen after a panic.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let text = panic
