@@ -4,11 +4,9 @@ use gleaner_proto::v1;
 
 use super::field;
 use crate::{
-    domain::{
-        evaluation::{Evaluation, SeedResult, Success},
-        id::{EvaluationId, PolicyId},
-    },
     error::{Error, Result},
+    evaluation::{Evaluation, SeedResult, Success},
+    id::{EvaluationId, PolicyId},
 };
 
 /// Longest name of a simulation, in characters.
@@ -17,12 +15,12 @@ const LONGEST_SIMULATION: usize = 200;
 const MAX_SEEDS: usize = 10_000;
 
 /// Reads a policy's id.
-pub(crate) fn policy_id(text: &str) -> Result<PolicyId> {
+pub fn policy_id(text: &str) -> Result<PolicyId> {
     PolicyId::parse("policy_id", text)
 }
 
 /// Reads an evaluation's id.
-pub(crate) fn evaluation_id(text: &str) -> Result<EvaluationId> {
+pub fn evaluation_id(text: &str) -> Result<EvaluationId> {
     EvaluationId::parse("evaluation_id", text)
 }
 
@@ -30,7 +28,7 @@ pub(crate) fn evaluation_id(text: &str) -> Result<EvaluationId> {
 ///
 /// # Errors
 /// Invalid names the field and the mend.
-pub(crate) fn report_request(request: v1::ReportEvaluationRequest) -> Result<(PolicyId, String, Vec<SeedResult>)> {
+pub fn report_request(request: v1::ReportEvaluationRequest) -> Result<(PolicyId, String, Vec<SeedResult>)> {
     let v1::ReportEvaluationRequest { policy_id: policy, simulation, seeds } = request;
     let policy = policy_id(&policy)?;
     let length = simulation.chars().count();
@@ -47,7 +45,7 @@ pub(crate) fn report_request(request: v1::ReportEvaluationRequest) -> Result<(Po
 ///
 /// # Errors
 /// Invalid when there is no trial, a seed comes twice, or a count makes no sense.
-pub(crate) fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<SeedResult>> {
+pub fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<SeedResult>> {
     if seeds.is_empty() || seeds.len() > MAX_SEEDS {
         return Err(Error::invalid(at, format!("are {}, must be between 1 and {MAX_SEEDS}", seeds.len())));
     }
@@ -76,13 +74,13 @@ pub(crate) fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<V
 }
 
 /// What came of one seed.
-pub(crate) fn seed_to_proto(result: SeedResult) -> v1::SeedResult {
+pub fn seed_to_proto(result: SeedResult) -> v1::SeedResult {
     let SeedResult { seed, episodes, successes, mean_steps } = result;
     v1::SeedResult { seed, episodes, successes, mean_steps }
 }
 
 /// An evaluation.
-pub(crate) fn evaluation(evaluation: Evaluation) -> v1::Evaluation {
+pub fn evaluation(evaluation: Evaluation) -> v1::Evaluation {
     let Success { episodes, successes, rate, interval: (low, high) } = evaluation.success();
     let Evaluation { id, policy_id, job_id, simulation, seeds, created_at } = evaluation;
     v1::Evaluation {

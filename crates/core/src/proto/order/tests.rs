@@ -1,10 +1,10 @@
 //! Orders and pipelines survive the wire, get their defaults, and are refused by field.
 
-use gleaner_core::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, Values, proto};
+use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, Values, proto};
 use serde_json::{Value, json};
 
 use super::*;
-use crate::domain::{
+use crate::{
     id::{EncoderId, PolicyId, ScoreRunId, SnapshotId},
     order::TrainData,
     selection::Selection,

@@ -6,18 +6,16 @@ use gleaner_proto::v1;
 
 use super::field;
 use crate::{
-    domain::{
-        id::{PolicyId, ScoreRunId},
-        observation::{Acted, CameraFrame, Image, ImageFormat, Observation, Timings},
-        policy::{Deployment, DeploymentChange, Policy},
-    },
     error::{Error, Result},
+    id::{PolicyId, ScoreRunId},
+    observation::{Acted, CameraFrame, Image, ImageFormat, Observation, Timings},
+    policy::{Deployment, DeploymentChange, Policy},
 };
 
 const NAME_BYTES: usize = 128;
 
 /// A deployment's name, which may become part of a path or an address elsewhere.
-pub(crate) fn deployment_name(field: &str, name: String) -> Result<String> {
+pub fn deployment_name(field: &str, name: String) -> Result<String> {
     let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-' | '@');
     if name.is_empty() || name.len() > NAME_BYTES || !name.chars().all(fits) {
         return Err(Error::invalid(
@@ -28,29 +26,45 @@ pub(crate) fn deployment_name(field: &str, name: String) -> Result<String> {
     Ok(name)
 }
 
-pub(crate) fn deploy_request(request: v1::DeployRequest) -> Result<(String, PolicyId, Option<ScoreRunId>)> {
+/// Reads the name, the policy and the score run to score with, if any.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn deploy_request(request: v1::DeployRequest) -> Result<(String, PolicyId, Option<ScoreRunId>)> {
     let v1::DeployRequest { name, policy_id, score_run_id } = request;
     let score_run = (!score_run_id.is_empty()).then(|| ScoreRunId::parse("score_run_id", &score_run_id)).transpose()?;
     Ok((deployment_name("name", name)?, PolicyId::parse("policy_id", &policy_id)?, score_run))
 }
 
-pub(crate) fn roll_back_request(request: v1::RollBackRequest) -> Result<String> {
+/// Reads the name of the deployment to roll back.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn roll_back_request(request: v1::RollBackRequest) -> Result<String> {
     deployment_name("name", request.name)
 }
 
-pub(crate) fn act_request(request: v1::ActRequest) -> Result<(String, Vec<Observation>)> {
+/// Reads the deployment and the observations to act on.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn act_request(request: v1::ActRequest) -> Result<(String, Vec<Observation>)> {
     let v1::ActRequest { deployment, observations } = request;
     let deployment = deployment_name("deployment", deployment)?;
     let read = |(index, sent)| observation(&format!("observations[{index}]"), sent);
     Ok((deployment, observations.into_iter().enumerate().map(read).collect::<Result<_>>()?))
 }
 
-/// 0 is none.
-pub(super) fn deadline(micros: u32) -> Option<Duration> {
+/// A deadline in microseconds; 0 means none.
+pub fn deadline(micros: u32) -> Option<Duration> {
     (micros > 0).then(|| Duration::from_micros(micros.into()))
 }
 
-pub(crate) fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
+/// Reads one observation at `path` of the request.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
     let v1::Observation { stamp_ns, cameras, proprioception, executed_action, deadline_us } = sent;
     let read = |(index, frame)| camera_frame(&format!("{path}.cameras[{index}]"), frame);
     Ok(Observation {
@@ -86,7 +100,8 @@ fn image(path: &str, sent: v1::Image) -> Result<Image> {
     Ok(Image { format, data })
 }
 
-pub(crate) fn policy(policy: Policy) -> v1::Policy {
+/// A policy.
+pub fn policy(policy: Policy) -> v1::Policy {
     let Policy { id, task_id, job_id, kind, encoder_id, dataset_id, checkpoint: _, created_at } = policy;
     v1::Policy {
         id: id.into(),
@@ -99,7 +114,8 @@ pub(crate) fn policy(policy: Policy) -> v1::Policy {
     }
 }
 
-pub(crate) fn deployment(deployment: Deployment) -> v1::Deployment {
+/// A deployment with its history.
+pub fn deployment(deployment: Deployment) -> v1::Deployment {
     let policy_id = deployment.policy_id().map(ToString::to_string).unwrap_or_default();
     let score_run_id = deployment.score_run_id().map(ToString::to_string).unwrap_or_default();
     let Deployment { name, task_id, history } = deployment;
@@ -115,7 +131,8 @@ pub(crate) fn deployment(deployment: Deployment) -> v1::Deployment {
     v1::Deployment { name, task_id: task_id.into(), policy_id, history, score_run_id }
 }
 
-pub(crate) fn act_response(acted: Acted) -> v1::ActResponse {
+/// The actions of a policy, with the time they took.
+pub fn act_response(acted: Acted) -> v1::ActResponse {
     let Acted { stamp_ns, actions, policy_id, timings: spent } = acted;
     v1::ActResponse {
         observation_stamp_ns: stamp_ns,
@@ -125,11 +142,13 @@ pub(crate) fn act_response(acted: Acted) -> v1::ActResponse {
     }
 }
 
-pub(super) fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
+/// Actions, one list of values for each step.
+pub fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
     actions.into_iter().map(|values| v1::ActionStep { values }).collect()
 }
 
-pub(super) fn timings(spent: Timings) -> v1::Timings {
+/// The time that the parts of an answer took.
+pub fn timings(spent: Timings) -> v1::Timings {
     let Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size } = spent;
     v1::Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size }
 }

@@ -1,6 +1,6 @@
 //! The kinds of jobs, policies, objectives and scorers on the wire, with their settings.
 
-use gleaner_core::{
+use crate::{
     EvaluateSpec, PretrainSpec, ScoreSpec, Setting, Shape, TrainSpec, Values,
     kinds::{Family, Kind, Needs},
     proto,
@@ -9,7 +9,7 @@ use gleaner_core::{
 use gleaner_proto::v1;
 
 /// Everything that a client may choose.
-pub(crate) fn list() -> v1::ListKindsResponse {
+pub fn list() -> v1::ListKindsResponse {
     let job = |name: &str, about: &str, settings: Vec<Setting>| v1::Kind {
         name: name.to_owned(),
         title: name.to_owned(),

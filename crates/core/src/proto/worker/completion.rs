@@ -3,26 +3,24 @@
 use gleaner_proto::v1;
 
 use crate::{
-    domain::{
-        dataset::ExportFile,
-        id::{BlobId, EpisodeId},
-        score::EpisodeScores,
-        work::Made,
-    },
+    dataset::ExportFile,
     error::{Error, Result},
-    wire::{evaluation, field, score, snapshot},
+    id::{BlobId, EpisodeId},
+    proto::{evaluation, field, score, snapshot},
+    score::EpisodeScores,
+    work::Made,
 };
 
 /// A result that is still arriving.
 #[derive(Debug, Default)]
-pub(crate) struct Completion(Option<Made>);
+pub struct Completion(Option<Made>);
 
 impl Completion {
     /// Takes the next message: first a result, then, for a score run, episodes.
     ///
     /// # Errors
     /// Invalid when it comes out of turn or a field is wrong.
-    pub(crate) fn push(&mut self, message: v1::CompleteJobRequest) -> Result<()> {
+    pub fn push(&mut self, message: v1::CompleteJobRequest) -> Result<()> {
         let v1::CompleteJobRequest { message } = message;
         let message = field::required("message", message)?;
         if let v1::complete_job_request::Message::EpisodeScores(scores) = message {
@@ -47,7 +45,7 @@ impl Completion {
     ///
     /// # Errors
     /// Invalid when no message came.
-    pub(crate) fn whole(self) -> Result<Made> {
+    pub fn whole(self) -> Result<Made> {
         field::required("message", self.0)
     }
 }
@@ -126,7 +124,7 @@ pub(super) fn scores_from(scores: v1::EpisodeScores) -> Result<EpisodeScores> {
 }
 
 /// The messages that carry a result.
-pub(crate) fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
+pub fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
     use v1::complete_job_request::Message;
     let wrap = |message| v1::CompleteJobRequest { message: Some(message) };
     match made {
@@ -154,7 +152,7 @@ pub(crate) fn completion_messages(made: Made) -> Vec<v1::CompleteJobRequest> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::{evaluation::SeedResult, snapshot::Role};
+    use crate::{evaluation::SeedResult, snapshot::Role};
 
     fn scores() -> Made {
         Made::Scores {

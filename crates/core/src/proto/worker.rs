@@ -5,29 +5,27 @@ mod kept;
 
 use gleaner_proto::v1;
 
-pub(crate) use self::completion::{Completion, completion_messages};
+pub use self::completion::{Completion, completion_messages};
 use super::{field, job, order, score, task};
 use crate::{
-    domain::{
-        id::{BlobId, EpisodeId, JobId},
-        job::Job,
-        order::JobOrder,
-        score::EpisodeScores,
-        work::{FrozenRun, InputEpisode, Inputs, Progress},
-    },
     error::{Error, Result},
+    id::{BlobId, EpisodeId, JobId},
+    job::Job,
+    order::JobOrder,
+    score::EpisodeScores,
+    work::{FrozenRun, InputEpisode, Inputs, Progress},
 };
 
 /// Longest error of a worker that is kept, in characters.
 const LONGEST_ERROR: usize = 2000;
 
 /// What a worker is given.
-pub(crate) fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
+pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
     let Inputs { task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length, policy, base } = inputs;
     let (kept, match_episode_ids) = kept::to(kept);
     v1::GetAssignmentResponse {
         job: Some(job::job(assigned)),
-        task: Some(task::spec_to(spec)),
+        task: Some(task::spec_to_proto(spec)),
         experts: experts.into_iter().map(episode_to).collect(),
         imperfect: imperfect.into_iter().map(episode_to).collect(),
         kept,
@@ -46,7 +44,7 @@ pub(crate) fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResp
 }
 
 /// One episode's scores of the run that a job goes on from.
-pub(crate) fn base_scores(scores: EpisodeScores) -> v1::StreamBaseScoresResponse {
+pub fn base_scores(scores: EpisodeScores) -> v1::StreamBaseScoresResponse {
     let scores = EpisodeScores { q: Vec::new(), ..scores };
     v1::StreamBaseScoresResponse { scores: Some(score::episode_scores(scores, Vec::new())) }
 }
@@ -55,7 +53,7 @@ pub(crate) fn base_scores(scores: EpisodeScores) -> v1::StreamBaseScoresResponse
 ///
 /// # Errors
 /// Invalid when the server speaks another version.
-pub(crate) fn base_scores_from(response: v1::StreamBaseScoresResponse) -> Result<EpisodeScores> {
+pub fn base_scores_from(response: v1::StreamBaseScoresResponse) -> Result<EpisodeScores> {
     completion::scores_from(field::required("scores", response.scores)?)
 }
 
@@ -68,7 +66,7 @@ fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
 ///
 /// # Errors
 /// Invalid when the server speaks another version.
-pub(crate) fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder, Inputs)> {
+pub fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder, Inputs)> {
     let v1::GetAssignmentResponse {
         job,
         task: spec,
@@ -84,7 +82,7 @@ pub(crate) fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, Jo
     } = response;
     let job = field::required("job", job)?;
     let inputs = Inputs {
-        task: task::create_request(v1::CreateTaskRequest { spec }, &gleaner_recording::Limits::ADMITTED)?,
+        task: task::spec_from_proto(field::required("task", spec)?)?,
         experts: experts.into_iter().map(episode_from).collect::<Result<_>>()?,
         imperfect: imperfect.into_iter().map(episode_from).collect::<Result<_>>()?,
         kept: kept::from(kept, match_episode_ids)?,
@@ -121,7 +119,7 @@ fn blob_from(at: &str, blob: String) -> Result<Option<BlobId>> {
 ///
 /// # Errors
 /// Invalid names the field.
-pub(crate) fn progress_request(request: v1::ReportProgressRequest) -> Result<Progress> {
+pub fn progress_request(request: v1::ReportProgressRequest) -> Result<Progress> {
     let v1::ReportProgressRequest { done, total, message, metrics, peak_memory_bytes } = request;
     let metrics = metrics.into_iter().enumerate().map(|(i, v1::Metric { step, name, value })| {
         if !value.is_finite() {
@@ -139,7 +137,7 @@ pub(crate) fn progress_request(request: v1::ReportProgressRequest) -> Result<Pro
 }
 
 /// Progress.
-pub(crate) fn progress(progress: Progress) -> v1::ReportProgressRequest {
+pub fn progress(progress: Progress) -> v1::ReportProgressRequest {
     let Progress { done, total, message, metrics, peak_memory_bytes } = progress;
     let metrics = metrics.into_iter().map(|(step, name, value)| v1::Metric { step, name, value }).collect();
     v1::ReportProgressRequest { done, total, message, metrics, peak_memory_bytes }
@@ -149,13 +147,13 @@ pub(crate) fn progress(progress: Progress) -> v1::ReportProgressRequest {
 ///
 /// # Errors
 /// Invalid when the blob is no digest.
-pub(crate) fn checkpoint_request(request: v1::SaveCheckpointRequest) -> Result<(u64, BlobId)> {
+pub fn checkpoint_request(request: v1::SaveCheckpointRequest) -> Result<(u64, BlobId)> {
     let v1::SaveCheckpointRequest { step, blob } = request;
     Ok((step, BlobId::parse("blob", &blob)?))
 }
 
 /// What went wrong, shortened if it is long, and whether another attempt could help.
-pub(crate) fn fail_request(request: v1::FailJobRequest) -> (String, bool) {
+pub fn fail_request(request: v1::FailJobRequest) -> (String, bool) {
     let v1::FailJobRequest { error, retry } = request;
     let error = if error.is_empty() { "the worker gave no reason".to_owned() } else { error };
     (error.chars().take(LONGEST_ERROR).collect(), retry)

@@ -3,17 +3,17 @@
 use prost_types::Timestamp;
 
 use crate::{
-    domain::time::Millis,
     error::{Error, Result},
+    time::Millis,
 };
 
 /// A message field that must be set.
-pub(crate) fn required<T>(field: &str, value: Option<T>) -> Result<T> {
+pub fn required<T>(field: &str, value: Option<T>) -> Result<T> {
     value.ok_or_else(|| Error::invalid(field, "must be set"))
 }
 
 /// A text that must not be empty, nor longer than 255 bytes, nor hold control characters.
-pub(crate) fn text(field: &str, value: String) -> Result<String> {
+pub fn text(field: &str, value: String) -> Result<String> {
     if value.is_empty() {
         return Err(Error::invalid(field, "must not be empty"));
     }
@@ -21,7 +21,7 @@ pub(crate) fn text(field: &str, value: String) -> Result<String> {
 }
 
 /// A text that may be empty, but not longer than 255 bytes, nor hold control characters.
-pub(crate) fn tag(field: &str, value: String) -> Result<String> {
+pub fn tag(field: &str, value: String) -> Result<String> {
     if value.len() > 255 {
         return Err(Error::invalid(field, "must be at most 255 bytes"));
     }
@@ -32,7 +32,7 @@ pub(crate) fn tag(field: &str, value: String) -> Result<String> {
 }
 
 /// A page size: 0 means 100, more than 1000 is refused.
-pub(crate) fn page_size(value: u32) -> Result<u32> {
+pub fn page_size(value: u32) -> Result<u32> {
     match value {
         0 => Ok(100),
         1..=1000 => Ok(value),
@@ -41,7 +41,7 @@ pub(crate) fn page_size(value: u32) -> Result<u32> {
 }
 
 /// A point in time for the wire.
-pub(crate) fn timestamp(time: Millis) -> Timestamp {
+pub fn timestamp(time: Millis) -> Timestamp {
     let nanos = i32::try_from(time.0.rem_euclid(1000) * 1_000_000).unwrap_or(0);
     Timestamp { seconds: time.0.div_euclid(1000), nanos }
 }

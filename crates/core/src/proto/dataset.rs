@@ -4,45 +4,67 @@ use gleaner_proto::v1;
 
 use super::{field, score};
 use crate::{
-    domain::{
-        dataset::{Dataset, DatasetCounts, ExportFile},
-        id::{DatasetId, ExportId, ScoreRunId},
-        selection::Selection,
-    },
+    dataset::{Dataset, DatasetCounts, ExportFile},
     error::Result,
+    id::{DatasetId, ExportId, ScoreRunId},
+    selection::Selection,
 };
 
 /// What to stream of a dataset.
-pub(crate) struct SegmentsRequest {
-    pub(crate) dataset_id: DatasetId,
-    pub(crate) include_frames: bool,
-    pub(crate) kept_only: bool,
+pub struct SegmentsRequest {
+    /// The dataset.
+    pub dataset_id: DatasetId,
+    /// Whether the frames are sent too.
+    pub include_frames: bool,
+    /// Whether only kept segments are sent.
+    pub kept_only: bool,
 }
 
-pub(crate) fn dataset_id(text: &str) -> Result<DatasetId> {
+/// Reads the id of a dataset.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn dataset_id(text: &str) -> Result<DatasetId> {
     DatasetId::parse("dataset_id", text)
 }
 
-pub(crate) fn export_id(text: &str) -> Result<ExportId> {
+/// Reads the id of an export.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn export_id(text: &str) -> Result<ExportId> {
     ExportId::parse("export_id", text)
 }
 
-pub(crate) fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, Selection)> {
+/// Reads the run and the selection of a new dataset.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, Selection)> {
     let v1::CreateDatasetRequest { score_run_id, selection } = request;
     Ok((score::score_run_id(&score_run_id)?, score::selection_from_proto("selection", selection)?))
 }
 
-pub(crate) fn segments_request(request: v1::StreamSegmentsRequest) -> Result<SegmentsRequest> {
+/// Reads which segments to stream.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn segments_request(request: v1::StreamSegmentsRequest) -> Result<SegmentsRequest> {
     let v1::StreamSegmentsRequest { dataset_id: id, include_frames, kept_only } = request;
     Ok(SegmentsRequest { dataset_id: dataset_id(&id)?, include_frames, kept_only })
 }
 
-pub(crate) fn download_request(request: v1::DownloadExportFileRequest) -> Result<(ExportId, String)> {
+/// Reads the export and the name of one of its files.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn download_request(request: v1::DownloadExportFileRequest) -> Result<(ExportId, String)> {
     let v1::DownloadExportFileRequest { export_id: id, name } = request;
     Ok((export_id(&id)?, field::text("name", name)?))
 }
 
-pub(crate) fn dataset(dataset: Dataset, counts: Option<DatasetCounts>) -> v1::Dataset {
+/// A dataset with its counts, if they are known.
+pub fn dataset(dataset: Dataset, counts: Option<DatasetCounts>) -> v1::Dataset {
     let Dataset { id, task_id, score_run_id, selection, created_at } = dataset;
     v1::Dataset {
         id: id.into(),
@@ -56,7 +78,8 @@ pub(crate) fn dataset(dataset: Dataset, counts: Option<DatasetCounts>) -> v1::Da
     }
 }
 
-pub(crate) fn export_file(file: ExportFile) -> v1::ExportFile {
+/// A file of an export.
+pub fn export_file(file: ExportFile) -> v1::ExportFile {
     let ExportFile { name, blob, size_bytes } = file;
     v1::ExportFile { name, size_bytes, blake3: blob.into() }
 }

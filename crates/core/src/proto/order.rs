@@ -9,22 +9,20 @@ mod train;
 
 use gleaner_proto::v1;
 
-pub(crate) use self::pipeline::{pipeline, pipeline_to_proto};
+pub use self::pipeline::{pipeline, pipeline_to_proto};
 use super::field;
 use crate::{
-    domain::{
-        id::DatasetId,
-        job::JobSpec,
-        order::{JobOrder, Subject},
-    },
     error::{Error, Result},
+    id::DatasetId,
+    job::JobSpec,
+    order::{JobOrder, Subject},
 };
 
 /// Reads what a job is to do.
 ///
 /// # Errors
 /// Invalid names the field, such as `spec.pretrain.optim.steps`, and the mend.
-pub(crate) fn order(spec: Option<v1::JobSpec>) -> Result<JobOrder> {
+pub fn order(spec: Option<v1::JobSpec>) -> Result<JobOrder> {
     let v1::JobSpec { spec } = field::required("spec", spec)?;
     match field::required("spec", spec)? {
         v1::job_spec::Spec::Pretrain(spec) => {
@@ -45,7 +43,7 @@ pub(crate) fn order(spec: Option<v1::JobSpec>) -> Result<JobOrder> {
 }
 
 /// A complete spec.
-pub(crate) fn spec_to_proto(spec: JobSpec) -> v1::JobSpec {
+pub fn spec_to_proto(spec: JobSpec) -> v1::JobSpec {
     let spec = match spec {
         JobSpec::Pretrain { snapshot_id, spec } => {
             v1::job_spec::Spec::Pretrain(pretrain::to_proto(&spec, snapshot_id.into(), None))

@@ -1,11 +1,11 @@
 //! Settings of jobs on the wire, which are data, and the problems of reading them.
 
-use gleaner_core::{Problem, Values, proto};
+use crate::{Problem, Values, proto};
 use prost_types::Struct;
 
 use crate::{
-    domain::id::SnapshotId,
     error::{Error, Result},
+    id::SnapshotId,
 };
 
 /// Reads the settings of a spec: `read` checks them against the schema.

@@ -4,13 +4,11 @@ use gleaner_proto::v1;
 
 use super::{field, order};
 use crate::{
-    domain::{
-        id::JobId,
-        job::{Job, JobKind, JobState, Metric},
-        order::{JobOrder, Queueing},
-        schedule::PipelineSpec,
-    },
     error::{Error, Result},
+    id::JobId,
+    job::{Job, JobKind, JobState, Metric},
+    order::{JobOrder, Queueing},
+    schedule::PipelineSpec,
 };
 
 /// More attempts than this help nobody.
@@ -21,7 +19,7 @@ const MAX_NEEDS: usize = 100;
 const LONGEST_KEY: usize = 200;
 
 /// Reads a job's id.
-pub(crate) fn job_id(text: &str) -> Result<JobId> {
+pub fn job_id(text: &str) -> Result<JobId> {
     JobId::parse("job_id", text)
 }
 
@@ -29,7 +27,7 @@ pub(crate) fn job_id(text: &str) -> Result<JobId> {
 ///
 /// # Errors
 /// Invalid names the field and the mend.
-pub(crate) fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
+pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
     let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts, key } = request;
     if needs.len() > MAX_NEEDS {
         return Err(Error::invalid("needs", format!("are {}, must be at most {MAX_NEEDS}", needs.len())));
@@ -49,28 +47,28 @@ pub(crate) fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, J
 ///
 /// # Errors
 /// Invalid names the field and the mend.
-pub(crate) fn pipeline_request(request: v1::SubmitPipelineRequest) -> Result<(String, PipelineSpec, i32)> {
+pub fn pipeline_request(request: v1::SubmitPipelineRequest) -> Result<(String, PipelineSpec, i32)> {
     let v1::SubmitPipelineRequest { task, pipeline, priority } = request;
     Ok((field::text("task", task)?, order::pipeline(pipeline)?, priority))
 }
 
 /// Which page of which jobs.
-pub(crate) struct ListRequest {
+pub struct ListRequest {
     /// The task's name or id; empty: every task.
-    pub(crate) task: String,
+    pub task: String,
     /// Only in this state.
-    pub(crate) state: Option<JobState>,
+    pub state: Option<JobState>,
     /// Jobs on the page.
-    pub(crate) size: u32,
+    pub size: u32,
     /// Where the page begins.
-    pub(crate) before: Option<JobId>,
+    pub before: Option<JobId>,
 }
 
 /// Reads which jobs to list.
 ///
 /// # Errors
 /// Invalid names the field.
-pub(crate) fn list_request(request: v1::ListJobsRequest) -> Result<ListRequest> {
+pub fn list_request(request: v1::ListJobsRequest) -> Result<ListRequest> {
     let v1::ListJobsRequest { task, state, page_size, page_token } = request;
     let before = if page_token.is_empty() { None } else { Some(JobId::parse("page_token", &page_token)?) };
     Ok(ListRequest { task, state: state_from(state)?, size: field::page_size(page_size)?, before })
@@ -89,7 +87,7 @@ fn state_from(state: i32) -> Result<Option<JobState>> {
 }
 
 /// A job.
-pub(crate) fn job(job: Job) -> v1::Job {
+pub fn job(job: Job) -> v1::Job {
     let kind = match job.spec.kind() {
         JobKind::Pretrain => v1::JobKind::Pretrain,
         JobKind::Score => v1::JobKind::Score,
@@ -154,13 +152,13 @@ fn state_to(state: JobState) -> v1::JobState {
 }
 
 /// A metric.
-pub(crate) fn metric(metric: Metric) -> v1::Metric {
+pub fn metric(metric: Metric) -> v1::Metric {
     let Metric { sequence: _, step, name, value } = metric;
     v1::Metric { step, name, value }
 }
 
 /// How a job stands, and what is new.
-pub(crate) fn watched((now, metrics): (Job, Vec<Metric>)) -> v1::WatchJobResponse {
+pub fn watched((now, metrics): (Job, Vec<Metric>)) -> v1::WatchJobResponse {
     v1::WatchJobResponse { job: Some(job(now)), metrics: metrics.into_iter().map(metric).collect() }
 }
 

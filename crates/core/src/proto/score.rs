@@ -4,24 +4,26 @@ use gleaner_proto::v1;
 
 use super::{field, snapshot};
 use crate::{
-    domain::{
-        id::{EpisodeId, ScoreRunId},
-        score::{EpisodeScores, Histogram, KeptCount, RunCounts, ScoreRun},
-        selection::{Kept, Selection, WhatIf},
-    },
     error::{Error, Result},
+    id::{EpisodeId, ScoreRunId},
+    score::{EpisodeScores, Histogram, KeptCount, RunCounts, ScoreRun},
+    selection::{Kept, Selection, WhatIf},
 };
 
 const MAX_BINS: u32 = 1000;
 const MAX_BETAS: usize = 1000;
 const MAX_SELECTIONS: usize = 100;
 
-pub(crate) fn score_run_id(text: &str) -> Result<ScoreRunId> {
+/// Reads the id of a score run.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn score_run_id(text: &str) -> Result<ScoreRunId> {
     ScoreRunId::parse("score_run_id", text)
 }
 
 /// A threshold that a caller gave in `field`.
-pub(crate) fn beta(field: &str, beta: f64) -> Result<f64> {
+pub fn beta(field: &str, beta: f64) -> Result<f64> {
     if (0.0..=1.0).contains(&beta) {
         return Ok(beta);
     }
@@ -29,20 +31,24 @@ pub(crate) fn beta(field: &str, beta: f64) -> Result<f64> {
 }
 
 /// A part of all segments that a caller gave in `field`.
-pub(crate) fn top_fraction(field: &str, part: f64) -> Result<f64> {
+pub fn top_fraction(field: &str, part: f64) -> Result<f64> {
     if part > 0.0 && part <= 1.0 {
         return Ok(part);
     }
     Err(Error::invalid(field, format!("is {part}, must be above 0 and at most 1")))
 }
 
-pub(crate) fn episode_scores_request(request: v1::GetEpisodeScoresRequest) -> Result<(ScoreRunId, EpisodeId)> {
+/// Reads the run and the episode whose scores are wanted.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn episode_scores_request(request: v1::GetEpisodeScoresRequest) -> Result<(ScoreRunId, EpisodeId)> {
     let v1::GetEpisodeScoresRequest { score_run_id: run, episode_id } = request;
     Ok((score_run_id(&run)?, EpisodeId::parse("episode_id", &episode_id)?))
 }
 
 /// The run, and the empty histogram to fill from it.
-pub(crate) fn histogram_request(request: v1::GetHistogramRequest) -> Result<(ScoreRunId, Histogram)> {
+pub fn histogram_request(request: v1::GetHistogramRequest) -> Result<(ScoreRunId, Histogram)> {
     let v1::GetHistogramRequest { score_run_id: run, bins, betas } = request;
     let run = score_run_id(&run)?;
     let bins = match bins {
@@ -60,7 +66,8 @@ pub(crate) fn histogram_request(request: v1::GetHistogramRequest) -> Result<(Sco
     Ok((run, Histogram::new(bins, &betas)))
 }
 
-pub(crate) fn histogram_response(histogram: &Histogram) -> v1::GetHistogramResponse {
+/// A filled histogram.
+pub fn histogram_response(histogram: &Histogram) -> v1::GetHistogramResponse {
     let kept = histogram.kept().into_iter().map(|KeptCount { beta, segments, episodes }| v1::KeptCount {
         beta,
         segments,
@@ -73,7 +80,8 @@ pub(crate) fn histogram_response(histogram: &Histogram) -> v1::GetHistogramRespo
     }
 }
 
-pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
+/// A score run with how much it covers.
+pub fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
     let ScoreRun {
         id,
         task_id,
@@ -94,7 +102,7 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
         task_id: task_id.into(),
         encoder_id: encoder_id.into(),
         snapshot_id: snapshot_id.into(),
-        settings: Some(gleaner_core::proto::to_struct(&spec.values())),
+        settings: Some(crate::proto::to_struct(&spec.values())),
         lo,
         hi,
         imperfect_episodes,
@@ -109,7 +117,7 @@ pub(crate) fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
 ///
 /// # Errors
 /// Invalid when it is missing or out of range.
-pub(crate) fn selection_from_proto(at: &str, selection: Option<v1::Selection>) -> Result<Selection> {
+pub fn selection_from_proto(at: &str, selection: Option<v1::Selection>) -> Result<Selection> {
     match selection.and_then(|v1::Selection { rule }| rule) {
         Some(v1::selection::Rule::Beta(value)) => beta(&format!("{at}.beta"), value).map(Selection::Beta),
         Some(v1::selection::Rule::TopFraction(part)) => {
@@ -120,7 +128,7 @@ pub(crate) fn selection_from_proto(at: &str, selection: Option<v1::Selection>) -
 }
 
 /// A selection.
-pub(crate) fn selection_to_proto(selection: Selection) -> v1::Selection {
+pub fn selection_to_proto(selection: Selection) -> v1::Selection {
     let rule = match selection {
         Selection::Beta(beta) => v1::selection::Rule::Beta(beta),
         Selection::TopFraction(part) => v1::selection::Rule::TopFraction(part),
@@ -132,7 +140,7 @@ pub(crate) fn selection_to_proto(selection: Selection) -> v1::Selection {
 ///
 /// # Errors
 /// Invalid when there is no selection, too many, or one that is out of range.
-pub(crate) fn count_request(request: v1::CountKeptRequest) -> Result<(ScoreRunId, Vec<Selection>, bool)> {
+pub fn count_request(request: v1::CountKeptRequest) -> Result<(ScoreRunId, Vec<Selection>, bool)> {
     let v1::CountKeptRequest { score_run_id: run, selections, per_episode } = request;
     if selections.is_empty() || selections.len() > MAX_SELECTIONS {
         let count = selections.len();
@@ -144,7 +152,7 @@ pub(crate) fn count_request(request: v1::CountKeptRequest) -> Result<(ScoreRunId
 }
 
 /// What one selection would keep.
-pub(crate) fn what_if(counted: WhatIf, per_episode: bool) -> v1::KeptBySelection {
+pub fn what_if(counted: WhatIf, per_episode: bool) -> v1::KeptBySelection {
     let WhatIf { selection, threshold, total, cohorts, episodes } = counted;
     let cohorts = cohorts.into_iter().map(|(cohort, of)| v1::KeptOfCohort { cohort, kept: Some(kept(of)) });
     let episodes = episodes.into_iter().filter(|_| per_episode);
@@ -164,7 +172,8 @@ fn kept(kept: Kept) -> v1::Kept {
     v1::Kept { segments, of_segments, episodes, of_episodes }
 }
 
-pub(crate) fn episode_scores(scores: EpisodeScores, expert_ids: Vec<EpisodeId>) -> v1::EpisodeScores {
+/// One episode's scores; `expert_ids` are what `match_episode` counts in.
+pub fn episode_scores(scores: EpisodeScores, expert_ids: Vec<EpisodeId>) -> v1::EpisodeScores {
     let EpisodeScores { episode_id, role, w, q, match_episode, match_step, distances } = scores;
     let distance = |modality: usize| distances.iter().map(|all| all[modality]).collect();
     v1::EpisodeScores {

@@ -1,15 +1,13 @@
 //! Scoring on the wire.
 
-use gleaner_core::ScoreSpec;
+use crate::ScoreSpec;
 use gleaner_proto::v1;
 
 use super::settings::{self, optional_snapshot};
 use crate::{
-    domain::{
-        id::{EncoderId, ScoreRunId},
-        order::JobOrder,
-    },
     error::{Error, Result},
+    id::{EncoderId, ScoreRunId},
+    order::JobOrder,
 };
 
 pub(super) fn order(at: &str, spec: v1::ScoreSpec) -> Result<JobOrder> {

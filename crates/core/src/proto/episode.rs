@@ -1,27 +1,25 @@
 //! Episodes, labels and reports on the wire.
 
+use crate::{Finding, Report, Severity};
 use gleaner_proto::v1;
-use gleaner_recording::{Finding, Report, Severity};
 
 use super::field;
 use crate::{
-    domain::{
-        episode::{Episode, EpisodeFilter, InspectedEpisode, Label, NewLabel, Outcome},
-        id::{EpisodeId, TaskId},
-    },
+    episode::{Episode, EpisodeFilter, InspectedEpisode, Label, NewLabel, Outcome},
     error::{Error, Result},
+    id::{EpisodeId, TaskId},
 };
 
 /// Most episodes labelled or deleted in one act.
 const MANY_EPISODES: usize = 10_000;
 
 /// Reads an episode's id.
-pub(crate) fn episode_id(text: &str) -> Result<EpisodeId> {
+pub fn episode_id(text: &str) -> Result<EpisodeId> {
     EpisodeId::parse("episode_id", text)
 }
 
 /// Reads an outcome; `None` when unspecified.
-pub(crate) fn outcome_from_proto(field: &str, outcome: i32) -> Result<Option<Outcome>> {
+pub fn outcome_from_proto(field: &str, outcome: i32) -> Result<Option<Outcome>> {
     match v1::Outcome::try_from(outcome) {
         Ok(v1::Outcome::Unspecified) => Ok(None),
         Ok(v1::Outcome::Success) => Ok(Some(Outcome::Success)),
@@ -31,14 +29,17 @@ pub(crate) fn outcome_from_proto(field: &str, outcome: i32) -> Result<Option<Out
     }
 }
 
-/// An outcome that must be said.
-pub(super) fn said_outcome(outcome: i32) -> Result<Outcome> {
+/// Reads an outcome that must be set.
+///
+/// # Errors
+/// Invalid when it is not set or not known.
+pub fn said_outcome(outcome: i32) -> Result<Outcome> {
     outcome_from_proto("outcome", outcome)?
         .ok_or_else(|| Error::invalid("outcome", "say how it ended: success, failure or unknown"))
 }
 
 /// An outcome.
-pub(crate) fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
+pub fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
     match outcome {
         Outcome::Success => v1::Outcome::Success,
         Outcome::Failure => v1::Outcome::Failure,
@@ -47,14 +48,17 @@ pub(crate) fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
 }
 
 /// Which episodes to list.
-pub(crate) struct Listing {
-    pub(crate) filter: EpisodeFilter,
-    pub(crate) after: Option<EpisodeId>,
-    pub(crate) size: u32,
+pub struct Listing {
+    /// The episodes meant.
+    pub filter: EpisodeFilter,
+    /// The last episode of the page before; `None` for the first page.
+    pub after: Option<EpisodeId>,
+    /// The most episodes on a page.
+    pub size: u32,
 }
 
 /// Which of the task's episodes to list. A page token is the id of the last episode before the page.
-pub(crate) fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result<Listing> {
+pub fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result<Listing> {
     let v1::ListEpisodesRequest { task: _, outcome, cohort, page_size, page_token, deleted } = request;
     let after = match page_token.as_str() {
         "" => None,
@@ -68,7 +72,7 @@ pub(crate) fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) ->
 }
 
 /// The episodes to label, and their label.
-pub(crate) fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<EpisodeId>, NewLabel)> {
+pub fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<EpisodeId>, NewLabel)> {
     let v1::LabelEpisodesRequest { episode_ids, outcome, cohort, author, reason } = request;
     let ids = episode_ids_of(&episode_ids)?;
     let label = NewLabel {
@@ -90,17 +94,17 @@ fn episode_ids_of(episode_ids: &[String]) -> Result<Vec<EpisodeId>> {
 }
 
 /// The episodes to delete, and whether by force.
-pub(crate) fn delete_request(request: &v1::DeleteEpisodesRequest) -> Result<(Vec<EpisodeId>, bool)> {
+pub fn delete_request(request: &v1::DeleteEpisodesRequest) -> Result<(Vec<EpisodeId>, bool)> {
     Ok((episode_ids_of(&request.episode_ids)?, request.force))
 }
 
 /// The episodes to take back.
-pub(crate) fn undelete_request(request: &v1::UndeleteEpisodesRequest) -> Result<Vec<EpisodeId>> {
+pub fn undelete_request(request: &v1::UndeleteEpisodesRequest) -> Result<Vec<EpisodeId>> {
     episode_ids_of(&request.episode_ids)
 }
 
 /// An episode.
-pub(crate) fn episode(episode: Episode) -> v1::Episode {
+pub fn episode(episode: Episode) -> v1::Episode {
     let Episode {
         id,
         task_id,
@@ -134,12 +138,13 @@ pub(crate) fn episode(episode: Episode) -> v1::Episode {
 }
 
 /// An episode and what its inspection found.
-pub(crate) fn inspected(inspected: InspectedEpisode) -> (v1::Episode, v1::Report) {
+pub fn inspected(inspected: InspectedEpisode) -> (v1::Episode, v1::Report) {
     let duration_s = inspected.episode.duration_s;
     (episode(inspected.episode), report(inspected.report, duration_s))
 }
 
-pub(crate) fn report(report: Report, duration_s: f64) -> v1::Report {
+/// A report, with the duration in seconds.
+pub fn report(report: Report, duration_s: f64) -> v1::Report {
     let Report { mapping, messages, steps, duration_ns: _, rate_hz, dropped_ticks: _, topics: _, findings } = report;
     v1::Report { findings: findings.into_iter().map(finding).collect(), mapping, messages, steps, duration_s, rate_hz }
 }
@@ -157,7 +162,7 @@ fn finding(finding: Finding) -> v1::Finding {
 }
 
 /// A label.
-pub(crate) fn label(label: Label) -> v1::Label {
+pub fn label(label: Label) -> v1::Label {
     let Label { outcome, cohort, author, reason, created_at } = label;
     v1::Label {
         outcome: outcome_to_proto(outcome).into(),
@@ -170,7 +175,7 @@ pub(crate) fn label(label: Label) -> v1::Label {
 
 #[cfg(test)]
 mod tests {
-    use gleaner_recording::FindingCode;
+    use crate::FindingCode;
 
     use super::*;
 

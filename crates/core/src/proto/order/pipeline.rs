@@ -4,19 +4,19 @@ use gleaner_proto::v1;
 
 use super::{evaluate, pretrain, score, train};
 use crate::{
-    domain::schedule::PipelineSpec,
     error::{Error, Result},
-    wire::{
+    proto::{
         field,
         score::{beta, top_fraction},
     },
+    schedule::PipelineSpec,
 };
 
 /// Reads a pipeline.
 ///
 /// # Errors
 /// Invalid names the field, such as `pipeline.train.lambda`, and the mend.
-pub(crate) fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
+pub fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
     let v1::PipelineSpec {
         pretrain: first,
         score: scores,
@@ -70,7 +70,7 @@ fn filled<I, S>(name: &str, (input, spec): (Option<I>, S)) -> Result<S> {
 }
 
 /// A pipeline, with defaults filled in.
-pub(crate) fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
+pub fn pipeline_to_proto(pipeline: PipelineSpec) -> v1::PipelineSpec {
     let PipelineSpec {
         snapshot_id,
         rule,

@@ -1,16 +1,14 @@
 //! Evaluating on the wire.
 
-use gleaner_core::EvaluateSpec;
+use crate::EvaluateSpec;
 use gleaner_proto::v1;
 
 use super::settings;
 use crate::{
-    domain::{
-        id::PolicyId,
-        order::{JobOrder, Subject},
-    },
     error::{Error, Result},
-    wire::policy,
+    id::PolicyId,
+    order::{JobOrder, Subject},
+    proto::policy,
 };
 
 pub(super) fn order(at: &str, spec: v1::EvaluateSpec) -> Result<JobOrder> {

@@ -4,22 +4,20 @@ use gleaner_proto::v1;
 
 use super::{field, order};
 use crate::{
-    domain::{
-        id::{ScheduleId, TaskId},
-        schedule::{PipelineSpec, Schedule, Trigger},
-        time::Millis,
-    },
     error::{Error, Result},
+    id::{ScheduleId, TaskId},
+    schedule::{PipelineSpec, Schedule, Trigger},
+    time::Millis,
 };
 
 /// Reads a schedule's id.
-pub(crate) fn schedule_id(text: &str) -> Result<ScheduleId> {
+pub fn schedule_id(text: &str) -> Result<ScheduleId> {
     ScheduleId::parse("schedule_id", text)
 }
 
 /// A schedule to be made, without its task.
 #[derive(Debug)]
-pub(crate) struct NewSchedule {
+pub struct NewSchedule {
     name: String,
     trigger: Trigger,
     pipeline: PipelineSpec,
@@ -28,7 +26,7 @@ pub(crate) struct NewSchedule {
 
 impl NewSchedule {
     /// The schedule, for this task.
-    pub(crate) fn of(self, task_id: TaskId) -> Schedule {
+    pub fn of(self, task_id: TaskId) -> Schedule {
         let Self { name, trigger, pipeline, next_run_at } = self;
         Schedule {
             id: ScheduleId::new(),
@@ -50,7 +48,7 @@ impl NewSchedule {
 ///
 /// # Errors
 /// Invalid names the field and the mend.
-pub(crate) fn create_request(request: v1::CreateScheduleRequest, now: Millis) -> Result<(String, NewSchedule)> {
+pub fn create_request(request: v1::CreateScheduleRequest, now: Millis) -> Result<(String, NewSchedule)> {
     let v1::CreateScheduleRequest { task, name, trigger, pipeline } = request;
     let trigger = match trigger {
         Some(v1::create_schedule_request::Trigger::Cron(expression)) => Trigger::Cron(field::text("cron", expression)?),
@@ -73,7 +71,7 @@ pub(crate) fn create_request(request: v1::CreateScheduleRequest, now: Millis) ->
 }
 
 /// A schedule.
-pub(crate) fn schedule(schedule: Schedule) -> v1::Schedule {
+pub fn schedule(schedule: Schedule) -> v1::Schedule {
     let Schedule {
         id,
         task_id,
@@ -141,8 +139,7 @@ mod tests {
                 .starts_with("name: ")
         );
         let mut fixed = request(cron("* * * * *"));
-        fixed.pipeline.as_mut().unwrap().pretrain.as_mut().unwrap().snapshot_id =
-            crate::domain::id::SnapshotId::new().into();
+        fixed.pipeline.as_mut().unwrap().pretrain.as_mut().unwrap().snapshot_id = crate::id::SnapshotId::new().into();
         assert!(refusal(fixed).starts_with("pipeline.pretrain.snapshot_id: "));
     }
 }

@@ -1,10 +1,9 @@
 //! What goes to a worker and comes from it survives the wire.
 
-use gleaner_recording::{FieldSource, Mapping};
 use prost::Message as _;
 
 use super::*;
-use crate::domain::{
+use crate::{
     dataset::{KeptSegment, Nearest},
     id::{DatasetId, TaskId},
     job::{JobSpec, JobState},
@@ -56,19 +55,7 @@ fn an_assignment_survives_the_wire() {
         KeptSegment { end_step: 4, weight: 0.9, nearest: None },
     ];
     let base = FrozenRun { lo: -2.0, hi: -0.5, quantiles: vec![-2.0, -0.5], expert_ids: vec![expert.id.clone()] };
-    let mut task = crate::store::testing::spec();
-    let source = |field: &str| FieldSource {
-        field: field.into(),
-        topic: "/state".into(),
-        paths: vec!["position".into()],
-        names: Vec::new(),
-    };
-    task.mappings = vec![Mapping {
-        name: "plain".into(),
-        cameras: Vec::new(),
-        fields: vec![source("joint_position"), source("joint_velocity")],
-        clock: None,
-    }];
+    let task = crate::proto::task::tests::spec();
     let inputs = Inputs {
         task,
         experts: vec![expert],
@@ -132,7 +119,15 @@ fn a_long_error_is_shortened() {
 
 #[test]
 fn base_scores_survive_the_wire_without_q() {
-    let scores = crate::store::testing::results::scores(&EpisodeId::new(), Role::Expert, &[0.5, 0.25]);
+    let scores = EpisodeScores {
+        episode_id: EpisodeId::new(),
+        role: Role::Expert,
+        w: vec![-0.5, -0.75],
+        q: vec![0.5, 0.25],
+        match_episode: vec![0; 2],
+        match_step: vec![0, 1],
+        distances: vec![[0.5, 0.0, 0.5]; 2],
+    };
     let read = base_scores_from(base_scores(scores.clone())).unwrap();
     assert_eq!(read, EpisodeScores { q: Vec::new(), ..scores });
 }

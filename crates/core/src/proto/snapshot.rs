@@ -4,15 +4,13 @@ use gleaner_proto::v1;
 
 use super::{episode, field};
 use crate::{
-    domain::{
-        id::SnapshotId,
-        snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
-    },
     error::{Error, Result},
+    id::SnapshotId,
+    snapshot::{Role, RoleRule, Snapshot, SnapshotEpisode},
 };
 
 /// Reads a snapshot's id.
-pub(crate) fn snapshot_id(text: &str) -> Result<SnapshotId> {
+pub fn snapshot_id(text: &str) -> Result<SnapshotId> {
     SnapshotId::parse("snapshot_id", text)
 }
 
@@ -20,7 +18,7 @@ pub(crate) fn snapshot_id(text: &str) -> Result<SnapshotId> {
 ///
 /// # Errors
 /// Invalid when a cohort is on both sides of the rule.
-pub(crate) fn create_request(request: v1::CreateSnapshotRequest) -> Result<(String, RoleRule)> {
+pub fn create_request(request: v1::CreateSnapshotRequest) -> Result<(String, RoleRule)> {
     let v1::CreateSnapshotRequest { task, rule } = request;
     Ok((field::text("task", task)?, rule_from_proto("rule", rule)?))
 }
@@ -32,7 +30,7 @@ const MAX_COHORTS: usize = 1000;
 ///
 /// # Errors
 /// Invalid when a cohort is on both sides or is no tag, when there are too many, or a limit is negative or not a number.
-pub(crate) fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<RoleRule> {
+pub fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<RoleRule> {
     let v1::RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed } =
         rule.unwrap_or_default();
     if !imperfect_per_expert.is_finite() || imperfect_per_expert < 0.0 {
@@ -60,13 +58,13 @@ fn cohorts(at: &str, named: Vec<String>) -> Result<Vec<String>> {
 }
 
 /// A rule.
-pub(crate) fn rule_to_proto(rule: RoleRule) -> v1::RoleRule {
+pub fn rule_to_proto(rule: RoleRule) -> v1::RoleRule {
     let RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed } = rule;
     v1::RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed }
 }
 
 /// A role.
-pub(crate) fn role_to_proto(role: Role) -> v1::Role {
+pub fn role_to_proto(role: Role) -> v1::Role {
     match role {
         Role::Expert => v1::Role::Expert,
         Role::Imperfect => v1::Role::Imperfect,
@@ -74,7 +72,7 @@ pub(crate) fn role_to_proto(role: Role) -> v1::Role {
 }
 
 /// Reads a role.
-pub(crate) fn role_from_proto(at: &str, role: i32) -> Result<Role> {
+pub fn role_from_proto(at: &str, role: i32) -> Result<Role> {
     match v1::Role::try_from(role) {
         Ok(v1::Role::Expert) => Ok(Role::Expert),
         Ok(v1::Role::Imperfect) => Ok(Role::Imperfect),
@@ -83,7 +81,7 @@ pub(crate) fn role_from_proto(at: &str, role: i32) -> Result<Role> {
 }
 
 /// A snapshot.
-pub(crate) fn snapshot(snapshot: Snapshot) -> v1::Snapshot {
+pub fn snapshot(snapshot: Snapshot) -> v1::Snapshot {
     let Snapshot { id, task_id, rule, expert_episodes, imperfect_episodes, created_at } = snapshot;
     v1::Snapshot {
         id: id.into(),
@@ -96,7 +94,7 @@ pub(crate) fn snapshot(snapshot: Snapshot) -> v1::Snapshot {
 }
 
 /// An episode as a snapshot holds it.
-pub(crate) fn snapshot_episode(member: SnapshotEpisode) -> v1::SnapshotEpisode {
+pub fn snapshot_episode(member: SnapshotEpisode) -> v1::SnapshotEpisode {
     let SnapshotEpisode { episode_id, outcome, cohort, role, steps } = member;
     v1::SnapshotEpisode {
         episode_id: episode_id.into(),

@@ -1,15 +1,13 @@
 //! Training on the wire.
 
-use gleaner_core::{PretrainSpec, TrainSpec, Values, kinds::Family, proto};
+use crate::{PretrainSpec, TrainSpec, Values, kinds::Family, proto};
 use gleaner_proto::v1;
 
 use super::settings;
 use crate::{
-    domain::{
-        id::{DatasetId, EncoderId, SnapshotId},
-        order::{JobOrder, TrainData, needs_encoder},
-    },
     error::{Error, Result},
+    id::{DatasetId, EncoderId, SnapshotId},
+    order::{JobOrder, TrainData, needs_encoder},
 };
 
 pub(super) fn order(at: &str, spec: v1::TrainSpec) -> Result<JobOrder> {

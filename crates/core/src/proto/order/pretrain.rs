@@ -1,13 +1,13 @@
 //! Pretraining on the wire.
 
-use gleaner_core::PretrainSpec;
+use crate::PretrainSpec;
 use gleaner_proto::v1;
 
 use super::settings::{self, optional_snapshot};
 use crate::{
-    domain::{id::SnapshotId, snapshot::RoleRule},
     error::Result,
-    wire::snapshot,
+    proto::snapshot,
+    {id::SnapshotId, snapshot::RoleRule},
 };
 
 pub(super) fn from_proto(at: &str, spec: v1::PretrainSpec) -> Result<(Option<SnapshotId>, RoleRule, PretrainSpec)> {

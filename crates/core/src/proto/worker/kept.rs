@@ -6,12 +6,10 @@ use gleaner_proto::v1;
 
 use super::{episode_from, episode_to, field};
 use crate::{
-    domain::{
-        dataset::{KeptSegment, Nearest},
-        id::EpisodeId,
-        work::KeptInput,
-    },
+    dataset::{KeptSegment, Nearest},
     error::{Error, Result},
+    id::EpisodeId,
+    work::KeptInput,
 };
 
 /// The kept steps, and the experts that they count in, from 1.
