@@ -9,11 +9,11 @@ use serde_json::Value;
 
 use super::*;
 use crate::{
+    data_folder::frames_path,
     domain::{
         episode::{Episode, Outcome},
         snapshot::Role,
     },
-    ingest::frames_path,
     store::testing::{self, results},
     web::testing::{Client, Pages, Reply},
 };
