@@ -8,8 +8,6 @@
 mod client;
 mod config;
 mod episodes;
-mod evaluate;
-mod export;
 mod failure;
 mod features;
 mod monitor;

@@ -6,18 +6,19 @@ use std::{
     path::Path,
 };
 
-use gleaner_learn::Monitor as _;
-use gleaner_recording::{Kept, TaskSpec};
-use serde::Serialize;
-
-use super::{failure::Failure, monitor::Watcher};
 use gleaner_core::{
     dataset::{ExportFile, KeptSegment},
     error::Error,
     snapshot::Role,
-    work::{InputEpisode, Inputs, KeptInput},
+    work::{InputEpisode, Inputs, KeptInput, Made},
 };
 use gleaner_data_folder::blobs::Blobs;
+use gleaner_learn::Monitor as _;
+use gleaner_recording::{Kept, TaskSpec};
+use serde::Serialize;
+
+use super::Work;
+use crate::{failure::Failure, monitor::Watcher};
 
 /// The file that says what every other file holds, one line each.
 const MANIFEST: &str = "manifest.jsonl";
@@ -48,13 +49,14 @@ struct Step<'a> {
     nearest_step: Option<u32>,
 }
 
+/// Writes the files of a dataset.
+pub(super) fn perform(work: &mut Work) -> Result<Made, Failure> {
+    work.monitor.phase("exporting");
+    export(&work.data_dir, &work.blobs, &work.inputs, &mut work.monitor).map(Made::Files)
+}
+
 /// Makes every file of the export as a blob.
-pub(crate) fn export(
-    data_dir: &Path,
-    blobs: &Blobs,
-    inputs: &Inputs,
-    monitor: &mut Watcher,
-) -> Result<Vec<ExportFile>, Failure> {
+fn export(data_dir: &Path, blobs: &Blobs, inputs: &Inputs, monitor: &mut Watcher) -> Result<Vec<ExportFile>, Failure> {
     let folder =
         tempfile::tempdir_in(data_dir.join("tmp")).map_err(|error| Error::internal("making a folder", error))?;
     let out = Out { folder: folder.path(), blobs, task: &inputs.task, segment_length: inputs.segment_length };

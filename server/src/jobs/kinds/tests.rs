@@ -1,14 +1,16 @@
 //! Orders of every kind as the queue takes them: keys, extensions, policies from scratch, evaluations.
 
-use gleaner_core::{Chosen, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
+use gleaner_core::{Chosen, EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 use serde_json::json;
 
 use super::*;
 use crate::{
     domain::{
         evaluation::SeedResult,
-        order::Queueing,
+        id::SnapshotId,
+        order::{Queueing, Subject, TrainData},
         score::ScoreRun,
+        snapshot::RoleRule,
         work::{FrozenRun, Made},
     },
     error::Kind,
@@ -193,7 +195,7 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     assert_eq!(bench.jobs.inputs(&job).await.unwrap().policy, Some(mine.checkpoint));
 
     let result = |seed, episodes| SeedResult { seed, episodes, successes: 1, mean_steps: 5.0 };
-    let of = |seeds| crate::jobs::result::of(&bench.store, &job, Made::Trials(seeds));
+    let of = |seeds| super::accept(&bench.store, &job, Made::Trials(seeds));
     assert!(of(vec![result(0, 2), result(1, 2)]).await.is_ok());
     for wrong in [vec![result(0, 2)], vec![result(1, 2), result(0, 2)], vec![result(0, 2), result(1, 3)]] {
         assert_eq!(of(wrong).await.unwrap_err().kind(), Kind::Invalid);

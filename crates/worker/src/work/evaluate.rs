@@ -1,18 +1,27 @@
 //! Evaluation: a policy drives the embedded simulator in closed loop, many attempts at a time in one pass.
 
-use gleaner_core::EvaluateSpec;
+use gleaner_core::{EvaluateSpec, evaluation::SeedResult, work::Made};
 use gleaner_learn::{Ensemble, History, Monitor as _, Policy};
 use gleaner_recording::TaskSpec;
 use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task, simulated};
 
-use super::{failure::Failure, monitor::Watcher};
-use gleaner_core::evaluation::SeedResult;
+use super::Work;
+use crate::{failure::Failure, monitor::Watcher};
 
 /// Attempts that run side by side.
 const SIDE_BY_SIDE: usize = 32;
 
+/// Runs the trials of every seed.
+pub(super) fn perform(work: &mut Work, spec: &EvaluateSpec) -> Result<Made, Failure> {
+    let checkpoint = work.input("policy", work.inputs.policy.as_ref())?;
+    gleaner_learn::set_threads(work.threads);
+    let policy = Policy::load_on(&checkpoint, spec.device)?;
+    work.monitor.phase("evaluating");
+    evaluate(&work.inputs.task, &policy, spec, &mut work.monitor).map(Made::Trials)
+}
+
 /// What came of every seed, in order. Each seed runs by itself, so that its result does not depend on the others.
-pub(crate) fn evaluate(
+fn evaluate(
     task: &TaskSpec,
     policy: &Policy,
     spec: &EvaluateSpec,
