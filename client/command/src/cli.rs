@@ -1,14 +1,14 @@
-//! Definition of the command line: global options and the list of commands.
+//! Definition of the command line: global options and the list of commands. Arguments and work of each are in its file.
 
-use std::path::PathBuf;
-
-use clap::{Args, Parser, Subcommand};
-use gleaner_client::Token;
+use clap::{Parser, Subcommand};
 
 use crate::cmd::{
     dataset, drive, episodes, evaluate, evaluations, export, jobs, kinds, label, pipeline, policies, push, record,
     schedule, score_recording, scores, snapshot, submit, task, trash, what_if,
 };
+use crate::connection::{ConnectionArgs, GLOBAL};
+use crate::context::Context;
+use crate::failure::Result;
 use crate::{demo, experiment};
 
 /// Finds the good steps in failed robot demonstrations: a client of gleaner-server.
@@ -24,39 +24,6 @@ pub(crate) struct Cli {
 
     #[command(subcommand)]
     pub(crate) command: Command,
-}
-
-/// The heading of options that every command has.
-pub(crate) const GLOBAL: &str = "Global options";
-
-/// The server, and the identity of the caller.
-#[derive(Args, Debug)]
-pub(crate) struct ConnectionArgs {
-    /// Address of the server. Default: http://127.0.0.1:7400.
-    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_SERVER", value_name = "URL")]
-    pub(crate) server: Option<String>,
-
-    /// Access token, for servers that require one.
-    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_TOKEN", hide_env_values = true)]
-    pub(crate) token: Option<Token>,
-
-    /// Certificates (PEM) of authorities to trust, for https:// addresses. Default: those of the system.
-    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_CA", value_name = "FILE")]
-    pub(crate) ca: Option<PathBuf>,
-
-    /// Client certificate (PEM), for servers that require one.
-    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_CLIENT_CERT", value_name = "FILE",
-          requires = "client_key")]
-    pub(crate) client_cert: Option<PathBuf>,
-
-    /// Private key (PEM) of the client certificate.
-    #[arg(long, global = true, help_heading = GLOBAL, env = "GLEANER_CLIENT_KEY", value_name = "FILE",
-          requires = "client_cert")]
-    pub(crate) client_key: Option<PathBuf>,
-
-    /// Author of labels, kept in their history.
-    #[arg(long, global = true, help_heading = GLOBAL, env = "USER", hide_env_values = true, value_name = "NAME")]
-    pub(crate) author: Option<String>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -143,6 +110,52 @@ pub(crate) enum Command {
     Demo(demo::DemoArgs),
     /// Run a grid of settings from a file and write a report; a second run resumes the first.
     Experiment(experiment::ExperimentArgs),
+}
+
+impl Command {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        match self {
+            Self::Task(command) => command.run(context).await,
+            Self::Push(args) => args.run(context).await,
+            Self::Episodes(args) => args.run(context).await,
+            Self::Episode(args) => args.run(context).await,
+            Self::Download(args) => args.run(context).await,
+            Self::Label(args) => args.run(context).await,
+            Self::Labels(args) => args.run(context).await,
+            Self::Delete(args) => args.run(context).await,
+            Self::Restore(args) => args.run(context).await,
+            Self::Snapshot(command) => command.run(context).await,
+            Self::Pretrain(command) => command.run(context).await,
+            Self::Score(command) => command.run(context).await,
+            Self::Train(command) => command.run(context).await,
+            Self::Evaluate(command) => command.run(context).await,
+            Self::Evaluations(args) => args.run(context).await,
+            Self::Evaluation(args) => args.run(context).await,
+            Self::ReportEvaluation(args) => args.run(context).await,
+            Self::Pipeline(command) => command.run(context).await,
+            Self::Kinds(args) => args.run(context).await,
+            Self::Jobs(args) => args.run(context).await,
+            Self::Job(args) => args.run(context).await,
+            Self::Watch(args) => args.run(context).await,
+            Self::Cancel(args) => args.run(context).await,
+            Self::Runs(args) => args.run(context).await,
+            Self::Scores(args) => args.run(context).await,
+            Self::ScoreRecording(args) => args.run(context).await,
+            Self::Histogram(args) => args.run(context).await,
+            Self::WhatIf(args) => args.run(context).await,
+            Self::Dataset(command) => command.run(context).await,
+            Self::Export(args) => args.run(context).await,
+            Self::Policies(args) => args.run(context).await,
+            Self::Deploy(args) => args.run(context).await,
+            Self::Rollback(args) => args.run(context).await,
+            Self::Deployments(args) => args.run(context).await,
+            Self::Drive(args) => args.run(context).await,
+            Self::Schedule(command) => command.run(context).await,
+            Self::Record(args) => args.run(context).await,
+            Self::Demo(args) => args.run(context).await,
+            Self::Experiment(args) => args.run(context).await,
+        }
+    }
 }
 
 #[cfg(test)]

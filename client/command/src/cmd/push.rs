@@ -66,7 +66,7 @@ impl PushArgs {
         let item = |path: PathBuf, task: String, outcome: Outcome, cohort: String| PushItem {
             path,
             task,
-            label: UploadLabel { outcome, cohort, author: context.author() },
+            label: UploadLabel { outcome, cohort, author: context.connection.author() },
         };
         let Some(labels) = &self.labels else {
             let task = context.task(client, self.task.as_deref()).await?;

@@ -3,6 +3,7 @@
 mod chart;
 mod cli;
 mod cmd;
+mod connection;
 mod context;
 mod demo;
 mod experiment;
@@ -41,9 +42,9 @@ fn main() -> ExitCode {
         tokio::runtime::Builder::new_multi_thread().enable_all().build().map_err(Failure::from).and_then(|runtime| {
             runtime.block_on(async {
                 let context = Context::new(cli.connection, output);
-                match cmd::run(cli.command, &context).await {
+                match cli.command.run(&context).await {
                     Ok(()) => Ok(()),
-                    Err(failure) => Err(context.explained(failure).await),
+                    Err(failure) => Err(context.connection.explained(failure).await),
                 }
             })
         });

@@ -33,7 +33,7 @@ impl LabelArgs {
             episode_ids: self.ids,
             outcome: self.outcome.into(),
             cohort: self.cohort,
-            author: context.author(),
+            author: context.connection.author(),
             reason: self.reason,
         };
         let reply = context.client().await?.episodes().label_episodes(request).await?.into_inner();

@@ -83,7 +83,7 @@ impl ExperimentArgs {
             return Err(course.nothing_yet());
         }
         std::fs::create_dir_all(&out).map_err(ClientError::io(&out))?;
-        let report = if context.names_server() {
+        let report = if context.connection.names_server() {
             course.on(&context.client().await?).await?
         } else {
             course.on_own_server(&self.server_bin()?).await?

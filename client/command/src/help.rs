@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use clap::{Command, CommandFactory as _, FromArgMatches as _};
 
-use crate::cli::{Cli, GLOBAL};
+use crate::cli::Cli;
+use crate::connection::GLOBAL;
 
 /// Headings with their commands, in the order of the overview.
 const GROUPS: [(&str, &[&str]); 8] = [
