@@ -3,10 +3,12 @@
 //!
 //! A job's settings are data: a flat map from names to JSON values, checked against a schema ([`schema`]). Typed
 //! structs ([`settings!`]) are the same settings for code that uses them. Policies, objectives and scorers bring
-//! settings of their own; [`kinds`] lists them.
+//! settings of their own; [`kinds`] lists them. [`ensemble`] makes one action of overlapping chunks, on the server and on
+//! robots.
 //!
 //! Must not depend on tensors, gRPC, SQL or an async runtime.
 
+pub mod ensemble;
 pub mod kinds;
 pub mod schema;
 mod settings;
