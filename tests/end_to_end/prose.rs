@@ -53,7 +53,7 @@ const REPORTS: [&str; 2] = ["docs/experiments/", "client/command/src/experiment/
 const SOURCES: [&str; 13] = [
     "client/command/src/cli.rs",
     "client/command/src/cmd/",
-    "client/command/src/demo/",
+    "client/command/src/experiment/demo/",
     "client/command/src/help.rs",
     "crates/core/src/",
     "crates/inspector/src/recordings.rs",

@@ -8,8 +8,9 @@ use crate::cmd::{
 };
 use crate::connection::{ConnectionArgs, GLOBAL};
 use crate::context::Context;
+use crate::experiment;
+use crate::experiment::demo;
 use crate::failure::Result;
-use crate::{demo, experiment};
 
 /// Finds the good steps in failed robot demonstrations: a client of gleaner-server.
 #[derive(Debug, Parser)]

@@ -5,7 +5,6 @@ mod cli;
 mod cmd;
 mod connection;
 mod context;
-mod demo;
 mod experiment;
 mod failure;
 mod figure;

@@ -1,4 +1,4 @@
-//! A server of one's own, for the demo and for experiments: started on a free port, stopped however they end.
+//! A server for one experiment: started on a free port, stopped however the experiment ends.
 
 use std::path::{Path, PathBuf};
 use std::process::{ExitStatus, Stdio};
@@ -9,6 +9,7 @@ use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, BufReader, Lines};
 use tokio::process::{Child, ChildStdout, Command};
+use tokio::signal::unix::{SignalKind, signal};
 
 use crate::failure::{Failure, Result};
 
@@ -92,6 +93,21 @@ impl ServerProcess {
         Address { url: self.url.clone(), pid }
     }
 
+    /// Does work on this server, which is stopped whether the work succeeds, fails or is interrupted.
+    pub(crate) async fn during<T>(
+        self,
+        work: impl AsyncFnOnce(Client) -> Result<T>,
+        interrupted: &'static str,
+    ) -> Result<T> {
+        let done = match Client::connect(self.url(), None).await {
+            Ok(client) => unless_interrupted(work(client), interrupted).await,
+            Err(error) => Err(error.into()),
+        };
+        let stopped = self.stop().await;
+        let done = done?;
+        stopped.map(|()| done)
+    }
+
     /// Asks the server to end, and ends it when it does not.
     pub(crate) async fn stop(mut self) -> Result<()> {
         self.address().ask_to_stop();
@@ -102,6 +118,19 @@ impl ServerProcess {
                 Err(Failure::told("the server did not end when asked to, and was killed"))
             }
         }
+    }
+}
+
+/// The result of the work, or a failure with this message if the keyboard or the system asks to stop first.
+pub(crate) async fn unless_interrupted<T>(
+    work: impl Future<Output = Result<T>>,
+    interrupted: &'static str,
+) -> Result<T> {
+    let mut terminate = signal(SignalKind::terminate())?;
+    tokio::select! {
+        done = work => done,
+        _ = tokio::signal::ctrl_c() => Err(Failure::told(interrupted)),
+        _ = terminate.recv() => Err(Failure::told(interrupted)),
     }
 }
 

@@ -12,18 +12,19 @@ use super::recordings::Recordings;
 use super::report::Report;
 use super::reporter::Reporter;
 use super::stage::Graph;
-use super::standing::Progress;
+use super::standing::{Progress, Submitted};
 use super::state::State;
-use super::submit::{Submitted, Submitter};
+use super::submit::Submitter;
 use super::{follow, planned};
 use crate::context::Context;
 use crate::failure::{Failure, Result};
-use crate::own_server::{Address, ServerProcess};
+use crate::own_server::{Address, ServerProcess, unless_interrupted};
 use gleaner_core::{Device, Words as _};
 
 const DATA: &str = "data";
 const RECORDINGS: &str = "recordings";
 const ADDRESS: &str = "server.json";
+const RESUMES: &str = "interrupted; the same command resumes from here";
 
 /// An experiment about to be run.
 pub(super) struct Course<'a> {
@@ -44,7 +45,7 @@ impl Course<'_> {
         let (log, note) = (self.out.join("server.log"), self.out.join(ADDRESS));
         if let Some((left, client)) = Address::left_behind(&note).await {
             self.context.output.note(format_args!("there is a server already, at {}", left.url));
-            let report = self.unless_interrupted(&client).await;
+            let report = unless_interrupted(self.on(&client), RESUMES).await;
             // A run may be under way on it.
             if !self.only_report {
                 left.ask_to_stop();
@@ -62,20 +63,7 @@ impl Course<'_> {
             server.address().note(&note)?;
         }
         self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
-        let report = match Client::connect(server.url(), None).await {
-            Ok(client) => self.unless_interrupted(&client).await,
-            Err(error) => Err(error.into()),
-        };
-        let stopped = server.stop().await;
-        let report = report?;
-        stopped.map(|()| report)
-    }
-
-    async fn unless_interrupted(&self, client: &Client) -> Result<Report> {
-        tokio::select! {
-            report = self.on(client) => report,
-            () = interrupted() => Err(Failure::told("interrupted; the same command goes on from here")),
-        }
+        server.during(async |client| self.on(&client).await, RESUMES).await
     }
 
     /// On a server that is there.
@@ -100,7 +88,7 @@ impl Course<'_> {
     // What is there already, if there is anything: then the recordings are all there as well.
     async fn existing(&self, client: &Client) -> Result<Submitted> {
         let state = State::open(self.out)?;
-        let existing = Existing::on(client, &state, &self.experiment.task()).await?;
+        let existing = Existing::on(client, &state, &self.experiment.task).await?;
         let submitted = existing.stages(self.graph).await?;
         if submitted.iter().all(std::result::Result::is_err) {
             return Err(self.nothing_yet());
@@ -115,7 +103,8 @@ impl Course<'_> {
     }
 
     async fn recordings(&self, client: &Client) -> Result<Recordings> {
-        Recordings::ready(self.context, client, &self.out.join(RECORDINGS), self.experiment).await
+        let folder = self.out.join(RECORDINGS).join(&self.experiment.data_key);
+        Recordings::ready(self.context, client, &folder, self.experiment).await
     }
 
     fn reporter<'a>(&'a self, client: &'a Client, recordings: &'a Recordings) -> Reporter<'a> {
@@ -132,18 +121,5 @@ impl Course<'_> {
             stages: Vec::new(),
         };
         Reporter::new(context, self.out, graph, Gatherer::new(client, recordings, experiment, graph), frame)
-    }
-}
-
-// Asked to stop, from the keyboard or by the system.
-async fn interrupted() {
-    use tokio::signal::unix::{SignalKind, signal};
-    let Ok(mut terminate) = signal(SignalKind::terminate()) else {
-        let _ = tokio::signal::ctrl_c().await;
-        return;
-    };
-    tokio::select! {
-        _ = tokio::signal::ctrl_c() => {}
-        _ = terminate.recv() => {}
     }
 }

@@ -3,12 +3,10 @@
 //! The same seed means the same recordings, the same encoder where both have one, and the same evaluation attempts,
 //! so the difference of a pair scatters less than either rate.
 
-use serde::{Deserialize, Serialize};
-
 use super::cell::CellSettings;
 use super::interval::student;
 use super::method::Method;
-use super::report::CellReport;
+use super::report::{CellReport, Difference, SeedDifference};
 use super::study::TableKind;
 use crate::quality::mean;
 
@@ -20,26 +18,6 @@ const PAIRS: [(Method, Method); 5] = [
     (Method::SSDF_BASE, Method::TF_BC),
     (Method::SSDF_ACT, Method::ACT),
 ];
-
-/// The success of one cell less that of another, over the seeds that both have.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct Difference {
-    /// The cells' labels.
-    pub(crate) cell: String,
-    pub(crate) less: String,
-    pub(crate) seeds: Vec<SeedDifference>,
-    /// Over the seeds.
-    pub(crate) mean: f64,
-    /// Student's 95 % interval of the mean.
-    pub(crate) interval: Option<(f64, f64)>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub(crate) struct SeedDifference {
-    pub(crate) seed: u64,
-    /// Of the success rates, −1 to 1.
-    pub(crate) difference: f64,
-}
 
 /// The differences that a study's table shows: between methods that have all other settings in common.
 pub(crate) fn differences(table: TableKind, cells: &[CellReport]) -> Vec<Difference> {

@@ -8,9 +8,9 @@ use tonic::Code;
 
 use super::order;
 use super::stage::{Graph, Selection, Stage, Work};
-use super::standing::Gap;
+use super::standing::{Gap, Made, Submitted};
 use super::state::State;
-use super::submit::{Made, Submitted, job_key, known_snapshot};
+use super::submit::{job_key, known_snapshot};
 use crate::failure::Result;
 
 const PAGE: u32 = 1_000;

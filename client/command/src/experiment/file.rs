@@ -67,6 +67,9 @@ impl DataSettings {
 #[derive(Clone, Debug)]
 pub(crate) struct Experiment {
     pub(crate) name: String,
+    /// The task's name on the server: of these recordings alone, so that experiments never mix theirs, and those
+    /// with the same share them.
+    pub(crate) task: String,
     pub(crate) recordings: RecordSet,
     /// Names the recordings by all that they depend on.
     pub(crate) data_key: String,
@@ -89,7 +92,15 @@ impl Experiment {
     }
 
     pub(crate) fn parse(text: &str) -> std::result::Result<Self, String> {
-        let file: ExperimentFile = toml::from_str(text).map_err(|error| located(&error, text))?;
+        Self::checked(toml::from_str(text).map_err(|error| located(&error, text))?)
+    }
+
+    /// From a file's content that something was laid over.
+    pub(super) fn from_table(table: Table) -> std::result::Result<Self, String> {
+        Self::checked(table.try_into().map_err(|error: toml::de::Error| said(&error))?)
+    }
+
+    fn checked(file: ExperimentFile) -> std::result::Result<Self, String> {
         let recordings = recordings(&file)?;
         let names: Vec<&str> = recordings.cohorts.iter().skip(1).map(|cohort| cohort.name.as_str()).collect();
         let base = file.base.clone().try_into::<super::cell::CellSettings>();
@@ -109,13 +120,8 @@ impl Experiment {
             studies.push(Study { name, table: study.table, cells });
         }
         let data_key = data_key(file.task, &file.data)?;
-        Ok(Self { name: file.name, recordings, data_key, studies })
-    }
-
-    /// The task's name on the server: of these recordings alone, so that experiments never mix theirs, and those
-    /// with the same share them.
-    pub(crate) fn task(&self) -> String {
-        format!("{}_{}", self.recordings.task, self.data_key)
+        let task = format!("{}_{data_key}", file.task);
+        Ok(Self { name: file.name, task, recordings, data_key, studies })
     }
 
     /// The imperfect cohorts' names.
@@ -190,7 +196,7 @@ mod tests {
         assert_eq!(experiment.recordings.config, SimConfig::default());
         assert_eq!(experiment.recordings.cohorts[1].name, "noise");
         assert_eq!(experiment.studies[0].name, "Quality score threshold β");
-        assert!(experiment.task().starts_with("pick_cube_"), "{}", experiment.task());
+        assert!(experiment.task.starts_with("pick_cube_"), "{}", experiment.task);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use gleaner_client::{Client, has_ended};
 use gleaner_proto::v1::{Job, JobState};
 
 use super::stage::Graph;
-use super::submit::Submitted;
+use super::standing::Submitted;
 use crate::context::Context;
 use crate::failure::Result;
 use crate::progress::Bar;

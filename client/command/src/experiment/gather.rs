@@ -16,9 +16,8 @@ use super::pool::pool;
 use super::recordings::{Recordings, of_episode};
 use super::report::{CellReport, Rate, SeedReport, StageReport, StudyReport};
 use super::stage::{Chain, Graph, Selection};
-use super::standing::{Gap, Standing, made, standing};
+use super::standing::{Gap, Standing, Submitted, made, standing};
 use super::study::Cell;
-use super::submit::Submitted;
 use crate::failure::{Result, present};
 use crate::quality::{MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
 
@@ -123,6 +122,12 @@ impl<'a> Gatherer<'a> {
     }
 
     async fn run(&self, run_id: &str) -> Result<Run> {
+        let episodes = self.episodes(run_id).await?;
+        Ok(Run { separation: separations(&episodes), histogram: histogram(&episodes), episodes })
+    }
+
+    /// The scores of every imperfect episode beside its mark, by cohort and id.
+    pub(super) async fn episodes(&self, run_id: &str) -> Result<Vec<MarkedEpisode>> {
         let request = GetScoreRunRequest { score_run_id: run_id.to_owned() };
         let run = self.client.scores().get_score_run(request).await?.into_inner().score_run;
         let request = GetSnapshotRequest { snapshot_id: present(run, "a score run")?.snapshot_id };
@@ -131,7 +136,7 @@ impl<'a> Gatherer<'a> {
         let fetch = imperfect.map(|episode| self.episode(run_id, episode.episode_id));
         let mut episodes: Vec<MarkedEpisode> = futures::stream::iter(fetch).buffered(PARALLEL).try_collect().await?;
         episodes.sort_by(|one, two| (&one.cohort, &one.id).cmp(&(&two.cohort, &two.id)));
-        Ok(Run { separation: separations(&episodes), histogram: histogram(&episodes), episodes })
+        Ok(episodes)
     }
 
     async fn episode(&self, run_id: &str, episode_id: String) -> Result<MarkedEpisode> {

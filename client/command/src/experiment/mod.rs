@@ -7,6 +7,7 @@
 
 mod cell;
 mod course;
+pub(crate) mod demo;
 mod difference;
 mod existing;
 mod file;
@@ -155,7 +156,7 @@ fn plan(experiment: &Experiment, graph: &Graph) -> Value {
     };
     json!({
         "name": experiment.name,
-        "task": experiment.task(),
+        "task": experiment.task,
         "studies": experiment.studies.iter().map(study).collect::<Vec<_>>(),
         "stages": counts(graph).into_iter().collect::<std::collections::BTreeMap<_, _>>(),
     })

@@ -2,8 +2,9 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-use gleaner_client::{Client, ClientError, PushItem, UploadLabel, read_labels, spec};
+use gleaner_client::{Client, ClientError, PushItem, Pushed, UploadLabel, read_labels, spec};
 use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest};
 use gleaner_sim::{LABELS, MARKS};
 use serde::{Deserialize, Serialize};
@@ -50,25 +51,31 @@ pub(crate) struct CohortCount {
 #[derive(Debug)]
 pub(crate) struct Recordings {
     pub(crate) by_episode: HashMap<String, Recording>,
+    /// Bytes that this run sent, and the time that it took.
+    pub(crate) sent: (u64, Duration),
 }
 
 impl Recordings {
     /// Records what is not recorded yet, and pushes what the server has not got.
     pub(crate) async fn ready(context: &Context, client: &Client, folder: &Path, plan: &Experiment) -> Result<Self> {
-        let folder = folder.join(&plan.data_key);
-        recorded(context, &folder, plan).await?;
+        recorded(context, folder, plan).await?;
         create_task(client, plan).await?;
-        let episodes = pushed(context, client, &folder, plan).await?;
-        let marks = marks(&folder)?;
+        let pushed = pushed(context, client, folder, plan).await?;
+        let marks = marks(folder)?;
+        // By the pushed file, whatever name its content may have on the server.
+        let episodes = pushed.results.iter().filter_map(|item| {
+            Some((item.path.file_name()?.to_string_lossy().into_owned(), &item.result.as_ref().ok()?.episode))
+        });
         let mut by_episode = HashMap::new();
-        for (file, (id, cohort, steps)) in episodes {
+        for (file, episode) in episodes {
             let row = marks.get(&file);
             let row =
                 row.ok_or_else(|| Failure::told(format!("{file} has no row in {}", folder.join(MARKS).display())))?;
             let mark = Mark { went_wrong: row.went_wrong };
-            by_episode.insert(id, Recording { cohort, success: row.success, steps, mark });
+            let (cohort, steps) = (episode.cohort.clone(), episode.steps);
+            by_episode.insert(episode.id.clone(), Recording { cohort, success: row.success, steps, mark });
         }
-        Ok(Self { by_episode })
+        Ok(Self { by_episode, sent: (pushed.sent_bytes(), pushed.wall) })
     }
 
     /// Each cohort's episodes, in the file's order.
@@ -87,7 +94,8 @@ impl Recordings {
     }
 }
 
-async fn recorded(context: &Context, folder: &Path, plan: &Experiment) -> Result<()> {
+/// Records what is not recorded yet.
+pub(super) async fn recorded(context: &Context, folder: &Path, plan: &Experiment) -> Result<()> {
     let complete = folder.join(COMPLETE);
     if complete.exists() {
         return Ok(());
@@ -97,7 +105,7 @@ async fn recorded(context: &Context, folder: &Path, plan: &Experiment) -> Result
 }
 
 async fn create_task(client: &Client, plan: &Experiment) -> Result<()> {
-    let name = plan.task();
+    let name = plan.task.clone();
     match client.tasks().get_task(GetTaskRequest { task: name.clone() }).await {
         Ok(_) => return Ok(()),
         Err(status) if status.code() == tonic::Code::NotFound => {}
@@ -109,16 +117,10 @@ async fn create_task(client: &Client, plan: &Experiment) -> Result<()> {
     Ok(())
 }
 
-// Each file's episode, cohort and steps.
-async fn pushed(
-    context: &Context,
-    client: &Client,
-    folder: &Path,
-    plan: &Experiment,
-) -> Result<HashMap<String, (String, String, u64)>> {
+async fn pushed(context: &Context, client: &Client, folder: &Path, plan: &Experiment) -> Result<Pushed> {
     let item = |file: gleaner_client::LabelledFile| PushItem {
         path: file.path,
-        task: plan.task(),
+        task: plan.task.clone(),
         label: UploadLabel { outcome: file.outcome, cohort: file.cohort, author: "simulator".into() },
     };
     let items = read_labels(&folder.join(LABELS))?.into_iter().map(item).collect();
@@ -126,13 +128,7 @@ async fn pushed(
     if let Some((item, error)) = pushed.failures().next() {
         return Err(Failure::told(format!("{} was not taken: {error}", item.path.display())));
     }
-    // By the pushed file, whatever name its content may have on the server.
-    let episodes = pushed.results.iter().filter_map(|item| {
-        let episode = &item.result.as_ref().ok()?.episode;
-        let file = item.path.file_name()?.to_string_lossy().into_owned();
-        Some((file, (episode.id.clone(), episode.cohort.clone(), episode.steps)))
-    });
-    Ok(episodes.collect())
+    Ok(pushed)
 }
 
 fn marks(folder: &Path) -> Result<HashMap<String, Row>> {

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::cell::CellSettings;
-use super::difference::Difference;
 use super::recordings::CohortCount;
 use super::standing::Progress;
 use super::study::TableKind;
@@ -109,6 +108,26 @@ pub(crate) struct PooledAuroc {
     pub(crate) mean: f64,
     /// The lowest and the highest bound of the seeds' 95 % intervals.
     pub(crate) interval: Option<(f64, f64)>,
+}
+
+/// The success of one cell less that of another, over the seeds that both have.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Difference {
+    /// The cells' labels.
+    pub(crate) cell: String,
+    pub(crate) less: String,
+    pub(crate) seeds: Vec<SeedDifference>,
+    /// Over the seeds.
+    pub(crate) mean: f64,
+    /// Student's 95 % interval of the mean.
+    pub(crate) interval: Option<(f64, f64)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct SeedDifference {
+    pub(crate) seed: u64,
+    /// Of the success rates, −1 to 1.
+    pub(crate) difference: f64,
 }
 
 /// One stage as it stands.

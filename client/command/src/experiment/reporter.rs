@@ -1,8 +1,6 @@
 //! Writes the report: at the end, and whenever there is more to say before.
 
 use std::collections::HashSet;
-use std::io::Write as _;
-use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 
 use gleaner_client::ClientError;
@@ -13,8 +11,8 @@ use super::markdown::markdown;
 use super::plots;
 use super::report::Report;
 use super::stage::Graph;
-use super::standing::settled;
-use super::submit::Submitted;
+use super::standing::{Submitted, settled};
+use super::state::replace;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 
@@ -83,20 +81,10 @@ fn write(out: &Path, report: &Report) -> Result<()> {
     Ok(())
 }
 
-/// Puts a file's new content in place of the old: whoever reads it meanwhile sees one or the other, never a part.
-pub(crate) fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
-    let folder = path.parent().unwrap_or_else(|| Path::new("."));
-    // As any other file that is made: for everyone, less what the user keeps to himself.
-    let mut builder = tempfile::Builder::new();
-    let mut file = builder.permissions(std::fs::Permissions::from_mode(0o666)).tempfile_in(folder)?;
-    file.write_all(content)?;
-    file.as_file().sync_all()?;
-    file.persist(path).map_err(|error| error.error)?;
-    std::fs::File::open(folder)?.sync_all()
-}
-
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
     use super::*;
     use crate::experiment::report::tests::report;
 

@@ -77,12 +77,22 @@ pub(crate) struct Graph {
     pub(crate) chains: Vec<Vec<Vec<Chain>>>,
     by_key: HashMap<String, usize>,
     device: Device,
+    evaluates: bool,
 }
 
 impl Graph {
     pub(crate) fn new(experiment: &Experiment, device: Device) -> Self {
-        let mut graph = Self { device, ..Self::default() };
-        let task = experiment.task();
+        Self { device, evaluates: true, ..Self::default() }.filled(experiment)
+    }
+
+    /// Every stage up to the policies, for callers that evaluate them without a job.
+    pub(super) fn without_evaluations(experiment: &Experiment, device: Device) -> Self {
+        Self { device, ..Self::default() }.filled(experiment)
+    }
+
+    fn filled(mut self, experiment: &Experiment) -> Self {
+        let graph = &mut self;
+        let task = &experiment.task;
         let max_steps = experiment.recordings.config.max_steps;
         // Seed by seed, so that the first seed of everything is there before the second of anything.
         let mut chains: Vec<Vec<Vec<Chain>>> =
@@ -93,12 +103,17 @@ impl Graph {
                 for (cell, of_cell) in study.cells.iter().zip(of_study) {
                     let Some(&seed) = cell.settings.seeds.get(nth) else { continue };
                     let place = Place { label: format!("{}, {}, seed {seed}", study.name, cell.label), seed };
-                    of_cell.push(graph.chain(&task, max_steps, &cell.settings, &place));
+                    of_cell.push(graph.chain(task, max_steps, &cell.settings, &place));
                 }
             }
         }
-        graph.chains = chains;
-        graph
+        self.chains = chains;
+        self
+    }
+
+    /// The stage of this kind in a chain.
+    pub(super) fn find(&self, chain: &Chain, kind: &str) -> Option<usize> {
+        chain.stages.iter().copied().find(|&index| self.stages[index].work.kind() == kind)
     }
 
     fn chain(&mut self, task: &str, max_steps: u32, cell: &CellSettings, place: &Place) -> Chain {
@@ -107,6 +122,9 @@ impl Graph {
         for work in works(task, max_steps, cell, place.seed) {
             let is_score = matches!(work, Work::Score { .. });
             let is_evaluation = matches!(work, Work::Evaluate { .. });
+            if is_evaluation && !self.evaluates {
+                continue;
+            }
             let index = self.stage(work, last, &place.label);
             chain.stages.push(index);
             if is_score {

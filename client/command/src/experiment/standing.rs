@@ -3,12 +3,23 @@
 use std::collections::HashSet;
 
 use gleaner_client::has_ended;
-use gleaner_proto::v1::JobState;
+use gleaner_proto::v1::{Job, JobState};
 use serde::{Deserialize, Serialize};
 
 use super::stage::{Chain, Graph};
-use super::submit::{Made, Submitted};
 use crate::words;
+
+/// What a stage is on the server.
+#[derive(Clone, Debug)]
+pub(crate) struct Made {
+    /// Of the snapshot, encoder, score run, dataset, policy or evaluation; it may not be there yet.
+    pub(crate) id: String,
+    /// The job that makes it; snapshots and datasets need none.
+    pub(crate) job: Option<Job>,
+}
+
+/// For each stage what it is, or why it is not.
+pub(crate) type Submitted = Vec<std::result::Result<Made, Gap>>;
 
 /// Why there is nothing of a stage.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -2,12 +2,13 @@
 //! the server finds again by itself.
 
 use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 
 use gleaner_client::ClientError;
 use serde::{Deserialize, Serialize};
 
-use super::reporter::replace;
 use crate::failure::{Failure, Result};
 
 const FILE: &str = "state.json";
@@ -50,6 +51,18 @@ impl State {
         let text = serde_json::to_vec_pretty(&self.remembered).map_err(|error| Failure::told(error.to_string()))?;
         Ok(replace(&self.path, &text).map_err(ClientError::io(&self.path))?)
     }
+}
+
+/// Puts a file's new content in place of the old: whoever reads it meanwhile sees one or the other, never a part.
+pub(crate) fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().unwrap_or_else(|| Path::new("."));
+    // As any other file that is made: for everyone, less what the user keeps to himself.
+    let mut builder = tempfile::Builder::new();
+    let mut file = builder.permissions(std::fs::Permissions::from_mode(0o666)).tempfile_in(folder)?;
+    file.write_all(content)?;
+    file.as_file().sync_all()?;
+    file.persist(path).map_err(|error| error.error)?;
+    std::fs::File::open(folder)?.sync_all()
 }
 
 #[cfg(test)]

@@ -3,29 +3,17 @@
 
 use gleaner_client::Client;
 use gleaner_proto::v1::{
-    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, Job, JobSpec, RoleRule, SubmitJobRequest,
+    CreateDatasetRequest, CreateSnapshotRequest, GetSnapshotRequest, JobSpec, RoleRule, SubmitJobRequest,
 };
 use tonic::Code;
 
 use super::file::Experiment;
 use super::order::{self, Input};
 use super::stage::{Graph, Stage, Work};
-use super::standing::Gap;
+use super::standing::{Gap, Made, Submitted};
 use super::state::State;
 use crate::failure::{Failure, Result, present};
 use gleaner_core::Device;
-
-/// What a stage is on the server.
-#[derive(Clone, Debug)]
-pub(crate) struct Made {
-    /// Of the snapshot, encoder, score run, dataset, policy or evaluation; it may not be there yet.
-    pub(crate) id: String,
-    /// The job that makes it; snapshots and datasets need none.
-    pub(crate) job: Option<Job>,
-}
-
-/// For each stage what it is, or why it is not.
-pub(crate) type Submitted = Vec<std::result::Result<Made, Gap>>;
 
 /// Asks for the stages of an experiment.
 pub(crate) struct Submitter<'a> {
@@ -81,7 +69,7 @@ impl<'a> Submitter<'a> {
         if let Some(known) = known_snapshot(self.client, self.state, key).await? {
             return Ok(known);
         }
-        let request = CreateSnapshotRequest { task: self.experiment.task(), rule: Some(rule) };
+        let request = CreateSnapshotRequest { task: self.experiment.task.clone(), rule: Some(rule) };
         let reply = self.client.snapshots().create_snapshot(request).await?.into_inner();
         let id = present(reply.snapshot, "a snapshot")?.id;
         self.state.remember(key, &id)?;
@@ -98,7 +86,7 @@ impl<'a> Submitter<'a> {
         let simulation = self.experiment.recordings.task.to_string();
         let spec = present(order::job(&stage.work, input, &simulation, self.device), "a job for this stage")?;
         let request = SubmitJobRequest {
-            task: self.experiment.task(),
+            task: self.experiment.task.clone(),
             spec: Some(JobSpec { spec: Some(spec) }),
             key: job_key(stage, input.id),
             ..SubmitJobRequest::default()

@@ -5,21 +5,28 @@ use std::fmt::Write as _;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::plan::DemoPlan;
+use super::super::cell::CellSettings;
+use super::super::recordings::CohortCount;
 use crate::quality::{Selected, Separation};
 use gleaner_core::NormaliserKind;
 
 /// Everything the demo found.
 #[derive(Clone, Debug, Serialize)]
 pub(crate) struct Report {
-    pub(crate) plan: DemoPlan,
-    pub(crate) recorded: Vec<RecordedCount>,
+    /// Every setting, as in the experiment's file.
+    pub(crate) plan: toml::Table,
+    /// The settings of the policy with gleaned segments.
+    #[serde(skip)]
+    pub(crate) cell: CellSettings,
+    pub(crate) recorded: Vec<CohortCount>,
     pub(crate) separation: Vec<Separation>,
     pub(crate) thresholds: Vec<Threshold>,
     /// Counts of equal bins of q over [0, 1], by the server.
     pub(crate) histogram: Vec<u64>,
     pub(crate) policies: Vec<Evaluation>,
     pub(crate) stages: Vec<Stage>,
+    /// Duration of all stages; some run side by side.
+    pub(crate) seconds: f64,
 }
 
 /// What a threshold keeps.
@@ -28,15 +35,6 @@ pub(crate) struct Threshold {
     pub(crate) beta: f64,
     #[serde(flatten)]
     pub(crate) selected: Selected,
-}
-
-/// How many episodes an agent recorded, and how they ended.
-#[derive(Clone, Debug, Serialize)]
-pub(crate) struct RecordedCount {
-    pub(crate) agent: String,
-    pub(crate) episodes: usize,
-    pub(crate) steps: usize,
-    pub(crate) successes: usize,
 }
 
 /// One policy's closed-loop evaluation.
@@ -73,7 +71,7 @@ impl Report {
     fn recorded_section(&self, text: &mut String) {
         heading(text, "Recorded in the simulator", "| agent | episodes | steps | succeeded |\n|---|---:|---:|---:|");
         for row in &self.recorded {
-            line(text, format_args!("| {} | {} | {} | {} |", row.agent, row.episodes, row.steps, row.successes));
+            line(text, format_args!("| {} | {} | {} | {} |", row.cohort, row.episodes, row.steps, row.successes));
         }
     }
 
@@ -128,17 +126,17 @@ impl Report {
                 ),
             );
         }
+        let (episodes, beta) = (self.cell.episodes, self.cell.beta);
+        // The plan was checked, so both can be read.
+        let lambda = self.cell.train_spec(0).unwrap_or_default().lambda;
+        let q = match self.cell.score_spec(0).unwrap_or_default().normaliser {
+            NormaliserKind::MinMax => "w from its lowest to its highest",
+            NormaliserKind::Quantile => "the share of segments with a lower w",
+        };
         line(
             text,
             format_args!(
-                "\nThe same {} episodes for each, none of them recorded; the dataset's β is {}, λ is {}, q is {}.",
-                self.plan.evaluation_episodes,
-                self.plan.beta,
-                self.plan.lambda,
-                match self.plan.normaliser {
-                    NormaliserKind::MinMax => "w from its lowest to its highest",
-                    NormaliserKind::Quantile => "the share of segments with a lower w",
-                }
+                "\nThe same {episodes} episodes for each, none of them recorded; the dataset's β is {beta}, λ is {lambda}, q is {q}."
             ),
         );
     }
@@ -148,8 +146,7 @@ impl Report {
         for row in &self.stages {
             line(text, format_args!("| {} | {:.1} | {} |", row.stage, row.seconds, row.detail));
         }
-        let total: f64 = self.stages.iter().map(|stage| stage.seconds).sum();
-        line(text, format_args!("| all | {total:.1} | |"));
+        line(text, format_args!("| all | {:.1} | |", self.seconds));
     }
 }
 
@@ -172,13 +169,22 @@ fn percent(value: Option<f64>) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::plan::{Plan, QUICK};
     use super::*;
     use serde_json::json;
 
     fn report() -> Report {
+        let plan = Plan::with(QUICK).unwrap();
         Report {
-            plan: DemoPlan::quick(),
-            recorded: vec![RecordedCount { agent: "expert".into(), episodes: 4, steps: 120, successes: 4 }],
+            plan: plan.settings.clone(),
+            cell: plan.cells().last().unwrap().clone(),
+            recorded: vec![CohortCount {
+                cohort: "expert".into(),
+                agent: "expert".into(),
+                episodes: 4,
+                steps: 120,
+                successes: 4,
+            }],
             separation: vec![Separation {
                 cohort: "all".into(),
                 episodes: 6,
@@ -203,6 +209,7 @@ mod tests {
                 Stage { stage: "record".into(), seconds: 1.5, detail: "10 episodes".into() },
                 Stage { stage: "push".into(), seconds: 0.25, detail: String::new() },
             ],
+            seconds: 1.75,
         }
     }
 
@@ -214,6 +221,7 @@ mod tests {
             "| all | 6 | 100 | 0 | 0.750 | - | - |",
             "| 0.9 | 25 | 25.0 % | 50.0 % | 12.5 % |",
             "| experts | 1 of 4, 25.0 % | 2.0 ms | 4.2 ms |",
+            "The same 4 episodes for each, none of them recorded; the dataset's β is 0.9, λ is 0.1, q is the share of segments with a lower w.",
             "| record | 1.5 | 10 episodes |",
             "| all | 1.8 | |",
         ] {
@@ -224,7 +232,7 @@ mod tests {
     #[test]
     fn the_json_holds_the_plan_and_the_numbers() {
         let shown = serde_json::to_value(report()).unwrap();
-        assert_eq!(shown["plan"]["experts"], 4);
+        assert_eq!(shown["plan"]["data"]["experts"], 4);
         assert_eq!(shown["thresholds"][0]["precision"], 0.5);
     }
 }

@@ -1,11 +1,12 @@
-//! `demo`: every stage once on a temporary server, with a report at the end.
+//! `demo`: a preset of `experiment`, once on a temporary server, with a report of its own.
 //!
-//! Uses the same calls as the commands. `plan` has the sizes, `stages` the work, and `report` the text.
+//! `demo.toml` is the experiment and `plan` reads it; `run` does its work and evaluates both policies over the endpoint
+//! that robots use; `report` and `figure` show the results.
 
 mod figure;
 mod plan;
 mod report;
-mod stages;
+mod run;
 
 use std::path::{Path, PathBuf};
 
@@ -17,11 +18,11 @@ use crate::failure::{Failure, Result};
 use crate::figure::spread;
 use crate::own_server::ServerProcess;
 use crate::quality::histogram;
-use plan::DemoPlan;
+use plan::{Plan, QUICK};
 use report::Report;
-use stages::{Found, Stages};
+use run::{Found, Run};
 
-// Says that what lies beside it was made by a demo, so that the next one may clear it away.
+// Marks a folder's data as a demo's, so that the next demo may delete them.
 const MARKER: &str = ".gleaner-demo";
 const DATA: &str = "data";
 const RECORDINGS: &str = "recordings";
@@ -37,34 +38,22 @@ pub(crate) struct DemoArgs {
     /// Use the smallest sizes that run every stage; the numbers have no meaning.
     #[arg(long)]
     quick: bool,
-    /// TOML file with the sizes that differ from the full demo.
+    /// TOML file with the settings that differ from the full demo, in the form of an experiment's file ([data], [base]).
     #[arg(long, value_name = "TOML", conflicts_with = "quick")]
     plan: Option<PathBuf>,
 }
 
 impl DemoArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let plan = match &self.plan {
-            Some(path) => DemoPlan::read(path)?,
-            None if self.quick => DemoPlan::quick(),
-            None => DemoPlan::default(),
-        };
+        let plan = self.plan()?;
         fresh(&self.dir)?;
         let log = self.dir.join("server.log");
-        // One for each policy; every stage before has one job alone.
+        // One for each policy.
         let server = ServerProcess::start(&self.server_bin, &self.dir.join(DATA), &log, &["--workers", "2"]).await?;
         context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
-        let work = async {
-            let client = Client::connect(server.url(), None).await?;
-            Stages::new(context, client, plan, self.dir.join(RECORDINGS)).run().await
-        };
-        let found = tokio::select! {
-            found = work => found,
-            _ = tokio::signal::ctrl_c() => Err(Failure::told("interrupted")),
-        };
-        let stopped = server.stop().await;
-        let found = found?;
-        stopped?;
+        let recordings = self.dir.join(RECORDINGS);
+        let work = async |client: Client| Run::new(context, &client, &plan).run(&recordings).await;
+        let found = server.during(work, "interrupted").await?;
         write(&self.dir, &found)?;
         context.output.result(|| document(&found.report), || found.report.markdown())?;
         context.output.next(format_args!(
@@ -75,9 +64,17 @@ impl DemoArgs {
         ));
         Ok(())
     }
+
+    fn plan(&self) -> Result<Plan> {
+        let Some(path) = &self.plan else {
+            return Plan::with(if self.quick { QUICK } else { "" }).map_err(Failure::told);
+        };
+        let text = std::fs::read_to_string(path).map_err(ClientError::io(path))?;
+        Plan::with(&text).map_err(|problem| Failure::told(format!("{}: {problem}", path.display())))
+    }
 }
 
-// A folder without data: new, or cleared of what an earlier demo left. Nothing else is ever deleted.
+// A folder without data: new, or cleared of an earlier demo's data, the only files that are ever deleted.
 fn fresh(folder: &Path) -> Result<()> {
     let marker = folder.join(MARKER);
     for part in [DATA, RECORDINGS].map(|part| folder.join(part)) {
