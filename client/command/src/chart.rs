@@ -4,7 +4,7 @@ const EIGHTHS: [char; 9] = [' ', '▁', '▂', '▃', '▄', '▅', '▆', '▇'
 const FULL: usize = 8;
 // The axis: a label of five characters, a space and a stroke.
 const MARGIN: usize = 7;
-// Short episodes are drawn wider, but not so wide that steps can no longer be told apart.
+// Short episodes are drawn wider, but not so wide that steps become indistinct.
 const WIDEST_STEP: usize = 3;
 
 /// Values of [0, 1] over steps as filled columns, `rows` high and at most `width` wide, with a line at β.
@@ -52,7 +52,7 @@ fn columns(values: &[f32], width: usize) -> Vec<Option<f64>> {
     (0..width).map(bucket).collect()
 }
 
-/// A horizontal bar of `part` out of `whole`, at most `width` wide. What is not nothing shows.
+/// A horizontal bar of `part` out of `whole`, at most `width` wide. Any part above 0 shows.
 pub(crate) fn bar(part: u64, whole: u64, width: usize) -> String {
     const PARTS: [char; 8] = ['▏', '▎', '▍', '▌', '▋', '▊', '▉', '█'];
     if part == 0 || whole == 0 {

@@ -64,29 +64,29 @@ impl ConnectionArgs {
     }
 
     /// The failure, with its likely cause where a lost connection hides it: a server that encrypts at an address without
-    /// encryption, or one that asks for a client certificate (its refusal follows the handshake and may be lost).
+    /// encryption, or one that requires a client certificate (its rejection follows the handshake and may be lost).
     pub(crate) async fn explained(&self, failure: Failure) -> Failure {
         let server = self.url();
         if !failure.is_lost_connection() {
             return failure;
         }
-        let said = failure.to_string();
-        if server.starts_with("https://") && self.client_cert.is_none() && !said.contains("--client-cert") {
-            return Failure::told(format!(
-                "{said}; if the server asks for a client certificate, give --client-cert and --client-key"
+        let message = failure.to_string();
+        if server.starts_with("https://") && self.client_cert.is_none() && !message.contains("--client-cert") {
+            return Failure::message(format!(
+                "{message}; if the server asks for a client certificate, give --client-cert and --client-key"
             ));
         }
         if !Client::encrypts(server).await {
             return failure;
         }
         let address = server.trim_start_matches("http://");
-        Failure::told(format!(
+        Failure::message(format!(
             "cannot talk to {server}: the server there encrypts; write https://{address} and name its authority with \
              --ca FILE"
         ))
     }
 
-    // What the user gave; files are read now, so that a missing one is named.
+    // Files are read now, so that a missing one is named.
     fn credentials(&self) -> Result<Credentials> {
         let ConnectionArgs { server: _, token, ca, client_cert, client_key, author: _ } = self;
         let read = |path: &Path| std::fs::read(path).map_err(ClientError::io(path));

@@ -18,12 +18,12 @@ pub(crate) enum Failure {
     #[error("output: {0}")]
     Output(#[from] io::Error),
     #[error("{0}")]
-    Told(String),
+    Message(String),
 }
 
 impl Failure {
-    pub(crate) fn told(message: impl Into<String>) -> Self {
-        Self::Told(message.into())
+    pub(crate) fn message(message: impl Into<String>) -> Self {
+        Self::Message(message.into())
     }
 
     /// Whether an open connection broke.

@@ -1,6 +1,6 @@
 //! Plots as SVG: light ground, axes with their units, intervals as whiskers.
 //!
-//! Knows numbers and labels, nothing of where they come from.
+//! Draws numbers and labels; must not know experiments or servers.
 
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::{IntoSegmentedCoord as _, SegmentValue};
@@ -33,7 +33,7 @@ pub(crate) struct Line {
     pub(crate) points: Vec<(f64, f64, (f64, f64))>,
 }
 
-/// What an axis shows and from where to where.
+/// An axis with its range.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Axis<'a> {
     pub(crate) name: &'a str,
@@ -125,7 +125,7 @@ fn panel(canvas: &Canvas<'_>, title: &str, axis: Axis<'_>, values: &[Bar]) -> Re
         Some(ErrorBar::new_vertical(SegmentValue::CenterOf(index), low, bar.value, high, BLACK.filled(), 8))
     });
     chart.draw_series(whiskers).map_err(failed)?;
-    // What has no interval is a count, and small ones could not be told from nothing.
+    // Values without an interval are counts; bars of small counts would look empty.
     let counts = values.iter().enumerate().filter(|(_, bar)| bar.interval.is_none()).map(|(index, bar)| {
         let style = ("sans-serif", 12).into_font().color(&BLACK).pos(Pos::new(HPos::Center, VPos::Bottom));
         Text::new(format!("{:.0}", bar.value), (SegmentValue::CenterOf(index), bar.value), style)
@@ -188,7 +188,7 @@ fn draw(size: (u32, u32), paint: impl FnOnce(&Canvas<'_>) -> Result<()>) -> Resu
 }
 
 fn failed(problem: impl std::fmt::Display) -> Failure {
-    Failure::told(format!("drawing a figure: {problem}"))
+    Failure::message(format!("drawing a figure: {problem}"))
 }
 
 #[cfg(test)]

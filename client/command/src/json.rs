@@ -2,8 +2,8 @@
 //!
 //! Field names are the API's own (snake_case). Enum values are lower-case words without the enum's prefix,
 //! null when unspecified. Times are RFC 3339 in UTC, bytes are base64, 64-bit numbers are numbers. Every field
-//! is there: what is unset is null, or the empty value of a field that can't be unset. Of a choice (oneof) only
-//! the chosen member is there.
+//! is present: an unset field is null, or empty where it can't be unset. Of a choice (oneof) only the chosen member is
+//! present.
 
 use std::sync::LazyLock;
 
@@ -50,7 +50,7 @@ static POOL: LazyLock<std::result::Result<DescriptorPool, prost_reflect::Descrip
 
 /// A message as a JSON object.
 pub(crate) fn value<M: Described>(message: &M) -> Result<Value> {
-    let impossible = |what: &dyn std::fmt::Display| Failure::told(format!("{} as JSON: {what}", M::NAME));
+    let impossible = |what: &dyn std::fmt::Display| Failure::message(format!("{} as JSON: {what}", M::NAME));
     let pool = POOL.as_ref().map_err(|error| impossible(error))?;
     let descriptor = pool.get_message_by_name(M::NAME).ok_or_else(|| impossible(&"it has no descriptor"))?;
     let mut dynamic = DynamicMessage::new(descriptor);
@@ -103,7 +103,7 @@ fn plain(value: &prost_reflect::Value, kind: &Kind) -> Value {
     }
 }
 
-// The shortest decimal that reads back as the same f32: 0.1, not 0.10000000149. Null for what JSON can't say.
+// The shortest decimal that reads back as the same f32: 0.1, not 0.10000000149. Null for values without a JSON form.
 fn short(number: f32) -> Value {
     let decimal = number.to_string().parse().ok().and_then(Number::from_f64);
     decimal.map_or(Value::Null, Value::Number)

@@ -23,7 +23,7 @@ use crate::context::Context;
 use crate::failure::Failure;
 use crate::output::Output;
 
-/// Exit code for arguments that cannot be used, as the parser has it.
+/// Exit code for wrong arguments, the same as clap's.
 const USAGE: u8 = 2;
 
 fn main() -> ExitCode {
@@ -33,8 +33,8 @@ fn main() -> ExitCode {
             Output::usage(&problem);
             return ExitCode::from(USAGE);
         }
-        // Help or the version, which repeat nothing that was given.
-        Err(asked) => asked.exit(),
+        // Help or the version, which repeat no argument.
+        Err(help) => help.exit(),
     };
     let output = Output::new(cli.json);
     let done =
@@ -49,7 +49,7 @@ fn main() -> ExitCode {
         });
     match done {
         Ok(()) => ExitCode::SUCCESS,
-        // Whoever read our output has seen enough (`gleaner episodes | head`).
+        // The reader of the output has closed it (`gleaner episodes | head`).
         Err(failure) if failure.is_broken_pipe() => ExitCode::SUCCESS,
         Err(failure) => {
             output.error(&failure);

@@ -37,8 +37,8 @@ impl Output {
         if self.json { self.line(format_args!("{:#}", document()?)) } else { self.line(text().trim_end()) }
     }
 
-    /// One line of a stream of results. A pipe that was closed is an error like any other; `main` keeps quiet
-    /// about it.
+    /// One line of a stream of results. A pipe that was closed is an error like any other; `main` does not
+    /// report it.
     pub(crate) fn line(self, line: impl Display) -> Result<()> {
         let escape = if self.json { Escape::Json } else { Escape::Lines };
         Ok(writeln!(io::stdout().lock(), "{}", escape.apply(&line.to_string()))?)
@@ -49,10 +49,10 @@ impl Output {
         self.note(format_args!("next: {hint}"));
     }
 
-    /// Something a person should know beside the result.
+    /// A note for people beside the result.
     pub(crate) fn note(self, text: impl Display) {
         if !self.json {
-            // A terminal that is gone can't be told about it.
+            // A failure to write to a closed terminal has no other place to be reported.
             let _ = writeln!(io::stderr().lock(), "{}", Escape::Lines.apply(&text.to_string()));
         }
     }

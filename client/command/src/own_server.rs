@@ -23,8 +23,8 @@ pub(crate) struct ServerProcess {
     url: String,
 }
 
-/// Where a server of one's own listens, as noted in a file beside its data: should we be killed, the next run finds
-/// the server that is left behind instead of starting a second one on the same data.
+/// The address of an experiment's server, noted in a file beside its data: after a kill, the next run finds the server
+/// that is still running instead of starting a second one on the same data.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct Address {
     pub(crate) url: String,
@@ -32,7 +32,7 @@ pub(crate) struct Address {
 }
 
 impl Address {
-    /// The server that a note names, if it is still there.
+    /// The server that a note names, if it still runs.
     pub(crate) async fn left_behind(note: &Path) -> Option<(Self, Client)> {
         let noted: Self = serde_json::from_slice(&std::fs::read(note).ok()?).ok()?;
         test_kill_process(Pid::from_raw(noted.pid)?).ok()?;
@@ -41,14 +41,14 @@ impl Address {
     }
 
     pub(crate) fn note(&self, note: &Path) -> Result<()> {
-        let text = serde_json::to_vec(self).map_err(|error| Failure::told(error.to_string()))?;
+        let text = serde_json::to_vec(self).map_err(|error| Failure::message(error.to_string()))?;
         Ok(std::fs::write(note, text).map_err(ClientError::io(note))?)
     }
 
-    /// Asks the server to end; it does so by itself.
+    /// Asks the server to stop; returns before it has stopped.
     pub(crate) fn ask_to_stop(&self) {
         if let Some(pid) = Pid::from_raw(self.pid) {
-            // It may have ended by itself meanwhile.
+            // It may have ended meanwhile.
             let _ = kill_process(pid, Signal::TERM);
         }
     }
@@ -57,7 +57,7 @@ impl Address {
 impl ServerProcess {
     /// Starts `binary serve` on a data folder, with further flags, and waits until it listens. Its log goes to a file.
     pub(crate) async fn start(binary: &Path, data: &Path, log: &Path, flags: &[&str]) -> Result<Self> {
-        // What an earlier server wrote stays; it may still be at it.
+        // The log of an earlier server stays; that server may still be writing.
         let log_file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
         let mut child = Command::new(binary)
             .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
@@ -69,16 +69,18 @@ impl ServerProcess {
             .kill_on_drop(true)
             .spawn()
             .map_err(ClientError::io(binary))?;
-        let stdout = child.stdout.take().ok_or_else(|| Failure::told("the server has no output"))?;
+        let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server has no output"))?;
         let mut lines = BufReader::new(stdout).lines();
         let url = match tokio::time::timeout(START_PATIENCE, ready(&mut lines)).await {
             Ok(Some(url)) => url,
             Ok(None) => {
-                return Err(Failure::told(format!("{} ended before it listened; {}", binary.display(), tail(log))));
+                return Err(Failure::message(format!("{} ended before it listened; {}", binary.display(), tail(log))));
             }
-            Err(_) => return Err(Failure::told(format!("{} did not listen in time; {}", binary.display(), tail(log)))),
+            Err(_) => {
+                return Err(Failure::message(format!("{} did not listen in time; {}", binary.display(), tail(log))));
+            }
         };
-        // What else it prints must not fill the pipe.
+        // Later output must not fill the pipe.
         tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
         Ok(Self { child, url })
     }
@@ -87,7 +89,7 @@ impl ServerProcess {
         &self.url
     }
 
-    /// What a later run needs to find it again.
+    /// The note for a later run.
     pub(crate) fn address(&self) -> Address {
         let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).unwrap_or_default();
         Address { url: self.url.clone(), pid }
@@ -115,7 +117,7 @@ impl ServerProcess {
             Ok(ended) => well(ended?),
             Err(_) => {
                 self.child.kill().await?;
-                Err(Failure::told("the server did not end when asked to, and was killed"))
+                Err(Failure::message("the server did not end when asked to, and was killed"))
             }
         }
     }
@@ -129,13 +131,13 @@ pub(crate) async fn unless_interrupted<T>(
     let mut terminate = signal(SignalKind::terminate())?;
     tokio::select! {
         done = work => done,
-        _ = tokio::signal::ctrl_c() => Err(Failure::told(interrupted)),
-        _ = terminate.recv() => Err(Failure::told(interrupted)),
+        _ = tokio::signal::ctrl_c() => Err(Failure::message(interrupted)),
+        _ = terminate.recv() => Err(Failure::message(interrupted)),
     }
 }
 
 fn well(status: ExitStatus) -> Result<()> {
-    if status.success() { Ok(()) } else { Err(Failure::told(format!("the server ended badly: {status}"))) }
+    if status.success() { Ok(()) } else { Err(Failure::message(format!("the server ended badly: {status}"))) }
 }
 
 async fn ready(lines: &mut Lines<BufReader<ChildStdout>>) -> Option<String> {
@@ -147,7 +149,7 @@ async fn ready(lines: &mut Lines<BufReader<ChildStdout>>) -> Option<String> {
     None
 }
 
-// The end of the log, where the reason is.
+// The end of the log, which has the reason.
 fn tail(log: &Path) -> String {
     let text = std::fs::read_to_string(log).unwrap_or_default();
     let last: Vec<&str> = text.lines().rev().take(5).collect();
@@ -160,7 +162,7 @@ mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt as _;
 
-    // A stand-in that follows the same agreement as the server.
+    // A stand-in with the server's protocol.
     fn script(folder: &Path, body: &str) -> PathBuf {
         let path = folder.join("server.sh");
         std::fs::write(&path, format!("#!/bin/sh\n{body}\n")).unwrap();
@@ -177,7 +179,7 @@ mod tests {
             "trap 'echo bye >&2; exit 0' TERM\necho listening on http://127.0.0.1:9\nwhile :; do sleep 0.02; done";
         let server = ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[]).await.unwrap();
         assert_eq!(server.url(), "http://127.0.0.1:9");
-        // There, but nobody answers: not a server to go on with.
+        // The process runs, but does not answer: the note is not used.
         let note = folder.path().join("note");
         server.address().note(&note).unwrap();
         assert!(Address::left_behind(&note).await.is_none());

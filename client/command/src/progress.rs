@@ -20,12 +20,12 @@ impl Progress {
         self.bar(what, Some(total), "{prefix} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta}")
     }
 
-    /// A bar over things that are counted.
+    /// A bar over a count.
     pub(crate) fn count(self, what: &str, total: u64) -> Bar {
         self.bar(what, Some(total), "{prefix} {wide_bar} {pos}/{len} {eta} {msg}")
     }
 
-    /// A sign of life when nobody knows how long it takes.
+    /// A spinner for work of unknown length.
     pub(crate) fn spinner(self, what: &str) -> Bar {
         self.bar(what, None, "{spinner} {prefix} {elapsed} {msg}")
     }

@@ -1,6 +1,6 @@
-//! How well q tells good steps from bad: against the simulator's own mark, which no job ever saw.
+//! How well q separates good steps from bad: against the simulator's own mark, which no job ever saw.
 //!
-//! Knows no server; the demo's and the experiments' reports are made of this.
+//! Must not know a server; the reports of experiments and of the demo use it.
 
 use gleaner_sim::RecordedEpisode;
 use gleaner_sim::statistics::{auroc, auroc_interval, precision_recall};
@@ -8,14 +8,14 @@ use serde::{Deserialize, Serialize};
 
 /// Over all cohorts.
 pub(crate) const ALL: &str = "all";
-/// Over all cohorts, without the episodes that succeeded all the same.
+/// Over all cohorts, without the episodes that succeeded nevertheless.
 pub(crate) const FAILURES: &str = "failures only";
 /// Bins of a histogram of q.
 pub(crate) const BINS: usize = 20;
-// Of the resampling; any will do, as long as it stays.
+// Of the resampling; any constant will do.
 const RESAMPLING_SEED: u64 = 0;
 
-/// What the simulator knows of an attempt and learning must not.
+/// The simulator's own verdict on an attempt, which learning must not know.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Mark {
     /// The first step at which it did other than the expert would; `None` when it never did.
@@ -23,8 +23,7 @@ pub(crate) struct Mark {
 }
 
 impl Mark {
-    /// Whether the segment that ends at a step is bad. The one place that decides it: from the first wrong step on,
-    /// whatever comes after.
+    /// Whether the segment that ends at a step is bad: every segment from the first wrong step on. The only definition.
     pub(crate) fn is_bad(&self, end_step: usize) -> bool {
         self.went_wrong.is_some_and(|wrong| end_step >= usize::try_from(wrong).unwrap_or(usize::MAX))
     }
@@ -41,7 +40,7 @@ impl From<&RecordedEpisode> for Mark {
 pub(crate) struct MarkedEpisode {
     pub(crate) id: String,
     pub(crate) cohort: String,
-    /// Whether it reached the goal all the same.
+    /// Whether it reached the goal nevertheless.
     pub(crate) success: bool,
     pub(crate) mark: Mark,
     /// One value a step.
@@ -136,7 +135,7 @@ pub(crate) fn above(beta: f64) -> impl Fn(f32, f64) -> bool {
     move |q, _| q > beta as f32
 }
 
-/// Keeps so many steps, those of highest q, of equal ones those of highest w; and what ties with the last of them.
+/// Keeps `count` steps, those of highest q, then of highest w; and every tie with the last of them.
 pub(crate) fn best(episodes: &[MarkedEpisode], count: usize) -> impl Fn(f32, f64) -> bool {
     let scores = |episode: &MarkedEpisode| -> Vec<(f32, f64)> {
         episode.q.iter().copied().zip(episode.w.iter().copied()).collect()
@@ -147,7 +146,7 @@ pub(crate) fn best(episodes: &[MarkedEpisode], count: usize) -> impl Fn(f32, f64
     move |q, w| last.is_some_and(|(lowest_q, lowest_w)| q > lowest_q || (q == lowest_q && w >= lowest_w))
 }
 
-/// What a rule on (q, w) of a step keeps, and how good that is.
+/// The steps that a rule on (q, w) keeps, and how good they are.
 #[expect(clippy::cast_precision_loss, reason = "counts of steps are far below 2^52")]
 pub(crate) fn select(episodes: &[MarkedEpisode], keeps: impl Fn(f32, f64) -> bool) -> Selected {
     let good: Vec<bool> = episodes.iter().flat_map(MarkedEpisode::steps).map(|step| step.1).collect();

@@ -1,4 +1,4 @@
-//! How values read in tables and lines: enum words, times, sizes, durations.
+//! Values as text in tables and lines: enum words, times, sizes, durations.
 
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ word_of!(role, Role, "ROLE_");
 word_of!(job_kind, JobKind, "JOB_KIND_");
 word_of!(job_state, JobState, "JOB_STATE_");
 
-/// A wire timestamp, if it is there and a time at all.
+/// A wire timestamp, if it is set and valid.
 pub(crate) fn timestamp(time: Option<&prost_types::Timestamp>) -> Option<Timestamp> {
     time.and_then(|time| Timestamp::new(time.seconds, time.nanos).ok())
 }
@@ -102,8 +102,8 @@ mod tests {
 
     #[test]
     fn durations_read_in_the_fitting_unit() {
-        let said: Vec<String> = [0.25, 42.7, 61.0, 7322.0].map(|s| duration(Duration::from_secs_f64(s))).into();
-        assert_eq!(said, ["0.2 s", "42 s", "1 min 01 s", "2 h 02 min"]);
+        let message: Vec<String> = [0.25, 42.7, 61.0, 7322.0].map(|s| duration(Duration::from_secs_f64(s))).into();
+        assert_eq!(message, ["0.2 s", "42 s", "1 min 01 s", "2 h 02 min"]);
     }
 
     #[test]

@@ -142,7 +142,7 @@ mod tests {
     fn invalid_chunks_are_rejected_and_change_nothing() {
         let mut buffer = ActionBuffer::new(PERIOD, Ensembling::ByClient);
         buffer.push(1000, chunk(&[1.0, 2.0])).unwrap();
-        for (stamp, actions, said) in [
+        for (stamp, actions, message) in [
             (1100, vec![], "the answer has none"),
             (1100, vec![vec![1.0], vec![1.0, 2.0]], "2 values, the others 1"),
             (1100, vec![vec![1.0, 2.0]], "2 values, the others 1"),
@@ -150,7 +150,7 @@ mod tests {
             (1000, chunk(&[1.0]), "came after"),
         ] {
             let error = buffer.push(stamp, actions).unwrap_err().to_string();
-            assert!(error.contains(said), "{error}");
+            assert!(error.contains(message), "{error}");
         }
         assert_near(buffer.due(1100), 2.0);
         buffer.clear();

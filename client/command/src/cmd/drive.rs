@@ -71,7 +71,7 @@ impl DriveArgs {
         context.output.result(|| Ok(document(&plan, &driven)), || summary(&plan, &driven))?;
         match plan.record {
             None => context.output.next("gleaner deployments"),
-            // On the server the task has the name that the simulator gives it, unless somebody chose another.
+            // The task has the simulator's name for it, unless its creator chose another.
             Some(_) => context.output.next(format!("gleaner episodes --task {}", plan.task)),
         }
         Ok(())
@@ -108,7 +108,7 @@ fn summary(plan: &DrivePlan, driven: &Driven) -> String {
             words::milliseconds(driven.latency(0.5)),
             words::milliseconds(driven.latency(0.99))
         ),
-        Some(control) => format!(", in real time\n{}", told(control)),
+        Some(control) => format!(", in real time\n{}", control_text(control)),
     };
     let recorded = match (&plan.record, driven.recorded()) {
         (None, _) => String::new(),
@@ -117,7 +117,7 @@ fn summary(plan: &DrivePlan, driven: &Driven) -> String {
     format!("{steps}{pace}{recorded}{}", lowest(driven))
 }
 
-/// Where the runs left most what experts do.
+/// The step at which the runs departed most from the experts.
 fn lowest(driven: &Driven) -> String {
     let scored = driven.episodes.iter().filter_map(|episode| Some((episode, episode.lowest.as_ref()?)));
     let Some((episode, lowest)) = scored.min_by(|(_, a), (_, b)| (a.q, a.w).partial_cmp(&(b.q, b.w)).unwrap_or(Equal))
@@ -130,7 +130,7 @@ fn lowest(driven: &Driven) -> String {
     )
 }
 
-fn told(control: &ControlReport) -> String {
+fn control_text(control: &ControlReport) -> String {
     format!(
         "{} ticks: {} acted, {} held, {} rested; {} answers late, {} missed, {} observations dropped; \
          {} reconnects, {} overruns",
@@ -246,18 +246,18 @@ mod tests {
         let lowest = LowestScore { q: 0.25, w: -7.5, seconds: 2.3, match_episode_id: "ep_e".into(), match_step: 11 };
         driven.episodes[1].lowest = Some(lowest);
         let recording = DrivePlan { record: Some(Recorded::default()), ..plan.clone() };
-        let said = summary(&recording, &driven);
+        let message = summary(&recording, &driven);
         let expected = "\n2 episodes recorded\n\
                         lowest live score: q 0.250 (w -7.500) at 2.3 s of seed 6, nearest to step 11 of ep_e";
-        assert!(said.ends_with(expected), "{said}");
+        assert!(message.ends_with(expected), "{message}");
         let shown = document(&recording, &driven);
         assert_eq!((&shown["episodes_recorded"], &shown["runs"][1]["lowest_score"]["q"]), (&json!(2), &json!(0.25)));
 
         let mut control = ControlReport::default();
         (control.ticks, control.acted, control.held) = (90, 85, 5);
         driven.control = Some(control);
-        let said = summary(&plan, &driven);
-        assert!(said.contains("in real time\n90 ticks: 85 acted, 5 held, 0 rested;"), "{said}");
+        let message = summary(&plan, &driven);
+        assert!(message.contains("in real time\n90 ticks: 85 acted, 5 held, 0 rested;"), "{message}");
         let shown = document(&plan, &driven);
         assert_eq!((&shown["latency_p99_ms"], &shown["real_time"]["held"]), (&Value::Null, &json!(5)));
     }

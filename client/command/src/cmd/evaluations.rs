@@ -164,9 +164,9 @@ mod tests {
             high: 0.9,
             ..Evaluation::default()
         };
-        let said = describe(&evaluation);
-        assert!(said.starts_with("evaluation_1 of pol_1 in pick_cube: 6 of 8, 75.0 % (95 % interval 40.0 to 90.0)"));
-        let last: Vec<&str> = said.lines().last().unwrap().split_whitespace().collect();
+        let message = describe(&evaluation);
+        assert!(message.starts_with("evaluation_1 of pol_1 in pick_cube: 6 of 8, 75.0 % (95 % interval 40.0 to 90.0)"));
+        let last: Vec<&str> = message.lines().last().unwrap().split_whitespace().collect();
         assert_eq!(last, ["1", "4", "3", "75.0", "%", "-"]);
     }
 }

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn the_chain_ends_where_it_is_told() {
+    fn the_chain_ends_at_the_given_stage() {
         let stages = |until: &str| {
             let spec = spec(&format!("--until {until}"));
             (spec.score, spec.beta.is_some(), spec.train.is_some(), spec.evaluate.is_some())
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_given_is_left_to_the_server() {
+    fn options_that_are_left_out_are_not_sent() {
         assert!(spec("").pretrain.unwrap().settings.unwrap().fields.is_empty());
         assert!(spec("").train.unwrap().settings.unwrap().fields.is_empty());
     }

@@ -53,8 +53,8 @@ impl PushArgs {
         context.output.result(|| document(&pushed, &skipped), || summary(&pushed, &skipped))?;
         let failures = pushed.failures().count();
         if failures > 0 {
-            return Err(Failure::told(format!(
-                "{failures} of {} recordings were not taken; mend and push them again",
+            return Err(Failure::message(format!(
+                "{failures} of {} recordings were not taken; fix them and push them again",
                 pushed.results.len()
             )));
         }
@@ -83,7 +83,7 @@ impl PushArgs {
             skipped = found.skipped;
         }
         if rows.is_empty() {
-            return Err(Failure::told(format!("{} lists no recordings", labels.display())));
+            return Err(Failure::message(format!("{} lists no recordings", labels.display())));
         }
         let mut items = Vec::with_capacity(rows.len());
         for row in rows {
@@ -104,7 +104,7 @@ fn chosen(rows: Vec<LabelledFile>, recordings: Vec<PathBuf>, labels: &Path) -> R
     let mut by_place: HashMap<PathBuf, LabelledFile> = rows.into_iter().map(|row| (place(&row.path), row)).collect();
     let row = |path: PathBuf| {
         by_place.remove(&place(&path)).ok_or_else(|| {
-            Failure::told(format!("{} is not listed in {}; add a line for it", path.display(), labels.display()))
+            Failure::message(format!("{} is not listed in {}; add a line for it", path.display(), labels.display()))
         })
     };
     recordings.into_iter().map(row).collect()
@@ -252,7 +252,7 @@ mod tests {
         let rows = vec![row("x/a.mcap"), row("x/b.mcap")];
         let labels = Path::new("x/labels.csv");
         assert_eq!(chosen(rows.clone(), vec!["x/b.mcap".into()], labels).unwrap(), [row("x/b.mcap")]);
-        let said = chosen(rows, vec!["x/c.mcap".into()], labels).unwrap_err().to_string();
-        assert!(said.contains("x/c.mcap is not listed in x/labels.csv"), "{said}");
+        let message = chosen(rows, vec!["x/c.mcap".into()], labels).unwrap_err().to_string();
+        assert!(message.contains("x/c.mcap is not listed in x/labels.csv"), "{message}");
     }
 }

@@ -107,7 +107,7 @@ impl RecordSet {
 
 /// Records with a progress bar.
 pub(crate) async fn record(context: &Context, folder: &Path, set: RecordSet) -> Result<Vec<RecordedEpisode>> {
-    set.check_seed().map_err(Failure::told)?;
+    set.check_seed().map_err(Failure::message)?;
     let total = set.total();
     let bar = context.progress.count("record", total);
     let (drawn, folder) = (bar.clone(), folder.to_owned());
@@ -116,7 +116,7 @@ pub(crate) async fn record(context: &Context, folder: &Path, set: RecordSet) -> 
             drawn.set_position(done as u64)
         })
     };
-    let recorded = tokio::task::spawn_blocking(work).await.map_err(|error| Failure::told(error.to_string()))??;
+    let recorded = tokio::task::spawn_blocking(work).await.map_err(|error| Failure::message(error.to_string()))??;
     bar.finish_and_clear();
     Ok(recorded)
 }
@@ -152,8 +152,8 @@ mod tests {
         };
         assert!(check(0).is_ok() && check((1 << 32) - 5).is_ok());
         for seed in [(1 << 32) - 4, 1 << 32, u64::MAX] {
-            let said = check(seed).unwrap_err();
-            assert!(said.starts_with("seed: ") && said.contains("at most 4294967291"), "{said}");
+            let message = check(seed).unwrap_err();
+            assert!(message.starts_with("seed: ") && message.contains("at most 4294967291"), "{message}");
         }
     }
 

@@ -58,7 +58,7 @@ impl CreateArgs {
                 let config = sim_config(self.image)?;
                 gleaner_sim::task_spec(task, &config)
             }
-            (None, None) => return Err(Failure::told("give a specification file or --sim")),
+            (None, None) => return Err(Failure::message("give a specification file or --sim")),
         };
         specification.validate()?;
         let request = CreateTaskRequest { spec: Some(spec::to_proto(&specification)) };
@@ -89,7 +89,7 @@ fn read_spec(path: &Path) -> Result<TaskSpec> {
     } else {
         toml::from_str(&text).map_err(|error| error.to_string())
     };
-    parsed.map_err(|problem| Failure::told(format!("{}: {problem}", path.display())))
+    parsed.map_err(|problem| Failure::message(format!("{}: {problem}", path.display())))
 }
 
 async fn list(context: &Context) -> Result<()> {
@@ -117,7 +117,7 @@ async fn show(context: &Context, name: String) -> Result<()> {
     let reply = context.client().await?.tasks().get_task(GetTaskRequest { task: name }).await?.into_inner();
     let task = present(reply.task.as_ref(), "a task")?;
     let specification = spec::from_proto(present(task.spec.clone(), "a specification")?);
-    let document = || serde_json::to_value(&specification).map_err(|error| Failure::told(error.to_string()));
+    let document = || serde_json::to_value(&specification).map_err(|error| Failure::message(error.to_string()));
     context.output.result(document, || describe(task, &specification))?;
     context.output.next(format_args!("gleaner episodes --task {}", specification.name));
     Ok(())
@@ -165,7 +165,7 @@ mod tests {
         assert_eq!(read_spec(&json).unwrap(), spec);
 
         let wrong = write("b.toml", "name = \"t\"\nrate = 10.0\n");
-        let said = read_spec(&wrong).unwrap_err().to_string();
-        assert!(said.contains("b.toml") && said.contains("line 2") && said.contains("rate_hz"), "{said}");
+        let message = read_spec(&wrong).unwrap_err().to_string();
+        assert!(message.contains("b.toml") && message.contains("line 2") && message.contains("rate_hz"), "{message}");
     }
 }

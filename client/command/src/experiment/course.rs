@@ -1,5 +1,5 @@
-//! The course of an experiment: a server, the recordings, every job to its end, the report. Or, of what is there
-//! already, the report alone.
+//! The course of an experiment: a server, the recordings, every job to its end, the report. Or the report of an earlier
+//! run alone.
 
 use std::path::Path;
 
@@ -35,12 +35,12 @@ pub(super) struct Course<'a> {
     pub(super) device: Device,
     /// As the report shows it.
     pub(super) command: String,
-    /// Whether only to report what is there.
+    /// Whether only to report the results of earlier runs.
     pub(super) only_report: bool,
 }
 
 impl Course<'_> {
-    /// On a server that is started for it and stopped however it ends; its data stay.
+    /// On a server that is started for the experiment and stopped however it ends; its data stay.
     pub(super) async fn on_own_server(&self, binary: &Path) -> Result<Report> {
         let (log, note) = (self.out.join("server.log"), self.out.join(ADDRESS));
         if let Some((left, client)) = Address::left_behind(&note).await {
@@ -56,7 +56,7 @@ impl Course<'_> {
         if self.only_report && !data.exists() {
             return Err(self.nothing_yet());
         }
-        // Without workers jobs wait where they are.
+        // Without workers no job starts.
         let flags: &[&str] = if self.only_report { &["--workers", "0"] } else { &[] };
         let server = ServerProcess::start(binary, &data, &log, flags).await?;
         if !self.only_report {
@@ -66,7 +66,7 @@ impl Course<'_> {
         server.during(async |client| self.on(&client).await, RESUMES).await
     }
 
-    /// On a server that is there.
+    /// On a running server.
     pub(super) async fn on(&self, client: &Client) -> Result<Report> {
         let Self { context, experiment, graph, device, .. } = *self;
         if self.only_report {
@@ -85,7 +85,7 @@ impl Course<'_> {
         reporter.report(&submitted).await
     }
 
-    // What is there already, if there is anything: then the recordings are all there as well.
+    // The stages of earlier runs. If there are any, every recording exists as well.
     async fn existing(&self, client: &Client) -> Result<Submitted> {
         let state = State::open(self.out)?;
         let existing = Existing::on(client, &state, &self.experiment.task).await?;
@@ -99,7 +99,7 @@ impl Course<'_> {
     /// There is nothing to report.
     pub(super) fn nothing_yet(&self) -> Failure {
         let (name, out) = (&self.experiment.name, self.out.display());
-        Failure::told(format!("nothing of {name} has been run in {out} yet; run it without --report first"))
+        Failure::message(format!("nothing of {name} has been run in {out} yet; run it without --report first"))
     }
 
     async fn recordings(&self, client: &Client) -> Result<Recordings> {

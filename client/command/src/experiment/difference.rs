@@ -10,7 +10,7 @@ use super::report::{CellReport, Difference, SeedDifference};
 use super::study::TableKind;
 use crate::quality::mean;
 
-/// The pairs that say what a part of the method brings: first what has it, then what lacks it.
+/// The pairs that show the effect of one part of the method: first the method with it, then the one without.
 const PAIRS: [(Method, Method); 5] = [
     (Method::SSDF, Method::SSDF_BASE),
     (Method::SSDF, Method::TF_BC),

@@ -1,4 +1,4 @@
-//! What earlier runs asked for, found again without asking for anything.
+//! The stages of earlier runs, found again without submitting any.
 
 use std::collections::HashMap;
 
@@ -29,7 +29,7 @@ impl<'a> Existing<'a> {
         let datasets = client.datasets().list_datasets(ListDatasetsRequest { task: task.to_owned() }).await;
         existing.datasets = match datasets {
             Ok(reply) => reply.into_inner().datasets,
-            // Nothing was ever pushed there.
+            // The task has never been created there.
             Err(status) if status.code() == Code::NotFound => return Ok(existing),
             Err(status) => return Err(status.into()),
         };
@@ -49,7 +49,7 @@ impl<'a> Existing<'a> {
         }
     }
 
-    /// Every stage as it is there, or not yet.
+    /// Every stage's result, if it was submitted.
     pub(crate) async fn stages(&self, graph: &Graph) -> Result<Submitted> {
         let mut found = Submitted::with_capacity(graph.stages.len());
         for stage in &graph.stages {

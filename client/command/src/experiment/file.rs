@@ -1,4 +1,4 @@
-//! The experiment file: what is recorded, the base that all cells share, and the studies.
+//! The experiment file: the recordings, the base that all cells share, and the studies.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use gleaner_sim::{AgentKind, AgentSpec, Cohort, SimConfig, Task};
 use serde::{Deserialize, Serialize};
 use toml::Table;
 
-use super::study::{Cell, StudySettings, TableKind, said};
+use super::study::{Cell, StudySettings, TableKind, one_line};
 use crate::cmd::record::RecordSet;
 use crate::failure::{Failure, Result};
 
@@ -23,7 +23,7 @@ struct ExperimentFile {
     study: Vec<StudySettings>,
 }
 
-/// What is recorded in the simulator.
+/// The recordings in the simulator.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct DataSettings {
@@ -67,11 +67,11 @@ impl DataSettings {
 #[derive(Clone, Debug)]
 pub(crate) struct Experiment {
     pub(crate) name: String,
-    /// The task's name on the server: of these recordings alone, so that experiments never mix theirs, and those
-    /// with the same share them.
+    /// The task's name on the server: of these recordings alone, so that experiments with the same recordings share
+    /// them and others do not mix theirs.
     pub(crate) task: String,
     pub(crate) recordings: RecordSet,
-    /// Names the recordings by all that they depend on.
+    /// A digest of all that the recordings depend on.
     pub(crate) data_key: String,
     pub(crate) studies: Vec<Study>,
 }
@@ -88,23 +88,23 @@ impl Experiment {
     /// From a file. Errors name the study, cell and field.
     pub(crate) fn read(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(ClientError::io(path))?;
-        Self::parse(&text).map_err(|problem| Failure::told(format!("{}: {problem}", path.display())))
+        Self::parse(&text).map_err(|problem| Failure::message(format!("{}: {problem}", path.display())))
     }
 
     pub(crate) fn parse(text: &str) -> std::result::Result<Self, String> {
         Self::checked(toml::from_str(text).map_err(|error| located(&error, text))?)
     }
 
-    /// From a file's content that something was laid over.
+    /// From the parsed content of a file.
     pub(super) fn from_table(table: Table) -> std::result::Result<Self, String> {
-        Self::checked(table.try_into().map_err(|error: toml::de::Error| said(&error))?)
+        Self::checked(table.try_into().map_err(|error: toml::de::Error| one_line(&error))?)
     }
 
     fn checked(file: ExperimentFile) -> std::result::Result<Self, String> {
         let recordings = recordings(&file)?;
         let names: Vec<&str> = recordings.cohorts.iter().skip(1).map(|cohort| cohort.name.as_str()).collect();
         let base = file.base.clone().try_into::<super::cell::CellSettings>();
-        base.map_err(|error| format!("base: {}", said(&error)))?
+        base.map_err(|error| format!("base: {}", one_line(&error)))?
             .check(&names)
             .map_err(|problem| format!("base: {problem}"))?;
         if file.study.is_empty() {
@@ -170,7 +170,7 @@ fn data_key(task: Task, data: &DataSettings) -> std::result::Result<String, Stri
 // Line and message in one line.
 fn located(error: &toml::de::Error, text: &str) -> String {
     let line = error.span().map(|span| text.get(..span.start).unwrap_or_default().matches('\n').count() + 1);
-    line.map_or_else(|| said(error), |line| format!("line {line}: {}", said(error)))
+    line.map_or_else(|| one_line(error), |line| format!("line {line}: {}", one_line(error)))
 }
 
 #[cfg(test)]
@@ -230,8 +230,8 @@ mod tests {
                 ["study \"Quality", "cell \"0\""],
             ),
         ] {
-            let said = Experiment::parse(&file).unwrap_err();
-            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+            let message = Experiment::parse(&file).unwrap_err();
+            assert!(parts.iter().all(|part| message.contains(part)), "{message}");
         }
     }
 }

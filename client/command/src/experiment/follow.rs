@@ -1,4 +1,4 @@
-//! Waiting for every job, with a line on what is done, what runs and how long it will take yet.
+//! Waiting for every job, with a line on finished and running jobs and the time left.
 
 use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
@@ -14,11 +14,11 @@ use crate::failure::Result;
 use crate::progress::Bar;
 use crate::words;
 
-// Jobs run in the order they were submitted, so that what runs is among the first that have not ended.
+// Jobs run in the order of their submission, so that running jobs are among the first that have not ended.
 const WATCHED: usize = 8;
 
 /// Waits until every job has ended, however it ends, and puts each as it then is in its place; after each, `on_end`
-/// sees them all.
+/// is called with all of them.
 pub(crate) async fn to_the_end(
     context: &Context,
     client: &Client,
@@ -91,8 +91,8 @@ impl View {
     fn changed(&mut self, job: &Job, label: &str) {
         if job.state() == JobState::Running {
             let kind = words::job_kind(job.kind());
-            let said = format!("{kind} {} ({label})", words::percent(job.done, job.total));
-            self.running.insert(job.id.clone(), said);
+            let message = format!("{kind} {} ({label})", words::percent(job.done, job.total));
+            self.running.insert(job.id.clone(), message);
         } else {
             self.running.remove(&job.id);
         }
@@ -129,7 +129,7 @@ impl View {
         }
     }
 
-    // From what jobs of each kind took so far; nothing while a kind that is left has not been seen.
+    // From the durations of each kind of job so far; empty while one of the remaining kinds has none.
     fn time_left(&self) -> String {
         let of_kind = |pace: &Pace| match (pace.left, pace.ended) {
             (0, _) => Some(0.0),
@@ -159,7 +159,7 @@ mod tests {
     use gleaner_proto::v1::JobKind;
 
     #[test]
-    fn the_time_left_is_told_once_each_kind_has_been_seen() {
+    fn the_time_left_is_known_once_each_kind_has_been_seen() {
         let pace = |seconds, ended, left| Pace { seconds, ended, left };
         let view = |pretrain, train| View {
             bar: Bar::hidden(),

@@ -1,4 +1,4 @@
-//! What the stages found, fetched from the server and put in the cells' places.
+//! Fetches the results of the stages and assigns them to the cells.
 
 use std::collections::{HashMap, HashSet};
 
@@ -51,7 +51,7 @@ impl<'a> Gatherer<'a> {
         Self { client, recordings, experiment, graph, runs: HashMap::new() }
     }
 
-    /// Every study, with gaps where a result is not there.
+    /// Every study, with gaps for missing results.
     pub(crate) async fn studies(&mut self, submitted: &Submitted) -> Result<Vec<StudyReport>> {
         let (experiment, graph) = (self.experiment, self.graph);
         let mut studies = Vec::with_capacity(experiment.studies.len());
@@ -171,14 +171,14 @@ impl<'a> Gatherer<'a> {
     /// Every stage as it is now.
     pub(crate) fn stages(&self, submitted: &Submitted) -> Vec<StageReport> {
         let report = |(index, stage): (usize, &super::stage::Stage)| {
-            let asked = submitted[index].as_ref().ok();
-            let job = asked.and_then(|made| made.job.as_ref());
+            let made_here = submitted[index].as_ref().ok();
+            let job = made_here.and_then(|made| made.job.as_ref());
             let gap = made(submitted, index).err();
             StageReport {
                 kind: stage.work.kind().to_owned(),
                 key: stage.key.clone(),
                 label: stage.label.clone(),
-                id: asked.map(|made| made.id.clone()),
+                id: made_here.map(|made| made.id.clone()),
                 job_id: job.map(|job| job.id.clone()),
                 seconds: job.and_then(seconds),
                 unfinished: gap == Some(Gap::NotYet),

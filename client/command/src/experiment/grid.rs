@@ -1,10 +1,10 @@
-//! Grids: axes in, drafts of cells out; and settings laid over settings. Knows TOML and nothing of what it says.
+//! Grids: axes in, drafts of cells out; and settings laid over settings. Must not know the meaning of a setting.
 
 use toml::{Table, Value};
 
 use super::method::Method;
 
-/// One thing that varies.
+/// One setting that varies.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Axis {
     /// The setting, with dots between its parts.
@@ -12,7 +12,7 @@ pub(crate) struct Axis {
     pub(crate) values: Vec<Value>,
 }
 
-/// A cell's label, and what it has other than the rest.
+/// A cell's label, and the settings that it has of its own.
 pub(crate) type Draft = (String, Vec<(String, Value)>);
 
 /// Every combination, the last axis fastest.
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn laying_over_keeps_what_is_not_named() {
+    fn laying_over_keeps_other_settings() {
         let mut base = table("a = 1\n[rule]\nseed = 1\nexperts = 2");
         set(&mut base, "rule.seed", 5.into()).unwrap();
         merge(&mut base, &table("a = 3\n[rule]\ncohorts = []"));

@@ -15,8 +15,8 @@ pub(crate) fn deviation(values: &[f64]) -> Option<f64> {
 }
 
 /// The 95 % t-interval of the mean, `(low, high)`: mean ± t(0.975; n − 1) · deviation / √n. Where
-/// [`wilson`](gleaner_sim::statistics::wilson) says how sure the rate of one trained policy is, this says how sure the
-/// mean over trainings is. Of two values or more that are not all the same: equal ones don't say how far others may be.
+/// [`wilson`](gleaner_sim::statistics::wilson) is about the rate of one trained policy, this is about the mean over
+/// trainings. `None` unless there are two values that differ: equal ones have no deviation to estimate from.
 #[expect(clippy::cast_precision_loss, reason = "there are few seeds")]
 pub(crate) fn student(values: &[f64]) -> Option<(f64, f64)> {
     let deviation = deviation(values).filter(|deviation| *deviation > 0.0)?;

@@ -17,8 +17,8 @@ pub(crate) fn markdown(report: &Report) -> String {
     );
     let Progress { cells, complete, failed } = report.progress;
     if report.progress.unfinished() {
-        let said = "A column that lacks seeds says so; what is not there yet is a -.";
-        line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete. {said}**"));
+        let gaps = "A column that lacks seeds says so; what is not there yet is a -.";
+        line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete. {gaps}**"));
     }
     if failed > 0 {
         line(&mut text, format_args!("\n**{failed} of {cells} cells lack seeds that failed: see Problems.**\n"));
@@ -132,8 +132,8 @@ fn time(report: &Report, text: &mut String) {
             report.stages.iter().filter(|stage| stage.kind == kind).filter_map(|stage| stage.seconds).collect();
         let sum: f64 = took.iter().sum();
         let each = crate::quality::mean(&took).unwrap_or_default();
-        let [sum_said, each] = [sum, each].map(|seconds| words::duration(Duration::from_secs_f64(seconds.max(0.0))));
-        line(text, format_args!("| {kind} | {} | {sum_said} | {each} |", took.len()));
+        let [sum_text, each] = [sum, each].map(|seconds| words::duration(Duration::from_secs_f64(seconds.max(0.0))));
+        line(text, format_args!("| {kind} | {} | {sum_text} | {each} |", took.len()));
         whole += sum;
     }
     line(text, format_args!("| all | | {} | |", words::duration(Duration::from_secs_f64(whole.max(0.0)))));

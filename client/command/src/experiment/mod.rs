@@ -1,9 +1,10 @@
 //! `experiment`: a grid of settings from a file, run as jobs of a server, in one report.
 //!
-//! `file`, `study`, `grid`, `cell` and `used` are what is asked for; `stage` makes of it a graph in which nothing is done twice;
-//! `course` has it done by `recordings`, `submit` and `follow`; `existing` looks up what was done, and `standing` says
-//! how far it is; `gather` fetches what was found, `pool`, `interval` and `difference` sum it up, and `report`, `markdown`, `tables`, `plots` and
-//! `reporter` say it.
+//! `file`, `study`, `grid`, `method`, `cell` and `used` are the settings; `stage` makes a graph of them in which no stage
+//! is done twice. `course` runs it: `recordings`, `submit` and `follow` do the work, `order` has the messages, `existing`
+//! and `state` find the work of earlier runs, and `standing` is the progress. `gather` fetches the results; `pool`,
+//! `interval` and `difference` sum them up; `report`, `markdown`, `tables`, `plots` and `reporter` show them. `demo` is a
+//! preset with a report of its own.
 
 mod cell;
 mod course;
@@ -48,22 +49,22 @@ use standing::Progress;
 
 #[derive(Args, Debug)]
 pub(crate) struct ExperimentArgs {
-    /// The experiment, as TOML.
+    /// The experiment's file (TOML).
     file: PathBuf,
-    /// Where the recordings, the report and, without --server, the server's data go; by default the experiment's
-    /// name. What an earlier run left there is gone on from.
+    /// Folder for the recordings, the report and, without --server, the server's data; a run resumes an earlier one in
+    /// the same folder. Default: the experiment's name.
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
     /// Where jobs compute.
     #[arg(long, default_value = "cpu")]
     device: Device,
-    /// The gleaner-server binary, for a server of the experiment's own; by default the one beside this program.
+    /// The gleaner-server binary, for a server of the experiment's own. Default: the one beside this program.
     #[arg(long, value_name = "PATH")]
     server_bin: Option<PathBuf>,
-    /// Only check the file and say what would be run.
+    /// Check the file and print the stages that would run, without running any.
     #[arg(long)]
     plan: bool,
-    /// Only write the report of what is there now, beside a run that is under way or after one that was stopped.
+    /// Only write the report of the results so far, during a run or after an interrupted one.
     #[arg(long, conflicts_with = "plan")]
     report: bool,
 }
@@ -95,8 +96,8 @@ impl ExperimentArgs {
         if only_report || complete == cells {
             return Ok(());
         }
-        Err(Failure::told(format!(
-            "{} of {cells} cells are not complete; {} says why, and the same command tries them again",
+        Err(Failure::message(format!(
+            "{} of {cells} cells are not complete; {} has the reasons, and the same command retries them",
             cells - complete,
             out.join("report.md").display()
         )))
@@ -116,7 +117,7 @@ impl ExperimentArgs {
         if beside.is_file() {
             return Ok(beside);
         }
-        Err(Failure::told(format!(
+        Err(Failure::message(format!(
             "{} is not there; name the server's binary with --server-bin, or a running server with --server",
             beside.display()
         )))

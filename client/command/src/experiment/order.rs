@@ -1,4 +1,4 @@
-//! Stages as the server's API takes them.
+//! Stages as messages of the server's API.
 
 use gleaner_core::proto::to_struct;
 use gleaner_core::{Device, Values, Words as _};
@@ -12,7 +12,7 @@ use super::cell::RuleSettings;
 use super::stage::{Selection, Work};
 use crate::cmd::what_if;
 
-/// What a stage works on: what kind of result it is, and its id.
+/// The input of a stage: the kind of the result and its id.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Input<'a> {
     pub(crate) kind: &'a str,
@@ -56,7 +56,7 @@ pub(crate) fn job(work: &Work, input: Input<'_>, simulation: &str, device: Devic
     }
 }
 
-/// The rule of a snapshot: roles by cohort, since what an imperfect agent did is imperfect even where it succeeded.
+/// The rule of a snapshot: roles by cohort, since the episodes of an imperfect agent are imperfect even if they succeed.
 pub(crate) fn rule(settings: &RuleSettings, imperfect: &[&str]) -> RoleRule {
     let named = || settings.cohorts.clone();
     let all = || imperfect.iter().map(|cohort| (*cohort).to_owned()).collect();
@@ -69,7 +69,7 @@ pub(crate) fn rule(settings: &RuleSettings, imperfect: &[&str]) -> RoleRule {
     }
 }
 
-/// A selection as the server takes it.
+/// A selection as a message.
 pub(crate) fn selection(selection: Selection) -> gleaner_proto::v1::Selection {
     match selection {
         Selection::Beta(beta) => what_if::beta(beta),
@@ -82,7 +82,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_policy_learns_from_what_its_stage_works_on() {
+    fn a_policy_trains_on_the_input_of_its_stage() {
         let data = |kind: &str| {
             let input = Input { kind, id: "x_1" };
             let work = Work::Train { settings: Values::new() };

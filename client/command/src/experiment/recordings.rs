@@ -1,4 +1,4 @@
-//! An experiment's recordings: made once, kept in its folder, on the server under a task of their own.
+//! An experiment's recordings: made once, kept in its folder, on the server under a separate task.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,7 @@ use crate::quality::Mark;
 
 // Written last: beside it, recordings are complete.
 const COMPLETE: &str = "complete";
-// One after the other, so that episodes have the same order on every server: what is learned depends on it.
+// One after the other, so that episodes have the same order on every server.
 const PARALLEL_UPLOADS: usize = 1;
 
 /// One recording's row of the marks.
@@ -56,7 +56,7 @@ pub(crate) struct Recordings {
 }
 
 impl Recordings {
-    /// Records what is not recorded yet, and pushes what the server has not got.
+    /// Records the missing recordings, and pushes those that the server lacks.
     pub(crate) async fn ready(context: &Context, client: &Client, folder: &Path, plan: &Experiment) -> Result<Self> {
         recorded(context, folder, plan).await?;
         create_task(client, plan).await?;
@@ -70,7 +70,7 @@ impl Recordings {
         for (file, episode) in episodes {
             let row = marks.get(&file);
             let row =
-                row.ok_or_else(|| Failure::told(format!("{file} has no row in {}", folder.join(MARKS).display())))?;
+                row.ok_or_else(|| Failure::message(format!("{file} has no row in {}", folder.join(MARKS).display())))?;
             let mark = Mark { went_wrong: row.went_wrong };
             let (cohort, steps) = (episode.cohort.clone(), episode.steps);
             by_episode.insert(episode.id.clone(), Recording { cohort, success: row.success, steps, mark });
@@ -94,7 +94,7 @@ impl Recordings {
     }
 }
 
-/// Records what is not recorded yet.
+/// Records the missing recordings.
 pub(super) async fn recorded(context: &Context, folder: &Path, plan: &Experiment) -> Result<()> {
     let complete = folder.join(COMPLETE);
     if complete.exists() {
@@ -126,20 +126,20 @@ async fn pushed(context: &Context, client: &Client, folder: &Path, plan: &Experi
     let items = read_labels(&folder.join(LABELS))?.into_iter().map(item).collect();
     let pushed = push::push(context, client, items, PARALLEL_UPLOADS).await;
     if let Some((item, error)) = pushed.failures().next() {
-        return Err(Failure::told(format!("{} was not taken: {error}", item.path.display())));
+        return Err(Failure::message(format!("{} was not taken: {error}", item.path.display())));
     }
     Ok(pushed)
 }
 
 fn marks(folder: &Path) -> Result<HashMap<String, Row>> {
     let path: PathBuf = folder.join(MARKS);
-    let wrong = |error: csv::Error| Failure::told(format!("{}: {error}", path.display()));
+    let wrong = |error: csv::Error| Failure::message(format!("{}: {error}", path.display()));
     let mut reader = csv::Reader::from_path(&path).map_err(wrong)?;
     let rows = reader.deserialize().map(|row| row.map(|row: Row| (row.file.clone(), row)));
     rows.collect::<std::result::Result<_, _>>().map_err(wrong)
 }
 
-/// The recording of an episode that a job saw.
+/// The recording of an episode that a job used.
 pub(crate) fn of_episode<'a>(recordings: &'a Recordings, episode_id: &str) -> Result<&'a Recording> {
     present(recordings.by_episode.get(episode_id), "an episode that this experiment recorded")
 }

@@ -10,12 +10,12 @@ use super::standing::Progress;
 use super::study::TableKind;
 use crate::quality::{ALL, Selected, Separation};
 
-/// Everything an experiment found.
+/// The results of an experiment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Report {
     pub(crate) name: String,
     pub(crate) task: String,
-    /// What makes this report.
+    /// The command that makes this report.
     pub(crate) command: String,
     pub(crate) device: String,
     /// Cores of the machine.
@@ -41,7 +41,7 @@ pub(crate) struct StudyReport {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct CellReport {
     pub(crate) label: String,
-    /// What the study varies, and its value here.
+    /// The settings that the study varies, with their values here.
     pub(crate) varied: Vec<(String, Value)>,
     pub(crate) settings: CellSettings,
     pub(crate) seeds: Vec<SeedReport>,
@@ -54,10 +54,10 @@ pub(crate) struct SeedReport {
     pub(crate) seed: u64,
     /// Why it will not be complete.
     pub(crate) problem: Option<String>,
-    /// Whether more of it will come.
+    /// Whether results are outstanding.
     pub(crate) unfinished: bool,
     pub(crate) success: Option<Rate>,
-    /// What the selection keeps; of cells with scores.
+    /// The selected segments; of cells with scores.
     pub(crate) selected: Option<Selected>,
     /// Over all, then by cohort; of cells with scores.
     pub(crate) separation: Vec<Separation>,
@@ -65,7 +65,7 @@ pub(crate) struct SeedReport {
     pub(crate) histogram: Vec<[u32; 2]>,
 }
 
-/// So many successes of so many episodes, with the 95 % Wilson interval of the rate.
+/// Successes among a number of episodes, with the 95 % Wilson interval of the rate.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Rate {
     pub(crate) episodes: u32,
@@ -91,7 +91,7 @@ pub(crate) struct Pooled {
     pub(crate) mean_of_seeds: Option<f64>,
     /// Standard deviation of the seeds' success rates; of two seeds or more.
     pub(crate) deviation_of_seeds: Option<f64>,
-    /// Student's 95 % interval of their mean, within [0, 1]; of two seeds or more that are not all the same.
+    /// Student's 95 % interval of their mean, within [0, 1]; of two seeds or more that differ.
     pub(crate) interval_of_seeds: Option<(f64, f64)>,
     /// Means over the seeds.
     pub(crate) kept: Option<f64>,
@@ -137,11 +137,11 @@ pub(crate) struct StageReport {
     pub(crate) key: String,
     /// The first cell that needs it.
     pub(crate) label: String,
-    /// What it made.
+    /// Its result.
     pub(crate) id: Option<String>,
     pub(crate) job_id: Option<String>,
     pub(crate) seconds: Option<f64>,
-    /// Whether it is not asked for, or its job has not ended.
+    /// Whether it is not submitted, or its job has not ended.
     pub(crate) unfinished: bool,
     pub(crate) problem: Option<String>,
 }

@@ -1,4 +1,4 @@
-//! Writes the report: at the end, and whenever there is more to say before.
+//! Writes the report: at the end, and whenever another seed of a cell is settled.
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -16,15 +16,15 @@ use super::state::replace;
 use crate::context::Context;
 use crate::failure::{Failure, Result};
 
-/// Keeps a folder's report as new as the experiment is.
+/// Keeps a folder's report up to date.
 pub(crate) struct Reporter<'a> {
     context: &'a Context,
     out: &'a Path,
     graph: &'a Graph,
     gatherer: Gatherer<'a>,
-    /// The report but for what is gathered.
+    /// The report without the gathered results.
     frame: Report,
-    told: HashSet<(usize, usize, usize)>,
+    reported: HashSet<(usize, usize, usize)>,
 }
 
 impl<'a> Reporter<'a> {
@@ -36,22 +36,22 @@ impl<'a> Reporter<'a> {
         gatherer: Gatherer<'a>,
         frame: Report,
     ) -> Self {
-        Self { context, out, graph, gatherer, frame, told: HashSet::new() }
+        Self { context, out, graph, gatherer, frame, reported: HashSet::new() }
     }
 
-    /// Writes the report anew if another seed of a cell is settled. That it can't be written is no reason to stop.
+    /// Rewrites the report if another seed of a cell is settled. A failure to write does not stop the experiment.
     pub(crate) async fn more(&mut self, submitted: &Submitted) {
         let settled = settled(self.graph, submitted);
-        if settled == self.told {
+        if settled == self.reported {
             return;
         }
-        self.told = settled;
+        self.reported = settled;
         if let Err(failure) = self.report(submitted).await {
             self.context.output.note(format_args!("the report so far can't be written: {failure}"));
         }
     }
 
-    /// Writes the report of what is there now.
+    /// Writes the report of the results so far.
     pub(crate) async fn report(&mut self, submitted: &Submitted) -> Result<Report> {
         let studies = self.gatherer.studies(submitted).await?;
         let stages = self.gatherer.stages(submitted);
@@ -63,10 +63,10 @@ impl<'a> Reporter<'a> {
 
 /// The report as JSON.
 pub(crate) fn document(report: &Report) -> Result<Value> {
-    serde_json::to_value(report).map_err(|error| Failure::told(error.to_string()))
+    serde_json::to_value(report).map_err(|error| Failure::message(error.to_string()))
 }
 
-// The plots first: a report never names one that is not there.
+// The plots first, so that a report never names a missing one.
 fn write(out: &Path, report: &Report) -> Result<()> {
     let mut files = Vec::new();
     for (number, study) in (1..).zip(&report.studies) {

@@ -1,7 +1,7 @@
 //! The stages that cells are made of, each of them once: two cells whose stage is the same share it.
 //!
-//! A stage's key is a digest of all that it depends on, so that any later run finds what an earlier one made.
-//! Knows no server.
+//! A stage's key is a digest of all that it depends on, so that a later run finds the results of an earlier one.
+//! Must not know a server.
 
 use std::collections::HashMap;
 
@@ -28,7 +28,7 @@ pub(crate) enum Work {
 }
 
 impl Work {
-    /// The stage's word.
+    /// The stage's kind.
     pub(crate) fn kind(&self) -> &'static str {
         match self {
             Self::Snapshot { .. } => "snapshot",
@@ -63,13 +63,13 @@ pub(crate) struct Stage {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Chain {
     pub(crate) seed: u64,
-    /// All of them, each after what it works on.
+    /// All of them, each after its input.
     pub(crate) stages: Vec<usize>,
     pub(crate) score: Option<usize>,
     pub(crate) evaluation: Option<usize>,
 }
 
-/// Every stage of an experiment, each after what it works on.
+/// Every stage of an experiment, each after its input.
 #[derive(Debug, Default)]
 pub(crate) struct Graph {
     pub(crate) stages: Vec<Stage>,
@@ -188,7 +188,7 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
     works
 }
 
-// Without the device, which is part of every key by itself.
+// Without the device, which is part of every key already.
 fn complete(values: Result<Values, Problem>) -> Values {
     let mut values = values.unwrap_or_default();
     values.remove("device");

@@ -1,4 +1,5 @@
-//! How far an experiment is: what each stage made or why it did not, and which seeds of which cells are settled.
+//! The progress of an experiment: the result of each stage or why it has none, and which seeds of which cells are
+//! settled.
 
 use std::collections::HashSet;
 
@@ -9,24 +10,24 @@ use serde::{Deserialize, Serialize};
 use super::stage::{Chain, Graph};
 use crate::words;
 
-/// What a stage is on the server.
+/// A stage's result on the server.
 #[derive(Clone, Debug)]
 pub(crate) struct Made {
-    /// Of the snapshot, encoder, score run, dataset, policy or evaluation; it may not be there yet.
+    /// Of the snapshot, encoder, score run, dataset, policy or evaluation; it may not exist yet.
     pub(crate) id: String,
     /// The job that makes it; snapshots and datasets need none.
     pub(crate) job: Option<Job>,
 }
 
-/// For each stage what it is, or why it is not.
+/// For each stage its result, or why it has none.
 pub(crate) type Submitted = Vec<std::result::Result<Made, Gap>>;
 
-/// Why there is nothing of a stage.
+/// Why a stage has no result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Gap {
-    /// It is not asked for, or its job has not ended.
+    /// It is not submitted, or its job has not ended.
     NotYet,
-    /// And it will not come by itself.
+    /// It failed, for this reason.
     Failed(String),
 }
 
@@ -48,7 +49,7 @@ pub(crate) enum Standing {
     Failed(String),
 }
 
-/// What a stage made.
+/// The result of a stage.
 pub(crate) fn made(submitted: &Submitted, index: usize) -> Result<&Made, Gap> {
     let made = submitted[index].as_ref().map_err(Clone::clone)?;
     match &made.job {
@@ -76,7 +77,7 @@ pub(crate) fn standing(graph: &Graph, submitted: &Submitted, chain: &Chain) -> S
     standing
 }
 
-/// The seeds of cells for which nothing more will come, each named by its study, cell and seed.
+/// The seeds of cells that are complete or have failed, each named by its study, cell and seed.
 pub(crate) fn settled(graph: &Graph, submitted: &Submitted) -> HashSet<(usize, usize, usize)> {
     let mut settled = HashSet::new();
     for (study, cells) in graph.chains.iter().enumerate() {
@@ -100,7 +101,7 @@ pub(crate) struct Progress {
 }
 
 impl Progress {
-    /// Whether more will come.
+    /// Whether results are outstanding.
     pub(crate) fn unfinished(self) -> bool {
         self.complete + self.failed < self.cells
     }

@@ -1,5 +1,5 @@
-//! What an experiment must remember itself, in a file beside its report: the snapshots it made. Jobs and datasets
-//! the server finds again by itself.
+//! The snapshots that an experiment made, in a file beside its report. Jobs and datasets need no file: the server finds
+//! them by their keys and selections.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -20,7 +20,7 @@ struct Remembered {
     snapshots: BTreeMap<String, String>,
 }
 
-/// The file and what is in it.
+/// The file and its content.
 #[derive(Debug)]
 pub(crate) struct State {
     path: PathBuf,
@@ -28,12 +28,12 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// What an earlier run left in a folder, or nothing.
+    /// The snapshots that an earlier run left in a folder, or none.
     pub(crate) fn open(folder: &Path) -> Result<Self> {
         let path = folder.join(FILE);
         let remembered = match std::fs::read(&path) {
             Ok(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
-                Failure::told(format!("{}: {error}; delete the file to make the snapshots anew", path.display()))
+                Failure::message(format!("{}: {error}; delete the file to make new snapshots", path.display()))
             })?,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Remembered::default(),
             Err(error) => return Err(ClientError::io(path)(error).into()),
@@ -45,18 +45,18 @@ impl State {
         self.remembered.snapshots.get(key).map(String::as_str)
     }
 
-    /// Remembers a snapshot, on disk before this returns.
+    /// Stores a snapshot; it is on disk when this returns.
     pub(crate) fn remember(&mut self, key: &str, snapshot_id: &str) -> Result<()> {
         self.remembered.snapshots.insert(key.to_owned(), snapshot_id.to_owned());
-        let text = serde_json::to_vec_pretty(&self.remembered).map_err(|error| Failure::told(error.to_string()))?;
+        let text = serde_json::to_vec_pretty(&self.remembered).map_err(|error| Failure::message(error.to_string()))?;
         Ok(replace(&self.path, &text).map_err(ClientError::io(&self.path))?)
     }
 }
 
-/// Puts a file's new content in place of the old: whoever reads it meanwhile sees one or the other, never a part.
+/// Replaces the content of a file: a reader sees the old content or the new, never a part.
 pub(crate) fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
     let folder = path.parent().unwrap_or_else(|| Path::new("."));
-    // As any other file that is made: for everyone, less what the user keeps to himself.
+    // As any new file: readable for everyone, less the user's umask.
     let mut builder = tempfile::Builder::new();
     let mut file = builder.permissions(std::fs::Permissions::from_mode(0o666)).tempfile_in(folder)?;
     file.write_all(content)?;
@@ -70,7 +70,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_second_run_knows_what_the_first_made() {
+    fn a_second_run_finds_the_snapshots_of_the_first() {
         let folder = tempfile::tempdir().unwrap();
         let mut state = State::open(folder.path()).unwrap();
         assert_eq!(state.snapshot("a"), None);
@@ -80,10 +80,10 @@ mod tests {
     }
 
     #[test]
-    fn a_broken_file_is_named_with_the_mend() {
+    fn a_broken_file_is_an_error_with_the_fix() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join(FILE), "{").unwrap();
-        let said = State::open(folder.path()).unwrap_err().to_string();
-        assert!(said.contains("state.json") && said.contains("delete"), "{said}");
+        let message = State::open(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("state.json") && message.contains("delete"), "{message}");
     }
 }

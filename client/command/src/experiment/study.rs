@@ -23,7 +23,7 @@ pub(crate) enum TableKind {
     Quantity,
     /// BC to SSDF+ACT.
     Methods,
-    /// What q tells, without training a policy: SSDF beside what one would try first.
+    /// How well q separates good from bad, without training a policy: SSDF beside simpler baselines.
     Scoring,
     /// Any other comparison.
     Cells,
@@ -43,7 +43,7 @@ impl TableKind {
         }
     }
 
-    // The cells that the table has of itself.
+    // The table's own cells.
     fn cells(self, cohorts: &[&str]) -> Vec<Draft> {
         if self == Self::Scoring { scorings() } else { grid(&self.axes(cohorts)) }
     }
@@ -74,8 +74,8 @@ impl TableKind {
     }
 }
 
-// Ours and the paper's to the letter; the nearest neighbour that one would try first, and what the local scale alone
-// does for it; and the classifier.
+// The default and the paper's to the letter; the nearest neighbour of raw observations as a baseline, without and with
+// the local scale; and the classifier.
 fn scorings() -> Vec<Draft> {
     let cell = |label: &str, set: &[(&str, &str)]| {
         let flag = |text: &str| text.parse::<bool>().map_or_else(|_| Value::from(text), Value::from);
@@ -99,7 +99,7 @@ pub(crate) struct StudySettings {
     pub(crate) table: TableKind,
     #[serde(default)]
     name: Option<String>,
-    /// What all its cells have other than the base.
+    /// Settings of all its cells, laid over the base.
     #[serde(default)]
     set: Table,
     /// Lists of values, of which every combination is a cell.
@@ -122,7 +122,7 @@ struct NamedCell {
 #[derive(Clone, Debug)]
 pub(crate) struct Cell {
     pub(crate) label: String,
-    /// What the study varies, and its value here.
+    /// The settings that the study varies, with their values here.
     pub(crate) varied: Vec<(String, Json)>,
     pub(crate) settings: CellSettings,
 }
@@ -132,7 +132,7 @@ impl StudySettings {
         self.name.as_deref().unwrap_or(self.table.title())
     }
 
-    /// The study's cells over a base. Errors say which cell and field.
+    /// The study's cells over a base. Errors name the cell and the field.
     pub(crate) fn cells(&self, base: &Table, cohorts: &[&str]) -> Result<Vec<Cell>, String> {
         let mut shared = base.clone();
         if self.table == TableKind::Scoring && !self.set.contains_key("evaluate") {
@@ -158,7 +158,7 @@ impl StudySettings {
             for (key, value) in &varied {
                 set(&mut table, key, value.clone()).map_err(here)?;
             }
-            let settings: CellSettings = table.try_into().map_err(|error: toml::de::Error| here(said(&error)))?;
+            let settings: CellSettings = table.try_into().map_err(|error: toml::de::Error| here(one_line(&error)))?;
             settings.check(cohorts).map_err(here)?;
             if settings.top.is_some() && varied.iter().any(|(key, _)| key == "beta") {
                 return Err(here("beta: has no effect while top is set; leave top out".into()));
@@ -173,7 +173,7 @@ impl StudySettings {
 }
 
 /// An error of the parser without its picture of the text.
-pub(crate) fn said(error: &toml::de::Error) -> String {
+pub(crate) fn one_line(error: &toml::de::Error) -> String {
     error.message().trim().to_owned()
 }
 
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn cells_have_what_the_base_the_study_and_the_axes_say() {
+    fn cells_have_the_settings_of_base_study_and_axes() {
         let study = "table = \"cells\"\nset = { lambda = 0.2 }\n[axes]\nbeta = [0.5]\nrule.cohorts = [[\"weak\"], []]";
         let cells = cells(study).unwrap();
         let settings = &cells[0].settings;
@@ -261,8 +261,8 @@ mod tests {
             ),
             ("table = \"cells\"\naxes = { rule.experts = [-1] }", ["cell \"-1\"", "u32"]),
         ] {
-            let said = cells(study).unwrap_err();
-            assert!(parts.iter().all(|part| said.contains(part)), "{said}");
+            let message = cells(study).unwrap_err();
+            assert!(parts.iter().all(|part| message.contains(part)), "{message}");
         }
     }
 }

@@ -1,5 +1,5 @@
-//! Every stage asked for at once, each naming the results of those it works on. What an earlier run asked for is
-//! found again and not asked twice.
+//! Submits every stage at once, each naming the results that it works on. The stages of an earlier run are found again
+//! and not submitted twice.
 
 use gleaner_client::Client;
 use gleaner_proto::v1::{
@@ -15,7 +15,7 @@ use super::state::State;
 use crate::failure::{Failure, Result, present};
 use gleaner_core::Device;
 
-/// Asks for the stages of an experiment.
+/// Submits the stages of an experiment.
 pub(crate) struct Submitter<'a> {
     client: &'a Client,
     state: &'a mut State,
@@ -28,7 +28,7 @@ impl<'a> Submitter<'a> {
         Self { client, state, experiment, device }
     }
 
-    /// All stages, in their order. A stage whose input failed is not asked for; the others are.
+    /// All stages, in their order. A stage whose input failed is left out.
     pub(crate) async fn submit(mut self, graph: &Graph) -> Result<Submitted> {
         let mut submitted = Submitted::with_capacity(graph.stages.len());
         for stage in &graph.stages {
@@ -61,7 +61,7 @@ impl<'a> Submitter<'a> {
             Err(Failure::Client(error)) if error.code() == Some(Code::FailedPrecondition) => {
                 Ok(Err(Gap::Failed(error.to_string())))
             }
-            Err(failure) => Err(Failure::told(format!("{} ({}): {failure}", stage.work.kind(), stage.label))),
+            Err(failure) => Err(Failure::message(format!("{} ({}): {failure}", stage.work.kind(), stage.label))),
         }
     }
 

@@ -67,10 +67,10 @@ impl DemoArgs {
 
     fn plan(&self) -> Result<Plan> {
         let Some(path) = &self.plan else {
-            return Plan::with(if self.quick { QUICK } else { "" }).map_err(Failure::told);
+            return Plan::with(if self.quick { QUICK } else { "" }).map_err(Failure::message);
         };
         let text = std::fs::read_to_string(path).map_err(ClientError::io(path))?;
-        Plan::with(&text).map_err(|problem| Failure::told(format!("{}: {problem}", path.display())))
+        Plan::with(&text).map_err(|problem| Failure::message(format!("{}: {problem}", path.display())))
     }
 }
 
@@ -82,7 +82,7 @@ fn fresh(folder: &Path) -> Result<()> {
             continue;
         }
         if !marker.exists() {
-            return Err(Failure::told(format!(
+            return Err(Failure::message(format!(
                 "{} is there, but not from a demo; choose another --dir",
                 part.display()
             )));
@@ -95,7 +95,7 @@ fn fresh(folder: &Path) -> Result<()> {
 }
 
 fn document(report: &Report) -> Result<serde_json::Value> {
-    serde_json::to_value(report).map_err(|error| Failure::told(error.to_string()))
+    serde_json::to_value(report).map_err(|error| Failure::message(error.to_string()))
 }
 
 fn write(folder: &Path, found: &Found) -> Result<()> {
@@ -122,8 +122,8 @@ mod tests {
         let data = folder.path().join(DATA);
         std::fs::create_dir(&data).unwrap();
         std::fs::write(data.join("precious"), b"x").unwrap();
-        let said = fresh(folder.path()).unwrap_err().to_string();
-        assert!(said.contains("not from a demo") && data.join("precious").exists(), "{said}");
+        let message = fresh(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("not from a demo") && data.join("precious").exists(), "{message}");
 
         let other = tempfile::tempdir().unwrap();
         fresh(other.path()).unwrap();

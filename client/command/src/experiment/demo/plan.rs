@@ -45,7 +45,7 @@ impl Plan {
         let parse = |text: &str| toml::from_str::<Table>(text).map_err(|error| error.to_string());
         let (mut file, given) = (parse(DEMO)?, parse(settings)?);
         if let Some(key) = given.keys().find(|key| !OPEN.contains(&key.as_str())) {
-            return Err(format!("{key}: the demo has its own; settings are under {}", OPEN.join(", ")));
+            return Err(format!("{key}: not a setting of the demo; supported: {}", OPEN.join(", ")));
         }
         merge(&mut file, &given);
         let settings = file.clone();

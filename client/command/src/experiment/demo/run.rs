@@ -109,7 +109,7 @@ impl<'a> Run<'a> {
         to_the_end(self.context, self.client, &self.graph, &mut submitted, async |_: &Submitted| {}).await?;
         for chain in self.chains()? {
             if let Standing::Failed(problem) = standing(&self.graph, &submitted, &chain) {
-                return Err(Failure::told(problem));
+                return Err(Failure::message(problem));
             }
         }
         Ok(submitted)
@@ -124,7 +124,7 @@ impl<'a> Run<'a> {
     /// The result of the stage of this kind.
     fn made<'s>(&self, submitted: &'s Submitted, chain: &Chain, kind: &str) -> Result<&'s Made> {
         let index = present(self.graph.find(chain, kind), "a stage of this kind")?;
-        made(submitted, index).map_err(|gap| Failure::told(gap.problem().unwrap_or_default()))
+        made(submitted, index).map_err(|gap| Failure::message(gap.problem().unwrap_or_default()))
     }
 
     async fn time_jobs(&mut self, submitted: &Submitted, [base, gleaned]: [&Chain; 2]) -> Result<()> {
