@@ -122,11 +122,12 @@ impl<'a> Gatherer<'a> {
     }
 
     async fn run(&self, run_id: &str) -> Result<Run> {
-        let episodes = self.episodes(run_id).await?;
+        let mut episodes = self.episodes(run_id).await?;
+        episodes.sort_by(|one, two| one.cohort.cmp(&two.cohort));
         Ok(Run { separation: separations(&episodes), histogram: histogram(&episodes), episodes })
     }
 
-    /// The scores of every imperfect episode beside its mark, by cohort and id.
+    /// The scores of every imperfect episode beside its mark, in the order of the recordings.
     pub(super) async fn episodes(&self, run_id: &str) -> Result<Vec<MarkedEpisode>> {
         let request = GetScoreRunRequest { score_run_id: run_id.to_owned() };
         let run = self.client.scores().get_score_run(request).await?.into_inner().score_run;
@@ -135,7 +136,7 @@ impl<'a> Gatherer<'a> {
         let imperfect = snapshot.episodes.into_iter().filter(|episode| episode.role() == Role::Imperfect);
         let fetch = imperfect.map(|episode| self.episode(run_id, episode.episode_id));
         let mut episodes: Vec<MarkedEpisode> = futures::stream::iter(fetch).buffered(PARALLEL).try_collect().await?;
-        episodes.sort_by(|one, two| (&one.cohort, &one.id).cmp(&(&two.cohort, &two.id)));
+        episodes.sort_by_key(|episode| self.recordings.by_episode.get(&episode.id).map(|recording| recording.place));
         Ok(episodes)
     }
 

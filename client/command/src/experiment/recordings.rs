@@ -17,8 +17,8 @@ use crate::quality::Mark;
 
 // Written last: beside it, recordings are complete.
 const COMPLETE: &str = "complete";
-// One after the other, so that episodes have the same order on every server.
-const PARALLEL_UPLOADS: usize = 1;
+// Results do not depend on the order of uploads: snapshots are in the order of digests, reports in that of recordings.
+const PARALLEL_UPLOADS: usize = 4;
 
 /// One recording's row of the marks.
 #[derive(Clone, Debug, Deserialize)]
@@ -31,6 +31,8 @@ struct Row {
 /// One recording that the server holds.
 #[derive(Clone, Debug)]
 pub(crate) struct Recording {
+    /// Its place among the recordings, in the order in which they were made.
+    pub(crate) place: usize,
     pub(crate) cohort: String,
     pub(crate) success: bool,
     pub(crate) steps: u64,
@@ -67,13 +69,13 @@ impl Recordings {
             Some((item.path.file_name()?.to_string_lossy().into_owned(), &item.result.as_ref().ok()?.episode))
         });
         let mut by_episode = HashMap::new();
-        for (file, episode) in episodes {
+        for (place, (file, episode)) in episodes.enumerate() {
             let row = marks.get(&file);
             let row =
                 row.ok_or_else(|| Failure::message(format!("{file} has no row in {}", folder.join(MARKS).display())))?;
             let mark = Mark { went_wrong: row.went_wrong };
             let (cohort, steps) = (episode.cohort.clone(), episode.steps);
-            by_episode.insert(episode.id.clone(), Recording { cohort, success: row.success, steps, mark });
+            by_episode.insert(episode.id.clone(), Recording { place, cohort, success: row.success, steps, mark });
         }
         Ok(Self { by_episode, sent: (pushed.sent_bytes(), pushed.wall) })
     }

@@ -54,9 +54,7 @@ impl<'a> Run<'a> {
         let run = self.made(&submitted, &gleaned, "score")?.id.clone();
         let histogram = self.histogram(&run).await?;
         let comparing = Instant::now();
-        let mut episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
-        // As they were recorded: ids grow with time, and recordings are uploaded one after the other.
-        episodes.sort_by_key(|episode| experiment.imperfect_cohorts().position(|cohort| cohort == episode.cohort));
+        let episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
         self.done("compare with mark", comparing.elapsed(), format!("{} imperfect episodes", episodes.len()));
         self.time_jobs(&submitted, [&base, &gleaned]).await?;
         let policies =
