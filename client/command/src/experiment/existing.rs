@@ -8,7 +8,7 @@ use tonic::Code;
 
 use super::order;
 use super::stage::{Graph, Selection, Stage, Work};
-use super::standing::{Gap, Made, Submitted};
+use super::standing::{Gap, StageResult, Submitted};
 use super::state::State;
 use super::submit::{job_key, known_snapshot};
 use crate::failure::Result;
@@ -54,33 +54,33 @@ impl<'a> Existing<'a> {
         let mut found = Submitted::with_capacity(graph.stages.len());
         for stage in &graph.stages {
             let input = match stage.input.map(|index| &found[index]) {
-                Some(Ok(made)) => Some(made.id.as_str()),
+                Some(Ok(result)) => Some(result.id.as_str()),
                 Some(Err(_)) => None,
                 None => Some(""),
             };
-            let made = match input {
+            let result = match input {
                 Some(input) => self.stage(stage, input).await?,
                 None => None,
             };
-            found.push(made.ok_or(Gap::NotYet));
+            found.push(result.ok_or(Gap::NotYet));
         }
         Ok(found)
     }
 
-    async fn stage(&self, stage: &Stage, input: &str) -> Result<Option<Made>> {
+    async fn stage(&self, stage: &Stage, input: &str) -> Result<Option<StageResult>> {
         match &stage.work {
             Work::Snapshot { .. } => known_snapshot(self.client, self.state, &stage.key).await,
             Work::Dataset { selection } => Ok(self.dataset(input, *selection)),
             Work::Pretrain { .. } | Work::Score { .. } | Work::Train { .. } | Work::Evaluate { .. } => {
                 let job = self.jobs.get(&job_key(stage, input));
-                Ok(job.map(|job| Made { id: job.result_id.clone(), job: Some(job.clone()) }))
+                Ok(job.map(|job| StageResult { id: job.result_id.clone(), job: Some(job.clone()) }))
             }
         }
     }
 
-    fn dataset(&self, run: &str, selection: Selection) -> Option<Made> {
+    fn dataset(&self, run: &str, selection: Selection) -> Option<StageResult> {
         let selection = Some(order::selection(selection));
         let same = |dataset: &&Dataset| dataset.score_run_id == run && dataset.selection == selection;
-        self.datasets.iter().find(same).map(|dataset| Made { id: dataset.id.clone(), job: None })
+        self.datasets.iter().find(same).map(|dataset| StageResult { id: dataset.id.clone(), job: None })
     }
 }

@@ -28,7 +28,7 @@ pub(crate) async fn to_the_end(
 ) -> Result<()> {
     let jobs: Vec<(usize, Job)> = (0..)
         .zip(submitted.iter())
-        .filter_map(|(index, made)| Some((index, made.as_ref().ok()?.job.clone()?)))
+        .filter_map(|(index, result)| Some((index, result.as_ref().ok()?.job.clone()?)))
         .collect();
     let view = std::sync::Mutex::new(View::new(context, &jobs));
     let watch = |(index, job): (usize, Job)| {
@@ -53,8 +53,8 @@ pub(crate) async fn to_the_end(
         if let Ok(mut view) = view.lock() {
             view.ended(&job, &graph.stages[index].label);
         }
-        if let Ok(made) = &mut submitted[index] {
-            made.job = Some(job);
+        if let Ok(result) = &mut submitted[index] {
+            result.job = Some(job);
         }
         on_end(submitted).await;
     }
@@ -63,7 +63,7 @@ pub(crate) async fn to_the_end(
 
 /// How long the jobs of a kind take, and how many are left.
 #[derive(Default)]
-struct Pace {
+struct Durations {
     seconds: f64,
     ended: u32,
     left: u32,
@@ -74,18 +74,18 @@ struct View {
     output: crate::output::Output,
     total: usize,
     done: usize,
-    pace: BTreeMap<i32, Pace>,
+    durations: BTreeMap<i32, Durations>,
     running: HashMap<String, String>,
 }
 
 impl View {
     fn new(context: &Context, jobs: &[(usize, Job)]) -> Self {
-        let mut pace: BTreeMap<i32, Pace> = BTreeMap::new();
+        let mut durations: BTreeMap<i32, Durations> = BTreeMap::new();
         for (_, job) in jobs {
-            pace.entry(job.kind).or_default().left += 1;
+            durations.entry(job.kind).or_default().left += 1;
         }
         let bar = context.progress.count("stages", jobs.len() as u64);
-        Self { bar, output: context.output, total: jobs.len(), done: 0, pace, running: HashMap::new() }
+        Self { bar, output: context.output, total: jobs.len(), done: 0, durations, running: HashMap::new() }
     }
 
     fn changed(&mut self, job: &Job, label: &str) {
@@ -103,11 +103,11 @@ impl View {
     fn ended(&mut self, job: &Job, label: &str) {
         self.done += 1;
         self.running.remove(&job.id);
-        let pace = self.pace.entry(job.kind).or_default();
-        pace.left = pace.left.saturating_sub(1);
+        let durations = self.durations.entry(job.kind).or_default();
+        durations.left = durations.left.saturating_sub(1);
         if let Some(took) = seconds(job).filter(|_| job.state() == JobState::Succeeded) {
-            pace.seconds += took;
-            pace.ended += 1;
+            durations.seconds += took;
+            durations.ended += 1;
         }
         self.bar.set_position(self.done as u64);
         let state = if job.state() == JobState::Succeeded {
@@ -131,12 +131,12 @@ impl View {
 
     // From the durations of each kind of job so far; empty while one of the remaining kinds has none.
     fn time_left(&self) -> String {
-        let of_kind = |pace: &Pace| match (pace.left, pace.ended) {
+        let of_kind = |durations: &Durations| match (durations.left, durations.ended) {
             (0, _) => Some(0.0),
             (_, 0) => None,
-            (left, ended) => Some(pace.seconds / f64::from(ended) * f64::from(left)),
+            (left, ended) => Some(durations.seconds / f64::from(ended) * f64::from(left)),
         };
-        let left = self.pace.values().map(of_kind).sum::<Option<f64>>().filter(|left| *left > 0.0);
+        let left = self.durations.values().map(of_kind).sum::<Option<f64>>().filter(|left| *left > 0.0);
         left.map_or_else(String::new, |left| format!("· about {} left", words::duration(Duration::from_secs_f64(left))))
     }
 }
@@ -160,17 +160,17 @@ mod tests {
 
     #[test]
     fn the_time_left_is_known_once_each_kind_has_been_seen() {
-        let pace = |seconds, ended, left| Pace { seconds, ended, left };
+        let durations = |seconds, ended, left| Durations { seconds, ended, left };
         let view = |pretrain, train| View {
             bar: Bar::hidden(),
             output: crate::output::Output::new(true),
             total: 4,
             done: 2,
-            pace: BTreeMap::from([(JobKind::Pretrain.into(), pretrain), (JobKind::Train.into(), train)]),
+            durations: BTreeMap::from([(JobKind::Pretrain.into(), pretrain), (JobKind::Train.into(), train)]),
             running: HashMap::new(),
         };
-        assert_eq!(view(pace(20.0, 2, 1), pace(0.0, 0, 1)).time_left(), "");
-        assert_eq!(view(pace(20.0, 2, 1), pace(60.0, 1, 2)).time_left(), "· about 2 min 10 s left");
-        assert_eq!(view(pace(20.0, 2, 0), pace(60.0, 1, 0)).time_left(), "");
+        assert_eq!(view(durations(20.0, 2, 1), durations(0.0, 0, 1)).time_left(), "");
+        assert_eq!(view(durations(20.0, 2, 1), durations(60.0, 1, 2)).time_left(), "· about 2 min 10 s left");
+        assert_eq!(view(durations(20.0, 2, 0), durations(60.0, 1, 0)).time_left(), "");
     }
 }

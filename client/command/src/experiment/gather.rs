@@ -16,7 +16,7 @@ use super::pool::pool;
 use super::recordings::{Recordings, of_episode};
 use super::report::{CellReport, Rate, SeedReport, StageReport, StudyReport};
 use super::stage::{Chain, Graph, Selection};
-use super::standing::{Gap, Standing, Submitted, made, standing};
+use super::standing::{Gap, Standing, Submitted, stage_result, standing};
 use super::study::Cell;
 use crate::failure::{Result, present};
 use crate::quality::{MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
@@ -72,7 +72,7 @@ impl<'a> Gatherer<'a> {
             cells.push(CellReport { label, varied, settings, pooled: pool(&seeds), seeds });
         }
         let stages: HashSet<usize> = chains.iter().flatten().flat_map(|chain| chain.stages.iter().copied()).collect();
-        let took = |index: &usize| made(submitted, *index).ok()?.job.as_ref().and_then(seconds);
+        let took = |index: &usize| stage_result(submitted, *index).ok()?.job.as_ref().and_then(seconds);
         Ok(StudyReport {
             name: study.name.clone(),
             table: study.table,
@@ -98,18 +98,18 @@ impl<'a> Gatherer<'a> {
             separation: Vec::new(),
             histogram: Vec::new(),
         };
-        if let Some(Ok(made)) = chain.evaluation.map(|index| made(submitted, index)) {
-            report.success = Some(self.success(&made.id).await?);
+        if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
+            report.success = Some(self.success(&result.id).await?);
         }
-        if let Some(Ok(made)) = chain.score.map(|index| made(submitted, index)) {
-            if !self.runs.contains_key(&made.id) {
-                let run = self.run(&made.id).await?;
-                self.runs.insert(made.id.clone(), run);
+        if let Some(Ok(result)) = self.graph.find(chain, "score").map(|index| stage_result(submitted, index)) {
+            if !self.runs.contains_key(&result.id) {
+                let run = self.run(&result.id).await?;
+                self.runs.insert(result.id.clone(), run);
             }
-            let run = present(self.runs.get(&made.id), "a score run")?;
+            let run = present(self.runs.get(&result.id), "a score run")?;
             report.separation.clone_from(&run.separation);
             report.histogram.clone_from(&run.histogram);
-            report.selected = Some(self.selected(run, &made.id, cell).await?);
+            report.selected = Some(self.selected(run, &result.id, cell).await?);
         }
         Ok(report)
     }
@@ -172,14 +172,14 @@ impl<'a> Gatherer<'a> {
     /// Every stage as it is now.
     pub(crate) fn stages(&self, submitted: &Submitted) -> Vec<StageReport> {
         let report = |(index, stage): (usize, &super::stage::Stage)| {
-            let made_here = submitted[index].as_ref().ok();
-            let job = made_here.and_then(|made| made.job.as_ref());
-            let gap = made(submitted, index).err();
+            let submitted_stage = submitted[index].as_ref().ok();
+            let job = submitted_stage.and_then(|result| result.job.as_ref());
+            let gap = stage_result(submitted, index).err();
             StageReport {
                 kind: stage.work.kind().to_owned(),
                 key: stage.key.clone(),
                 label: stage.label.clone(),
-                id: made_here.map(|made| made.id.clone()),
+                id: submitted_stage.map(|result| result.id.clone()),
                 job_id: job.map(|job| job.id.clone()),
                 seconds: job.and_then(seconds),
                 unfinished: gap == Some(Gap::NotYet),

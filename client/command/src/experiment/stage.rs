@@ -65,8 +65,6 @@ pub(crate) struct Chain {
     pub(crate) seed: u64,
     /// All of them, each after its input.
     pub(crate) stages: Vec<usize>,
-    pub(crate) score: Option<usize>,
-    pub(crate) evaluation: Option<usize>,
 }
 
 /// Every stage of an experiment, each after its input.
@@ -102,8 +100,8 @@ impl Graph {
             for (study, of_study) in experiment.studies.iter().zip(&mut chains) {
                 for (cell, of_cell) in study.cells.iter().zip(of_study) {
                     let Some(&seed) = cell.settings.seeds.get(nth) else { continue };
-                    let place = Place { label: format!("{}, {}, seed {seed}", study.name, cell.label), seed };
-                    of_cell.push(graph.chain(task, max_steps, &cell.settings, &place));
+                    let label = format!("{}, {}, seed {seed}", study.name, cell.label);
+                    of_cell.push(graph.chain(task, max_steps, &cell.settings, seed, &label));
                 }
             }
         }
@@ -116,26 +114,15 @@ impl Graph {
         chain.stages.iter().copied().find(|&index| self.stages[index].work.kind() == kind)
     }
 
-    fn chain(&mut self, task: &str, max_steps: u32, cell: &CellSettings, place: &Place) -> Chain {
-        let mut chain = Chain { seed: place.seed, stages: Vec::new(), score: None, evaluation: None };
-        let mut last = None;
-        for work in works(task, max_steps, cell, place.seed) {
-            let is_score = matches!(work, Work::Score { .. });
-            let is_evaluation = matches!(work, Work::Evaluate { .. });
-            if is_evaluation && !self.evaluates {
-                continue;
+    fn chain(&mut self, task: &str, max_steps: u32, cell: &CellSettings, seed: u64, label: &str) -> Chain {
+        let mut stages = Vec::new();
+        for work in works(task, max_steps, cell, seed) {
+            if self.evaluates || !matches!(work, Work::Evaluate { .. }) {
+                let index = self.stage(work, stages.last().copied(), label);
+                stages.push(index);
             }
-            let index = self.stage(work, last, &place.label);
-            chain.stages.push(index);
-            if is_score {
-                chain.score = Some(index);
-            }
-            if is_evaluation {
-                chain.evaluation = Some(index);
-            }
-            last = Some(index);
         }
-        chain
+        Chain { seed, stages }
     }
 
     fn stage(&mut self, work: Work, input: Option<usize>, label: &str) -> usize {
@@ -151,12 +138,6 @@ impl Graph {
         self.stages.push(Stage { key, work, input, label: label.to_owned() });
         index
     }
-}
-
-// Where a stage is first needed.
-struct Place {
-    label: String,
-    seed: u64,
 }
 
 // A cell's works, each on the result of the one before. The cell has been checked, so every spec is sound.

@@ -12,7 +12,7 @@ use crate::words;
 
 /// A stage's result on the server.
 #[derive(Clone, Debug)]
-pub(crate) struct Made {
+pub(crate) struct StageResult {
     /// Of the snapshot, encoder, score run, dataset, policy or evaluation; it may not exist yet.
     pub(crate) id: String,
     /// The job that makes it; snapshots and datasets need none.
@@ -20,7 +20,7 @@ pub(crate) struct Made {
 }
 
 /// For each stage its result, or why it has none.
-pub(crate) type Submitted = Vec<std::result::Result<Made, Gap>>;
+pub(crate) type Submitted = Vec<std::result::Result<StageResult, Gap>>;
 
 /// Why a stage has no result.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -50,15 +50,15 @@ pub(crate) enum Standing {
 }
 
 /// The result of a stage.
-pub(crate) fn made(submitted: &Submitted, index: usize) -> Result<&Made, Gap> {
-    let made = submitted[index].as_ref().map_err(Clone::clone)?;
-    match &made.job {
+pub(crate) fn stage_result(submitted: &Submitted, index: usize) -> Result<&StageResult, Gap> {
+    let result = submitted[index].as_ref().map_err(Clone::clone)?;
+    match &result.job {
         Some(job) if !has_ended(job.state()) => Err(Gap::NotYet),
         Some(job) if job.state() != JobState::Succeeded => {
             let why = if job.error.is_empty() { String::new() } else { format!(": {}", job.error) };
             Err(Gap::Failed(format!("job {} {}{why}", job.id, words::job_state(job.state()))))
         }
-        Some(_) | None => Ok(made),
+        Some(_) | None => Ok(result),
     }
 }
 
@@ -66,7 +66,7 @@ pub(crate) fn made(submitted: &Submitted, index: usize) -> Result<&Made, Gap> {
 pub(crate) fn standing(graph: &Graph, submitted: &Submitted, chain: &Chain) -> Standing {
     let mut standing = Standing::Complete;
     for &index in &chain.stages {
-        match made(submitted, index) {
+        match stage_result(submitted, index) {
             Ok(_) => {}
             Err(Gap::NotYet) => standing = Standing::Unfinished,
             Err(Gap::Failed(problem)) => {
@@ -118,9 +118,9 @@ mod tests {
         cohorts = [{ agent = \"noise:1\", count = 2 }]\n[base]\nseeds = [0, 1]\n[[study]]\ntable = \"scoring\"\n\
         axes = { scorer = [\"ssdf\", \"raw\"] }\n";
 
-    fn job(state: JobState) -> Result<Made, Gap> {
+    fn job(state: JobState) -> Result<StageResult, Gap> {
         let job = Job { id: "job_1".into(), state: state.into(), error: "no memory".into(), ..Job::default() };
-        Ok(Made { id: "x_1".into(), job: Some(job) })
+        Ok(StageResult { id: "x_1".into(), job: Some(job) })
     }
 
     #[test]
@@ -130,7 +130,7 @@ mod tests {
         let kinds: Vec<&str> = graph.stages.iter().map(|stage| stage.work.kind()).collect();
         assert_eq!(kinds, ["snapshot", "pretrain", "score", "score", "pretrain", "score", "score"]);
         let mut submitted: Submitted = (0..kinds.len()).map(|_| job(JobState::Queued)).collect();
-        submitted[0] = Ok(Made { id: "snap_1".into(), job: None });
+        submitted[0] = Ok(StageResult { id: "snap_1".into(), job: None });
         assert!(settled(&graph, &submitted).is_empty());
 
         submitted[1] = job(JobState::Succeeded);

@@ -10,7 +10,7 @@ use tonic::Code;
 use super::file::Experiment;
 use super::order::{self, Input};
 use super::stage::{Graph, Stage, Work};
-use super::standing::{Gap, Made, Submitted};
+use super::standing::{Gap, StageResult, Submitted};
 use super::state::State;
 use crate::failure::{Failure, Result, present};
 use gleaner_core::Device;
@@ -33,19 +33,19 @@ impl<'a> Submitter<'a> {
         let mut submitted = Submitted::with_capacity(graph.stages.len());
         for stage in &graph.stages {
             let input = stage.input.map(|index| (graph.stages[index].work.kind(), &submitted[index]));
-            let made = match input {
+            let result = match input {
                 Some((_, Err(Gap::NotYet))) => Err(Gap::NotYet),
                 Some((kind, Err(Gap::Failed(problem)))) => Err(Gap::Failed(format!("its {kind} failed: {problem}"))),
-                Some((kind, Ok(made))) => self.stage(stage, Input { kind, id: &made.id }).await?,
+                Some((kind, Ok(result))) => self.stage(stage, Input { kind, id: &result.id }).await?,
                 None => self.stage(stage, Input { kind: "", id: "" }).await?,
             };
-            submitted.push(made);
+            submitted.push(result);
         }
         Ok(submitted)
     }
 
-    async fn stage(&mut self, stage: &Stage, input: Input<'_>) -> Result<std::result::Result<Made, Gap>> {
-        let made = match &stage.work {
+    async fn stage(&mut self, stage: &Stage, input: Input<'_>) -> Result<std::result::Result<StageResult, Gap>> {
+        let result = match &stage.work {
             Work::Snapshot { rule, .. } => {
                 let imperfect: Vec<&str> = self.experiment.imperfect_cohorts().collect();
                 self.snapshot(&stage.key, order::rule(rule, &imperfect)).await
@@ -55,8 +55,8 @@ impl<'a> Submitter<'a> {
                 self.job(stage, input).await
             }
         };
-        match made {
-            Ok(made) => Ok(Ok(made)),
+        match result {
+            Ok(result) => Ok(Ok(result)),
             // Its input failed in an earlier run, or just now.
             Err(Failure::Client(error)) if error.code() == Some(Code::FailedPrecondition) => {
                 Ok(Err(Gap::Failed(error.to_string())))
@@ -65,7 +65,7 @@ impl<'a> Submitter<'a> {
         }
     }
 
-    async fn snapshot(&mut self, key: &str, rule: RoleRule) -> Result<Made> {
+    async fn snapshot(&mut self, key: &str, rule: RoleRule) -> Result<StageResult> {
         if let Some(known) = known_snapshot(self.client, self.state, key).await? {
             return Ok(known);
         }
@@ -73,16 +73,16 @@ impl<'a> Submitter<'a> {
         let reply = self.client.snapshots().create_snapshot(request).await?.into_inner();
         let id = present(reply.snapshot, "a snapshot")?.id;
         self.state.remember(key, &id)?;
-        Ok(Made { id, job: None })
+        Ok(StageResult { id, job: None })
     }
 
-    async fn dataset(&self, run: &str, selection: gleaner_proto::v1::Selection) -> Result<Made> {
+    async fn dataset(&self, run: &str, selection: gleaner_proto::v1::Selection) -> Result<StageResult> {
         let request = CreateDatasetRequest { score_run_id: run.to_owned(), selection: Some(selection) };
         let reply = self.client.datasets().create_dataset(request).await?.into_inner();
-        Ok(Made { id: present(reply.dataset, "a dataset")?.id, job: None })
+        Ok(StageResult { id: present(reply.dataset, "a dataset")?.id, job: None })
     }
 
-    async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<Made> {
+    async fn job(&self, stage: &Stage, input: Input<'_>) -> Result<StageResult> {
         let simulation = self.experiment.recordings.task.to_string();
         let spec = present(order::job(&stage.work, input, &simulation, self.device), "a job for this stage")?;
         let request = SubmitJobRequest {
@@ -92,7 +92,7 @@ impl<'a> Submitter<'a> {
             ..SubmitJobRequest::default()
         };
         let job = present(self.client.jobs().submit_job(request).await?.into_inner().job, "a job")?;
-        Ok(Made { id: job.result_id.clone(), job: Some(job) })
+        Ok(StageResult { id: job.result_id.clone(), job: Some(job) })
     }
 }
 
@@ -103,10 +103,10 @@ pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
 }
 
 /// The snapshot that an earlier run made, if this server has it.
-pub(crate) async fn known_snapshot(client: &Client, state: &State, key: &str) -> Result<Option<Made>> {
+pub(crate) async fn known_snapshot(client: &Client, state: &State, key: &str) -> Result<Option<StageResult>> {
     let Some(id) = state.snapshot(key) else { return Ok(None) };
     match client.snapshots().get_snapshot(GetSnapshotRequest { snapshot_id: id.to_owned() }).await {
-        Ok(_) => Ok(Some(Made { id: id.to_owned(), job: None })),
+        Ok(_) => Ok(Some(StageResult { id: id.to_owned(), job: None })),
         // Another server, or its data are gone.
         Err(status) if status.code() == Code::NotFound => Ok(None),
         Err(status) => Err(status.into()),

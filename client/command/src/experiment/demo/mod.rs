@@ -38,7 +38,7 @@ pub(crate) struct DemoArgs {
     /// Use the smallest sizes that run every stage; the numbers have no meaning.
     #[arg(long)]
     quick: bool,
-    /// TOML file with the settings that differ from the full demo, in the form of an experiment's file ([data], [base]).
+    /// TOML file with the settings that differ from the full demo, in the form of an experiment's file (its tables data and base).
     #[arg(long, value_name = "TOML", conflicts_with = "quick")]
     plan: Option<PathBuf>,
 }

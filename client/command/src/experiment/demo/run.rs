@@ -11,7 +11,7 @@ use super::super::follow::{seconds, to_the_end};
 use super::super::gather::Gatherer;
 use super::super::recordings::{Recordings, recorded};
 use super::super::stage::{Chain, Graph};
-use super::super::standing::{Made, Standing, Submitted, made, standing};
+use super::super::standing::{StageResult, Standing, Submitted, stage_result, standing};
 use super::super::state::State;
 use super::super::submit::Submitter;
 use super::plan::Plan;
@@ -51,7 +51,7 @@ impl<'a> Run<'a> {
         let recordings = self.recordings(folder).await?;
         let submitted = self.jobs(folder).await?;
         let [base, gleaned] = self.chains()?;
-        let run = self.made(&submitted, &gleaned, "score")?.id.clone();
+        let run = self.result_of(&submitted, &gleaned, "score")?.id.clone();
         let histogram = self.histogram(&run).await?;
         let comparing = Instant::now();
         let episodes = Gatherer::new(self.client, &recordings, experiment, &self.graph).episodes(&run).await?;
@@ -61,7 +61,7 @@ impl<'a> Run<'a> {
             [(&base, "experts", "experts alone (SSDF-base)"), (&gleaned, "gleaned", "experts and gleaned segments")];
         let mut evaluations = Vec::with_capacity(policies.len());
         for (chain, name, trained_on) in policies {
-            let policy_id = self.made(&submitted, chain, "train")?.id.clone();
+            let policy_id = self.result_of(&submitted, chain, "train")?.id.clone();
             evaluations.push(self.evaluate(name, trained_on, policy_id).await?);
         }
         let threshold = |&beta: &f64| Threshold { beta, selected: select(&episodes, above(beta)) };
@@ -120,17 +120,17 @@ impl<'a> Run<'a> {
     }
 
     /// The result of the stage of this kind.
-    fn made<'s>(&self, submitted: &'s Submitted, chain: &Chain, kind: &str) -> Result<&'s Made> {
+    fn result_of<'s>(&self, submitted: &'s Submitted, chain: &Chain, kind: &str) -> Result<&'s StageResult> {
         let index = present(self.graph.find(chain, kind), "a stage of this kind")?;
-        made(submitted, index).map_err(|gap| Failure::message(gap.problem().unwrap_or_default()))
+        stage_result(submitted, index).map_err(|gap| Failure::message(gap.problem().unwrap_or_default()))
     }
 
     async fn time_jobs(&mut self, submitted: &Submitted, [base, gleaned]: [&Chain; 2]) -> Result<()> {
-        let job = |chain: &Chain, kind: &str| present(self.made(submitted, chain, kind)?.job.clone(), "a job");
+        let job = |chain: &Chain, kind: &str| present(self.result_of(submitted, chain, kind)?.job.clone(), "a job");
         let took = |job: &Job| Duration::from_secs_f64(seconds(job).unwrap_or_default().max(0.0));
         let (pretrain, score) = (job(base, "pretrain")?, job(gleaned, "score")?);
         let trainings = [job(base, "train")?, job(gleaned, "train")?];
-        let dataset_id = self.made(submitted, gleaned, "dataset")?.id.clone();
+        let dataset_id = self.result_of(submitted, gleaned, "dataset")?.id.clone();
 
         let memory = words::megabytes(pretrain.peak_memory_bytes);
         self.done("pretrain", took(&pretrain), format!("{} steps, peak {memory:.0} MB", pretrain.total));

@@ -39,7 +39,7 @@ fn a_stage_is_after_what_it_works_on() {
         assert!(stage.input.is_none_or(|input| input < index));
     }
     let scoring = &graph.chains[1][1][0];
-    assert!(scoring.score.is_some() && scoring.evaluation.is_none());
+    assert!(graph.find(scoring, "score").is_some() && graph.find(scoring, "evaluate").is_none());
 }
 
 #[test]
@@ -73,7 +73,10 @@ fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
     let bc = |graph: &Graph| graph.stages[*graph.chains[0][0][0].stages.last().unwrap()].key.clone();
     assert_eq!(bc(&last("segment_length = 6")), bc(&last("segment_length = 5\nobjectives = [\"tr\"]")));
     let scored = |base: &str| graph(&format!("[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"scoring\"\n"));
-    let of = |graph: &Graph, cell: usize| graph.stages[graph.chains[0][cell][0].score.unwrap()].key.clone();
+    let of = |graph: &Graph, cell: usize| {
+        let score = graph.find(&graph.chains[0][cell][0], "score").unwrap();
+        graph.stages[score].key.clone()
+    };
     let (plain, cosine) = (scored(""), scored("similarity = \"last_cosine\"\nscale = [1, 2, 3]"));
     assert_eq!(of(&plain, 6), of(&cosine, 6), "the classifier compares nothing");
     assert_ne!(of(&plain, 2), of(&cosine, 2));
