@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cache_gives_back_every_bit() {
+    fn cache_preserves_every_bit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.frames");
         let written = episode();
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_grown_or_foreign_file_is_refused() {
+    fn truncated_extended_or_foreign_file_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.frames");
         episode().write_cache(&path).unwrap();

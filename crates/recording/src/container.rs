@@ -40,10 +40,10 @@ pub(crate) struct Scanned {
     pub(crate) problems: Vec<Problem>,
 }
 
-/// Takes a record.
+/// Receives a record.
 type Visit<'a> = &'a mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>;
 
-/// Hands every record of the file to `visit`, in the file's order.
+/// Calls `visit` with every record of the file, in the order of the file.
 ///
 /// # Errors
 /// Those of `visit`; [`RecordingError::Io`], `Empty`, `NotMcap`, `TooLarge` and `Damaged`.
@@ -51,8 +51,7 @@ pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Sca
     Scan::open(path, limits, false)?.run(visit)
 }
 
-/// As [`scan`], but nothing of a chunk is visited unless all of it is there and is what its checksum says: for what is
-/// taken over although the file is damaged.
+/// Like [`scan`], but a chunk is visited only if it is complete and matches its checksum, for a salvage of a damaged file.
 ///
 /// # Errors
 /// As [`scan`].
@@ -242,7 +241,7 @@ fn is_read(opcode: u8) -> bool {
     (op::HEADER..=op::DATA_END).contains(&opcode)
 }
 
-/// Holds a record's number and length against the limits.
+/// Compares the number and the length of a record with the limits.
 fn check(records: u64, bytes: usize, limits: &Limits) -> Result<(), RecordingError> {
     let too_large = |problem| Err(RecordingError::TooLarge { problem });
     if records > limits.records {

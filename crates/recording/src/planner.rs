@@ -1,4 +1,4 @@
-//! From tracks to a plan: chooses the mapping that fits, lays out the steps and has the data inspected.
+//! The planner: it chooses the mapping, lays out the steps of a plan and inspects the data.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,12 +1,12 @@
-//! The task specification: what a step of this task holds and where a recording keeps it.
+//! The task specification: the content of a step, and its place in recordings.
 //!
-//! Pure data; its checks are in `validate`. Must not know how recordings are read.
+//! Plain data, whose checks are in `validate`. This module does not depend on the reader.
 
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-/// What one step of a task holds (cameras, proprioception, action, rate) and how each is found in a recording.
+/// The content of a task's steps (cameras, proprioception, action, rate) and its place in recordings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct TaskSpec {
@@ -29,7 +29,7 @@ pub struct TaskSpec {
     /// Streams of one control tick are stamped a few milliseconds apart.
     #[serde(default = "default_tolerance")]
     pub tolerance: f64,
-    /// Where recordings keep all this; one mapping for each way of recording.
+    /// The places of cameras and fields, one mapping for each way of recording.
     #[serde(default)]
     pub mappings: Vec<Mapping>,
 }
@@ -70,7 +70,7 @@ pub enum Alignment {
     Nearest,
 }
 
-/// Where one way of recording keeps a task's cameras and fields.
+/// The topics of a task's cameras and fields in one way of recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct Mapping {
@@ -201,7 +201,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn survives_json_and_refuses_unknown_keys() {
+    fn json_round_trip_and_unknown_keys() {
         let spec = arm();
         let text = serde_json::to_string(&spec).unwrap();
         assert_eq!(serde_json::from_str::<TaskSpec>(&text).unwrap(), spec);
@@ -210,7 +210,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn defaults_fill_what_is_left_out() {
+    fn missing_keys_have_defaults() {
         let spec: TaskSpec =
             serde_json::from_str(r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}]}"#).unwrap();
         assert_eq!(spec.tolerance, 0.25);

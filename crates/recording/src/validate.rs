@@ -1,6 +1,6 @@
-//! Checks that a task specification makes sense by itself, before any recording is read.
+//! Checks of a task specification, before any recording is read.
 //!
-//! Knows the rules of [`TaskSpec`]. Must not know how recordings are read.
+//! This module does not depend on the reader.
 
 use std::collections::BTreeSet;
 
@@ -24,10 +24,10 @@ const MAX_FIELD_SIZE: u32 = 65_536;
 const MAX_STEP_BYTES: usize = 1 << 30;
 
 impl TaskSpec {
-    /// Checks that the specification makes sense by itself.
+    /// Checks that the specification is consistent.
     ///
     /// # Errors
-    /// [`RecordingError::Spec`] names the first field that does not, and the mend.
+    /// [`RecordingError::Spec`] names the first invalid field and the fix.
     pub fn validate(&self) -> Result<(), RecordingError> {
         if !is_plain(&self.name) {
             return wrong("name", "use one or more of the characters a-z A-Z 0-9 _ - .");
@@ -54,7 +54,7 @@ impl TaskSpec {
         Ok(())
     }
 
-    /// As [`TaskSpec::validate`], and that no image is larger than these limits let it be.
+    /// Like [`TaskSpec::validate`], and checks the size of each image against these limits.
     ///
     /// # Errors
     /// As [`TaskSpec::validate`].
@@ -141,12 +141,12 @@ impl TaskSpec {
                 topic(&format!("{at}.cameras[{i}].depth"), depth, "topic of the depth images")?;
             }
             if camera.depth != source.depth.is_some() {
-                let mend = if camera.depth {
+                let fix = if camera.depth {
                     "give the topic of the depth images"
                 } else {
                     "the camera has no depth; leave it out"
                 };
-                return wrong(format!("{at}.cameras[{i}].depth"), mend);
+                return wrong(format!("{at}.cameras[{i}].depth"), fix);
             }
         }
         for (i, source) in mapping.fields.iter().enumerate() {
@@ -189,7 +189,7 @@ impl TaskSpec {
     }
 }
 
-/// A list of things of which there are never many.
+/// Checks the length of a list.
 fn few(field: &str, count: usize, most: usize) -> Result<(), RecordingError> {
     if count <= most {
         return Ok(());
@@ -207,7 +207,7 @@ fn topic(field: &str, topic: &str, what: &str) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// Every wanted name has exactly one source.
+/// Checks that every name has exactly one source.
 fn each_once<'a>(
     wanted: impl Iterator<Item = &'a String>,
     given: impl Iterator<Item = &'a String>,

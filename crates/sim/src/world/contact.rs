@@ -1,7 +1,7 @@
-//! Hand against one cube: landing, pushing, grasping, slipping.
+//! Contact of the hand with one cube: landing, pushing, grasping, slipping.
 //!
 //! All of it happens in the tool's frame, where a finger is an axis-aligned box and the cube is taken by its extent
-//! along the two axes. Must not know the rest of the world.
+//! along the two axes. This module does not depend on the rest of the world.
 
 use glam::{Vec2, Vec3};
 
@@ -19,12 +19,12 @@ const SLIP: f32 = 0.004;
 /// Share of its misalignment that a pushed cube keeps per substep: a flat pad turns it flush.
 const TURN_KEPT: f32 = 0.9;
 
-/// What the fingers did to the cube.
+/// The effect of the fingers on the cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Touch {
-    /// Nothing, or they pushed it.
+    /// None, or a push.
     Free,
-    /// They hold it.
+    /// A grasp.
     Grasped,
 }
 

@@ -69,7 +69,7 @@ fn closed_fingers_push_the_cube_along_the_table() {
 }
 
 #[test]
-fn what_is_not_a_number_commands_nothing() {
+fn nan_commands_no_motion() {
     let mut world = around_cube(Vec3::new(0.0, 0.0, 0.1), 0.0);
     let before = world.clone();
     run(&mut world, [f32::NAN, f32::NAN, 0.0, 9.0, -9.0, f32::NAN, f32::NAN], 3);
@@ -104,7 +104,7 @@ fn held_over(off: Vec2) -> World {
     world
 }
 
-/// The same, let go and given time.
+/// The same after the release and some steps.
 fn stacked(off: Vec2) -> World {
     let mut world = held_over(off);
     run(&mut world, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 6);

@@ -1,6 +1,6 @@
 //! The gripper: its shape, its reach and its frame.
 //!
-//! Must not know the cubes.
+//! This module does not depend on the cubes.
 
 use glam::{Vec2, Vec3};
 
@@ -18,7 +18,7 @@ pub(crate) const FINGER_HALF_HEIGHT: f32 = 0.030;
 pub(crate) const PALM_HALF: Vec3 = Vec3::new(0.052, 0.018, 0.014);
 /// Speed of the gripper's width, in m/s.
 pub(super) const WIDTH_SPEED: f32 = 0.16;
-/// Where the tool may go.
+/// The range of the tool point.
 pub(super) const TOOL_MIN: Vec3 = Vec3::new(-0.20, -0.20, 0.015);
 pub(super) const TOOL_MAX: Vec3 = Vec3::new(0.20, 0.20, 0.26);
 
