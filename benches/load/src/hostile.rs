@@ -157,7 +157,7 @@ fn longest(held: Vec<Result<Duration>>) -> Result<f64> {
     Ok(held.into_iter().max().unwrap_or_default().as_secs_f64())
 }
 
-/// How long the server keeps a connection that sends only these bytes.
+/// Measures how long the server keeps a connection that sends only these bytes.
 async fn hold(address: SocketAddr, bytes: &[u8]) -> Result<Duration> {
     let mut stream = open_socket(address, HOLD_FROM).await?;
     let begun = Instant::now();
@@ -172,7 +172,7 @@ async fn hold(address: SocketAddr, bytes: &[u8]) -> Result<Duration> {
     }
 }
 
-/// How long the server accepts an upload of two bytes a second.
+/// Measures how long the server accepts an upload of two bytes a second.
 async fn upload_slowly(target: &Target, number: u32) -> Result<Duration> {
     let mut episodes = EpisodeServiceClient::new(connect(&target.url, SLOW_FROM).await?);
     let request = StartUploadRequest {

@@ -13,7 +13,7 @@ pub struct Options {
     /// The gleaner-server to measure.
     #[arg(long, default_value = "target/release/gleaner-server")]
     pub server_bin: PathBuf,
-    /// What to measure.
+    /// The parts to measure.
     #[arg(long, value_delimiter = ',', default_value = "load,training,limits")]
     pub parts: Vec<Part>,
     /// Size of the policy.

@@ -15,7 +15,7 @@ pub(crate) struct Timeline {
     pub(crate) first_reversed: Option<usize>,
 }
 
-/// How a step picks one message of a stream.
+/// The choice of a step's message in a stream.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rule {
     pub(crate) period: i64,

@@ -84,7 +84,7 @@ pub enum RecordingError {
     /// A frame cache is not one, is of another version, or is damaged.
     #[error("frame cache: {problem}; delete it, it is rebuilt from the recording")]
     Cache {
-        /// What is wrong.
+        /// The reason.
         problem: String,
     },
     /// A step for the writer does not fit the task.

@@ -51,7 +51,7 @@ impl Episode {
     /// Creates an episode in memory.
     ///
     /// # Errors
-    /// [`RecordingError::Step`] when an array does not fit the task and the number of stamps.
+    /// [`RecordingError::Step`] if an array does not fit the task and the number of stamps.
     pub fn new(
         spec: &TaskSpec,
         stamps: Vec<i64>,

@@ -81,7 +81,7 @@ pub struct Sums {
 /// Sums up everything that is read from a recording with this mapping of the task, to compare it with another reader.
 ///
 /// # Errors
-/// As [`crate::read_episode`], when the file cannot be read at all.
+/// Like [`crate::read_episode`], if the file cannot be read.
 pub fn sums(path: &std::path::Path, spec: &TaskSpec, mapping: &str) -> Result<Sums, RecordingError> {
     let mut spec = spec.clone();
     spec.mappings.retain(|known| known.name == mapping);

@@ -92,7 +92,7 @@ pub(crate) fn without_ros_prefix(bytes: &[u8]) -> &[u8] {
 /// Encodes height × width × 3 bytes of RGB as JPEG of this quality (1 to 100).
 ///
 /// # Errors
-/// [`RecordingError::BrokenImage`] when the bytes are not of that size.
+/// [`RecordingError::BrokenImage`] if the bytes are not of that size.
 pub fn encode_jpeg(rgb: &[u8], height: u32, width: u32, quality: u8) -> Result<Vec<u8>, RecordingError> {
     let rgb = exact(rgb, pixels(height, width)?.saturating_mul(3), "8-bit RGB")?;
     let mut out = Vec::new();

@@ -74,7 +74,7 @@ impl Path {
         out: &mut Vec<f64>,
     ) -> Result<(), Missing> {
         let mut sibling = self.segments.clone();
-        // What follows the last field is a subscript of the values, not of the names.
+        // A subscript after the last field applies to the values, not to the names.
         while matches!(sibling.last(), Some(Segment::Index(_) | Segment::Range(..))) {
             sibling.pop();
         }
@@ -87,7 +87,7 @@ impl Path {
         if values.len() != names.len() {
             return Err(Missing::Path(format!("there are {} values for {} names", values.len(), names.len())));
         }
-        // Of a name that comes twice the first counts.
+        // The first of two equal names counts.
         let by_name: HashMap<&str, f64> = names.iter().map(String::as_str).zip(values).rev().collect();
         let begin = out.len();
         for name in wanted {

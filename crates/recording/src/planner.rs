@@ -17,7 +17,7 @@ use crate::tracks::{Tracks, collect};
 /// Plans the steps of a recording.
 ///
 /// # Errors
-/// [`RecordingError::Rejected`] when no step can be made; findings that leave steps are in the report.
+/// [`RecordingError::Rejected`] if no step can be made; findings that leave steps are in the report.
 pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan, RecordingError> {
     let (spec, own) = (&choice::readable(spec), spec.mappings.len());
     let tracks = collect(path, spec, limits)?;

@@ -33,7 +33,7 @@ pub fn read_episode(path: &Path, spec: &TaskSpec) -> Result<Reading, RecordingEr
 /// Like [`read_episode`], with other limits than the default.
 ///
 /// # Errors
-/// As [`read_episode`].
+/// Like [`read_episode`].
 pub fn read_episode_within(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Reading, RecordingError> {
     spec.validate_within(limits)?;
     let mut plan = plan(path, spec, limits)?;

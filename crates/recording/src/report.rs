@@ -1,4 +1,4 @@
-//! What reading found in a recording: counts, rates and findings, each with its fix.
+//! The report on a recording: counts, rates and findings, each with its fix.
 //!
 //! Plain data, which does not depend on how findings are made.
 
@@ -22,7 +22,7 @@ pub struct Report {
     pub dropped_ticks: u64,
     /// Every topic of the file, by name.
     pub topics: Vec<TopicReport>,
-    /// What was found, worst first.
+    /// The findings, worst first.
     pub findings: Vec<Finding>,
 }
 

@@ -22,7 +22,7 @@ pub struct TaskSpec {
     pub proprioception: Vec<FieldSpec>,
     /// Action fields; their values in this order are the action vector.
     pub action: Vec<FieldSpec>,
-    /// How a step picks one message of each stream.
+    /// The choice of a step's message in each stream.
     #[serde(default)]
     pub alignment: Alignment,
     /// Share of a period by which a message may lie after its step and still belong to it.
@@ -55,11 +55,11 @@ pub struct CameraSpec {
 pub struct FieldSpec {
     /// The field's name, unique within the task.
     pub name: String,
-    /// How many numbers it holds.
+    /// The number of its values.
     pub size: u32,
 }
 
-/// How a step picks one message of each stream.
+/// The choice of a step's message in each stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Alignment {
@@ -109,7 +109,7 @@ pub struct FieldSource {
     pub topic: String,
     /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are put one after the other.
     pub paths: Vec<String>,
-    /// When set, each path is an array parallel to the message's `name` array, and its values are picked
+    /// If set, each path is an array parallel to the message's `name` array, and its values are picked
     /// by these names, in this order, whatever the order in the message.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub names: Vec<String>,
@@ -132,7 +132,7 @@ impl TaskSpec {
 }
 
 impl TaskSpec {
-    /// Size of a field by name; 0 when there is none.
+    /// Size of a field by name; 0 if there is none.
     pub(crate) fn field_size(&self, name: &str) -> usize {
         let fields = self.proprioception.iter().chain(&self.action);
         fields.filter(|field| field.name == name).map(|field| field.size as usize).sum()

@@ -39,7 +39,7 @@ pub(crate) struct Tracks {
 /// One topic that some mapping names.
 #[derive(Debug, Default)]
 pub(crate) struct Track {
-    /// Of each message in the file's order.
+    /// The stamps of the messages, in the order of the file.
     pub(crate) stamps: Vec<Stamp>,
     /// One for each field source that reads this topic.
     pub(crate) fields: Vec<FieldTrack>,
@@ -47,7 +47,7 @@ pub(crate) struct Track {
     pub(crate) failure: Option<Failure>,
 }
 
-/// When a message was made and logged, in nanoseconds.
+/// The times at which a message was made and logged, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Stamp {
     pub(crate) header: Option<i64>,
@@ -65,7 +65,7 @@ pub(crate) struct FieldTrack {
     /// `size` numbers of each of them.
     pub(crate) values: Vec<f32>,
     pub(crate) failure: Option<Failure>,
-    /// What the first message without the wanted names lacks.
+    /// The missing names of the first message without them.
     pub(crate) absent: Option<String>,
     paths: Vec<Path>,
     names: Vec<String>,

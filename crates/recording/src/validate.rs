@@ -57,7 +57,7 @@ impl TaskSpec {
     /// Like [`TaskSpec::validate`], and checks the size of each image against these limits.
     ///
     /// # Errors
-    /// As [`TaskSpec::validate`].
+    /// Like [`TaskSpec::validate`].
     pub fn validate_within(&self, limits: &Limits) -> Result<(), RecordingError> {
         self.validate()?;
         for (i, camera) in self.cameras.iter().enumerate() {

@@ -13,7 +13,7 @@ static NEXT_PARTIAL: AtomicU64 = AtomicU64::new(0);
 /// Writes a file beside its name, syncs it and renames it; after an error nothing is left.
 ///
 /// # Errors
-/// Those of `write`, and [`RecordingError::Io`].
+/// The errors of `write`, and [`RecordingError::Io`].
 pub(crate) fn write_whole(
     path: &Path,
     write: impl FnOnce(BufWriter<File>) -> Result<BufWriter<File>, RecordingError>,

@@ -76,7 +76,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// Writes one step's images, state and action, all with this stamp.
     ///
     /// # Errors
-    /// [`RecordingError::Step`] when the step does not fit the task, or [`RecordingError::Write`].
+    /// [`RecordingError::Step`] if the step does not fit the task, or [`RecordingError::Write`].
     pub fn step(&mut self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
         self.check_step(stamp_ns, step)?;
         let mut rest = step.frames;

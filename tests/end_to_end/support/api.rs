@@ -85,7 +85,7 @@ impl Api {
         metrics.into_iter().filter(|metric| metric.name == name).map(|metric| (metric.step, metric.value)).collect()
     }
 
-    /// One episode's scores.
+    /// The scores of an episode.
     pub async fn episode_scores(&mut self, run: &str, episode: &str) -> EpisodeScores {
         let request = GetEpisodeScoresRequest { score_run_id: run.to_owned(), episode_id: episode.to_owned() };
         self.scores.get_episode_scores(request).await.unwrap().into_inner().scores.unwrap()
@@ -142,7 +142,7 @@ impl Api {
         self.episodes.delete_episodes(request).await.unwrap();
     }
 
-    /// How many bytes of an upload are stored.
+    /// The number of stored bytes of an upload.
     pub async fn committed_size(&mut self, upload: &str) -> Result<u64, Status> {
         let request = GetUploadRequest { upload_id: upload.to_owned() };
         Ok(self.episodes.get_upload(request).await?.into_inner().committed_size)

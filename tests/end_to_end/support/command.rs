@@ -10,7 +10,7 @@ use super::{
     wait::within,
 };
 
-/// What a command printed, and whether it succeeded.
+/// The output of a command, and whether it succeeded.
 pub struct Output {
     pub success: bool,
     pub out: String,

@@ -10,7 +10,7 @@ pub mod sessions;
 
 use rand::{SeedableRng as _, rngs::StdRng};
 
-/// How much of everything; `GLEANER_CRASH_KILLS`, `_UPLOADS`, `_TRAINING_KILLS` and `_SEED` set it.
+/// The size of the load; `GLEANER_CRASH_KILLS`, `_UPLOADS`, `_TRAINING_KILLS` and `_SEED` set it.
 #[derive(Clone, Copy, Debug)]
 pub struct Settings {
     pub kills: usize,

@@ -109,7 +109,7 @@ pub fn endless() -> Sim {
     Sim::new(SimTask::PickCube, gleaner_sim::SimConfig { max_steps: u32::MAX, ..lab::sim_config() }, 99)
 }
 
-/// How many messages a topic of an episode has.
+/// The number of messages of a topic in an episode.
 pub fn messages(reading: &Reading, topic: &str) -> u64 {
     reading.report.topics.iter().filter(|one| one.topic == topic).map(|one| one.messages).sum()
 }

@@ -16,7 +16,7 @@ pub struct Shared {
     pub server: TestServer,
     /// In the order of `lab::RECORDINGS`.
     pub episodes: Vec<Episode>,
-    /// Of all episodes, by outcome.
+    /// The snapshot of all episodes, by outcome.
     pub snapshot: String,
     pub encoder: String,
     pub run: String,

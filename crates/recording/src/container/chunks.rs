@@ -16,7 +16,7 @@ use crate::limits::Limits;
 /// Receives a record of a chunk: whether the chunk has a checksum, kind, body, and where it begins in the unpacked chunk.
 type Visit<'a> = &'a mut dyn FnMut(bool, u8, &[u8], u64) -> Result<(), RecordingError>;
 
-/// Visits the records of a chunk and returns its header; `None` when the file ends within the chunk. With `whole`, no
+/// Visits the records of a chunk and returns its header; `None` if the file ends within the chunk. With `whole`, no
 /// record is visited before the chunk's checksum has been compared.
 pub(super) fn read(
     frames: &mut Frames,

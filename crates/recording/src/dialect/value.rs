@@ -88,7 +88,7 @@ impl<'a> Value<'a> {
         Ok(())
     }
 
-    /// What this is, for an error.
+    /// A description of the kind, for an error.
     pub(crate) fn kind(&self) -> String {
         match self {
             Self::Number(_) => "a number".to_owned(),

@@ -51,7 +51,7 @@ impl Stream<'_> {
 }
 
 /// All streams of a mapping: images in the order of the cameras, then fields in the order of proprioception
-/// and action. `None` when a field has no values.
+/// and action. `None` if a field has no values.
 pub(crate) fn streams<'a>(
     tracks: &'a Tracks,
     mapping: usize,

@@ -100,7 +100,7 @@ fn every_task_reads_a_session_with_any_mappings() {
     none.mappings.clear();
     let mut same_name = arm();
     same_name.mappings[0].name = "gleaner".into();
-    // Of the session's own topics, with fields that these topics do not carry.
+    // A mapping of the session's topics, with fields that these topics do not have.
     let mut same_topics = arm();
     let Mapping { cameras, fields, .. } = &mut same_topics.mappings[0];
     cameras[0].color = "/camera/front/color".into();
@@ -142,7 +142,7 @@ fn compressed_images_are_kept_byte_for_byte() {
     assert!(reading.episode.frames().as_ref() == [decoded.clone(), decoded, vec![7; 384]].concat());
 }
 
-/// As ROS's compressedDepth has it: some bytes before the PNG, which a policy's decoding passes over too.
+/// The compressedDepth format of ROS has some bytes before the PNG, which decoding skips too.
 #[test]
 fn depth_that_ros_has_compressed_is_kept_as_its_png() {
     let spec = TaskSpec { mappings: Vec::new(), ..arm() };

@@ -22,7 +22,7 @@ const AT_GRASP: f32 = 0.010;
 const GRASP_STEPS: u32 = 8;
 /// A cube that is not held after this many steps of closing was missed.
 const CLOSING: u32 = 5;
-/// How high above the straight line to the goal the cube is carried while far from it.
+/// The height of the carried cube above the straight line to the goal while far from it.
 const CARRY_OVER: f32 = 0.03;
 /// A cube that is set down descends within this horizontal distance of its place.
 const COME_DOWN: f32 = ABOVE + SLOPE;

@@ -64,7 +64,7 @@ impl Camera {
         inside.then(|| (rect.left, rect.top, (point - self.eye).dot(self.forward)))
     }
 
-    /// The pixels that the points span. The whole picture when one lies behind the camera, `None` when all do.
+    /// The pixels that the points span. The whole picture when one lies behind the camera, `None` if all do.
     pub(super) fn bounds(&self, points: &[Vec3]) -> Option<Rect> {
         const NEAR: f32 = 1e-3;
         let (mut low, mut high) = (Vec2::splat(f32::MAX), Vec2::splat(f32::MIN));

@@ -174,7 +174,7 @@ fn marker_bounds(camera: &Camera, goal: Vec3) -> Option<Rect> {
     camera.bounds(&corners)
 }
 
-/// Where a ray enters a box around the origin, and the face's normal. `None` when it misses or starts inside.
+/// The point at which a ray enters a box around the origin, and the normal of the face. `None` if it misses or starts inside.
 fn enter(from: Vec3, ray: Vec3, half: Vec3) -> Option<(f32, Vec3)> {
     // A ray along a face would divide by zero and compare with what is not a number.
     let inverse = ray.abs().max(Vec3::splat(1e-9)).copysign(ray).recip();

@@ -7,7 +7,7 @@ use crate::world::World;
 
 /// A cube that moves less than this in a step counts as still, in metres.
 const STILL: f32 = 0.012;
-/// How many steps in a row all must be achieved and still.
+/// The number of consecutive steps in which the goal is reached and all cubes are still.
 const SETTLED_STEPS: u32 = 2;
 
 /// Detects [`Rules::achieved`] with every cube still.

@@ -8,13 +8,13 @@ use glam::{Vec2, Vec3};
 use super::tool::{FINGER_HALF_DEPTH, FINGER_HALF_HEIGHT, FINGER_THICKNESS, PALM_HALF, TIP_BELOW, Tool, to_tool_frame};
 use super::{CUBE_HALF, Cube, misalignment};
 
-/// How far the cube's centre may lie off the pads' middle, across the closing axis, and still be grasped.
+/// The largest offset of a grasped cube's centre from the middle of the pads, across the closing axis.
 const GRASP_ACROSS: f32 = 0.016;
-/// How far the cube may be turned against the pads and still be grasped.
+/// The largest rotation of a grasped cube against the pads.
 const GRASP_TURN: f32 = 0.38;
-/// How far the tips must reach below the cube's top to grasp it.
+/// The smallest depth of the finger tips below the cube's top for a grasp.
 const GRASP_DEPTH: f32 = 0.014;
-/// How far a badly squeezed cube slips out per substep.
+/// The distance that a badly squeezed cube slips out per substep.
 const SLIP: f32 = 0.004;
 /// Share of its misalignment that a pushed cube keeps per substep: a flat pad turns it flush.
 const TURN_KEPT: f32 = 0.9;

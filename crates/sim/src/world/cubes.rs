@@ -91,7 +91,7 @@ pub(super) fn separate(cubes: &mut [Cube], before: &[Cube], held: Option<usize>)
     }
 }
 
-/// How far a carried cube must rise to lie on the cubes that it was above and has come down into.
+/// The distance by which a carried cube must rise to rest on cubes that it has come down into.
 pub(super) fn rise_onto(carried: &Cube, index: usize, before: &[Cube]) -> f32 {
     let others = before.iter().enumerate().filter(|(other, _)| *other != index);
     others

@@ -88,7 +88,7 @@ fn a_step_at_full_speed_covers_its_reach() {
     assert!((world.tool.yaw - yaw - STEP_TURN).abs() < 1e-2);
 }
 
-/// How the green cube is turned and where it stands in [`stacked`].
+/// The rotation of the green cube in [`stacked`].
 const GREEN_YAW: f32 = 0.3;
 
 /// The gripper holds a red cube over a green one at the origin, so far off its middle, and has come down as far as

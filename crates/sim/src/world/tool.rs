@@ -6,7 +6,7 @@ use glam::{Vec2, Vec3};
 
 /// Widest opening between the finger pads.
 pub(crate) const WIDTH_MAX: f32 = 0.08;
-/// How far the finger tips lie below the tool point, which is between the pads.
+/// The distance of the finger tips below the tool point, which is between the pads.
 pub(crate) const TIP_BELOW: f32 = 0.012;
 /// Finger thickness along the closing axis.
 pub(crate) const FINGER_THICKNESS: f32 = 0.012;

@@ -16,7 +16,7 @@ use crate::support::server::TestServer;
 /// The longest life of a server with a fail point; it is killed then.
 const LONGEST_LIFE: Duration = Duration::from_secs(20);
 
-/// How many kills there were of each kind.
+/// The number of kills of each kind.
 #[derive(Debug, Default)]
 pub struct Report {
     at_random: usize,

@@ -33,9 +33,9 @@ pub struct Lab {
     pub snapshot: String,
     pub encoder: String,
     pub run: String,
-    /// How many uploads may start by now, so that some remain until the last kill.
+    /// The number of uploads that may start by now, so that some remain until the last kill.
     pub due: watch::Sender<u64>,
-    /// How many times the server has started again.
+    /// The number of restarts of the server.
     pub lives: watch::Sender<u64>,
 }
 
