@@ -151,27 +151,24 @@ fn sources_named_in_markdown_exist() {
     assert!(missing.is_empty(), "{}", missing.join("\n"));
 }
 
-/// The modules and tests of this binary that a text names, as in `end_to_end restart::`.
+/// The modules and tests that a text names, such as `ingest::tests` and `end_to_end restart::`.
 fn tests_named(text: &str) -> impl Iterator<Item = &str> {
-    let spans = text.split('`').skip(1).step_by(2);
-    spans.filter_map(|span| span.strip_prefix("end_to_end ")).map(|path| path.trim_end_matches("::"))
+    let spans = text.split('`').skip(1).step_by(2).map(|span| span.trim_start_matches("end_to_end "));
+    let is_name = |part: &str| part.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+    spans.filter(move |span| span.contains("::") && span.split("::").all(is_name))
 }
 
 #[test]
-fn end_to_end_tests_named_in_markdown_exist() {
-    let tests: Vec<(String, String)> = sources("tests/end_to_end", "rs").iter().map(|path| source(path)).collect();
-    let exists = |path: &str| {
-        let file = |module: &str| format!("tests/end_to_end/{}.rs", module.replace("::", "/"));
-        let (module, test) = path.rsplit_once("::").unwrap_or((path, ""));
-        tests
-            .iter()
-            .any(|(name, text)| *name == file(path) || (*name == file(module) && text.contains(&format!("fn {test}("))))
+fn modules_and_tests_named_in_reliability_exist() {
+    let code: Vec<(String, String)> = sources("", "rs").iter().map(|path| source(path)).collect();
+    let exists = |name: &str| {
+        let declared = [format!("fn {name}("), format!("mod {name};"), format!("mod {name} {{")];
+        code.iter().any(|(_, text)| declared.iter().any(|item| text.contains(item)))
     };
-    let mut missing = Vec::new();
-    for (name, text) in markdown() {
-        missing.extend(tests_named(&text).filter(|path| !exists(path)).map(|path| format!("{name}: no test {path}")));
-    }
-    assert!(missing.is_empty(), "{}", missing.join("\n"));
+    let (name, text) = source(&root().join("docs/reliability.md"));
+    let last = |path: &str| path.trim_end_matches("::").rsplit("::").next().unwrap_or_default().to_owned();
+    let missing: Vec<&str> = tests_named(&text).filter(|path| !exists(&last(path))).collect();
+    assert!(missing.is_empty(), "{name} names what does not exist: {missing:?}");
 }
 
 #[test]
