@@ -1,6 +1,9 @@
 //! The gRPC services of gleaner, generated from `gleaner/v1/*.proto` and `inference/*.proto` without protoc.
 //!
-//! Holds wire types and nothing else: no conversion, no rule. Clients and the server both link it.
+//! The crate has wire types only, without conversions or rules. Clients and the server link it.
+//!
+//! [`v1`] has the services of gleaner; [`inference`] has the Open Inference Protocol; [`Rpc`] names every rpc, and
+//! [`DESCRIPTORS`] describes them for reflection.
 
 /// `gleaner.v1`: the messages, clients and server traits.
 pub mod v1 {
@@ -8,7 +11,7 @@ pub mod v1 {
     tonic::include_proto!("gleaner.v1");
 }
 
-/// `inference`: the Open Inference Protocol, which robots and tools of other servers speak.
+/// `inference`: the Open Inference Protocol, which clients of other inference servers use.
 pub mod inference {
     #![allow(missing_docs, clippy::all, clippy::pedantic, unreachable_pub, reason = "generated code")]
     tonic::include_proto!("inference");

@@ -1,5 +1,5 @@
-//! Temporal ensembling: many chunks' opinions on one step become one action. Plain data, kept
-//! beside a session's history; knows nothing of who predicts the chunks.
+//! Temporal ensembling: the predictions of several chunks for one step become one action. Plain data beside a session's
+//! history, independent of the policy.
 
 use std::collections::VecDeque;
 
@@ -8,7 +8,7 @@ use crate::error::LearnError;
 /// How fast a prediction's weight falls with its age rank: `exp(-DECAY * i)`.
 const DECAY: f64 = 0.01;
 
-/// The chunks of a session that still have something to say.
+/// The chunks of a session that reach the next step.
 ///
 /// Every control step a chunk of k actions is predicted, so up to k chunks foresee each step. The
 /// action for a step is their mean with weights `exp(-0.01 i)`, i = 0 the oldest: a new observation
@@ -76,7 +76,7 @@ impl Ensemble {
     }
 }
 
-/// What a chunk from `begin` on says of `step`, if it reaches it.
+/// The prediction for `step` of a chunk that starts at `begin`, if it reaches that step.
 fn foreseen(begin: u64, actions: &[Vec<f32>], step: u64) -> Option<&Vec<f32>> {
     actions.get(usize::try_from(step - begin).ok()?)
 }
@@ -99,7 +99,7 @@ mod tests {
         let third = (-0.02f64).exp();
         let expected = (3.0 + second * 6.0 + third * 9.0) / (1.0 + second + third);
         assert!((f64::from(ensemble.push(2, chunk(&[9.0, 9.0, 9.0])).unwrap()[0]) - expected).abs() < 1e-6);
-        // Step 3 was skipped: at 4 only the chunk of step 2 still has a say.
+        // Step 3 was skipped: only the chunk of step 2 reaches step 4.
         let expected = (9.0 + second) / (1.0 + second);
         assert!((f64::from(ensemble.push(4, chunk(&[1.0])).unwrap()[0]) - expected).abs() < 1e-6);
         assert_eq!(ensemble.chunks.len(), 2);
