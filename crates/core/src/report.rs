@@ -1,10 +1,10 @@
-//! What reading found in a recording: counts, rates and findings, each with the mend.
+//! The report on a recording: counts, rates and findings, each with its fix.
 //!
-//! Pure data. Must not know how findings are made.
+//! Plain data, which does not depend on how findings are made.
 
 use serde::{Deserialize, Serialize};
 
-/// What reading found in one recording.
+/// The report on one recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", default)]
 pub struct Report {
@@ -22,7 +22,7 @@ pub struct Report {
     pub dropped_ticks: u64,
     /// Every topic of the file, by name.
     pub topics: Vec<TopicReport>,
-    /// What was found, worst first.
+    /// The findings, worst first.
     pub findings: Vec<Finding>,
 }
 
@@ -42,29 +42,29 @@ pub struct TopicReport {
     pub used: bool,
 }
 
-/// One thing found in a recording.
+/// A finding in a recording.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub struct Finding {
-    /// How bad it is.
+    /// Its severity.
     pub severity: Severity,
-    /// What kind of thing it is.
+    /// Its kind.
     pub code: FindingCode,
-    /// What it is about: a topic, a field value such as `joint_position[3]`, or the file.
+    /// The subject: a topic, a field value such as `joint_position[3]`, or the file.
     pub subject: String,
     /// First step concerned, if it concerns single steps.
     pub first_step: Option<u64>,
-    /// What is wrong and the mend.
+    /// The reason and the fix.
     pub detail: String,
 }
 
-/// How bad a finding is.
+/// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Worth knowing.
+    /// For information.
     Note,
-    /// Look at it; the episode can be used.
+    /// The episode can be used after a look at the finding.
     Warning,
     /// The episode can't be used.
     Error,
@@ -89,7 +89,7 @@ pub enum FindingCode {
     NotFinite,
     /// A joint's value stays the same while others move.
     FrozenJoint,
-    /// An image or a field is not of the size the task says.
+    /// An image or a field does not have the size of the task.
     WrongSize,
     /// The file ends in the middle; what is whole was read.
     Truncated,

@@ -1,5 +1,5 @@
 //! Checkpoints: safetensors with a JSON header. Reading checks every bound and runs no code.
-//! Knows nothing of where checkpoints are kept.
+//! Independent of the storage of checkpoints.
 
 use std::collections::{BTreeMap, HashMap};
 

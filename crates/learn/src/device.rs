@@ -1,5 +1,5 @@
-//! Where tensors live and how many threads work on them. The only room that touches
-//! process-wide settings of the tensor library.
+//! The device of tensors and the number of threads. The only module that changes process-wide settings of the tensor
+//! library.
 
 use std::hint::black_box;
 use std::sync::Once;

@@ -1,4 +1,4 @@
-//! What can go wrong in learning. Knows nothing of status codes or of who asked.
+//! The error type of the crate. Independent of status codes and callers.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -1,4 +1,4 @@
-//! Every policy, objective and scorer of this crate as data, for the crate of values.
+//! Every policy, objective and scorer of this crate as data, for `gleaner-core`.
 
 use gleaner_core::kinds::Kinds;
 

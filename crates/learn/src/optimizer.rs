@@ -1,5 +1,5 @@
 //! AdamW with clipping by the global norm, over plain tensors so that all its state can be saved.
-//! Knows nothing of models or schedules.
+//! Independent of models and schedules.
 
 use std::collections::BTreeMap;
 

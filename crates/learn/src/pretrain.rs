@@ -1,4 +1,4 @@
-//! Step one of SSDF: the transformer learns D_u by itself.
+//! Step one of SSDF: self-supervised pretraining of the transformer on D_u.
 //!
 //! L_pretrain = L_MTP + L_TR + L_AA.
 
@@ -22,7 +22,7 @@ use gleaner_core::{PretrainSpec, Values};
 /// Segments on which the scale of features is measured, in whole episodes: many more than features have dimensions.
 const SCALE_SEGMENTS: usize = 4096;
 
-/// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and gives its checkpoint.
+/// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and returns its checkpoint.
 ///
 /// `resume` is a checkpoint the monitor kept; on the CPU, with the same number of threads, the
 /// resumed run gives the same bytes as a straight one. Metrics: `loss`, `loss_mtp`, `loss_tr`,

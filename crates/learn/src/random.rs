@@ -1,7 +1,7 @@
 //! Random numbers that depend on nothing but (seed, purpose, counter).
 //!
 //! A generator is made anew for every step, so a resumed run draws exactly what a straight run
-//! draws, without saving any generator's state. Knows nothing of what the numbers are for.
+//! draws, without saving any generator's state. Independent of the purpose of the numbers.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

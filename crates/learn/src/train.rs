@@ -1,5 +1,4 @@
-//! The training loop that pretraining and policies share: step, report, checkpoint, resume. Knows
-//! nothing of what the loss means.
+//! The training loop that pretraining and policies share: step, report, checkpoint, resume. Independent of the loss.
 
 use std::collections::BTreeMap;
 use std::time::Instant;

@@ -1,4 +1,4 @@
-//! Episodes as plain arrays: what the caller hands in. Knows nothing of recordings or tensors.
+//! Episodes as plain arrays, the input of every stage. Independent of recordings and tensors.
 
 use std::fmt;
 use std::sync::Arc;

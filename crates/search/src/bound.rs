@@ -1,5 +1,5 @@
-//! The filter's frame and the margins that make its bounds proven. Knows nothing of tiles, nor of
-//! which distances win.
+//! The filter's frame and the margins that make its bounds proven. Independent of tiles and of
+//! the choice of the nearest.
 
 use tch::Tensor;
 

@@ -1,6 +1,6 @@
 //! Points as byte codes: every value as one of 255 multiples of a step. Products of codes are
 //! exact, and four times as fast where the processor has an instruction for them; a distance
-//! changes by no more than rounding to steps moved the two points. Knows nothing of the search.
+//! changes by no more than rounding to steps moved the two points. Independent of the search.
 
 use crate::bound::{Frame, U, UNDERFLOW, factor};
 use crate::lanes::{self, CODES, Lanes, MOST, Panels, Query, Terms, WIDE};

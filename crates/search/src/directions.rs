@@ -1,6 +1,6 @@
 //! A cheaper filter first: rows seen only along the few directions in which the points differ
 //! most. A projection never makes a distance longer, ‖P x − P y‖ ≤ ‖x − y‖, so what it rules out
-//! is ruled out; a narrower product is all it costs. Knows nothing of tiles.
+//! is ruled out; a narrower product is all it costs. Independent of tiles.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;

@@ -1,5 +1,5 @@
 //! Sums over byte codes, sixteen at a time: for processors that multiply bytes, and the same sums in plain code. The choice
-//! between the two is made at run time. Knows no metric.
+//! between the two is made at run time. Independent of metrics.
 
 mod plain;
 #[cfg(target_arch = "x86_64")]

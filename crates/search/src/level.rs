@@ -1,5 +1,5 @@
 //! The filter's levels: how rows are seen so that a product of them is cheap, and the bounds that
-//! follow from it. Knows one tile at a time.
+//! follow from it. A level handles one tile at a time.
 
 use tch::Tensor;
 

@@ -1,4 +1,4 @@
-//! One thread's way over points' codes: bounds, and a direct comparison of the few that they
+//! One thread's pass over the codes of points: bounds, and a direct comparison of the few that they
 //! cannot rule out. Leaves queries for which those are many.
 
 use crate::bound::limit;

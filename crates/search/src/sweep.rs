@@ -1,4 +1,4 @@
-//! One thread's way over the tiles: bounds, and a direct comparison of whatever the bounds cannot
+//! One thread's pass over the tiles: bounds, and a direct comparison of whatever the bounds cannot
 //! rule out.
 
 use tch::{Device, Kind, Tensor};

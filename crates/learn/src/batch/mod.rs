@@ -1,5 +1,5 @@
-//! The door between plain arrays and tensors: draws segments, lays out their windows so that each
-//! step is there once, and moves bytes and floats into tensors. Knows nothing of the model.
+//! From plain arrays to tensors: draws segments, lays out their windows so that each
+//! step is there once, and moves bytes and floats into tensors. Independent of the model.
 
 mod augment;
 mod chunks;

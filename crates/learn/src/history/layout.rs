@@ -1,5 +1,4 @@
-//! Histories side by side as tensors, checked first; and frames to embeddings. What both a policy and a live scorer do
-//! before their own pass.
+//! Histories as tensors, after their checks, and frames as embeddings: the input of policies and live scorers.
 
 use tch::{Device, Tensor, no_grad_guard};
 

@@ -1,5 +1,4 @@
-//! What a session remembers from one step to the next: plain data, so it can wait anywhere for its model. Knows
-//! neither policies nor scores, which both look at it.
+//! The history of a session: plain data, which policies and scores read. Independent of both.
 
 mod layout;
 

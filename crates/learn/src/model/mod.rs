@@ -1,5 +1,5 @@
-//! The multi-modality transformer T(·) with its heads: plain layers and their shapes. Knows
-//! nothing of losses, optimisers or scores.
+//! The multi-modality transformer T(·) with its heads: plain layers and their shapes. Independent of losses, optimisers
+//! and scores.
 
 mod heads;
 mod image_encoder;

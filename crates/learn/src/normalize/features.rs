@@ -1,5 +1,5 @@
 //! The scale of features: their mean and covariance over D_u, measured once at the end of
-//! pretraining and kept with the encoder. Knows nothing of how features are compared.
+//! pretraining and kept with the encoder. Independent of the comparison of features.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,5 @@
 //! Frames' bytes straight to standardised images: bit for bit what [`images`](crate::batch::images) and
-//! [`Statistics::images`] give, but in one pass over the bytes. For whoever waits for few frames.
+//! [`Statistics::images`] give, but in one pass over the bytes. For few frames with low latency.
 
 use std::sync::OnceLock;
 

@@ -1,5 +1,5 @@
 //! Standardisation: mean and deviation of everything the model reads or predicts, measured once
-//! over D_u and kept in every checkpoint. Knows nothing of the model.
+//! over D_u and kept in every checkpoint. Independent of the model.
 
 mod cameras;
 mod features;

@@ -1,5 +1,5 @@
 //! The self-supervised objectives of pretraining, one a file, and what they share: the errors of
-//! the heads' predictions. Knows nothing of batches or optimisers.
+//! the heads' predictions. Independent of batches and optimisers.
 //!
 //! log P is Gaussian with fixed variance, so minus log P is the squared error up to constants. The
 //! error of an element is the mean over its values of standardised m or a, or of the down-sampled

@@ -1,5 +1,5 @@
-//! A trained policy that acts: embeds each frame once, acts for many sessions in one pass. Knows
-//! nothing of sessions themselves, nor of which kind of policy it is.
+//! A trained policy that acts: it embeds each frame once and acts for many sessions in one pass. Independent of the kind of
+//! policy and of how sessions are served.
 
 use std::fmt;
 

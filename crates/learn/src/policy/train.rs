@@ -1,4 +1,4 @@
-//! Training any policy by weighted behaviour cloning. Knows nothing of which policy it is.
+//! Training of any policy by weighted behaviour cloning. Independent of the policy.
 //!
 //! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−q(τ) log P_θ′(a | τ)].
 
@@ -20,9 +20,9 @@ use crate::trajectory::{Trajectory, WeightedSegments};
 
 type Policy = Box<dyn PolicyModel>;
 
-/// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and gives its checkpoint.
-/// `finetune` goes on from the pretrained `encoder`, and with nothing kept it is SSDF-base; the other
-/// policies start from scratch and look at no encoder.
+/// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and returns its checkpoint.
+/// `finetune` starts from the pretrained `encoder`, and without kept segments it is SSDF-base; the other policies start
+/// from scratch without an encoder.
 ///
 /// Each step takes the mean over a batch of expert segments and λ times the mean of q · loss over
 /// a batch of kept ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`,

@@ -1,4 +1,4 @@
-//! An earlier run to go on from, checked, and its matches in the numbers of the run that does.
+//! The earlier run that a run extends: its checks, and its matches in the numbering of the new run.
 
 use std::collections::{HashMap, HashSet};
 

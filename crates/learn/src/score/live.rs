@@ -1,5 +1,5 @@
 //! A finished score run kept ready: scores what is not stored, a session's newest segment or a whole episode, as the
-//! run would have. Knows nothing of sessions but their histories.
+//! run would have. Of sessions it uses the histories only.
 
 use std::collections::HashSet;
 use std::fmt;

@@ -4,7 +4,7 @@
 //! its match, and where they agree (all holding the cube) even a bad one is near. So w alone ranks
 //! phases of a task, not the quality within them. q = norm(w / ρ(τ*)) does not: with τ* the match,
 //! ρ(τ*) = the mean over the k expert segments nearest to τ* of their distance to the nearest
-//! segment of another expert. w / ρ is about −1 wherever an expert is. Knows nothing of norm.
+//! segment of another expert. w / ρ is about −1 wherever an expert is. Independent of norm.
 
 use gleaner_search::{Metric, Neighbours};
 

@@ -45,19 +45,18 @@ use scorer::Scorer;
 /// before any modality scale.
 pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
-/// What a score run found.
+/// The result of a score run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scores {
     /// The imperfect episodes, in the order given.
     pub imperfect: Vec<EpisodeScores>,
-    /// The experts, each against the other experts: what w and q look like for good data. Empty
-    /// if there is only one expert.
+    /// The experts, each compared with the other experts, as a reference for good data. Empty with one expert.
     pub experts: Vec<EpisodeScores>,
-    /// What made q of w.
+    /// The conversion from w to q.
     pub normaliser: Normaliser,
 }
 
-/// What an earlier run found, to go on from.
+/// The results of an earlier run that is extended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreBase {
     /// The earlier run's normaliser; the new run keeps it.
@@ -77,7 +76,7 @@ pub struct ScoreInputs<'a> {
     pub experts: &'a [Trajectory],
     /// D_i.
     pub imperfect: &'a [Trajectory],
-    /// Features of these episodes under this encoder and [`features_kind`]: what it has is not encoded again.
+    /// Features of these episodes under this encoder and [`features_kind`]; episodes in it are not encoded again.
     pub kept: &'a dyn FeatureStore,
 }
 
@@ -96,7 +95,7 @@ pub fn score(inputs: ScoreInputs<'_>, spec: &ScoreSpec, monitor: &mut dyn Monito
     Call { inputs, spec, scorer: scorer::open(&spec.scorer)? }.run(None, monitor)
 }
 
-/// Goes on from an earlier run of the same encoder and settings with more experts, more imperfect
+/// Extends an earlier run of the same encoder and settings with more experts, more imperfect
 /// episodes, or both. Episodes the earlier run scored are compared only with the experts it did not
 /// have, and not even encoded if there are none. The result is bit for bit what [`score`] gives
 /// for the same episodes under the earlier run's normaliser. The local scale is measured on the experts

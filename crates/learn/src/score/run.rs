@@ -1,4 +1,4 @@
-//! One score run by nearest expert segments under way, anew or going on from an earlier one.
+//! A score run by nearest expert segments, from the start or as an extension of an earlier run.
 
 use std::time::Instant;
 

@@ -1,4 +1,4 @@
-//! The sums with the instructions that multiply bytes. Safe: whoever calls has them.
+//! The sums with the instructions that multiply bytes. Safe, because the caller has checked for them.
 
 use std::arch::x86_64::{
     __m512, __m512i, _CMP_LE_OQ, _mm512_abs_ps, _mm512_add_ps, _mm512_castps_si512, _mm512_cmp_ps_mask,

@@ -1,5 +1,5 @@
 //! The classifier's network: one hidden layer, trained by binary cross-entropy on batches that are
-//! half experts' steps and half imperfect ones. Knows nothing of episodes or folds.
+//! half experts' steps and half imperfect ones. Independent of episodes and folds.
 
 use rand::RngExt;
 use tch::{Device, Kind, Tensor, no_grad_guard};

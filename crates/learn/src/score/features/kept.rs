@@ -1,5 +1,4 @@
-//! Features as bytes for a store, so that a later run of the same encoder does not encode again. Knows
-//! nothing of files.
+//! Features as bytes for a store, so that a later run of the same encoder does not encode again. Independent of files.
 
 use std::collections::HashMap;
 

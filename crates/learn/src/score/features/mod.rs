@@ -1,5 +1,5 @@
 //! Features of an episode's segments: what similarities compare. Every frame is encoded once.
-//! Knows nothing of how features are compared.
+//! Independent of their comparison.
 
 pub(super) mod kept;
 mod learned;
