@@ -18,6 +18,7 @@ pub mod jobs;
 pub mod lock;
 pub mod maintenance;
 mod model_cache;
+mod pages;
 pub mod policies;
 pub mod rollouts;
 mod scorers;
@@ -148,7 +149,7 @@ pub async fn run(
     let services = Services::open(config, listeners.for_workers()?).await?;
     let (tokens, _refreshing) = TokenCache::open_refreshed(services.store.clone()).await?;
     let (pages, tls) = (listeners.pages.take(), listeners.tls.clone());
-    let _pages = pages.map(|listener| web::open(services.clone(), listener, tls, tokens.clone())).transpose()?;
+    let _pages = pages.map(|listener| pages::open(services.clone(), listener, tls, tokens.clone())).transpose()?;
     let served = service::serve(&services, listeners, tokens, stop).await;
     services.close().await;
     tracing::info!("stopped");

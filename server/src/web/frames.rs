@@ -11,7 +11,7 @@ use super::{
     page_request::{PageRequest, escaped},
     refusal::Answer,
 };
-use crate::{curation::View, domain::id::EpisodeId, error::Error};
+use crate::{domain::id::EpisodeId, domain::steps::FrameView, error::Error};
 
 /// Pixels of a thumbnail: twice its displayed size.
 pub(super) const THUMBNAIL: u32 = 160;
@@ -38,7 +38,7 @@ pub(super) async fn show(request: PageRequest, Path((id, camera, step)): Path<(S
     let Parameters { depth, size } = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
     let step = step.parse().map_err(|_| Error::invalid("step", "must be a whole number, counted from 0"))?;
-    let jpeg = request.services().curation.frame(&id, View { step, camera, depth, size }).await?;
+    let jpeg = request.backend().frame(&id, FrameView { step, camera, depth, size }).await?;
     let headers = [(CONTENT_TYPE, "image/jpeg"), (CACHE_CONTROL, "private, max-age=31536000, immutable")];
     Ok((headers, jpeg).into_response())
 }

@@ -3,32 +3,29 @@
 
 use std::{convert::Infallible, sync::Arc};
 
-use axum::{Router, body::Body, extract::ConnectInfo};
 use futures::StreamExt as _;
 use gleaner_edge::{Connection, Protocol, Tls, Transport};
-use http::{Request, Response};
+use http::Request;
 use hyper::{body::Incoming, server::conn::http1, service::service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use tokio::net::TcpListener;
-use tower::ServiceExt as _;
 
-use crate::connections::Connections;
+use super::Site;
 
 /// Serves pages until the listener is closed.
-pub(super) async fn serve(connections: Connections, listener: TcpListener, tls: Option<Arc<Tls>>, pages: Router) {
-    let mut incoming = connections.accept(listener, tls, Protocol::Http1);
+pub(super) async fn serve(site: Site, listener: TcpListener, tls: Option<Arc<Tls>>) {
+    let mut incoming = site.connections.accept(listener, tls, Protocol::Http1);
     while let Some(Ok(connection)) = incoming.next().await {
-        tokio::spawn(one(connection, pages.clone()));
+        tokio::spawn(one(connection, site.clone()));
     }
 }
 
 /// Serves one request.
-async fn one(connection: Connection<Transport>, pages: Router) {
+async fn one(connection: Connection<Transport>, site: Site) {
     let state = connection.state().clone();
-    let answer = service_fn(move |mut request: Request<Incoming>| {
-        request.extensions_mut().insert(ConnectInfo(state.clone()));
-        let pages = pages.clone();
-        async move { answered(pages, request.map(Body::new)).await }
+    let answer = service_fn(move |request: Request<Incoming>| {
+        let (site, state) = (site.clone(), state.clone());
+        async move { Ok::<_, Infallible>(site.respond(request, state).await) }
     });
     let served = http1::Builder::new()
         .keep_alive(false)
@@ -38,8 +35,4 @@ async fn one(connection: Connection<Transport>, pages: Router) {
     if let Err(error) = served {
         tracing::debug!(%error, "a page's connection ended early");
     }
-}
-
-async fn answered(pages: Router, request: Request<Body>) -> Result<Response<Body>, Infallible> {
-    pages.oneshot(request).await
 }

@@ -5,19 +5,15 @@ use axum::{
     response::{IntoResponse as _, Response},
 };
 
-use super::{page_request::PageRequest, refusal::Answer, vitals};
+use super::{page_request::PageRequest, refusal::Answer};
 
 pub(super) async fn metrics(request: PageRequest) -> Answer {
-    vitals::take(request.services()).await?;
-    Ok(request.state.metrics.render().into_response())
+    Ok(request.backend().metrics().await?.into_response())
 }
 
 pub(super) async fn health(request: PageRequest) -> Response {
-    if request.services().stopping.is_cancelled() {
-        (StatusCode::SERVICE_UNAVAILABLE, "stopping\n").into_response()
-    } else if let Err(error) = request.services().store.verify() {
-        (StatusCode::SERVICE_UNAVAILABLE, format!("{}\n", error.message())).into_response()
-    } else {
-        (StatusCode::OK, "serving\n").into_response()
+    match request.backend().health() {
+        Ok(()) => (StatusCode::OK, "serving\n").into_response(),
+        Err(error) => (StatusCode::SERVICE_UNAVAILABLE, format!("{}\n", error.message())).into_response(),
     }
 }

@@ -21,15 +21,16 @@ use gleaner_edge::{Call, ConnectionState};
 use gleaner_recording::printable;
 
 use super::{
-    AppState,
+    AppState, Caller,
     browser::Browser,
     escape,
+    page::Page,
     page_request::{PageRequest, escaped},
     refusal::{ErrorText, Refusal},
     shell,
 };
 use crate::{
-    access::{Caller, Done, Page, PageGuard, token_hash},
+    domain::{access::AuditEntry, time::Millis},
     error::{Error, Kind, Result},
 };
 
@@ -95,11 +96,11 @@ async fn serve(
     (request, next): (Request, Next),
 ) -> Result<Response> {
     state.expects(request.headers())?;
-    let bearer = bearer(request.headers());
+    let bearer = bearer(request.headers()).map(|token| state.backend.token_hash(token));
     let (call, caller) = identify(state, page, connection, (browser, bearer.as_deref())).await?;
-    let changes = PageGuard::changes(page);
-    if let Err(error) = PageGuard::permit(&caller, page) {
-        if changes && state.guard.tells_of_refusal(&caller) {
+    let changes = page.changes();
+    if let Err(error) = caller.permit(page) {
+        if changes && caller.token_id().is_none_or(|token| state.backend.audits_rejection(token)) {
             note(state, page, connection, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
         }
         return Err(error);
@@ -112,7 +113,7 @@ async fn serve(
     };
     let mut request = request;
     if page.method() == "POST" {
-        let most = if PageGuard::is_open(page) { OPEN_BODY_BYTES } else { BODY_BYTES };
+        let most = if page.is_open() { OPEN_BODY_BYTES } else { BODY_BYTES };
         // A request with a token in a header does not come from a browser on another site.
         request = whole(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
     }
@@ -127,14 +128,15 @@ async fn serve(
     };
     drop(turn);
     let response = escape::answer(response).await?;
-    let over = if page == Page::EpisodeRecording { caller.over() } else { None };
     Ok(response.map(|body| {
-        let body = match over {
+        let body = match caller {
             // A download ends when its token expires or is revoked.
-            Some(over) => Body::from_stream(body.into_data_stream().take_until(over)),
-            None => body,
+            Caller::Known { ended, .. } if page == Page::EpisodeRecording => {
+                Body::from_stream(body.into_data_stream().take_until(ended.cancelled_owned()))
+            }
+            Caller::Known { .. } | Caller::Anyone => body,
         };
-        Body::new(state.guard.watched(body, connection, call))
+        Body::new(state.connections.response(body, connection, call))
     }))
 }
 
@@ -149,14 +151,14 @@ async fn identify(
     (browser, bearer): (&Browser, Option<&str>),
 ) -> Result<(Call, Caller)> {
     let remembered = if bearer.is_none() { state.signed_in.token_of(browser) } else { None };
-    let (call, mut caller) = state.guard.admit(bearer.or(remembered.as_deref()), connection).await?;
+    let (call, mut caller) = state.backend.admit(bearer.or(remembered.as_deref()), connection).await?;
     if caller.is_err() && remembered.is_some() {
         // The browser's token is no longer valid: the browser is signed out.
         state.signed_in.sign_out(browser);
-        caller = state.guard.nobody().await;
+        caller = state.backend.authenticate(None).await;
     }
     match caller {
-        Err(_) if PageGuard::is_open(page) => Ok((call, Caller::Anyone)),
+        Err(_) if page.is_open() => Ok((call, Caller::Anyone)),
         caller => Ok((call, caller?)),
     }
 }
@@ -191,7 +193,16 @@ async fn note(
     caller: &Caller,
     (subjects, outcome): (Vec<String>, String),
 ) {
-    state.guard.note(caller, connection, Done { page, subjects, outcome }).await;
+    let entry = AuditEntry {
+        at: Millis::now(),
+        token_id: caller.token_id().cloned(),
+        who: caller.who().to_owned(),
+        peer: connection.peer().to_string(),
+        rpc: format!("pages/{page:?}"),
+        subjects,
+        outcome,
+    };
+    state.backend.audit(entry).await;
 }
 
 /// Reads the whole body; if a proof is required, checks that the request comes from our own page: from a script in a
@@ -223,10 +234,10 @@ fn brought<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
     in_header.or_else(|| if form { in_form() } else { None })
 }
 
-/// The hash of the token in the header, for programs that read pages.
-fn bearer(headers: &HeaderMap) -> Option<String> {
+/// The token in the header, for programs that read pages.
+fn bearer(headers: &HeaderMap) -> Option<&str> {
     let (scheme, token) = headers.get(AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
-    scheme.eq_ignore_ascii_case("bearer").then(|| token_hash(token.trim()))
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
 fn says_text(headers: &HeaderMap) -> bool {

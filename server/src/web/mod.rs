@@ -1,11 +1,13 @@
 //! The curation pages for people, and the endpoints for monitoring, on an address of their own.
 //!
-//! Uses the same services as the gRPC interface, behind the same table of roles. Knows HTTP and HTML; must not know
-//! gRPC, SQL or tensors. Every page has a row in the authorisation table, and every handler the middleware.
+//! Knows HTTP and HTML, and the server only as a [`Backend`]; must not know gRPC, SQL or tensors. Every page has an access
+//! rule, and every handler the middleware.
 
 mod artifacts;
 mod assets;
+mod backend;
 mod browser;
+mod caller;
 mod change;
 mod deployments;
 mod episode;
@@ -17,6 +19,7 @@ mod jobs;
 mod machines;
 mod middleware;
 mod overview;
+mod page;
 mod page_request;
 mod paging;
 mod plot;
@@ -27,43 +30,33 @@ mod settings;
 mod sheet;
 mod shell;
 mod sign_in;
-#[cfg(test)]
-mod testing;
-#[cfg(test)]
-mod tests;
 mod text;
-mod vitals;
 
-use std::{sync::Arc, time::Duration};
+use std::{net::SocketAddr, sync::Arc};
 
-use gleaner_edge::Tls;
-use metrics_exporter_prometheus::PrometheusHandle;
+use axum::{Router, body::Body, extract::ConnectInfo};
+use gleaner_edge::{ConnectionState, Tls};
+use http::{Request, Response};
 use tokio::net::TcpListener;
-use tokio_util::task::AbortOnDropHandle;
+use tower::ServiceExt as _;
 
 use self::browser::{Browser, SignedIn};
-use crate::{
-    access::{PageGuard, TokenCache},
-    config::ConnectionsConfig,
-    connections::connections,
-    error::{Error, Result},
-    service::Services,
-    telemetry,
+#[cfg(test)]
+pub(crate) use self::page::Page;
+pub(crate) use self::{
+    backend::{Access, Artifacts, Backend, Deployments, Disk, Episodes, Jobs, Machine, RunSummary, Scores, Tasks},
+    caller::Caller,
 };
+use crate::domain::client::Client;
 
-/// Connections in total, and from one address: a browser opens six, each for one request.
-const CONNECTIONS: usize = 512;
-const CONNECTIONS_PER_ADDRESS: usize = 128;
-/// The interval of metrics upkeep, which bounds their memory while they are not read, and of loading a new score run
-/// ahead of its first view.
-const UPKEEP: Duration = Duration::from_secs(5);
+/// The limits on the pages' connections and on the requests of each client.
+pub(crate) type Connections = gleaner_edge::Connections<Client>;
 
 /// The state shared by all pages.
 struct AppState {
-    services: Services,
-    guard: PageGuard,
+    backend: Arc<dyn Backend>,
+    connections: Connections,
     signed_in: SignedIn,
-    metrics: PrometheusHandle,
     /// The name of the browsers' cookie.
     cookie: String,
     /// Whether the connection to the browser is encrypted.
@@ -72,45 +65,44 @@ struct AppState {
     loopback: bool,
 }
 
-/// Serves the pages until the returned handle is dropped.
-///
-/// # Errors
-/// Internal when metrics cannot be set up or the address is gone.
-pub(crate) fn open(
-    services: Services,
-    listener: TcpListener,
-    tls: Option<Arc<Tls>>,
-    tokens: TokenCache,
-) -> Result<AbortOnDropHandle<()>> {
-    let metrics = telemetry::metrics::recorder()?;
-    let address = listener.local_addr().map_err(|error| Error::internal("asking the pages' address", error))?;
-    let (config, loopback) = (&services.config, address.ip().is_loopback());
-    let required = config.access.tokens_required(loopback && config.listen.ip().is_loopback(), config.insecure);
-    let connections = connections(&ConnectionsConfig {
-        max_connections: CONNECTIONS,
-        max_connections_per_address: CONNECTIONS_PER_ADDRESS,
-        ..config.connections.clone()
-    });
-    let (encrypted, cookie) = (tls.is_some(), Browser::cookie_name(address.port()));
-    let guard = PageGuard::new(tokens, services.store.clone(), required, connections.clone());
-    let state =
-        Arc::new(AppState { services, guard, signed_in: SignedIn::default(), metrics, cookie, encrypted, loopback });
-    Ok(AbortOnDropHandle::new(tokio::spawn(async move {
-        let pages = routes::all(&state);
-        tokio::select! {
-            () = http1::serve(connections, listener, tls, pages) => {}
-            () = keep_up(&state) => {}
-        }
-    })))
+/// Every page; clones share the signed-in browsers.
+#[derive(Clone)]
+pub(crate) struct Site {
+    connections: Connections,
+    router: Router,
 }
 
-/// Runs the periodic work of the pages.
-async fn keep_up(state: &AppState) {
-    loop {
-        state.metrics.run_upkeep();
-        if let Err(error) = state.services.curation.warm().await {
-            tracing::warn!(%error, "loading the newest score run ahead failed");
-        }
-        tokio::time::sleep(UPKEEP).await;
+impl Site {
+    /// The pages of a server at this address, which may be encrypted.
+    pub(crate) fn new(
+        backend: Arc<dyn Backend>,
+        connections: Connections,
+        address: SocketAddr,
+        encrypted: bool,
+    ) -> Self {
+        let state = AppState {
+            backend,
+            connections: connections.clone(),
+            signed_in: SignedIn::default(),
+            cookie: Browser::cookie_name(address.port()),
+            encrypted,
+            loopback: address.ip().is_loopback(),
+        };
+        Self { connections, router: routes::all(&Arc::new(state)) }
+    }
+
+    /// Serves browsers until the listener is closed. `tls` is required where the pages are encrypted.
+    pub(crate) async fn serve(self, listener: TcpListener, tls: Option<Arc<Tls>>) {
+        http1::serve(self, listener, tls).await;
+    }
+
+    /// The response to one request of a connection.
+    pub(crate) async fn respond<B>(&self, mut request: Request<B>, connection: ConnectionState) -> Response<Body>
+    where
+        B: http_body::Body<Data = bytes::Bytes, Error: Into<axum::BoxError>> + Send + 'static,
+    {
+        request.extensions_mut().insert(ConnectInfo(connection));
+        let Ok(response) = self.router.clone().oneshot(request.map(Body::new)).await;
+        response
     }
 }

@@ -6,22 +6,20 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::{
+    Backend,
+    backend::Disk,
     page_request::PageRequest,
     paging,
     refusal::Answer,
     sheet::{self, Format, Sheet},
     shell::{self, Head, Tab},
     text,
-    vitals::{self, Disk},
 };
-use crate::{
-    domain::{
-        curation::{TaskOverview, Totals},
-        job::Job,
-        order::JobFilter,
-        task::OutcomeCounts,
-    },
-    service::Services,
+use crate::domain::{
+    curation::{TaskOverview, Totals},
+    job::Job,
+    order::JobFilter,
+    task::OutcomeCounts,
 };
 
 /// The number of jobs shown.
@@ -42,19 +40,19 @@ struct Parameters {
 pub(super) async fn show(request: PageRequest) -> Answer {
     let parameters: Parameters = request.parameters()?;
     let (text, page) = (parameters.text.trim(), paging::parse(&parameters.page)?);
-    let services = request.services();
+    let backend = request.backend();
     if parameters.format != Format::Html {
-        return Ok(sheet(services.store.overview(text, 0, usize::MAX).await?).answer(parameters.format)?);
+        return Ok(sheet(backend.overview(text, 0, usize::MAX).await?).answer(parameters.format)?);
     }
-    let totals = services.store.totals().await?;
-    let found = if text.is_empty() { totals.tasks } else { services.store.count_tasks(text).await? };
+    let totals = backend.totals().await?;
+    let found = if text.is_empty() { totals.tasks } else { backend.count_tasks(text).await? };
     let pages = paging::within(page, usize::try_from(found).unwrap_or(usize::MAX), PER_PAGE);
-    let tasks = services.store.overview(text, (pages.0 - 1) * PER_PAGE, PER_PAGE).await?;
-    let (jobs, _) = services.store.jobs(&JobFilter::default(), None, JOBS).await?;
-    let disk = vitals::disk(services).await?;
+    let tasks = backend.overview(text, (pages.0 - 1) * PER_PAGE, PER_PAGE).await?;
+    let (jobs, _) = backend.jobs(&JobFilter::default(), None, JOBS).await?;
+    let disk = backend.disk().await?;
     let body = html! {
         h1 { "Overview" }
-        (figures(services, &totals, &disk))
+        (figures(backend, &totals, &disk))
         h2 { "Tasks" }
         @if totals.tasks == 0 {
             p.panel.empty { "No tasks yet. Create one with " code { "gleaner task create task.toml" } ", then "
@@ -85,8 +83,8 @@ pub(super) async fn show(request: PageRequest) -> Answer {
     Ok(shell::page(&request, &head, &body).into_response())
 }
 
-fn figures(services: &Services, totals: &Totals, disk: &Disk) -> Markup {
-    let sessions = u64::try_from(services.policies.live().len()).unwrap_or(u64::MAX);
+fn figures(backend: &dyn Backend, totals: &Totals, disk: &Disk) -> Markup {
+    let sessions = u64::try_from(backend.live().len()).unwrap_or(u64::MAX);
     html! {
         dl.figures {
             div { dt { "Tasks" } dd { (text::count(totals.tasks)) } }
@@ -193,6 +191,3 @@ fn sheet(tasks: Vec<TaskOverview>) -> Sheet {
     };
     Sheet { name: "tasks".to_owned(), columns, rows: tasks.into_iter().map(row).collect() }
 }
-
-#[cfg(test)]
-mod tests;

@@ -1,4 +1,4 @@
-//! One request of a browser, as its page sees it: the caller and the services.
+//! One request of a browser, as its page sees it: the caller and the backend.
 
 use std::{convert::Infallible, sync::Arc};
 
@@ -8,12 +8,8 @@ use axum::{
 };
 use serde::de::DeserializeOwned;
 
-use super::AppState;
-use crate::{
-    access::{Caller, Page, PageGuard},
-    error::{Error, Result},
-    service::Services,
-};
+use super::{AppState, Backend, Caller, page::Page};
+use crate::error::{Error, Result};
 
 /// A request that has passed the middleware.
 #[derive(Clone)]
@@ -26,14 +22,14 @@ pub(super) struct PageRequest {
 }
 
 impl PageRequest {
-    /// The services of the server.
-    pub(super) fn services(&self) -> &Services {
-        &self.state.services
+    /// The server.
+    pub(super) fn backend(&self) -> &dyn Backend {
+        &*self.state.backend
     }
 
     /// Whether the caller may also request this page; links to others are not shown.
     pub(super) fn may(&self, page: Page) -> bool {
-        PageGuard::permit(&self.caller, page).is_ok()
+        self.caller.permit(page).is_ok()
     }
 
     /// The query of the address.

@@ -4,11 +4,9 @@ use axum::{
     http::StatusCode,
     response::{IntoResponse, Response},
 };
+use ulid::Ulid;
 
-use crate::{
-    error::{Error, Kind},
-    telemetry::request,
-};
+use crate::error::{Error, Kind};
 
 /// The result of every page.
 pub(super) type Answer = Result<Response, Refusal>;
@@ -31,7 +29,7 @@ impl IntoResponse for Refusal {
     fn into_response(self) -> Response {
         let status = status(self.0.kind());
         let message = if self.0.kind() == Kind::Internal {
-            let request_id = request::id();
+            let request_id = Ulid::generate();
             tracing::error!(request.id = %request_id, error = %self.0, "a page failed");
             format!("The server failed; see its log for request {request_id}.")
         } else {

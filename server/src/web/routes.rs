@@ -9,11 +9,11 @@ use axum::{
     routing::{MethodRouter, get, post},
 };
 
+use super::page::Page;
 use super::{
     AppState, artifacts, assets, deployments, episode, episodes, frames, jobs, machines, middleware, overview, runs,
     sign_in,
 };
-use crate::access::Page;
 
 /// Every page behind the middleware.
 pub(super) fn all(state: &Arc<AppState>) -> Router {

@@ -3,8 +3,7 @@
 use maud::{DOCTYPE, Markup, PreEscaped, html};
 use serde_json::Value;
 
-use super::{artifacts::link, assets, page_request::PageRequest};
-use crate::access::{Caller, Page};
+use super::{Caller, artifacts::link, assets, page::Page, page_request::PageRequest};
 
 /// The tab of a page.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,7 +84,7 @@ pub(super) fn data(id: &str, value: &Value) -> Markup {
 
 fn who(request: &PageRequest) -> Markup {
     match &request.caller {
-        Caller::Known(_) => html! {
+        Caller::Known { .. } => html! {
             span { (request.caller.who()) }
             form method="post" action=(Page::SigningOut.path()) {
                 input type="hidden" name="proof" value=(request.proof);

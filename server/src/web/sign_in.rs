@@ -11,11 +11,7 @@ use axum::{
 use maud::html;
 use serde::Deserialize;
 
-use super::{browser::Browser, page_request::PageRequest, refusal::Answer, shell};
-use crate::{
-    access::{Page, PageGuard, token_hash},
-    config::Secret,
-};
+use super::{browser::Browser, page::Page, page_request::PageRequest, refusal::Answer, shell};
 
 /// The page to continue with.
 #[derive(Deserialize)]
@@ -24,23 +20,12 @@ struct Next {
     next: String,
 }
 
-/// A form with a token.
+/// A form with a token. Must not implement Debug: tokens are not logged.
 #[derive(Deserialize)]
 pub(super) struct Shown {
-    token: Unlogged,
+    token: String,
     #[serde(default)]
     next: String,
-}
-
-/// A token, hidden from logs.
-#[derive(Deserialize)]
-#[serde(from = "String")]
-struct Unlogged(Secret);
-
-impl From<String> for Unlogged {
-    fn from(text: String) -> Self {
-        Self(Secret::from(text))
-    }
 }
 
 pub(super) async fn form(request: PageRequest) -> Answer {
@@ -64,10 +49,10 @@ pub(super) async fn sign_in(
     Extension(browser): Extension<Browser>,
     Form(Shown { token, next }): Form<Shown>,
 ) -> Answer {
-    let hash = token_hash(token.0.reveal().trim());
-    let caller = request.state.guard.known(&hash).await?;
+    let hash = request.backend().token_hash(token.trim());
+    let caller = request.backend().authenticate(Some(&hash)).await?;
     // A token that opens no page is not stored.
-    PageGuard::permit(&caller, Page::Overview)?;
+    caller.permit(Page::Overview)?;
     request.state.signed_in.sign_out(&browser);
     let browser = request.state.signed_in.sign_in(hash);
     let cookie = browser.cookie(&request.state.cookie, request.state.encrypted);

@@ -11,8 +11,8 @@ use crate::{
         selection::{Selection, WhatIf},
     },
     error::{Error, Kind, Result},
-    service::Services,
     web::{
+        Backend,
         page_request::PageRequest,
         refusal::Answer,
         runs,
@@ -24,14 +24,14 @@ use crate::{
 
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
     let format = sheet::format(&request)?;
-    let services = request.services();
-    let dataset = services.store.dataset(&DatasetId::parse("id", &id)?).await?;
-    let kept = kept(services, &dataset).await?;
+    let backend = request.backend();
+    let dataset = backend.dataset(&DatasetId::parse("id", &id)?).await?;
+    let kept = kept(backend, &dataset).await?;
     if format != Format::Html {
         let (what, _) = kept.map_err(Error::precondition)?;
         return Ok(runs::cohort_sheet(format!("{}-cohorts", dataset.id), &what).answer(format)?);
     }
-    let task = services.store.task_by_id(&dataset.task_id).await?;
+    let task = backend.task_by_id(&dataset.task_id).await?;
     let body = html! {
         h1 { "Dataset " (link::tail(dataset.id.as_str())) }
         p.lead { "The imperfect segments with " (link::selection(dataset.selection)) ", weighted by q, beside all experts. A view, never a copy." }
@@ -45,7 +45,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
             Err(why) => p.note { (link::text(why)) " Counts appear when the run is finished." },
         }
         h2 { "Lineage" }
-        (of_dataset(&services.store, &dataset).await?)
+        (of_dataset(backend, &dataset).await?)
         h2 { "Facts" }
         (facts(&dataset, kept.as_ref().ok().map(|(_, experts)| *experts)))
     };
@@ -54,11 +54,11 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
 }
 
 /// The kept segments and the experts' segments; or why they are unknown.
-async fn kept(services: &Services, dataset: &Dataset) -> Result<std::result::Result<(WhatIf, u64), String>> {
-    match services.curation.summary(&dataset.score_run_id).await {
+async fn kept(backend: &dyn Backend, dataset: &Dataset) -> Result<std::result::Result<(WhatIf, u64), String>> {
+    match backend.summary(&dataset.score_run_id).await {
         Ok(summary) => {
             let what = summary.what_if(dataset.selection).await?;
-            let experts = services.store.run_counts(summary.run()).await?.expert_segments;
+            let experts = backend.expert_segments(summary.run()).await?;
             Ok(Ok((what, experts)))
         }
         Err(error) if error.kind() == Kind::Precondition => Ok(Err(error.message().to_owned())),

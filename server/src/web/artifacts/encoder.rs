@@ -17,19 +17,19 @@ use crate::{
 };
 
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
-    let store = &request.services().store;
-    let encoder = store.encoder(&EncoderId::parse("id", &id)?).await?;
-    let (task, job) = (store.task_by_id(&encoder.task_id).await?, store.job(&encoder.job_id).await?);
+    let backend = request.backend();
+    let encoder = backend.encoder(&EncoderId::parse("id", &id)?).await?;
+    let (task, job) = (backend.task_by_id(&encoder.task_id).await?, backend.job(&encoder.job_id).await?);
     let JobSpec::Pretrain { spec, .. } = &job.spec else {
         return Err(Error::internal("reading an encoder's spec", "its job is not a pretraining job").into());
     };
-    let snapshot = store.frozen(&encoder.snapshot_id).await?;
+    let snapshot = backend.snapshot(&encoder.snapshot_id).await?;
     let body = html! {
         h1 { "Encoder " (link::tail(encoder.id.as_str())) }
         p.lead { (spec.model.preset.as_str()) ", pretrained for " (text::counted(spec.optim.steps, "step")) " on all episodes of a snapshot of "
             (task.spec.name) ", " (text::time(encoder.created_at)) " UTC" }
         h2 { "Lineage" }
-        (of_job(store, &job).await?)
+        (of_job(backend, &job).await?)
         h2 { "Facts" }
         (facts(&encoder, spec, &snapshot))
     };

@@ -18,19 +18,18 @@ use crate::{
         snapshot::Snapshot,
     },
     error::Result,
-    store::Store,
-    web::text,
+    web::{Backend, text},
 };
 
 /// The lineage of a job's result.
 ///
 /// # Errors
 /// Internal.
-pub(in crate::web) async fn of_job(store: &Store, job: &Job) -> Result<Markup> {
-    let mut family = Family::new(store);
+pub(in crate::web) async fn of_job(backend: &dyn Backend, job: &Job) -> Result<Markup> {
+    let mut family = Family::new(backend);
     family.add(of_result(job));
     family.before(job.clone()).await?;
-    let lineage = store.lineage(job).await?;
+    let lineage = backend.lineage(job).await?;
     for dataset in &lineage.datasets {
         family.add(of_a_dataset(dataset));
     }
@@ -46,14 +45,14 @@ pub(in crate::web) async fn of_job(store: &Store, job: &Job) -> Result<Markup> {
 ///
 /// # Errors
 /// Internal.
-pub(in crate::web) async fn of_dataset(store: &Store, dataset: &Dataset) -> Result<Markup> {
-    let mut family = Family::new(store);
+pub(in crate::web) async fn of_dataset(backend: &dyn Backend, dataset: &Dataset) -> Result<Markup> {
+    let mut family = Family::new(backend);
     family.add(of_a_dataset(dataset));
-    if let Some(scoring) = store.job_of_result(dataset.score_run_id.as_str()).await? {
+    if let Some(scoring) = backend.job_of_result(dataset.score_run_id.as_str()).await? {
         family.add(of_result(&scoring));
         family.before(scoring).await?;
     }
-    family.after(&store.jobs_naming(&dataset.task_id, &[dataset.id.as_str()]).await?);
+    family.after(&backend.jobs_naming(&dataset.task_id, &[dataset.id.as_str()]).await?);
     Ok(card::row(&family.cards, dataset.id.as_str()))
 }
 
@@ -61,12 +60,12 @@ pub(in crate::web) async fn of_dataset(store: &Store, dataset: &Dataset) -> Resu
 ///
 /// # Errors
 /// Internal.
-pub(in crate::web) async fn of_snapshot(store: &Store, snapshot: &Snapshot) -> Result<Markup> {
-    let mut family = Family::new(store);
+pub(in crate::web) async fn of_snapshot(backend: &dyn Backend, snapshot: &Snapshot) -> Result<Markup> {
+    let mut family = Family::new(backend);
     family.add(of_episodes(snapshot));
-    let jobs = store.jobs_naming(&snapshot.task_id, &[snapshot.id.as_str()]).await?;
+    let jobs = backend.jobs_naming(&snapshot.task_id, &[snapshot.id.as_str()]).await?;
     let results: BTreeSet<&str> = jobs.iter().map(|job| job.result_id.as_str()).collect();
-    let datasets = store.datasets(&snapshot.task_id).await?;
+    let datasets = backend.datasets(&snapshot.task_id).await?;
     let selected = datasets.iter().filter(|dataset| results.contains(dataset.score_run_id.as_str()));
     selected.for_each(|dataset| family.add(of_a_dataset(dataset)));
     family.after(&jobs);
@@ -74,14 +73,14 @@ pub(in crate::web) async fn of_snapshot(store: &Store, snapshot: &Snapshot) -> R
 }
 
 struct Family<'a> {
-    store: &'a Store,
+    backend: &'a dyn Backend,
     known: BTreeSet<String>,
     cards: Vec<Card>,
 }
 
 impl<'a> Family<'a> {
-    fn new(store: &'a Store) -> Self {
-        Self { store, known: BTreeSet::new(), cards: Vec::new() }
+    fn new(backend: &'a dyn Backend) -> Self {
+        Self { backend, known: BTreeSet::new(), cards: Vec::new() }
     }
 
     fn add(&mut self, card: Card) {
@@ -94,10 +93,10 @@ impl<'a> Family<'a> {
     async fn before(&mut self, job: Job) -> Result<()> {
         let mut makers = VecDeque::from([job]);
         while let Some(job) = makers.pop_front() {
-            for (input, maker) in self.store.inputs(&job).await? {
+            for (input, maker) in self.backend.inputs(&job).await? {
                 match &input {
                     Input::Snapshot(id) if !self.known.contains(id.as_str()) => {
-                        let snapshot = self.store.frozen(id).await?;
+                        let snapshot = self.backend.snapshot(id).await?;
                         self.add(of_episodes(&snapshot));
                     }
                     Input::Dataset(dataset) => self.add(of_a_dataset(dataset)),
@@ -119,7 +118,7 @@ impl<'a> Family<'a> {
     }
 
     async fn trials(&mut self, policy: &PolicyId) -> Result<()> {
-        for evaluation in self.store.evaluations(policy).await? {
+        for evaluation in self.backend.evaluations(policy).await? {
             self.add(Card {
                 stage: Stage::Use,
                 to: evaluation.job_id.as_ref().map(|job| format!("/jobs/{job}")),
@@ -200,38 +199,5 @@ fn of_deployment(deployment: &Deployment) -> Card {
         to: Some(format!("/deployments/{}", deployment.name)),
         says: "deployment".to_owned(),
         state: None,
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{
-        domain::{episode::Outcome, selection::Selection, snapshot::Role},
-        store::testing::{self, results},
-    };
-
-    #[tokio::test]
-    async fn a_dataset_shows_its_inputs_and_later_results() {
-        let (_dir, store) = testing::store().await;
-        let task = testing::task(&store).await;
-        testing::episode(&store, &task, Outcome::Success, "").await;
-        let failure = testing::episode(&store, &task, Outcome::Failure, "").await;
-        let encoder = results::encoder(&store, &task).await;
-        let scores = results::scores(&failure.id, Role::Imperfect, &[0.5; 20]);
-        let run = results::run(&store, &task, &encoder, &[scores]).await;
-        let dataset = store.insert_dataset(&run.id, Selection::Beta(0.25)).await.unwrap();
-        let spec = JobSpec::Export { dataset_id: dataset.id.clone() };
-        let export = crate::domain::id::ExportId::new();
-        results::job(&store, &task, spec, export.as_str()).await;
-
-        let shown = of_dataset(&store, &dataset).await.unwrap().into_string();
-        for there in [encoder.snapshot_id.as_str(), encoder.id.as_str(), run.id.as_str(), export.as_str()] {
-            assert!(shown.contains(there), "{there} is not in {shown}");
-        }
-        assert!(shown.contains("1 expert, 1 imperfect") && shown.contains("q &gt; 0.25"), "{shown}");
-        let scoring = store.job(&run.job_id).await.unwrap();
-        let shown = of_job(&store, &scoring).await.unwrap().into_string();
-        assert!(shown.contains(&format!("/datasets/{}", dataset.id)) && shown.contains(export.as_str()), "{shown}");
     }
 }

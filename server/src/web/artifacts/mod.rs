@@ -18,6 +18,3 @@ pub(super) use self::{
     policy::show as policy,
     snapshot::show as snapshot,
 };
-
-#[cfg(test)]
-mod tests;

@@ -23,19 +23,19 @@ use crate::{
 
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
     let format = sheet::format(&request)?;
-    let store = &request.services().store;
-    let policy = store.policy(&PolicyId::parse("id", &id)?).await?;
-    let tried = store.evaluations(&policy.id).await?;
+    let backend = request.backend();
+    let policy = backend.policy(&PolicyId::parse("id", &id)?).await?;
+    let tried = backend.evaluations(&policy.id).await?;
     if format != Format::Html {
         return Ok(evaluations::sheet(&policy, &tried).answer(format)?);
     }
-    let (task, job) = (store.task_by_id(&policy.task_id).await?, store.job(&policy.job_id).await?);
-    let mut deployments = store.deployments(Some(&policy.task_id)).await?;
+    let (task, job) = (backend.task_by_id(&policy.task_id).await?, backend.job(&policy.job_id).await?);
+    let mut deployments = backend.deployments(Some(&policy.task_id)).await?;
     deployments.retain(|deployment| deployment.policy_id() == Some(&policy.id));
     let Some(snapshot_id) = job.spec.snapshot_id() else {
         return Err(Error::internal("reading a policy's spec", "its job is not a training job").into());
     };
-    let snapshot = store.frozen(snapshot_id).await?;
+    let snapshot = backend.snapshot(snapshot_id).await?;
     let body = html! {
         h1 { "Policy " (link::tail(policy.id.as_str())) }
         p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
@@ -49,7 +49,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
             (sheet::links(&request))
         }
         h2 { "Lineage" }
-        (of_job(store, &job).await?)
+        (of_job(backend, &job).await?)
         h2 { "Facts" }
         (facts(&policy, &job, &snapshot, &deployments))
     };

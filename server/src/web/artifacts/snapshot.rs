@@ -25,13 +25,13 @@ const SHOWN: usize = 200;
 
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
     let format = sheet::format(&request)?;
-    let store = &request.services().store;
-    let snapshot = store.frozen(&SnapshotId::parse("id", &id)?).await?;
-    let held = store.frozen_episodes(&snapshot.id).await?;
+    let backend = request.backend();
+    let snapshot = backend.snapshot(&SnapshotId::parse("id", &id)?).await?;
+    let held = backend.snapshot_episodes(&snapshot.id).await?;
     if format != Format::Html {
         return Ok(table_sheet(&snapshot, held).answer(format)?);
     }
-    let task = store.task_by_id(&snapshot.task_id).await?;
+    let task = backend.task_by_id(&snapshot.task_id).await?;
     let body = html! {
         h1 { "Snapshot " (link::tail(snapshot.id.as_str())) }
         p.lead { "The episodes of " (task.spec.name) ", frozen " (text::time(snapshot.created_at)) " UTC: " (episodes(&snapshot)) }
@@ -43,7 +43,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
         }
         (sheet::links(&request))
         h2 { "Lineage" }
-        (of_snapshot(store, &snapshot).await?)
+        (of_snapshot(backend, &snapshot).await?)
         h2 { "Facts" }
         (facts(&snapshot))
     };

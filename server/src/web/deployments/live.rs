@@ -11,11 +11,11 @@ use maud::{Markup, html};
 use crate::{
     domain::{
         id::SessionId,
+        live::{LiveSession, SessionState},
         observation::{Image, ImageFormat},
         time::Millis,
     },
     error::{Error, Result},
-    policies::{LiveSession, Now},
     web::{page_request::PageRequest, refusal::Answer, text},
 };
 
@@ -26,13 +26,13 @@ const QUALITY: u8 = 80;
 
 /// The part of an open page that is refreshed.
 pub(in crate::web) async fn fragment(request: PageRequest, Path(name): Path<String>) -> Answer {
-    request.services().store.deployment(&name).await?;
+    request.backend().deployment(&name).await?;
     Ok(sessions(&request, &name).into_response())
 }
 
 /// The sessions of a deployment.
 pub(super) fn sessions(request: &PageRequest, deployment: &str) -> Markup {
-    let all = request.services().policies.live();
+    let all = request.backend().live();
     let own: Vec<_> = all.iter().filter(|(session, _)| session.deployment == deployment).collect();
     html! {
         @if own.is_empty() {
@@ -45,7 +45,7 @@ pub(super) fn sessions(request: &PageRequest, deployment: &str) -> Markup {
     }
 }
 
-fn card(session: &LiveSession, now: &Now) -> Markup {
+fn card(session: &LiveSession, now: &SessionState) -> Markup {
     // The address changes with each observation, so that each image is loaded once.
     let stamp = now.seen_at.map_or(0, |at| at.0);
     let milliseconds = |part: f64| now.quantile_us(part).map_or("–".to_owned(), milliseconds);
@@ -71,7 +71,7 @@ fn card(session: &LiveSession, now: &Now) -> Markup {
     }
 }
 
-fn quality(now: &Now) -> Markup {
+fn quality(now: &SessionState) -> Markup {
     html! {
         @match &now.score {
             Some(score) => {
@@ -98,12 +98,12 @@ fn milliseconds(microseconds: u64) -> String {
 /// The last image of a session's camera.
 pub(in crate::web) async fn frame(request: PageRequest, Path((session, camera)): Path<(String, String)>) -> Answer {
     let id = SessionId::parse("session", &session)?;
-    let services = request.services();
-    let (session, now) = services.policies.live_session(&id)?;
+    let backend = request.backend();
+    let (session, now) = backend.live_session(&id)?;
     let missing = || Error::not_found("camera of this session", camera.escape_debug());
     let seen = now.cameras.into_iter().find(|seen| seen.camera == camera).and_then(|seen| seen.color);
     let image = seen.ok_or_else(missing)?;
-    let task = services.store.task_by_id(&session.task_id).await?;
+    let task = backend.task_by_id(&session.task_id).await?;
     let spec = task.spec.cameras.iter().find(|spec| spec.name == camera).ok_or_else(missing)?;
     let (kind, bytes) = picture(image, (spec.height, spec.width)).await?;
     Ok(([(CONTENT_TYPE, kind), (CACHE_CONTROL, "private, max-age=60")], bytes).into_response())

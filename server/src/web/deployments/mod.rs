@@ -29,11 +29,11 @@ struct Row {
 
 pub(super) async fn list(request: PageRequest) -> Answer {
     let format = sheet::format(&request)?;
-    let services = request.services();
-    let live = services.policies.live();
+    let backend = request.backend();
+    let live = backend.live();
     let mut rows = Vec::new();
-    for deployment in services.store.deployments(None).await? {
-        let task = services.store.task_by_id(&deployment.task_id).await?.spec.name;
+    for deployment in backend.deployments(None).await? {
+        let task = backend.task_by_id(&deployment.task_id).await?.spec.name;
         let sessions = live.iter().filter(|(session, _)| session.deployment == deployment.name).count();
         rows.push(Row { deployment, task, sessions });
     }

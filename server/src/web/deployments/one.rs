@@ -10,10 +10,10 @@ use serde_json::json;
 
 use super::live;
 use crate::{
-    access::Page,
     domain::policy::{Deployment, DeploymentChange},
     web::{
         change::about,
+        page::Page,
         page_request::{PageRequest, escaped},
         refusal::Answer,
         sheet::{self, Format, Sheet},
@@ -23,14 +23,14 @@ use crate::{
 };
 
 pub(in crate::web) async fn show(request: PageRequest, Path(name): Path<String>) -> Answer {
-    let services = request.services();
-    let deployment = services.store.deployment(&name).await?;
+    let backend = request.backend();
+    let deployment = backend.deployment(&name).await?;
     let format = sheet::format(&request)?;
     if format != Format::Html {
         return Ok(history_sheet(&deployment).answer(format)?);
     }
-    let task = services.store.task_by_id(&deployment.task_id).await?.spec.name;
-    let back = services.store.before(&name).await.ok();
+    let task = backend.task_by_id(&deployment.task_id).await?.spec.name;
+    let back = backend.previous_policy(&name).await.ok();
     let body = html! {
         h1 { (deployment.name) }
         p.lead { "Serves " a href=(format!("/tasks/{task}/episodes")) { (task) } "." }
@@ -42,7 +42,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(name): Path<String>)
         h2 { "History" }
         (history(&deployment))
         (sheet::links(&request))
-        @if let (Some((policy, _)), true) = (back, request.may(Page::RollBack)) {
+        @if let (Some(policy), true) = (back, request.may(Page::RollBack)) {
             form.row method="post" action=(format!("/deployments/{}/roll-back", escaped(&name))) {
                 input type="hidden" name="proof" value=(request.proof);
                 button.danger type="submit" { "Roll back" }
@@ -55,7 +55,7 @@ pub(in crate::web) async fn show(request: PageRequest, Path(name): Path<String>)
 }
 
 pub(in crate::web) async fn roll_back(request: PageRequest, Path(name): Path<String>) -> Response {
-    let rolled = request.services().policies.roll_back(&name).await;
+    let rolled = request.backend().roll_back(&name).await;
     let policy = rolled.as_ref().ok().and_then(Deployment::policy_id).cloned();
     let to = format!("/deployments/{}", escaped(&name));
     let answer = rolled.map(|_| (StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response()).map_err(Into::into);

@@ -27,15 +27,15 @@ struct Parameters {
 pub(in crate::web) async fn scores(request: PageRequest, Path(id): Path<String>) -> Answer {
     let Parameters { run } = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
-    let services = request.services();
+    let backend = request.backend();
     let run = if run.is_empty() {
-        let episode = services.store.episode(&id).await?.episode;
-        let newest = services.store.runs_that_scored(&episode.task_id, &id).await?.into_iter().next();
+        let episode = backend.episode(&id).await?.episode;
+        let newest = backend.runs_that_scored(&episode.task_id, &id).await?.into_iter().next();
         newest.ok_or_else(|| Error::not_found("score run of", &id))?
     } else {
         ScoreRunId::parse("run", &run)?
     };
-    let scored = scored(services, &id, services.store.score_run(&run).await?).await?;
+    let scored = scored(backend, &id, backend.score_run(&run).await?).await?;
     let scores = &scored.scores;
     let answer = json!({
         "episode": id, "run": run, "role": scores.role.as_str(), "segment_length": scored.segment_length,
@@ -48,8 +48,8 @@ pub(in crate::web) async fn scores(request: PageRequest, Path(id): Path<String>)
 /// The recording as uploaded.
 pub(in crate::web) async fn recording(request: PageRequest, Path(id): Path<String>) -> Answer {
     let id = EpisodeId::parse("episode", &id)?;
-    let episode = request.services().store.episode(&id).await?.episode;
-    let bytes = request.services().blobs.stream(&episode.recording).await?;
+    let episode = request.backend().episode(&id).await?.episode;
+    let bytes = request.backend().recording(&episode).await?;
     let headers = [
         (CONTENT_TYPE, "application/octet-stream".to_owned()),
         (CONTENT_DISPOSITION, format!("attachment; filename=\"{id}.mcap\"")),

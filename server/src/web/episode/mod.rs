@@ -20,18 +20,18 @@ use super::{
     text,
 };
 use crate::{
-    access::Page,
-    curation::Numbers,
     domain::{
         curation::SnapshotUse,
         episode::{InspectedEpisode, Label},
         id::{EpisodeId, ScoreRunId},
         score::{EpisodeScores, ScoreRun},
+        steps::Numbers,
         task::Task,
         time::seconds,
     },
     error::{Error, Kind, Result},
-    service::Services,
+    web::Backend,
+    web::page::Page,
 };
 
 /// The initial β.
@@ -99,7 +99,7 @@ pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
     let parameters: Parameters = request.parameters()?;
     let id = EpisodeId::parse("episode", &id)?;
     if parameters.format != Format::Html {
-        return Ok(history(&id, request.services().store.labels(&id).await?).answer(parameters.format)?);
+        return Ok(history(&id, request.backend().labels(&id).await?).answer(parameters.format)?);
     }
     let view = look(request, &id, &parameters).await?;
     let name = view.task.spec.name.clone();
@@ -113,23 +113,23 @@ pub(super) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer
 }
 
 async fn look(request: PageRequest, id: &EpisodeId, parameters: &Parameters) -> Result<View> {
-    let services = request.services();
+    let backend = request.backend();
     let beta = beta(if parameters.beta.is_empty() { BETA } else { &parameters.beta })?;
     // Before the episode: a label stored in between then has a newer version than the shown one.
-    let version = services.store.label_version(id).await?;
-    let inspected = services.store.episode(id).await?;
+    let version = backend.label_version(id).await?;
+    let inspected = backend.episode(id).await?;
     let step = step(&parameters.step, inspected.episode.steps)?;
-    let task = services.store.task_by_id(&inspected.episode.task_id).await?;
-    let scoring = services.store.runs_that_scored(&task.id, id).await?;
-    let mut runs = services.store.score_runs(&task.id).await?;
+    let task = backend.task_by_id(&inspected.episode.task_id).await?;
+    let scoring = backend.runs_that_scored(&task.id, id).await?;
+    let mut runs = backend.score_runs(&task.id).await?;
     runs.retain(|run| scoring.contains(&run.id));
-    let labels = services.store.labels(id).await?;
-    let uses = services.store.snapshots_with(id, uses::MOST).await?;
+    let labels = backend.labels(id).await?;
+    let uses = backend.snapshots_with(id, uses::MOST).await?;
     let scored = match chosen(&parameters.run, &runs)? {
-        Some(run) => Some(scored(services, id, run.clone()).await?),
+        Some(run) => Some(scored(backend, id, run.clone()).await?),
         None => None,
     };
-    let numbers = services.curation.numbers(id).await;
+    let numbers = backend.numbers(id).await;
     if let Err(error) = &numbers
         && error.kind() == Kind::Internal
     {
@@ -148,9 +148,9 @@ fn chosen<'a>(id: &str, runs: &'a [ScoreRun]) -> Result<Option<&'a ScoreRun>> {
     found.map(Some).ok_or_else(|| Error::not_found("scores of this episode in a finished run", id))
 }
 
-async fn scored(services: &Services, id: &EpisodeId, run: ScoreRun) -> Result<Scored> {
-    let scores = services.store.episode_scores(&run.id, id).await?;
-    let segment_length = services.store.segment_length(&run.encoder_id).await?;
+async fn scored(backend: &dyn Backend, id: &EpisodeId, run: ScoreRun) -> Result<Scored> {
+    let scores = backend.episode_scores(&run.id, id).await?;
+    let segment_length = backend.segment_length(&run.encoder_id).await?;
     Ok(Scored { run, scores, segment_length })
 }
 
@@ -218,4 +218,21 @@ fn history(id: &EpisodeId, labels: Vec<Label>) -> Sheet {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_threshold_is_a_number_between_0_and_1() {
+        assert_eq!([beta("0").unwrap(), beta("0.75").unwrap(), beta("1").unwrap()], [0.0, 0.75, 1.0]);
+        for wrong in ["", "high", "NaN", "1.01", "-0.1", "inf"] {
+            assert!(beta(wrong).unwrap_err().message().starts_with("beta: "), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_step_must_exist() {
+        assert_eq!([step("", 3).unwrap(), step("2", 3).unwrap()], [0, 2]);
+        assert_eq!(step("3", 3).unwrap_err().kind(), Kind::NotFound);
+        assert_eq!(step("-1", 3).unwrap_err().kind(), Kind::Invalid);
+    }
+}

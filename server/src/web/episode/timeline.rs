@@ -4,7 +4,7 @@ use maud::{Markup, html};
 
 use super::{Scored, View};
 use crate::{
-    curation::Series,
+    domain::steps::Series,
     domain::{id::ScoreRunId, score::ScoreRun, selection::Filter, snapshot::Role},
     error::Kind,
     web::{

@@ -16,17 +16,17 @@ use crate::{
         curation::{Labelled, Overtaken},
         episode::{Episode, NewLabel},
         id::{EpisodeId, TaskId},
+        tag::tag,
         time::Millis,
     },
     error::{Error, Result},
-    store::Store,
     web::{
+        Backend,
         change::about,
         page_request::{PageRequest, read},
         refusal::Answer,
         text,
     },
-    wire::field,
 };
 
 /// The most episodes in one request.
@@ -63,9 +63,9 @@ impl Sent {
         };
         let label = NewLabel {
             outcome: outcome("outcome", &self.outcome)?,
-            cohort: self.cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
+            cohort: self.cohort.map(|cohort| tag("cohort", cohort)).transpose()?,
             author: author.to_owned(),
-            reason: field::tag("reason", self.reason)?,
+            reason: tag("reason", self.reason)?,
         };
         Ok((self.episodes.into_iter().enumerate().map(id).collect::<Result<_>>()?, label))
     }
@@ -83,22 +83,19 @@ pub(in crate::web) async fn label(request: PageRequest, Path(task): Path<String>
 
 async fn given(request: &PageRequest, task: &str, sent: Sent) -> Answer {
     let (labelled, label) = sent.read(request.caller.who())?;
-    let services = request.services();
-    let task = services.store.task(task).await?;
-    belong(&services.store, &task.id, &labelled).await?;
-    Ok(match services.store.label_episodes_as_seen(&labelled, &label).await? {
-        Labelled::Done(episodes) => {
-            services.jobs.labelled();
-            done(&episodes, &label.author)
-        }
+    let backend = request.backend();
+    let task = backend.task(task).await?;
+    belong(backend, &task.id, &labelled).await?;
+    Ok(match backend.label_episodes(&labelled, &label).await? {
+        Labelled::Done(episodes) => done(&episodes, &label.author),
         Labelled::Changed(changed) => overtaken(&changed),
     })
 }
 
 /// Rejects episodes of another task.
-async fn belong(store: &Store, task: &TaskId, labelled: &[(EpisodeId, i64)]) -> Result<()> {
+async fn belong(backend: &dyn Backend, task: &TaskId, labelled: &[(EpisodeId, i64)]) -> Result<()> {
     for (id, _) in labelled {
-        if store.recording_of(id).await?.0 != *task {
+        if backend.task_of_episode(id).await? != *task {
             return Err(Error::invalid("episodes", format!("{id} is of another task; no episode was labelled")));
         }
     }

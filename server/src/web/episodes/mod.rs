@@ -25,8 +25,6 @@ use super::{
     text,
 };
 use crate::{
-    access::Page,
-    curation::Summary,
     domain::{
         curation::{TableRow, sort},
         id::ScoreRunId,
@@ -34,6 +32,8 @@ use crate::{
         task::Task,
     },
     error::{Error, Result},
+    web::backend::RunSummary,
+    web::page::Page,
 };
 
 /// Episodes on one page.
@@ -46,7 +46,7 @@ struct View<'a> {
     parameters: &'a EpisodeParameters,
     query: &'a EpisodeQuery,
     /// The run of the shown q, if the task has any.
-    scores: Option<Arc<Summary>>,
+    scores: Option<Arc<dyn RunSummary>>,
     /// Every matching episode, sorted.
     rows: Vec<TableRow>,
 }
@@ -76,20 +76,20 @@ impl View<'_> {
 pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answer {
     let parameters: EpisodeParameters = request.parameters()?;
     let query = parameters.read()?;
-    let services = request.services();
-    let task = services.store.task(&task).await?;
-    let runs = services.store.score_runs(&task.id).await?;
+    let backend = request.backend();
+    let task = backend.task(&task).await?;
+    let runs = backend.score_runs(&task.id).await?;
     let scores = match chosen(&runs, query.run.as_ref(), &task)? {
-        Some(run) => Some(services.curation.summary(run).await?),
+        Some(run) => Some(backend.summary(run).await?),
         None => None,
     };
-    let rows = services.store.episode_table(&task.id, &query.filter).await?;
+    let rows = backend.episode_table(&task.id, &query.filter).await?;
     let rows = ordered(rows, scores.clone(), query.mean_q, query.order).await?;
     let view = View { request: &request, task: &task, parameters: &parameters, query: &query, scores, rows };
     if parameters.format != Format::Html {
         return Ok(sheet_of(&view).answer(parameters.format)?);
     }
-    let cohorts = services.store.cohorts(&task.id).await?;
+    let cohorts = backend.cohorts(&task.id).await?;
     let name = task.spec.name.as_str();
     let head = Head {
         title: &format!("Episodes of {name}"),
@@ -103,7 +103,7 @@ pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answ
 /// The rows with matching mean q, in order. Ten thousand rows take long, so this runs off the runtime.
 async fn ordered(
     mut rows: Vec<TableRow>,
-    scores: Option<Arc<Summary>>,
+    scores: Option<Arc<dyn RunSummary>>,
     fits: Option<(f64, f64)>,
     order: Order,
 ) -> Result<Vec<TableRow>> {
@@ -186,6 +186,3 @@ fn sheet_of(view: &View) -> Sheet {
         rows: view.rows.iter().map(row).collect(),
     }
 }
-
-#[cfg(test)]
-mod tests;

@@ -14,13 +14,13 @@ use crate::{
 
 /// Cancels a job and the jobs that wait for it.
 pub(in crate::web) async fn cancel(request: PageRequest, Path(id): Path<String>, headers: HeaderMap) -> Response {
-    let cancelled = async { request.services().jobs.cancel(&JobId::parse("id", &id)?).await };
+    let cancelled = async { request.backend().cancel_job(&JobId::parse("id", &id)?).await };
     answer(&id, &headers, cancelled.await)
 }
 
 /// Submits the same order again, and the jobs that waited for it.
 pub(in crate::web) async fn retry(request: PageRequest, Path(id): Path<String>, headers: HeaderMap) -> Response {
-    let again = async { request.services().jobs.retry(&JobId::parse("id", &id)?).await };
+    let again = async { request.backend().retry_job(&JobId::parse("id", &id)?).await };
     answer(&id, &headers, again.await)
 }
 

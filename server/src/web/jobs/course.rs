@@ -11,8 +11,7 @@ use crate::{
         time::Millis,
     },
     error::Result,
-    service::Services,
-    web::{artifacts::link, page_request::PageRequest, refusal::Answer, text},
+    web::{Backend, artifacts::link, page_request::PageRequest, refusal::Answer, text},
 };
 
 /// Points of a curve: more than its plot has pixels.
@@ -20,16 +19,16 @@ const POINTS: u32 = 2000;
 
 /// The part by itself.
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
-    let services = request.services();
-    let job = services.store.job(&JobId::parse("id", &id)?).await?;
-    Ok(course(services, &job).await?.into_response())
+    let backend = request.backend();
+    let job = backend.job(&JobId::parse("id", &id)?).await?;
+    Ok(course(backend, &job).await?.into_response())
 }
 
 /// Progress, message, error, curves and log.
-pub(super) async fn course(services: &Services, job: &Job) -> Result<Markup> {
-    let metrics = services.store.sparse_metrics(&job.id, POINTS).await?;
+pub(super) async fn course(backend: &dyn Backend, job: &Job) -> Result<Markup> {
+    let metrics = backend.sparse_metrics(&job.id, POINTS).await?;
     // The rest of the page does not depend on it.
-    let text = services.jobs.log(&job.id, log::LOOKED_AT).await;
+    let text = backend.job_log(&job.id, log::LOOKED_AT).await;
     if let Err(error) = &text {
         tracing::warn!(job.id = %job.id, %error, "a job's log cannot be shown");
     }

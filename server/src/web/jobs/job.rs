@@ -5,15 +5,15 @@ use maud::{Markup, html};
 
 use super::{course, spec};
 use crate::{
-    access::Page,
     domain::{
         id::{EvaluationId, ExportId, JobId},
         job::{Job, JobKind, JobState},
     },
     error::Result,
-    service::Services,
     web::{
+        Backend,
         artifacts::{self, link},
+        page::Page,
         page_request::PageRequest,
         refusal::Answer,
         shell::{self, Head, Tab},
@@ -22,9 +22,9 @@ use crate::{
 };
 
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
-    let services = request.services();
-    let job = services.store.job(&JobId::parse("id", &id)?).await?;
-    let task = services.store.task_by_id(&job.task_id).await?;
+    let backend = request.backend();
+    let job = backend.job(&JobId::parse("id", &id)?).await?;
+    let task = backend.task_by_id(&job.task_id).await?;
     let name = match job.spec.kind() {
         JobKind::Pretrain => "Pretrain",
         JobKind::Score => "Score",
@@ -37,11 +37,11 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
             h1 { (name) " job " (link::tail(job.id.as_str())) }
             (actions(&request, &job))
         }
-        (course::course(services, &job).await?)
-        (made_of(services, &job).await?)
-        (waits(services, &job).await?)
+        (course::course(backend, &job).await?)
+        (made_of(backend, &job).await?)
+        (waits(backend, &job).await?)
         h2 { "Lineage" }
-        (artifacts::of_job(&services.store, &job).await?)
+        (artifacts::of_job(backend, &job).await?)
         h2 { "Settings" }
         (spec::table(&job.spec)?)
         h2 { "Record" }
@@ -75,7 +75,7 @@ fn actions(request: &PageRequest, job: &Job) -> Markup {
 }
 
 /// Its result, once it exists.
-async fn made_of(services: &Services, job: &Job) -> Result<Markup> {
+async fn made_of(backend: &dyn Backend, job: &Job) -> Result<Markup> {
     if job.state != JobState::Succeeded {
         return Ok(html! {});
     }
@@ -85,13 +85,13 @@ async fn made_of(services: &Services, job: &Job) -> Result<Markup> {
         JobKind::Score => html! { "Score run " (link::whole(result)) },
         JobKind::Train => html! { "Policy " (link::whole(result)) },
         JobKind::Evaluate => {
-            let evaluation = services.store.evaluation(&EvaluationId::parse("result_id", result)?).await?;
+            let evaluation = backend.evaluation(&EvaluationId::parse("result_id", result)?).await?;
             let success = evaluation.success();
             html! { "Succeeded in " b { (artifacts::rate(&success)) } " of " (text::counted(success.episodes.into(), "attempt"))
             ", policy " (link::whole(evaluation.policy_id.as_str())) }
         }
         JobKind::Export => {
-            let files = services.store.export_files(&ExportId::parse("result_id", result)?).await?;
+            let files = backend.export_files(&ExportId::parse("result_id", result)?).await?;
             let bytes = files.iter().map(|file| file.size_bytes).sum();
             html! { (text::counted(files.len() as u64, "file")) ", " (text::bytes(bytes)) ": " code { "gleaner export" }
             " downloads " span.id { (result) } }
@@ -101,13 +101,13 @@ async fn made_of(services: &Services, job: &Job) -> Result<Markup> {
 }
 
 /// The jobs it waits or waited for.
-async fn waits(services: &Services, job: &Job) -> Result<Markup> {
+async fn waits(backend: &dyn Backend, job: &Job) -> Result<Markup> {
     if job.needs.is_empty() {
         return Ok(html! {});
     }
     let mut needed = Vec::with_capacity(job.needs.len());
     for id in &job.needs {
-        needed.push(services.store.job(id).await?);
+        needed.push(backend.job(id).await?);
     }
     Ok(html! {
         h2 { @if job.state == JobState::Queued { "Waits for" } @else { "Waited for" } }

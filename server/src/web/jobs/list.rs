@@ -16,8 +16,8 @@ use crate::{
         time::Millis,
     },
     error::{Error, Result},
-    store::Store,
     web::{
+        Backend,
         artifacts::link,
         page_request::PageRequest,
         refusal::Answer,
@@ -47,10 +47,10 @@ struct Parameters {
 
 pub(in crate::web) async fn show(request: PageRequest) -> Answer {
     let parameters: Parameters = request.parameters()?;
-    let store = &request.services().store;
-    let tasks = store.task_names().await?;
+    let backend = request.backend();
+    let tasks = backend.task_names().await?;
     let before = if parameters.before.is_empty() { None } else { Some(JobId::parse("before", &parameters.before)?) };
-    let (jobs, next) = store.jobs(&parameters.filter(store).await?, before.as_ref(), SIZE).await?;
+    let (jobs, next) = backend.jobs(&parameters.filter(backend).await?, before.as_ref(), SIZE).await?;
     let names: HashMap<&TaskId, &str> = tasks.iter().map(|(id, name)| (id, name.as_str())).collect();
     if parameters.format != Format::Html {
         return Ok(sheet_of(&jobs, &names).answer(parameters.format)?);
@@ -82,8 +82,8 @@ pub(in crate::web) async fn show(request: PageRequest) -> Answer {
 }
 
 impl Parameters {
-    async fn filter(&self, store: &Store) -> Result<JobFilter> {
-        let task_id = if self.task.is_empty() { None } else { Some(store.task(&self.task).await?.id) };
+    async fn filter(&self, backend: &dyn Backend) -> Result<JobFilter> {
+        let task_id = if self.task.is_empty() { None } else { Some(backend.task(&self.task).await?.id) };
         let state = word("state", &self.state, JobState::from_word, &JobState::ALL.map(JobState::as_str))?;
         let kind = word("kind", &self.kind, JobKind::from_word, &JobKind::ALL.map(JobKind::as_str))?;
         Ok(JobFilter { task_id, state, kind })

@@ -15,9 +15,9 @@ pub(super) const LOOKED_AT: u64 = 48 << 10;
 
 /// All kept lines, as text.
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
-    let services = request.services();
-    let job = services.store.job(&JobId::parse("id", &id)?).await?;
-    let log = services.jobs.log(&job.id, u64::MAX).await?;
+    let backend = request.backend();
+    let job = backend.job(&JobId::parse("id", &id)?).await?;
+    let log = backend.job_log(&job.id, u64::MAX).await?;
     Ok(([(CONTENT_TYPE, "text/plain; charset=utf-8")], log).into_response())
 }
 

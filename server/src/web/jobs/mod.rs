@@ -15,6 +15,3 @@ pub(super) use self::{
     list::show as list,
     log::show as log,
 };
-
-#[cfg(test)]
-mod tests;

@@ -7,12 +7,11 @@ use serde_json::{Value, json};
 
 use super::query::{Key, Order, parameter};
 use crate::{
-    curation::Summary,
     domain::{
         id::{EpisodeId, ScoreRunId},
         selection::{Kept, Selection, WhatIf},
     },
-    web::{artifacts::link, sheet::Sheet, text},
+    web::{artifacts::link, backend::RunSummary, sheet::Sheet, text},
 };
 
 /// Episodes shown on the page; the table for programs has all.
@@ -28,7 +27,7 @@ pub(super) struct Row {
 }
 
 /// Every episode in this order; of equal ones the older first.
-pub(super) fn rows(what: &WhatIf, summary: &Summary, order: Order) -> Vec<Row> {
+pub(super) fn rows(what: &WhatIf, summary: &dyn RunSummary, order: Order) -> Vec<Row> {
     let row = |(episode, kept, of): &(EpisodeId, u64, u64)| Row {
         mean_q: summary.mean_q(episode),
         episode: episode.clone(),

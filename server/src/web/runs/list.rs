@@ -20,8 +20,8 @@ use crate::{
         task::Task,
     },
     error::Result,
-    store::Store,
     web::{
+        Backend,
         artifacts::link,
         page_request::PageRequest,
         refusal::Answer,
@@ -62,9 +62,9 @@ struct RunsOfTask {
 
 pub(in crate::web) async fn show(request: PageRequest, Path(task): Path<String>) -> Answer {
     let Parameters { format, table } = request.parameters()?;
-    let store = &request.services().store;
-    let task = store.task(&task).await?;
-    let made = RunsOfTask::of(store, &task).await?;
+    let backend = request.backend();
+    let task = backend.task(&task).await?;
+    let made = RunsOfTask::of(backend, &task).await?;
     if format != Format::Html {
         let sheet = if table == Table::Policies { made.policy_sheet(&task) } else { made.run_sheet(&task) };
         return Ok(sheet.answer(format)?);
@@ -94,20 +94,20 @@ pub(in crate::web) async fn show(request: PageRequest, Path(task): Path<String>)
 }
 
 impl RunsOfTask {
-    async fn of(store: &Store, task: &Task) -> Result<Self> {
-        let runs = store.score_runs(&task.id).await?;
+    async fn of(backend: &dyn Backend, task: &Task) -> Result<Self> {
+        let runs = backend.score_runs(&task.id).await?;
         let mut coming = Vec::new();
         for state in [JobState::Running, JobState::Queued] {
             let filter = JobFilter { task_id: Some(task.id.clone()), state: Some(state), kind: Some(JobKind::Score) };
-            coming.extend(store.jobs(&filter, None, COMING).await?.0);
+            coming.extend(backend.jobs(&filter, None, COMING).await?.0);
         }
-        let snapshots = store.snapshots(&task.id).await?;
+        let snapshots = backend.snapshots(&task.id).await?;
         Ok(Self {
             runs,
             snapshots: snapshots.into_iter().map(|snapshot| (snapshot.id.clone(), snapshot)).collect(),
-            datasets: store.datasets(&task.id).await?,
+            datasets: backend.datasets(&task.id).await?,
             coming,
-            policies: store.policies(&task.id).await?,
+            policies: backend.policies(&task.id).await?,
         })
     }
 

@@ -36,7 +36,7 @@ async fn create(page_request: &PageRequest, id: &str, request: Request) -> Answe
     let run = ScoreRunId::parse("id", id)?;
     let data = is_json(request.headers());
     let selection = named(request).await?;
-    let dataset = page_request.services().store.insert_dataset(&run, selection).await?;
+    let dataset = page_request.backend().insert_dataset(&run, selection).await?;
     let page = format!("/datasets/{}", dataset.id);
     Ok(done(data, &page, json!({ "dataset_id": dataset.id, "page": page })))
 }

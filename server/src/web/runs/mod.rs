@@ -14,6 +14,3 @@ pub(super) use self::{
     make::make,
     run::{show, what_if},
 };
-
-#[cfg(test)]
-mod tests;

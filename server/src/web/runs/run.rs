@@ -1,7 +1,5 @@
 //! One score run: its histogram with a threshold, and all counts of the threshold.
 
-use std::sync::Arc;
-
 use axum::{extract::Path, response::IntoResponse as _};
 use gleaner_core::Words as _;
 use maud::{Markup, html};
@@ -11,8 +9,6 @@ use super::{
     query::{Order, RunParameters, parameter},
 };
 use crate::{
-    access::Page,
-    curation::Summary,
     domain::{
         id::ScoreRunId,
         score::ScoreRun,
@@ -23,6 +19,8 @@ use crate::{
     error::Result,
     web::{
         artifacts::{self, link},
+        backend::RunSummary,
+        page::Page,
         page_request::PageRequest,
         refusal::Answer,
         settings,
@@ -35,25 +33,25 @@ use crate::{
 pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
     let parameters: RunParameters = request.parameters()?;
     let (selection, order) = (parameters.selection()?, parameters.order()?);
-    let summary = request.services().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
+    let summary = request.backend().summary(&ScoreRunId::parse("id", &id)?).await?;
     let what = summary.what_if(selection).await?;
     let (run, format) = (summary.run(), parameters.format(Format::Html));
     if format != Format::Html {
-        return Ok(kept::episode_sheet(&run.id, kept::rows(&what, &summary, order)).answer(format)?);
+        return Ok(kept::episode_sheet(&run.id, kept::rows(&what, &*summary, order)).answer(format)?);
     }
-    let store = &request.services().store;
-    let task = store.task_by_id(&run.task_id).await?;
+    let backend = request.backend();
+    let task = backend.task_by_id(&run.task_id).await?;
     let body = html! {
         h1 { "Score run " (link::tail(run.id.as_str())) }
         p.lead { (run.spec.scorer.name) " over " (text::counted(what.total.of_episodes, "imperfect episode")) ", against "
             (text::counted(run.expert_ids.len() as u64, "expert")) ", " (text::time(run.created_at)) " UTC" }
-        (threshold(&request, &summary, &what).await?)
-        (following(&summary, &what, order))
-        (sheets(&summary, &task).await?)
+        (threshold(&request, &*summary, &what).await?)
+        (following(&*summary, &what, order))
+        (sheets(&*summary, &task).await?)
         h2 { "Lineage" }
-        (artifacts::of_job(store, &store.job(&run.job_id).await?).await?)
+        (artifacts::of_job(backend, &backend.job(&run.job_id).await?).await?)
         h2 { "Facts" }
-        (facts(run, &store.frozen(&run.snapshot_id).await?))
+        (facts(run, &backend.snapshot(&run.snapshot_id).await?))
     };
     let head = Head { title: "Score run", tab: Tab::Runs, task: Some(&task.spec.name), script: Some("run.js") };
     Ok(shell::page(&request, &head, &body).into_response())
@@ -63,17 +61,17 @@ pub(in crate::web) async fn show(request: PageRequest, Path(id): Path<String>) -
 pub(in crate::web) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Answer {
     let parameters: RunParameters = request.parameters()?;
     let (selection, order) = (parameters.selection()?, parameters.order()?);
-    let summary = request.services().curation.summary(&ScoreRunId::parse("id", &id)?).await?;
+    let summary = request.backend().summary(&ScoreRunId::parse("id", &id)?).await?;
     let what = summary.what_if(selection).await?;
     match parameters.format(Format::Json) {
-        Format::Html => Ok(following(&summary, &what, order).into_response()),
+        Format::Html => Ok(following(&*summary, &what, order).into_response()),
         Format::Json => Ok(axum::Json(kept::counts(&summary.run().id, &what)).into_response()),
         Format::Csv => Ok(kept::cohort_sheet(format!("{id}-cohorts"), &what).answer(Format::Csv)?),
     }
 }
 
 /// The histogram with its slider, and the button to make a dataset.
-async fn threshold(request: &PageRequest, summary: &Arc<Summary>, what: &WhatIf) -> Result<Markup> {
+async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatIf) -> Result<Markup> {
     let counts = summary.histogram(picture::BINS).await?;
     let run = &summary.run().id;
     let beta = match what.selection {
@@ -111,7 +109,7 @@ async fn threshold(request: &PageRequest, summary: &Arc<Summary>, what: &WhatIf)
 }
 
 /// The parts that follow the threshold.
-fn following(summary: &Summary, what: &WhatIf, order: Order) -> Markup {
+fn following(summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Markup {
     let run = &summary.run().id;
     let counts = format!("/runs/{run}/what-if?{}", parameter(what.selection));
     html! {
@@ -127,7 +125,7 @@ fn following(summary: &Summary, what: &WhatIf, order: Order) -> Markup {
     }
 }
 
-async fn sheets(summary: &Arc<Summary>, task: &Task) -> Result<Markup> {
+async fn sheets(summary: &dyn RunSummary, task: &Task) -> Result<Markup> {
     let (best, worst) = (summary.best(contact::SEGMENTS).await?, summary.worst(contact::SEGMENTS).await?);
     let (run, camera) = (&summary.run().id, task.spec.cameras.first());
     Ok(html! {

@@ -1,21 +1,21 @@
 //! The page of one episode, complete or with missing data.
 
-use axum::http::{
+use gleaner_recording::{CameraSpec, Episode as Decoded, TaskSpec, frame_bytes_per_step};
+use http::{
     StatusCode,
     header::{CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_TYPE},
 };
-use gleaner_recording::{CameraSpec, Episode as Decoded, TaskSpec, frame_bytes_per_step};
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use super::*;
 use crate::{
     domain::{
         episode::{Episode, Outcome},
         snapshot::Role,
+        task::Task,
     },
     ingest::frames_path,
+    pages::testing::{Client, Pages, Reply},
     store::testing::{self, results},
-    web::testing::{Client, Pages, Reply},
 };
 
 struct Lab {
@@ -172,19 +172,4 @@ async fn the_recording_and_the_labels_can_be_downloaded() {
         labels.starts_with("labelled_at,outcome,cohort,labelled_by,reason\n")
             && labels.contains(",success,weak,tests,")
     );
-}
-
-#[test]
-fn a_threshold_is_a_number_between_0_and_1() {
-    assert_eq!([beta("0").unwrap(), beta("0.75").unwrap(), beta("1").unwrap()], [0.0, 0.75, 1.0]);
-    for wrong in ["", "high", "NaN", "1.01", "-0.1", "inf"] {
-        assert!(beta(wrong).unwrap_err().message().starts_with("beta: "), "{wrong}");
-    }
-}
-
-#[test]
-fn a_step_must_exist() {
-    assert_eq!([step("", 3).unwrap(), step("2", 3).unwrap()], [0, 2]);
-    assert_eq!(step("3", 3).unwrap_err().kind(), Kind::NotFound);
-    assert_eq!(step("-1", 3).unwrap_err().kind(), Kind::Invalid);
 }

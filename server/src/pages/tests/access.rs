@@ -1,16 +1,18 @@
 //! The middleware: access to every page, requests from other sites, and headers of every response.
 
-use axum::{
-    body::Body,
-    http::{
-        Method, StatusCode,
-        header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, HOST, LOCATION, SET_COOKIE, X_CONTENT_TYPE_OPTIONS},
-    },
+use bytes::Bytes;
+use http::{
+    Method, StatusCode,
+    header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, HOST, LOCATION, SET_COOKIE, X_CONTENT_TYPE_OPTIONS},
 };
+use http_body::Frame;
+use http_body_util::StreamBody;
 
-use super::testing::{Client, FORM, JSON, Pages};
-use crate::access::Page;
-use crate::{access::PageGuard, domain::access::Role, domain::time::Millis};
+use crate::{
+    domain::{access::Role, time::Millis},
+    pages::testing::{Client, FORM, JSON, Pages},
+    web::Page,
+};
 
 /// A page's address with a value in every brace.
 fn address(page: Page) -> String {
@@ -18,7 +20,7 @@ fn address(page: Page) -> String {
 }
 
 async fn status(pages: &Pages, client: &Client, page: Page) -> StatusCode {
-    let request = client.request(page.method(), &address(page), Body::empty());
+    let request = client.request(page.method(), &address(page), String::new());
     pages.ask(request).await.status
 }
 
@@ -38,17 +40,17 @@ async fn every_page_with_every_role() {
             let sent_to_sign_in = answered == StatusCode::SEE_OTHER && page.method() == Method::GET;
             let let_in = !refused(answered) && !sent_to_sign_in;
             // Signing in and out is public, but requires a request from our own page.
-            if page.method() == Method::GET || !PageGuard::is_open(page) {
-                assert_eq!(let_in, PageGuard::is_open(page), "{page:?} {answered}");
+            if page.method() == Method::GET || !page.is_open() {
+                assert_eq!(let_in, page.is_open(), "{page:?} {answered}");
             }
         }
         for (role, client) in &known {
-            let least = match (PageGuard::changes(page), pages_of_contributors(page)) {
+            let least = match (page.changes(), pages_of_contributors(page)) {
                 (true, true) => Role::Contributor,
                 (true, false) => Role::Trainer,
                 (false, _) => Role::Viewer,
             };
-            let may = PageGuard::is_open(page) || role.reaches(least);
+            let may = page.is_open() || role.reaches(least);
             let answered = status(&pages, client, page).await;
             assert_eq!(may, !refused(answered), "{page:?} as {role:?}: {answered}");
             assert_ne!(answered, StatusCode::INTERNAL_SERVER_ERROR, "{page:?} as {role:?}");
@@ -65,7 +67,7 @@ fn pages_of_contributors(page: Page) -> bool {
 async fn changes_are_posted_and_other_requests_are_not() {
     for &page in Page::ALL {
         let signing = matches!(page, Page::SigningIn | Page::SigningOut);
-        assert_eq!(page.method() == Method::POST, PageGuard::changes(page) || signing, "{page:?}");
+        assert_eq!(page.method() == Method::POST, page.changes() || signing, "{page:?}");
     }
 }
 
@@ -105,7 +107,7 @@ async fn a_foreign_host_name_reads_no_page() {
         ("localhost.evil.example", StatusCode::FORBIDDEN),
         ("", StatusCode::FORBIDDEN),
     ] {
-        let mut request = Client::default().request(Method::GET, "/", Body::empty());
+        let mut request = Client::default().request(Method::GET, "/", String::new());
         request.headers_mut().insert(HOST, host.parse().unwrap());
         assert_eq!(pages.ask(request).await.status, status, "{host}");
     }
@@ -207,7 +209,7 @@ async fn every_response_has_its_security_headers() {
         assert!(!text.contains("<style") && !text.contains(" style=") && !text.contains("onclick"), "{path}");
     }
     assert_eq!(pages.get(&visitor, "/nothing/here").await.status, StatusCode::NOT_FOUND);
-    assert_eq!(pages.ask(visitor.request(Method::DELETE, "/", Body::empty())).await.status, StatusCode::NOT_FOUND);
+    assert_eq!(pages.ask(visitor.request(Method::DELETE, "/", String::new())).await.status, StatusCode::NOT_FOUND);
 }
 
 #[tokio::test]
@@ -232,7 +234,7 @@ async fn an_incomplete_form_times_out() {
     // This runtime is otherwise idle, so that paused time advances at once.
     tokio::time::pause();
     let begun = tokio::time::Instant::now();
-    let endless = Body::from_stream(futures::stream::pending::<std::io::Result<Vec<u8>>>());
+    let endless = StreamBody::new(futures::stream::pending::<std::io::Result<Frame<Bytes>>>());
     let reply = pages.ask(visitor.request(Method::POST, "/sign-in", endless)).await;
     assert_eq!(reply.status, StatusCode::GATEWAY_TIMEOUT);
     assert!(reply.text().contains("timed out"), "{}", reply.text());

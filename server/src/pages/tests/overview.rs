@@ -2,12 +2,14 @@
 
 use gleaner_recording::TaskSpec;
 
-use super::PER_PAGE;
 use crate::{
     domain::episode::Outcome,
+    pages::testing::{Client, Pages},
     store::testing,
-    web::testing::{Client, Pages},
 };
+
+/// Tasks on one page.
+const PER_PAGE: usize = 48;
 
 /// Pages over this many tasks, `fold_0000` and on; each tenth is called `pour_…`.
 async fn with_tasks(count: usize) -> Pages {

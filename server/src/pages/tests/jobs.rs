@@ -1,10 +1,10 @@
 //! The pages of jobs as requested by browsers and programs.
 
-use axum::http::{
+use gleaner_core::PretrainSpec;
+use http::{
     StatusCode,
     header::{CONTENT_TYPE, LOCATION},
 };
-use gleaner_core::PretrainSpec;
 use serde_json::Value;
 
 use crate::{
@@ -18,8 +18,8 @@ use crate::{
         work::Progress,
     },
     jobs::logs_folder,
+    pages::testing::{Client, FORM, JSON, Pages},
     store::testing::{self, results},
-    web::testing::{Client, FORM, JSON, Pages},
 };
 
 async fn task(pages: &Pages) -> Task {

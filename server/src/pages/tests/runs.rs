@@ -1,6 +1,6 @@
 //! Score runs and their datasets and policies, as requested by browsers and programs.
 
-use axum::http::{StatusCode, header::LOCATION};
+use http::{StatusCode, header::LOCATION};
 use serde_json::Value;
 
 use crate::{
@@ -13,11 +13,11 @@ use crate::{
         snapshot::Role,
         task::Task,
     },
+    pages::testing::{Client, FORM, JSON, Pages},
     store::{
         Store,
         testing::{self, results},
     },
-    web::testing::{Client, FORM, JSON, Pages},
 };
 
 /// A run of two imperfect episodes of 20 segments each: one of q 0.9, one of q 0.1 except for its last, of q 0.5.

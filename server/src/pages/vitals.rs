@@ -7,11 +7,12 @@ use crate::{
     error::{Error, Result},
     service::Services,
     telemetry::memory,
+    web::Disk,
 };
 
 /// Samples them.
 #[expect(clippy::cast_precision_loss, reason = "far below 2^52 of anything")]
-pub(super) async fn take(services: &Services) -> Result<()> {
+pub(super) async fn sample(services: &Services) -> Result<()> {
     let backlog = services.store.backlog().await?;
     for state in JobState::ALL {
         let count = backlog.jobs.iter().find(|(of, _)| *of == state).map_or(0, |(_, count)| *count);
@@ -26,13 +27,7 @@ pub(super) async fn take(services: &Services) -> Result<()> {
     Ok(())
 }
 
-/// Free and total bytes of the disk that holds the data.
-pub(super) struct Disk {
-    pub(super) free: u64,
-    pub(super) size: u64,
-}
-
-/// Reads them from the system.
+/// The disk of the data folder.
 ///
 /// # Errors
 /// Internal.

@@ -2,23 +2,19 @@
 
 use std::{net::SocketAddr, sync::Arc};
 
-use axum::{
-    Router,
-    body::{Body, to_bytes},
-    extract::ConnectInfo,
-    http::{
-        HeaderMap, Method, Request, StatusCode,
-        header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, COOKIE, HOST, SET_COOKIE},
-    },
-};
+use bytes::Bytes;
 use clap::Parser as _;
 use gleaner_edge::ConnectionState;
+use http::{
+    HeaderMap, Method, Request, StatusCode,
+    header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, COOKIE, HOST, SET_COOKIE},
+};
+use http_body_util::BodyExt as _;
 use tempfile::TempDir;
-use tower::ServiceExt as _;
 
-use super::{AppState, routes};
+use super::PageBackend;
 use crate::{
-    access::{PageGuard, TokenCache, token_hash},
+    access::{TokenCache, token_hash},
     config::{Cli, Command},
     connections::connections,
     domain::{
@@ -27,13 +23,13 @@ use crate::{
         time::Millis,
     },
     service::Services,
-    telemetry,
+    web::Site,
 };
 
 /// The pages, and the services behind them.
 pub(super) struct Pages {
     pub(super) services: Services,
-    router: Router,
+    site: Site,
     _dir: TempDir,
 }
 
@@ -62,18 +58,9 @@ impl Pages {
         let connections = connections(&config.connections);
         let services = Services::open(*config, ([127, 0, 0, 1], 1).into()).await.unwrap();
         let tokens = TokenCache::open(services.store.clone()).await.unwrap();
-        let guard = PageGuard::new(tokens, services.store.clone(), required, connections);
-        let metrics = telemetry::metrics::recorder().unwrap();
-        let state = AppState {
-            services: services.clone(),
-            guard,
-            signed_in: super::browser::SignedIn::default(),
-            metrics,
-            cookie: super::browser::Browser::cookie_name(7401),
-            encrypted: false,
-            loopback: true,
-        };
-        Self { services, router: routes::all(&Arc::new(state)), _dir: dir }
+        let backend = PageBackend::new(services.clone(), tokens, required, connections.clone()).unwrap();
+        let site = Site::new(Arc::new(backend), connections, ([127, 0, 0, 1], 7401).into(), false);
+        Self { services, site, _dir: dir }
     }
 
     /// Issues a token of this role.
@@ -110,21 +97,24 @@ impl Pages {
     }
 
     /// Requests a page.
-    pub(super) async fn ask(&self, request: Request<Body>) -> Reply {
-        let answer = self.router.clone().oneshot(request).await.unwrap();
-        let (parts, body) = answer.into_parts();
-        let body = to_bytes(body, usize::MAX).await.unwrap().to_vec();
+    pub(super) async fn ask<B>(&self, request: Request<B>) -> Reply
+    where
+        B: http_body::Body<Data = Bytes, Error: Into<Box<dyn std::error::Error + Send + Sync>>> + Send + 'static,
+    {
+        let peer: SocketAddr = ([127, 0, 0, 1], 4000).into();
+        let (parts, body) = self.site.respond(request, ConnectionState::new(peer)).await.into_parts();
+        let body = body.collect().await.unwrap().to_bytes().to_vec();
         Reply { status: parts.status, headers: parts.headers, body }
     }
 
     /// Requests a page as a browser does.
     pub(super) async fn get(&self, client: &Client, path: &str) -> Reply {
-        self.ask(client.request(Method::GET, path, Body::empty())).await
+        self.ask(client.request(Method::GET, path, String::new())).await
     }
 
     /// Sends a form, or JSON, to a page.
     pub(super) async fn post(&self, client: &Client, path: &str, (kind, body): (&'static str, &str)) -> Reply {
-        let mut request = client.request(Method::POST, path, Body::from(body.to_owned()));
+        let mut request = client.request(Method::POST, path, body.to_owned());
         request.headers_mut().insert(CONTENT_TYPE, kind.parse().unwrap());
         self.ask(request).await
     }
@@ -145,7 +135,7 @@ impl Client {
         Self { token: Some(token.to_owned()), ..Self::default() }
     }
 
-    pub(super) fn request(&self, method: Method, path: &str, body: Body) -> Request<Body> {
+    pub(super) fn request<B>(&self, method: Method, path: &str, body: B) -> Request<B> {
         let mut request = Request::builder().method(method).uri(path).header(HOST, "127.0.0.1:7401");
         request = request.header(ACCEPT, "text/html");
         if let Some(token) = &self.token {
@@ -157,8 +147,7 @@ impl Client {
         if let Some(proof) = &self.proof {
             request = request.header("x-gleaner-proof", proof);
         }
-        let peer: SocketAddr = ([127, 0, 0, 1], 4000).into();
-        request.extension(ConnectInfo(ConnectionState::new(peer))).body(body).unwrap()
+        request.body(body).unwrap()
     }
 }
 

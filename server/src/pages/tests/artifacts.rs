@@ -1,20 +1,21 @@
 //! Snapshots and encoders as requested by browsers and programs.
 
-use axum::http::StatusCode;
+use http::StatusCode;
 use serde_json::Value;
 
 use crate::{
     domain::{
         episode::{NewLabel, Outcome},
-        id::{EncoderId, SnapshotId},
-        job::JobState,
+        id::{EncoderId, ExportId, SnapshotId},
+        job::{JobSpec, JobState},
         score::Encoder,
         selection::Selection,
+        snapshot::Role,
         task::Task,
         time::Millis,
     },
+    pages::testing::{Client, Pages},
     store::testing::{self, results},
-    web::testing::{Client, Pages},
 };
 
 /// An encoder of a snapshot with one expert and one failure of bob's.
@@ -147,4 +148,27 @@ async fn invalid_and_unknown_ids_are_refused() {
         assert_eq!(refused.status, status, "{path}");
         assert!(refused.text().contains(message), "{path}: {}", refused.text());
     }
+}
+
+#[tokio::test]
+async fn a_dataset_shows_its_inputs_and_later_results() {
+    let pages = Pages::open(false).await;
+    let store = &pages.services.store;
+    let task = testing::task(store).await;
+    testing::episode(store, &task, Outcome::Success, "").await;
+    let failure = testing::episode(store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(store, &task).await;
+    let scores = results::scores(&failure.id, Role::Imperfect, &[0.5; 20]);
+    let run = results::run(store, &task, &encoder, &[scores]).await;
+    let dataset = store.insert_dataset(&run.id, Selection::Beta(0.25)).await.unwrap();
+    let export = ExportId::new();
+    results::job(store, &task, JobSpec::Export { dataset_id: dataset.id.clone() }, export.as_str()).await;
+
+    let shown = text(&pages, &format!("/datasets/{}", dataset.id)).await;
+    for there in [encoder.snapshot_id.as_str(), encoder.id.as_str(), run.id.as_str(), export.as_str()] {
+        assert!(shown.contains(there), "{there} is not in {shown}");
+    }
+    assert!(shown.contains("1 expert, 1 imperfect") && shown.contains("q &gt; 0.25"), "{shown}");
+    let shown = text(&pages, &format!("/jobs/{}", run.job_id)).await;
+    assert!(shown.contains(&format!("/datasets/{}", dataset.id)) && shown.contains(export.as_str()), "{shown}");
 }

@@ -1,20 +1,23 @@
 //! The table and its labels, as requested by browsers and programs.
 
-use axum::http::{HeaderValue, Method, StatusCode, header::ACCEPT};
 use gleaner_recording::TaskSpec;
+use http::{HeaderValue, Method, StatusCode, header::ACCEPT};
 use serde_json::{Value, json};
 
-use super::*;
 use crate::{
     domain::{
         access::Role,
         episode::{Episode, Outcome},
         snapshot::Role as Part,
+        task::Task,
         time::Millis,
     },
+    pages::testing::{Client, JSON, Pages, Reply},
     store::testing::{self, results},
-    web::testing::{Client, JSON, Pages, Reply},
 };
+
+/// Episodes on one page.
+const PER_PAGE: usize = 100;
 
 struct Lab {
     pages: Pages,
@@ -47,7 +50,7 @@ impl Lab {
 
     async fn label(&self, client: &Client, body: &Value) -> (StatusCode, Value) {
         let path = format!("/tasks/{}/labels", self.task.spec.name);
-        let mut request = client.request(Method::POST, &path, body.to_string().into());
+        let mut request = client.request(Method::POST, &path, body.to_string());
         request.headers_mut().insert(ACCEPT, HeaderValue::from_static(JSON));
         let reply = self.pages.ask(request).await;
         (reply.status, serde_json::from_slice(&reply.body).unwrap_or_default())

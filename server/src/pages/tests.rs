@@ -1,0 +1,9 @@
+//! The pages on a real store, requested without a socket.
+
+mod access;
+mod artifacts;
+mod episode;
+mod episodes;
+mod jobs;
+mod overview;
+mod runs;
