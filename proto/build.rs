@@ -39,6 +39,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         // Two bytes of a message can be an empty tensor: what it may hold lies elsewhere until there is any.
         .boxed(".inference.ModelInferRequest.InferInputTensor.contents")
         .btree_map(".inference")
+        .client_mod_attribute(".", "#[cfg(feature = \"services\")]")
+        .server_mod_attribute(".", "#[cfg(feature = \"services\")]")
         .compile_fds(descriptors)?;
     Ok(())
 }

@@ -2,8 +2,8 @@
 //!
 //! Knows no server; the demo's and the experiments' reports are made of this.
 
+use gleaner_core::statistics::{auroc, auroc_interval, precision_recall};
 use gleaner_sim::RecordedEpisode;
-use gleaner_sim::statistics::{auroc, auroc_interval, precision_recall};
 use serde::{Deserialize, Serialize};
 
 /// Over all cohorts.

@@ -20,7 +20,7 @@ pub fn task() -> TaskSpec {
         vec![FieldSpec { name: "joints".into(), size: 3 }, FieldSpec { name: "tool".into(), size: 2 }];
     spec.mappings = vec![ros2(), json()];
     spec.mappings.push(written_mapping(&spec));
-    spec.validate().expect("the task is right");
+    gleaner_recording::validate(&spec).expect("the task is right");
     spec
 }
 

@@ -1,17 +1,18 @@
 //! The gRPC services of gleaner, generated from `gleaner/v1/*.proto` and `inference/*.proto` without protoc.
 //!
-//! Holds wire types and nothing else: no conversion, no rule. Clients and the server both link it.
+//! Holds wire types and nothing else: no conversion, no rule. Clients and the server both link it; the feature
+//! `services` adds the clients and the server traits, and with them tonic.
 
 /// `gleaner.v1`: the messages, clients and server traits.
 pub mod v1 {
     #![allow(missing_docs, clippy::all, clippy::pedantic, unreachable_pub, reason = "generated code")]
-    tonic::include_proto!("gleaner.v1");
+    include!(concat!(env!("OUT_DIR"), "/gleaner.v1.rs"));
 }
 
 /// `inference`: the Open Inference Protocol, which robots and tools of other servers speak.
 pub mod inference {
     #![allow(missing_docs, clippy::all, clippy::pedantic, unreachable_pub, reason = "generated code")]
-    tonic::include_proto!("inference");
+    include!(concat!(env!("OUT_DIR"), "/inference.rs"));
 }
 
 /// The encoded `FileDescriptorSet` of every service here, for server reflection.

@@ -9,8 +9,6 @@ pub mod config;
 mod connections;
 mod curation;
 pub mod data_folder;
-pub mod domain;
-pub mod error;
 pub mod fail_point;
 pub mod file_limit;
 pub mod ingest;
@@ -29,6 +27,8 @@ pub mod telemetry;
 mod web;
 mod wire;
 pub mod worker;
+
+pub use gleaner_core::{self as domain, error};
 
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]

@@ -44,7 +44,7 @@ async fn an_evaluation_is_repeatable_and_says_how_sure_it_is() {
     assert_eq!(first.seeds.iter().map(|seed| (seed.seed, seed.episodes)).collect::<Vec<_>>(), [(0, 34), (5, 34)]);
     assert!(first.seeds.iter().all(|seed| seed.mean_steps > 0.0 && seed.mean_steps <= 3.0));
     assert_eq!(first.episodes, 68);
-    assert_eq!((first.low, first.high), gleaner_sim::statistics::wilson(first.successes, first.episodes));
+    assert_eq!((first.low, first.high), gleaner_core::statistics::wilson(first.successes, first.episodes));
     assert!(first.low <= first.success_rate && first.success_rate <= first.high);
 
     let request = ListEvaluationsRequest { policy_id: shared.policy.clone() };

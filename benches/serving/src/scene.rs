@@ -105,7 +105,7 @@ mod tests {
     #[test]
     fn steps_fit_their_task_and_no_two_are_alike() {
         let (spec, made) = (task(), steps(3, 3));
-        spec.validate().unwrap();
+        gleaner_recording::validate(&spec).unwrap();
         assert_eq!(made[0].frames.len(), gleaner_recording::frame_bytes_per_step(&spec));
         assert_ne!(made[0].frames, made[1].frames);
         assert_ne!(steps(4, 1)[0].frames, made[0].frames);

@@ -60,7 +60,7 @@ impl CreateArgs {
             }
             (None, None) => return Err(Failure::told("give a specification file or --sim")),
         };
-        specification.validate()?;
+        gleaner_recording::validate(&specification)?;
         let request = CreateTaskRequest { spec: Some(spec::to_proto(&specification)) };
         let created = context.client().await?.tasks().create_task(request).await?.into_inner();
         let task = present(created.task.as_ref(), "a task")?;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use gleaner_sim::statistics;
+use gleaner_core::statistics;
 
 use crate::lowest::LowestScore;
 use crate::robot::ControlReport;

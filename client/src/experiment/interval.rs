@@ -15,7 +15,7 @@ pub(crate) fn deviation(values: &[f64]) -> Option<f64> {
 }
 
 /// The 95 % t-interval of the mean, `(low, high)`: mean ± t(0.975; n − 1) · deviation / √n. Where
-/// [`wilson`](gleaner_sim::statistics::wilson) says how sure the rate of one trained policy is, this says how sure the
+/// [`wilson`](gleaner_core::statistics::wilson) says how sure the rate of one trained policy is, this says how sure the
 /// mean over trainings is. Of two values or more that are not all the same: equal ones don't say how far others may be.
 #[expect(clippy::cast_precision_loss, reason = "there are few seeds")]
 pub(crate) fn student(values: &[f64]) -> Option<(f64, f64)> {

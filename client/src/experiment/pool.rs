@@ -49,7 +49,7 @@ fn pool_auroc(seeds: &[SeedReport]) -> Vec<PooledAuroc> {
 mod tests {
     use super::*;
     use crate::experiment::report::tests::seed;
-    use gleaner_sim::statistics::wilson;
+    use gleaner_core::statistics::wilson;
 
     #[test]
     fn seeds_are_pooled_and_their_spread_is_kept() {

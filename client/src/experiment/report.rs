@@ -1,6 +1,6 @@
 //! An experiment's report: one structure, of which the Markdown, the plots and the JSON are made.
 
-use gleaner_sim::statistics::wilson;
+use gleaner_core::statistics::wilson;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 

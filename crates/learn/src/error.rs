@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use gleaner_core::Problem;
+use gleaner_core::{Error, Problem};
 use gleaner_search::SearchError;
 use safetensors::SafeTensorError;
 use tch::TchError;
@@ -56,6 +56,16 @@ pub enum LearnError {
 }
 
 impl LearnError {
+    /// The error as the caller of the server or the worker sees it. `doing` says for the log what was being done.
+    pub fn during(self, doing: &str) -> Error {
+        match self {
+            Self::Version { .. } | Self::Checkpoint(_) => Error::precondition(self.to_string()),
+            Self::Invalid { ref field, ref message } => Error::invalid(field, message),
+            Self::Cancelled => Error::cancelled(self.to_string()),
+            Self::Diverged { .. } | Self::Monitor { .. } | Self::Torch(_) => Error::internal(doing, self),
+        }
+    }
+
     /// An [`LearnError::Invalid`] for `field`.
     pub(crate) fn invalid(field: impl Into<String>, message: impl Into<String>) -> Self {
         Self::Invalid { field: field.into(), message: message.into() }

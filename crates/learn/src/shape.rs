@@ -1,6 +1,6 @@
 //! The shape of one step of a task: its cameras, proprioception and action.
 
-use gleaner_core::Augmentation;
+use gleaner_core::{Augmentation, CameraSpec, TaskSpec};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{LearnError, within};
@@ -58,6 +58,22 @@ pub(crate) fn augmentation_fits(augmentation: &Augmentation, shape: &TaskShape) 
     let sides = shape.cameras.iter().flat_map(|camera| [camera.height, camera.width]);
     let most = sides.min().unwrap_or(1).saturating_sub(1);
     within("shift_pixels", f64::from(augmentation.shift_pixels), 0.0, f64::from(most))
+}
+
+impl From<&TaskSpec> for TaskShape {
+    fn from(spec: &TaskSpec) -> Self {
+        let camera = |camera: &CameraSpec| CameraShape {
+            name: camera.name.clone(),
+            height: camera.height,
+            width: camera.width,
+            depth: camera.depth,
+        };
+        Self {
+            cameras: spec.cameras.iter().map(camera).collect(),
+            proprioception: spec.proprioception_size(),
+            action: spec.action_size(),
+        }
+    }
 }
 
 impl TaskShape {

@@ -2,7 +2,7 @@
 //!
 //! Pure numbers: stamps in, indices out. All stamps are nanoseconds.
 
-use crate::spec::{Alignment, TaskSpec};
+use gleaner_core::{Alignment, TaskSpec};
 
 /// The messages of a stream in the order of their stamps.
 #[derive(Clone, Debug, Default)]
@@ -99,7 +99,7 @@ impl Rule {
 mod tests {
 
     use super::*;
-    use crate::spec::tests::arm;
+    use crate::testing::arm;
 
     const MS: i64 = 1_000_000;
 

@@ -119,7 +119,7 @@ mod tests {
 
     use super::*;
     use crate::frames::frame_bytes_per_step;
-    use crate::spec::tests::arm;
+    use crate::testing::arm;
 
     fn episode() -> Episode {
         let spec = arm();

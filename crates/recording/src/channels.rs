@@ -11,7 +11,7 @@ use crate::container::Record;
 use crate::dialect::{ChannelSchema, Decoder};
 use crate::error::RecordingError;
 use crate::limits::Limits;
-use crate::report::TopicReport;
+use gleaner_core::TopicReport;
 
 /// What is known of a file's channels so far.
 #[derive(Debug)]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::report::Report;
+use gleaner_core::Report;
 
 /// Why a recording, a task specification, an image or a frame cache can't be used.
 #[derive(Debug, thiserror::Error)]

@@ -17,9 +17,10 @@ use crate::error::RecordingError;
 use crate::limits::Limits;
 use crate::plan::Plan;
 use crate::planner::plan;
-use crate::spec::TaskSpec;
+use crate::validate::validate;
 use crate::whole_file::write_whole;
 use crate::write::mcap_writer;
+use gleaner_core::TaskSpec;
 
 /// Topic of each kept step's q and w.
 const QUALITY_TOPIC: &str = "/gleaner/quality";
@@ -46,7 +47,7 @@ pub struct Kept {
 /// # Errors
 /// As [`crate::read_episode`], and [`RecordingError::Step`] when the stretch is not in the episode.
 pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<(), RecordingError> {
-    spec.validate()?;
+    validate(spec)?;
     let plan = plan(path, spec, &Limits::ADMITTED)?;
     let steps = check(kept, plan.stamps.len())?;
     let source = path.file_name().unwrap_or_default().to_string_lossy().into_owned();

@@ -14,8 +14,8 @@ use crate::inspect;
 use crate::limits::Limits;
 use crate::picture::{self, Channel};
 use crate::plan::{ImageStream, Plan};
-use crate::report::{FindingCode, Severity};
-use crate::spec::TaskSpec;
+use gleaner_core::TaskSpec;
+use gleaner_core::{FindingCode, Severity};
 
 /// Decodes the frames of all steps; images that can't be decoded become findings.
 ///

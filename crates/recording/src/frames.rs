@@ -7,7 +7,7 @@ use std::sync::Arc;
 use memmap2::Mmap;
 
 use crate::error::RecordingError;
-use crate::spec::TaskSpec;
+use gleaner_core::TaskSpec;
 
 /// One decoded episode of T aligned steps: stamps, proprioception (T×M), action (T×A) and frames.
 #[derive(Clone, Debug)]
@@ -106,7 +106,7 @@ impl Episode {
 mod tests {
 
     use super::*;
-    use crate::spec::tests::arm;
+    use crate::testing::arm;
 
     #[test]
     fn a_step_holds_color_then_depth_of_each_camera() {

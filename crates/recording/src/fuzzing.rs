@@ -10,8 +10,8 @@ use crate::image::RawImage;
 use crate::limits::Limits;
 use crate::path::Path;
 use crate::picture::{self, Channel};
-use crate::spec::{CameraSpec, TaskSpec};
 use crate::tracks::collect;
+use gleaner_core::{CameraSpec, TaskSpec};
 
 pub use crate::mutants::{KINDS, Random, mutant};
 

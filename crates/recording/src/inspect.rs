@@ -5,9 +5,9 @@
 mod cameras;
 
 use crate::plan::Steps;
-use crate::report::{FindingCode, Report, Severity};
-use crate::spec::{FieldSpec, TaskSpec};
 use crate::tracks::{Failure, Tracks};
+use gleaner_core::{FieldSpec, TaskSpec};
+use gleaner_core::{FindingCode, Report, Severity};
 
 pub(crate) use cameras::frozen_cameras;
 

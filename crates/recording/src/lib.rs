@@ -34,9 +34,9 @@ mod plan;
 mod planner;
 pub mod printable;
 mod read;
-mod report;
 mod salvage;
-mod spec;
+#[cfg(test)]
+mod testing;
 #[cfg(test)]
 mod tests;
 mod tracks;
@@ -44,13 +44,18 @@ mod validate;
 mod whole_file;
 mod write;
 
+// What the functions here take and return.
+pub use gleaner_core::{
+    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Finding, FindingCode, Mapping, Report, Severity,
+    TaskSpec, TopicReport,
+};
+
 pub use error::RecordingError;
 pub use extract::{Kept, extract};
 pub use frames::{Episode, FrameBytes, frame_bytes_per_step};
 pub use image::{PixelFormat, decode_color, decode_depth, encode_jpeg};
 pub use limits::{Limits, MOST_JSON_DEPTH};
 pub use read::{Reading, read_episode, read_episode_within};
-pub use report::{Finding, FindingCode, Report, Severity, TopicReport};
 pub use salvage::salvage;
-pub use spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
+pub use validate::{validate, validate_within};
 pub use write::{CameraRef, EpisodeWriter, ImageRef, ObservationRef, StepRef, written_mapping};

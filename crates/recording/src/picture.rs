@@ -12,7 +12,7 @@ use base64::engine::{DecodePaddingMode, GeneralPurpose, GeneralPurposeConfig};
 use crate::dialect::Value;
 use crate::error::RecordingError;
 use crate::image::{PixelFormat, RawImage, decode_color, decode_depth, raw_color, raw_depth};
-use crate::spec::CameraSpec;
+use gleaner_core::CameraSpec;
 
 /// What a camera's topic carries.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 
 use crate::channels::Channels;
 use crate::picture::Channel;
-use crate::report::Report;
+use gleaner_core::Report;
 
 pub(crate) use steps::Steps;
 

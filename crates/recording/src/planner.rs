@@ -10,9 +10,9 @@ use crate::limits::Limits;
 use crate::plan::clocks::Clocks;
 use crate::plan::streams::{self, Source};
 use crate::plan::{ImageStream, Plan, Steps, choice};
-use crate::report::{FindingCode, Report, Severity};
-use crate::spec::TaskSpec;
 use crate::tracks::{Tracks, collect};
+use gleaner_core::TaskSpec;
+use gleaner_core::{FindingCode, Report, Severity};
 
 /// Plans the steps of a recording.
 ///

@@ -7,8 +7,9 @@ use crate::fill::fill;
 use crate::frames::Episode;
 use crate::limits::Limits;
 use crate::planner::plan;
-use crate::report::Report;
-use crate::spec::TaskSpec;
+use crate::validate::validate_within;
+use gleaner_core::Report;
+use gleaner_core::TaskSpec;
 
 /// A recording that was read.
 #[derive(Clone, Debug)]
@@ -35,7 +36,7 @@ pub fn read_episode(path: &Path, spec: &TaskSpec) -> Result<Reading, RecordingEr
 /// # Errors
 /// As [`read_episode`].
 pub fn read_episode_within(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Reading, RecordingError> {
-    spec.validate_within(limits)?;
+    validate_within(spec, limits)?;
     let mut plan = plan(path, spec, limits)?;
     let frames = fill(path, spec, limits, &mut plan)?;
     let report = std::mem::take(&mut plan.report).sorted();

@@ -14,7 +14,7 @@ mod steps;
 
 use std::path::{Path, PathBuf};
 
-use crate::spec::TaskSpec;
+use gleaner_core::TaskSpec;
 
 /// The pick-cube task as the repository's example describes it.
 fn pick_cube() -> TaskSpec {

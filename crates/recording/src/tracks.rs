@@ -12,8 +12,8 @@ use crate::dialect::{Decoder, Value};
 use crate::error::RecordingError;
 use crate::limits::Limits;
 use crate::path::{Missing, Path};
-use crate::report::{FindingCode, TopicReport};
-use crate::spec::{FieldSource, TaskSpec};
+use gleaner_core::{FieldSource, TaskSpec};
+use gleaner_core::{FindingCode, TopicReport};
 
 /// Most messages of one topic.
 const MAX_MESSAGES: usize = 10_000_000;

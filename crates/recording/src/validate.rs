@@ -8,7 +8,7 @@ use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
 use crate::limits::Limits;
 use crate::path::Path;
-use crate::spec::{FieldSource, FieldSpec, Mapping, TaskSpec};
+use gleaner_core::{FieldSource, FieldSpec, Mapping, TaskSpec};
 
 /// Most cameras, fields of one kind, and mappings.
 const MAX_CAMERAS: usize = 16;
@@ -23,170 +23,158 @@ const MAX_FIELD_SIZE: u32 = 65_536;
 /// Most bytes that the frames of one step may take.
 const MAX_STEP_BYTES: usize = 1 << 30;
 
-impl TaskSpec {
-    /// Checks that the specification makes sense by itself.
-    ///
-    /// # Errors
-    /// [`RecordingError::Spec`] names the first field that does not, and the mend.
-    pub fn validate(&self) -> Result<(), RecordingError> {
-        if !is_plain(&self.name) {
-            return wrong("name", "use one or more of the characters a-z A-Z 0-9 _ - .");
-        }
-        if !(self.rate_hz.is_finite() && (0.01..=10_000.0).contains(&self.rate_hz)) {
-            return wrong("rate_hz", "give the steps per second, from 0.01 to 10000");
-        }
-        if !(0.0..=0.5).contains(&self.tolerance) {
-            return wrong("tolerance", "give a share of a period from 0 to 0.5");
-        }
-        self.validate_cameras()?;
-        self.validate_fields()?;
-        few("mappings", self.mappings.len(), MAX_MAPPINGS)?;
-        let mut names = BTreeSet::new();
-        for (i, mapping) in self.mappings.iter().enumerate() {
-            if !is_plain(&mapping.name) || !names.insert(&mapping.name) {
-                return wrong(
-                    format!("mappings[{i}].name"),
-                    "give each mapping a name of its own, of the characters a-z A-Z 0-9 _ - .",
-                );
-            }
-            self.validate_mapping(mapping, &format!("mappings[{i}]"))?;
-        }
-        Ok(())
+/// Checks that the specification makes sense by itself.
+///
+/// # Errors
+/// [`RecordingError::Spec`] names the first field that does not, and the mend.
+pub fn validate(spec: &TaskSpec) -> Result<(), RecordingError> {
+    if !is_plain(&spec.name) {
+        return wrong("name", "use one or more of the characters a-z A-Z 0-9 _ - .");
     }
-
-    /// As [`TaskSpec::validate`], and that no image is larger than these limits let it be.
-    ///
-    /// # Errors
-    /// As [`TaskSpec::validate`].
-    pub fn validate_within(&self, limits: &Limits) -> Result<(), RecordingError> {
-        self.validate()?;
-        for (i, camera) in self.cameras.iter().enumerate() {
-            let pixels = u64::from(camera.height) * u64::from(camera.width);
-            if pixels > limits.image_pixels {
-                return wrong(
-                    format!("cameras[{i}]"),
-                    format!("{pixels} pixels are more than the limit of {}; use smaller images", limits.image_pixels),
-                );
-            }
-        }
-        Ok(())
+    if !(spec.rate_hz.is_finite() && (0.01..=10_000.0).contains(&spec.rate_hz)) {
+        return wrong("rate_hz", "give the steps per second, from 0.01 to 10000");
     }
-
-    fn validate_cameras(&self) -> Result<(), RecordingError> {
-        few("cameras", self.cameras.len(), MAX_CAMERAS)?;
-        let mut names = BTreeSet::new();
-        for (i, camera) in self.cameras.iter().enumerate() {
-            if !is_plain(&camera.name) || !names.insert(&camera.name) {
-                return wrong(
-                    format!("cameras[{i}].name"),
-                    "give each camera a name of its own, of the characters a-z A-Z 0-9 _ - .",
-                );
-            }
-            for (side, size) in [("height", camera.height), ("width", camera.width)] {
-                if size == 0 || size > MAX_IMAGE_SIDE {
-                    return wrong(
-                        format!("cameras[{i}].{side}"),
-                        format!("{size} pixels is outside 1 to {MAX_IMAGE_SIDE}"),
-                    );
-                }
-            }
-        }
-        if frame_bytes_per_step(self) > MAX_STEP_BYTES {
-            return wrong("cameras", "all images of a step together exceed 1 GiB; use smaller images");
-        }
-        Ok(())
+    if !(0.0..=0.5).contains(&spec.tolerance) {
+        return wrong("tolerance", "give a share of a period from 0 to 0.5");
     }
-
-    fn validate_fields(&self) -> Result<(), RecordingError> {
-        if self.action.is_empty() {
-            return wrong("action", "give at least one action field");
-        }
-        let mut names = BTreeSet::new();
-        for (kind, fields) in [("proprioception", &self.proprioception), ("action", &self.action)] {
-            few(kind, fields.len(), MAX_FIELDS)?;
-            for (i, FieldSpec { name, size }) in fields.iter().enumerate() {
-                if !is_identifier(name) || !names.insert(name) {
-                    return wrong(
-                        format!("{kind}[{i}].name"),
-                        "give each field, of proprioception and action together, a name of its own: a letter, then \
-                         letters, digits and _; `timestamp` is taken",
-                    );
-                }
-                if *size == 0 || *size > MAX_FIELD_SIZE {
-                    return wrong(
-                        format!("{kind}[{i}].size"),
-                        format!("{size} numbers is outside 1 to {MAX_FIELD_SIZE}"),
-                    );
-                }
-            }
-        }
-        Ok(())
-    }
-
-    fn validate_mapping(&self, mapping: &Mapping, at: &str) -> Result<(), RecordingError> {
-        few(&format!("{at}.cameras"), mapping.cameras.len(), MAX_CAMERAS)?;
-        few(&format!("{at}.fields"), mapping.fields.len(), 2 * MAX_FIELDS)?;
-        if let Some(clock) = &mapping.clock {
-            topic(&format!("{at}.clock"), clock, "topic whose stamps are the steps")?;
-        }
-        for (i, source) in mapping.cameras.iter().enumerate() {
-            let Some(camera) = self.cameras.iter().find(|camera| camera.name == source.camera) else {
-                return wrong(
-                    format!("{at}.cameras[{i}].camera"),
-                    format!("the task has no camera `{}`", source.camera),
-                );
-            };
-            topic(&format!("{at}.cameras[{i}].color"), &source.color, "topic of the color images")?;
-            if let Some(depth) = &source.depth {
-                topic(&format!("{at}.cameras[{i}].depth"), depth, "topic of the depth images")?;
-            }
-            if camera.depth != source.depth.is_some() {
-                let mend = if camera.depth {
-                    "give the topic of the depth images"
-                } else {
-                    "the camera has no depth; leave it out"
-                };
-                return wrong(format!("{at}.cameras[{i}].depth"), mend);
-            }
-        }
-        for (i, source) in mapping.fields.iter().enumerate() {
-            self.validate_source(source, &format!("{at}.fields[{i}]"))?;
-        }
-        let cameras = self.cameras.iter().map(|camera| &camera.name);
-        each_once(cameras, mapping.cameras.iter().map(|source| &source.camera), &format!("{at}.cameras"))?;
-        let fields = self.proprioception.iter().chain(&self.action).map(|field| &field.name);
-        each_once(fields, mapping.fields.iter().map(|source| &source.field), &format!("{at}.fields"))
-    }
-
-    fn validate_source(&self, source: &FieldSource, at: &str) -> Result<(), RecordingError> {
-        let Some(field) = self.proprioception.iter().chain(&self.action).find(|field| field.name == source.field)
-        else {
-            return wrong(format!("{at}.field"), format!("the task has no field `{}`", source.field));
-        };
-        topic(&format!("{at}.topic"), &source.topic, "topic of the messages")?;
-        if source.paths.is_empty() {
-            return wrong(format!("{at}.paths"), "give at least one path into the message");
-        }
-        // Each path gives a value or more.
-        few(&format!("{at}.paths"), source.paths.len(), field.size as usize)?;
-        few(&format!("{at}.names"), source.names.len(), field.size as usize)?;
-        for (i, path) in source.paths.iter().enumerate() {
-            if let Err(problem) = Path::parse(path) {
-                return wrong(format!("{at}.paths[{i}]"), problem);
-            }
-        }
-        let picked = source.names.len() * source.paths.len();
-        if picked != 0 && picked != field.size as usize {
+    check_cameras(spec)?;
+    check_fields(spec)?;
+    few("mappings", spec.mappings.len(), MAX_MAPPINGS)?;
+    let mut names = BTreeSet::new();
+    for (i, mapping) in spec.mappings.iter().enumerate() {
+        if !is_plain(&mapping.name) || !names.insert(&mapping.name) {
             return wrong(
-                format!("{at}.names"),
-                format!(
-                    "{picked} values are picked by name but `{}` holds {}; make them agree",
-                    field.name, field.size
-                ),
+                format!("mappings[{i}].name"),
+                "give each mapping a name of its own, of the characters a-z A-Z 0-9 _ - .",
             );
         }
-        Ok(())
+        check_mapping(spec, mapping, &format!("mappings[{i}]"))?;
     }
+    Ok(())
+}
+
+/// As [`validate`], and that no image is larger than these limits let it be.
+///
+/// # Errors
+/// As [`validate`].
+pub fn validate_within(spec: &TaskSpec, limits: &Limits) -> Result<(), RecordingError> {
+    validate(spec)?;
+    for (i, camera) in spec.cameras.iter().enumerate() {
+        let pixels = u64::from(camera.height) * u64::from(camera.width);
+        if pixels > limits.image_pixels {
+            return wrong(
+                format!("cameras[{i}]"),
+                format!("{pixels} pixels are more than the limit of {}; use smaller images", limits.image_pixels),
+            );
+        }
+    }
+    Ok(())
+}
+
+fn check_cameras(spec: &TaskSpec) -> Result<(), RecordingError> {
+    few("cameras", spec.cameras.len(), MAX_CAMERAS)?;
+    let mut names = BTreeSet::new();
+    for (i, camera) in spec.cameras.iter().enumerate() {
+        if !is_plain(&camera.name) || !names.insert(&camera.name) {
+            return wrong(
+                format!("cameras[{i}].name"),
+                "give each camera a name of its own, of the characters a-z A-Z 0-9 _ - .",
+            );
+        }
+        for (side, size) in [("height", camera.height), ("width", camera.width)] {
+            if size == 0 || size > MAX_IMAGE_SIDE {
+                return wrong(
+                    format!("cameras[{i}].{side}"),
+                    format!("{size} pixels is outside 1 to {MAX_IMAGE_SIDE}"),
+                );
+            }
+        }
+    }
+    if frame_bytes_per_step(spec) > MAX_STEP_BYTES {
+        return wrong("cameras", "all images of a step together exceed 1 GiB; use smaller images");
+    }
+    Ok(())
+}
+
+fn check_fields(spec: &TaskSpec) -> Result<(), RecordingError> {
+    if spec.action.is_empty() {
+        return wrong("action", "give at least one action field");
+    }
+    let mut names = BTreeSet::new();
+    for (kind, fields) in [("proprioception", &spec.proprioception), ("action", &spec.action)] {
+        few(kind, fields.len(), MAX_FIELDS)?;
+        for (i, FieldSpec { name, size }) in fields.iter().enumerate() {
+            if !is_identifier(name) || !names.insert(name) {
+                return wrong(
+                    format!("{kind}[{i}].name"),
+                    "give each field, of proprioception and action together, a name of its own: a letter, then \
+                     letters, digits and _; `timestamp` is taken",
+                );
+            }
+            if *size == 0 || *size > MAX_FIELD_SIZE {
+                return wrong(format!("{kind}[{i}].size"), format!("{size} numbers is outside 1 to {MAX_FIELD_SIZE}"));
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_mapping(spec: &TaskSpec, mapping: &Mapping, at: &str) -> Result<(), RecordingError> {
+    few(&format!("{at}.cameras"), mapping.cameras.len(), MAX_CAMERAS)?;
+    few(&format!("{at}.fields"), mapping.fields.len(), 2 * MAX_FIELDS)?;
+    if let Some(clock) = &mapping.clock {
+        topic(&format!("{at}.clock"), clock, "topic whose stamps are the steps")?;
+    }
+    for (i, source) in mapping.cameras.iter().enumerate() {
+        let Some(camera) = spec.cameras.iter().find(|camera| camera.name == source.camera) else {
+            return wrong(format!("{at}.cameras[{i}].camera"), format!("the task has no camera `{}`", source.camera));
+        };
+        topic(&format!("{at}.cameras[{i}].color"), &source.color, "topic of the color images")?;
+        if let Some(depth) = &source.depth {
+            topic(&format!("{at}.cameras[{i}].depth"), depth, "topic of the depth images")?;
+        }
+        if camera.depth != source.depth.is_some() {
+            let mend = if camera.depth {
+                "give the topic of the depth images"
+            } else {
+                "the camera has no depth; leave it out"
+            };
+            return wrong(format!("{at}.cameras[{i}].depth"), mend);
+        }
+    }
+    for (i, source) in mapping.fields.iter().enumerate() {
+        check_source(spec, source, &format!("{at}.fields[{i}]"))?;
+    }
+    let cameras = spec.cameras.iter().map(|camera| &camera.name);
+    each_once(cameras, mapping.cameras.iter().map(|source| &source.camera), &format!("{at}.cameras"))?;
+    let fields = spec.proprioception.iter().chain(&spec.action).map(|field| &field.name);
+    each_once(fields, mapping.fields.iter().map(|source| &source.field), &format!("{at}.fields"))
+}
+
+fn check_source(spec: &TaskSpec, source: &FieldSource, at: &str) -> Result<(), RecordingError> {
+    let Some(field) = spec.proprioception.iter().chain(&spec.action).find(|field| field.name == source.field) else {
+        return wrong(format!("{at}.field"), format!("the task has no field `{}`", source.field));
+    };
+    topic(&format!("{at}.topic"), &source.topic, "topic of the messages")?;
+    if source.paths.is_empty() {
+        return wrong(format!("{at}.paths"), "give at least one path into the message");
+    }
+    // Each path gives a value or more.
+    few(&format!("{at}.paths"), source.paths.len(), field.size as usize)?;
+    few(&format!("{at}.names"), source.names.len(), field.size as usize)?;
+    for (i, path) in source.paths.iter().enumerate() {
+        if let Err(problem) = Path::parse(path) {
+            return wrong(format!("{at}.paths[{i}]"), problem);
+        }
+    }
+    let picked = source.names.len() * source.paths.len();
+    if picked != 0 && picked != field.size as usize {
+        return wrong(
+            format!("{at}.names"),
+            format!("{picked} values are picked by name but `{}` holds {}; make them agree", field.name, field.size),
+        );
+    }
+    Ok(())
 }
 
 /// A list of things of which there are never many.

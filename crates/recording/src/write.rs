@@ -18,7 +18,8 @@ use prost_types::Timestamp;
 use crate::error::RecordingError;
 use crate::frames::frame_bytes_per_step;
 use crate::picture::Channel;
-use crate::spec::{FieldSpec, TaskSpec};
+use crate::validate::validate;
+use gleaner_core::{FieldSpec, TaskSpec};
 use images::ImageChannels;
 use mapping::STATE_TOPIC;
 use schema::{Numbers, Schema};
@@ -56,7 +57,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// # Errors
     /// [`RecordingError::Spec`] or [`RecordingError::Write`].
     pub fn create(writer: W, spec: &TaskSpec) -> Result<Self, RecordingError> {
-        spec.validate()?;
+        validate(spec)?;
         let mut mcap = mcap_writer(writer, "")?;
         let mut add_numbers = |topic, name, specs: &[FieldSpec]| {
             let schema = schema::numbers(name, specs);

@@ -46,7 +46,6 @@ mod error;
 mod render;
 mod set;
 mod sim;
-pub mod statistics;
 mod task;
 mod world;
 
@@ -59,4 +58,4 @@ pub use demonstration::{Demonstration, METADATA, demonstrate};
 pub use error::SimError;
 pub use set::{Cohort, LABELS, MARKS, RecordedEpisode, record_set};
 pub use sim::{Observation, Sim};
-pub use task::{ACTION_SIZE, GOAL_RADIUS, Task, compatible, compatible_with, task_spec};
+pub use task::{ACTION_SIZE, GOAL_RADIUS, Task, compatible, compatible_with, simulated, task_spec};

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use super::{Ingest, NewUpload, Started, off_runtime};
+use super::{Ingest, Started, off_runtime};
 use crate::{
     blobs::{self, sync_folder},
     domain::{
         client::Client,
-        episode::{Episode, Outcome},
+        episode::{Episode, NewUpload, Outcome},
         id::{TaskId, UploadId},
     },
     error::{Error, Kind, Result},

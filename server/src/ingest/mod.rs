@@ -37,7 +37,7 @@ use self::{claim::Claims, inspector::Inspector};
 pub(crate) use self::{
     keep::NewRecording,
     passing::{Declared, Passing, Room},
-    upload::{NewUpload, Started},
+    upload::Started,
     write::Chunk,
 };
 use crate::{

@@ -14,13 +14,13 @@ use gleaner_recording::{EpisodeWriter, StepRef, written_mapping};
 use tempfile::TempDir;
 use tokio::sync::Semaphore;
 
-use super::{Chunk, Ingest, NewUpload, Room, Started};
+use super::{Chunk, Ingest, Room, Started};
 use crate::{
     blobs::Blobs,
     config::{Cli, Command, ServeConfig},
     domain::{
         client::Client,
-        episode::{InspectedEpisode, Outcome, Upload},
+        episode::{InspectedEpisode, NewUpload, Outcome, Upload},
         id::UploadId,
         task::Task,
     },

@@ -10,12 +10,12 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 
 use super::{
-    NewUpload, Started, frames_path, part_path,
+    Started, frames_path, part_path,
     testing::{Fixture, REFUSING, USABLE, child, chunk, playing, real, recording},
 };
 use crate::{
     domain::{
-        episode::{EpisodeFilter, Outcome},
+        episode::{EpisodeFilter, NewUpload, Outcome},
         id::UploadId,
     },
     error::{Error, Kind},

@@ -7,27 +7,12 @@ use crate::{
     blobs,
     domain::{
         client::Client,
-        episode::{Episode, InspectedEpisode, Outcome, Upload},
-        id::{BlobId, EpisodeId, TaskId, UploadId},
-        time::{Millis, seconds},
+        episode::{Episode, InspectedEpisode, NewUpload, Upload},
+        id::UploadId,
     },
     error::{Error, Kind, Result},
     file_limit::largest_file,
 };
-
-/// A client's declaration of a recording before it is sent.
-#[derive(Debug, Clone)]
-pub(crate) struct NewUpload {
-    pub(crate) task_id: TaskId,
-    pub(crate) file_name: String,
-    pub(crate) size_bytes: u64,
-    pub(crate) blake3: BlobId,
-    pub(crate) outcome: Outcome,
-    pub(crate) cohort: String,
-    pub(crate) author: String,
-    /// The client that the upload and its inspection are counted for.
-    pub(crate) client: Client,
-}
 
 /// The answer to the start of an upload.
 #[derive(Debug)]
@@ -227,40 +212,6 @@ impl Ingest {
             }
         })
         .await
-    }
-}
-
-impl NewUpload {
-    fn open(self) -> Upload {
-        let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author, client } = self;
-        let id = UploadId::new();
-        Upload { id, task_id, file_name, size_bytes, blake3, committed: 0, outcome, cohort, author, client }
-    }
-}
-
-impl Upload {
-    /// Whether one upload may take the bytes sent for another: equal content and label.
-    fn is_like(&self, other: &Self) -> bool {
-        self.size_bytes == other.size_bytes && self.outcome == other.outcome && self.cohort == other.cohort
-    }
-
-    fn become_episode(&self, report: &gleaner_recording::Report) -> Episode {
-        let warnings = report.findings.iter().filter(|f| f.severity == gleaner_recording::Severity::Warning).count();
-        Episode {
-            id: EpisodeId::new(),
-            task_id: self.task_id.clone(),
-            file_name: self.file_name.clone(),
-            recording: self.blake3.clone(),
-            size_bytes: self.size_bytes,
-            steps: report.steps,
-            duration_s: seconds(report.duration_ns),
-            mapping: report.mapping.clone(),
-            warnings: warnings as u64,
-            outcome: self.outcome,
-            cohort: self.cohort.clone(),
-            created_at: Millis::now(),
-            deleted_at: None,
-        }
     }
 }
 

@@ -5,7 +5,6 @@ use gleaner_core::EvaluateSpec;
 use super::Jobs;
 use crate::{
     domain::{
-        evaluation,
         id::{DatasetId, EncoderId, EvaluationId, ExportId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
         job::{Job, JobSpec},
         order::{JobOrder, Subject, TrainData, needs_encoder},
@@ -159,7 +158,7 @@ impl Jobs {
     /// Trials in the simulator's task of that name, or of the task's own: refused now if it cannot be simulated.
     pub(super) async fn simulated(&self, task: &TaskId, field: &str, spec: EvaluateSpec) -> Result<EvaluateSpec> {
         let task = self.0.store.task_by_id(task).await?;
-        let simulation = evaluation::simulated(&task.spec, &spec.simulation)
+        let simulation = gleaner_sim::simulated(&task.spec, &spec.simulation)
             .map_err(|problem| Error::invalid(field, problem))?
             .0
             .name()

@@ -113,7 +113,7 @@ fn ensembled(mut memory: Memory, mut actions: Vec<Vec<f32>>) -> Result<Advanced<
 
 /// Maps an error of `learn` to the caller's.
 pub(super) fn learned(error: LearnError) -> Error {
-    Error::learned("running a policy", error)
+    error.during("running a policy")
 }
 
 /// Runs a batch and checks the output: one entry per input, every value finite.

@@ -3,19 +3,12 @@
 use std::{collections::HashMap, sync::Weak};
 
 use gleaner_core::{Device, ScoreSpec};
-use gleaner_learn::{LiveScorer, Normaliser, Trajectory, features_kind};
+use gleaner_learn::{LiveScorer, Normaliser, TaskShape, Trajectory, features_kind};
 
 use super::{Ready, engine::Engine, loaded_runs::LoadedRuns, trajectory};
 use crate::{
     blobs::Blobs,
-    domain::{
-        episode::Episode,
-        id::ScoreRunId,
-        job::JobSpec,
-        score::ScoreRun,
-        snapshot::Role,
-        task::{Task, shape},
-    },
+    domain::{episode::Episode, id::ScoreRunId, job::JobSpec, score::ScoreRun, snapshot::Role, task::Task},
     error::{Error, Kind as Fault, Result},
     ingest::Ingest,
     store::Store,
@@ -42,8 +35,7 @@ pub(super) async fn ready(
     let blobs = blobs.clone();
     let load = move || {
         let encoder = blobs.get(&checkpoint)?;
-        LiveScorer::load(&encoder, &experts, &spec, normaliser)
-            .map_err(|error| Error::learned("loading a scorer", error))
+        LiveScorer::load(&encoder, &experts, &spec, normaliser).map_err(|error| error.during("loading a scorer"))
     };
     let engine = Engine::start(id, load).await.map_err(|error| {
         if error.kind() != Fault::Invalid {
@@ -60,7 +52,7 @@ async fn settings(store: &Store, run: &ScoreRun) -> Result<ScoreSpec> {
     let JobSpec::Score { spec, .. } = store.job(&run.job_id).await?.spec else {
         return Err(Error::internal("reading a score run's settings", "its job is not a score job"));
     };
-    let features = features_kind(&spec).map_err(|error| Error::learned("reading a score run's settings", error))?;
+    let features = features_kind(&spec).map_err(|error| error.during("reading a score run's settings"))?;
     if features.is_none() {
         return Err(Error::precondition(format!(
             "{} is a run of the {} scorer, which cannot score live; use a run of a scorer that compares features, such as \
@@ -76,7 +68,7 @@ async fn experts(store: &Store, ingest: &Ingest, task: &Task, run: &ScoreRun) ->
     let members = store.recordings(&run.snapshot_id).await?;
     let experts = members.into_iter().filter(|(_, role)| *role == Role::Expert);
     let mut by_id: HashMap<_, Episode> = experts.map(|(episode, _)| (episode.id.clone(), episode)).collect();
-    let shape = shape(&task.spec);
+    let shape = TaskShape::from(&task.spec);
     let mut trajectories = Vec::with_capacity(run.expert_ids.len());
     for id in &run.expert_ids {
         let missing = || Error::internal("loading a scorer", format!("{id} is not an expert of {}", run.snapshot_id));

@@ -32,7 +32,7 @@ use crate::{
         id::{EpisodeId, ScoreRunId},
         task::Task,
     },
-    error::{Error, Result},
+    error::Result,
     ingest::{Ingest, Room},
     store::Store,
 };
@@ -114,7 +114,7 @@ impl<S: Scorer> Ready<S> {
     /// Invalid when it does not fit the task; Unavailable when the server is stopping; Internal.
     pub(crate) async fn score_recording(&self, steps: &Steps, room: Room) -> Result<EpisodeScores> {
         let recording = trajectory(self.shape(), "recording", steps);
-        self.engine.episode(recording.map_err(|error| Error::learned("scoring a recording", error))?, room).await
+        self.engine.episode(recording.map_err(|error| error.during("scoring a recording"))?, room).await
     }
 
     fn window(&self) -> usize {

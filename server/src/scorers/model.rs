@@ -1,7 +1,7 @@
 //! The interface of a scorer's thread to its model: `learn`'s live scorer, or test doubles.
 
 use bytes::Bytes;
-use gleaner_learn::{EpisodeScores, History, LiveScorer, SegmentScore, TaskShape, Trajectory};
+use gleaner_learn::{EpisodeScores, History, LearnError, LiveScorer, SegmentScore, TaskShape, Trajectory};
 
 use crate::error::{Error, Result};
 
@@ -77,7 +77,7 @@ impl Scorer for LiveScorer {
     }
 
     fn follow(&self, stretches: &[&Stretch<History>]) -> Result<Vec<Followed<History>>> {
-        let learned = |error| Error::learned("scoring", error);
+        let learned = |error: LearnError| error.during("scoring");
         let frames: Vec<&[u8]> =
             stretches.iter().flat_map(|stretch| &stretch.steps).map(|step| &step.frames[..]).collect();
         let mut embeddings = self.embed(&frames).map_err(learned)?.into_iter();
@@ -108,6 +108,6 @@ impl Scorer for LiveScorer {
     }
 
     fn episode(&self, episode: &Trajectory) -> Result<EpisodeScores> {
-        self.score_episode(episode).map_err(|error| Error::learned("scoring", error))
+        self.score_episode(episode).map_err(|error| error.during("scoring"))
     }
 }

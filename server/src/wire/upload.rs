@@ -9,11 +9,11 @@ use super::{
 use crate::{
     domain::{
         client::Client,
-        episode::Upload,
+        episode::{NewUpload, Upload},
         id::{BlobId, TaskId, UploadId},
     },
     error::{Error, Result},
-    ingest::{Chunk, NewUpload, Started},
+    ingest::{Chunk, Started},
 };
 
 /// Most bytes in one message of an upload.

@@ -8,10 +8,7 @@ use gleaner_recording::{Episode, Limits, TaskSpec, frame_bytes_per_step};
 use super::failure::Failure;
 use crate::{
     blobs::Blobs,
-    domain::{
-        task,
-        work::{InputEpisode, KeptInput},
-    },
+    domain::work::{InputEpisode, KeptInput},
     ingest::frames_path,
 };
 
@@ -28,7 +25,7 @@ pub(super) struct Episodes<'a> {
 impl Episodes<'_> {
     /// What one step holds.
     pub(super) fn shape(&self) -> TaskShape {
-        task::shape(self.task)
+        self.task.into()
     }
 
     /// Every episode, in this order.

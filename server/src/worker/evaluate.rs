@@ -3,10 +3,10 @@
 use gleaner_core::EvaluateSpec;
 use gleaner_learn::{Ensemble, History, Monitor as _, Policy};
 use gleaner_recording::TaskSpec;
-use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task};
+use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task, simulated};
 
 use super::{failure::Failure, monitor::Watcher};
-use crate::domain::evaluation::{SeedResult, simulated};
+use crate::domain::evaluation::SeedResult;
 
 /// Attempts that run side by side.
 const SIDE_BY_SIDE: usize = 32;

@@ -10,7 +10,7 @@ use super::Record;
 use super::frames::Frame;
 use super::index::{ChunkHead, ChunkIndex, Entries, Footer, Messages, Statistics, chunk_key};
 use super::statistics::Counts;
-use crate::report::FindingCode;
+use gleaner_core::FindingCode;
 
 /// A contradiction in a file.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use crate::plan::{ImageStream, Plan};
-use crate::report::{FindingCode, Report, Severity};
+use gleaner_core::{FindingCode, Report, Severity};
 
 use super::FROZEN_STEPS;
 

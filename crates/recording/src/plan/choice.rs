@@ -6,10 +6,10 @@
 use std::borrow::Cow;
 
 use crate::error::RecordingError;
-use crate::report::{FindingCode, Report, Severity};
-use crate::spec::{Mapping, TaskSpec};
 use crate::tracks::Tracks;
 use crate::write::written_mapping;
+use gleaner_core::{FindingCode, Report, Severity};
+use gleaner_core::{Mapping, TaskSpec};
 
 /// The task with one more mapping at the end, unless it has it: that of what [`crate::EpisodeWriter`] writes.
 pub(crate) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {

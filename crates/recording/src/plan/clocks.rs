@@ -1,9 +1,9 @@
 //! Which of a message's two times counts: its header stamp or the time it was logged.
 
 use crate::align::Timeline;
-use crate::report::{FindingCode, Report, Severity};
-use crate::spec::{Mapping, TaskSpec};
 use crate::tracks::{Stamp, Tracks};
+use gleaner_core::{FindingCode, Report, Severity};
+use gleaner_core::{Mapping, TaskSpec};
 
 /// Header stamps and log times further apart than this, in nanoseconds, are two different clocks.
 const MAX_CLOCK_SKEW: u64 = 1_000_000_000;

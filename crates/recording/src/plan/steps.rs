@@ -2,7 +2,7 @@
 
 use super::streams::Stream;
 use crate::align::{Rule, Timeline};
-use crate::spec::{FieldSpec, TaskSpec};
+use gleaner_core::{FieldSpec, TaskSpec};
 
 /// The steps of one recording.
 pub(crate) struct Steps<'a> {

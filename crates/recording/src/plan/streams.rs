@@ -3,8 +3,8 @@
 use super::clocks::Clocks;
 use crate::align::Timeline;
 use crate::picture::Channel;
-use crate::spec::{FieldSpec, TaskSpec};
 use crate::tracks::{FieldTrack, Tracks};
+use gleaner_core::{FieldSpec, TaskSpec};
 
 /// Something that a step takes one message of.
 pub(crate) struct Stream<'a> {

@@ -10,7 +10,7 @@ use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, Fi
 
 use super::scene::{Scene, numbers_only, read_bytes, read_bytes_within};
 use crate::dialect::{ChannelSchema, Decoder};
-use crate::spec::tests::arm;
+use crate::testing::arm;
 use crate::{Limits, RecordingError};
 
 /// A file with these messages on topics of their own.

@@ -57,6 +57,6 @@ fn ros2() {
 #[test]
 fn the_task_has_the_papers_sizes() {
     let spec = pick_cube();
-    spec.validate().unwrap();
+    crate::validate(&spec).unwrap();
     assert_eq!((spec.proprioception_size(), spec.action_size()), (38, 7));
 }

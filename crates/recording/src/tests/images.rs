@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::fixture;
 use super::scene::{Scene, check, read_bytes};
-use crate::spec::tests::arm;
+use crate::testing::arm;
 use crate::{FindingCode, Severity, TaskSpec, encode_jpeg, read_episode};
 
 /// The pixels of a step: red follows the step.

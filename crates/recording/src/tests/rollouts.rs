@@ -6,10 +6,10 @@ use ::image::{ExtendedColorType, ImageEncoder as _, codecs::png::PngEncoder};
 
 use crate::image::{PixelFormat, encode_jpeg};
 use crate::picture::Channel;
-use crate::spec::tests::arm;
-use crate::spec::{Alignment, Mapping, TaskSpec};
+use crate::testing::arm;
 use crate::write::tests::{START, step_data};
 use crate::{CameraRef, EpisodeWriter, ImageRef, ObservationRef, Reading, RecordingError, read_episode};
+use gleaner_core::{Alignment, Mapping, TaskSpec};
 
 fn image(format: PixelFormat, data: &[u8]) -> ImageRef<'_> {
     ImageRef { format, data }

@@ -7,7 +7,7 @@ use std::path::Path;
 use mcap::records::MessageHeader;
 use serde_json::{Value, json};
 
-use crate::spec::tests::arm;
+use crate::testing::arm;
 use crate::{Finding, FindingCode, Limits, Reading, RecordingError, Report, Severity, TaskSpec, read_episode_within};
 
 /// The small test task without its camera, read from JSON topics.

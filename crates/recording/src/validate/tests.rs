@@ -1,17 +1,17 @@
 //! Tests of the room above.
 
 use super::*;
-use crate::spec::tests::arm;
+use crate::testing::arm;
 
 fn problem(change: impl FnOnce(&mut TaskSpec)) -> String {
     let mut spec = arm();
     change(&mut spec);
-    spec.validate().unwrap_err().to_string()
+    validate(&spec).unwrap_err().to_string()
 }
 
 #[test]
 fn accepts_a_sound_task() {
-    arm().validate().unwrap();
+    validate(&arm()).unwrap();
 }
 
 #[test]
@@ -45,7 +45,7 @@ fn lists_end_somewhere() {
 #[test]
 fn images_may_be_limited_further() {
     let limits = |image_pixels| Limits { image_pixels, ..Limits::default() };
-    assert!(arm().validate_within(&limits(8 * 16)).is_ok());
-    let problem = arm().validate_within(&limits(8 * 16 - 1)).unwrap_err().to_string();
+    assert!(validate_within(&arm(), &limits(8 * 16)).is_ok());
+    let problem = validate_within(&arm(), &limits(8 * 16 - 1)).unwrap_err().to_string();
     assert!(problem.contains("cameras[0]: 128 pixels"), "{problem}");
 }

@@ -13,7 +13,7 @@ use super::{EpisodeWriter, add_channel, timestamp};
 use crate::error::RecordingError;
 use crate::image::encode_jpeg;
 use crate::picture::Channel;
-use crate::spec::CameraSpec;
+use gleaner_core::CameraSpec;
 
 const JPEG_QUALITY: u8 = 92;
 

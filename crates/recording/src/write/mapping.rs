@@ -1,6 +1,6 @@
 //! The topics that the writer uses, and the mapping that reads them.
 
-use crate::spec::{CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
+use gleaner_core::{CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec};
 
 pub(super) const STATE_TOPIC: &str = "/robot/state";
 pub(crate) const ACTION_TOPIC: &str = "/robot/action";

@@ -8,7 +8,7 @@ use super::images::Kept;
 use crate::error::RecordingError;
 use crate::image::{PixelFormat, codec_name, decode_color, decode_depth, without_ros_prefix};
 use crate::picture::Channel;
-use crate::spec::CameraSpec;
+use gleaner_core::CameraSpec;
 
 /// One image as it came.
 #[derive(Clone, Copy, Debug)]

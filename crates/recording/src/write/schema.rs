@@ -8,7 +8,7 @@ use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, Value};
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet, Timestamp};
 
-use crate::spec::FieldSpec;
+use gleaner_core::FieldSpec;
 
 const TIMESTAMP_FILE: &str = "google/protobuf/timestamp.proto";
 

@@ -4,7 +4,7 @@ use std::io::Cursor;
 
 use super::*;
 use crate::read::read_episode;
-use crate::spec::tests::arm;
+use crate::testing::arm;
 
 /// Name and descriptors of the small test task's state message.
 pub(crate) fn state_schema() -> (String, Vec<u8>) {

@@ -17,6 +17,19 @@ pub fn compatible(spec: &TaskSpec) -> Result<(Task, SimConfig), SimError> {
     Ok((task, compatible_with(task, spec)?))
 }
 
+/// The simulator's task of that name, or of the specification's own if it is empty, with its settings for this
+/// specification.
+///
+/// # Errors
+/// As [`compatible`].
+pub fn simulated(spec: &TaskSpec, simulation: &str) -> Result<(Task, SimConfig), SimError> {
+    if simulation.is_empty() {
+        return compatible(spec);
+    }
+    let task: Task = simulation.parse()?;
+    Ok((task, compatible_with(task, spec)?))
+}
+
 /// The settings with which a simulated task gives the observations and takes the actions of a specification,
 /// whatever its name. The step limit is the default one.
 ///

@@ -19,7 +19,7 @@ use crate::config::SimConfig;
 use crate::error::SimError;
 use crate::world::{RATE_HZ, World};
 
-pub use compatible::{compatible, compatible_with};
+pub use compatible::{compatible, compatible_with, simulated};
 pub use pick_cube::GOAL_RADIUS;
 pub(crate) use referee::Referee;
 
@@ -160,7 +160,7 @@ mod tests {
     fn each_specification_is_sound_and_fits_the_values() {
         for (task, size) in [(Task::PickCube, 15), (Task::StackCube, 9)] {
             let spec = task_spec(task, &SimConfig::default());
-            spec.validate().unwrap();
+            gleaner_recording::validate(&spec).unwrap();
             assert_eq!(spec.action_size(), ACTION_SIZE);
             let world = (task.rules().begin)(&mut ChaCha8Rng::seed_from_u64(1));
             assert_eq!(proprioception(&world).len(), size);

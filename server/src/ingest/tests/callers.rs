@@ -8,7 +8,7 @@ use super::{super::testing::playing_with, *};
 use crate::{
     domain::{
         client::Client,
-        episode::{InspectedEpisode, Upload},
+        episode::{InspectedEpisode, NewUpload, Upload},
     },
     error::Result,
 };

@@ -9,6 +9,7 @@ use bytes::Bytes;
 use futures::{Stream, StreamExt as _, stream};
 
 use super::*;
+use crate::domain::episode::Outcome;
 use crate::ingest::{
     Chunk, Declared,
     testing::{USABLE, playing},

@@ -1,0 +1,224 @@
+//! The one error of the server: what kind, what to tell, what caused it.
+//!
+//! Knows no status code: `wire::status` holds that table. A message is for the caller; a source is for the log.
+
+use std::{
+    error::Error as StdError,
+    io::ErrorKind,
+    panic::{AssertUnwindSafe, catch_unwind},
+};
+
+/// What a caller can do about an error. One row each in `wire::status`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// The request is wrong: mend the named field.
+    Invalid,
+    /// Nobody knows who asks: no token, or none that is good.
+    Unauthenticated,
+    /// Who asks may not.
+    Forbidden,
+    /// What the request names is not there.
+    NotFound,
+    /// What the request would make is there already.
+    Exists,
+    /// The request is right but comes at the wrong time.
+    Precondition,
+    /// A limit is reached.
+    Exhausted,
+    /// The caller or the server gave up on purpose.
+    Cancelled,
+    /// It did not come in time.
+    Late,
+    /// Something is not ready or going away: try again.
+    Unavailable,
+    /// Our fault. The message stays in the log.
+    Internal,
+}
+
+/// An error with its kind, a message for the caller and, for the log, its cause.
+#[derive(Debug)]
+pub struct Error {
+    kind: Kind,
+    message: String,
+    source: Option<Box<dyn StdError + Send + Sync>>,
+}
+
+/// What every fallible call of the server returns.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// The request is wrong. `field` is its path in the request; `mend` says what is wrong and what to do.
+    pub fn invalid(field: &str, mend: impl std::fmt::Display) -> Self {
+        Self::new(Kind::Invalid, format!("{field}: {mend}"))
+    }
+
+    /// Nobody knows who asks; the message says how to tell.
+    pub fn unauthenticated(message: impl Into<String>) -> Self {
+        Self::new(Kind::Unauthenticated, message)
+    }
+
+    /// Who asks may not; the message says what is needed.
+    pub fn forbidden(message: impl Into<String>) -> Self {
+        Self::new(Kind::Forbidden, message)
+    }
+
+    /// Nothing called `what` has this name or id.
+    pub fn not_found(what: &str, id: impl std::fmt::Display) -> Self {
+        Self::new(Kind::NotFound, format!("no {what} {id}"))
+    }
+
+    /// It is there already; the message says where and what to do.
+    pub fn exists(message: impl Into<String>) -> Self {
+        Self::new(Kind::Exists, message)
+    }
+
+    /// Not now; the message says what must come first.
+    pub fn precondition(message: impl Into<String>) -> Self {
+        Self::new(Kind::Precondition, message)
+    }
+
+    /// A limit is reached; the message names it.
+    pub fn exhausted(message: impl Into<String>) -> Self {
+        Self::new(Kind::Exhausted, message)
+    }
+
+    /// Given up on purpose.
+    pub fn cancelled(message: impl Into<String>) -> Self {
+        Self::new(Kind::Cancelled, message)
+    }
+
+    /// Not in time; the message says what was waited for.
+    pub fn late(message: impl Into<String>) -> Self {
+        Self::new(Kind::Late, message)
+    }
+
+    /// Not ready, or going away.
+    pub fn unavailable(message: impl Into<String>) -> Self {
+        Self::new(Kind::Unavailable, message)
+    }
+
+    /// Our fault. `doing` says what was being done. A disk that takes nothing more is nobody's fault: then it is a limit
+    /// that is reached.
+    pub fn internal(doing: impl Into<String>, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
+        let (doing, source) = (doing.into(), source.into());
+        match refusal(source.as_ref()) {
+            Some(why) => Self::refused_by_disk(why, &doing, source),
+            None => Self { kind: Kind::Internal, message: doing, source: Some(source) },
+        }
+    }
+
+    /// The disk takes nothing more: `why`, for the caller; `doing` and the source are for the log.
+    pub fn refused_by_disk(why: &str, doing: &str, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
+        let source: Box<dyn StdError + Send + Sync> = source.into();
+        Self { kind: Kind::Exhausted, message: why.to_owned(), source: Some(format!("{doing}: {source}").into()) }
+    }
+
+    fn new(kind: Kind, message: impl Into<String>) -> Self {
+        Self { kind, message: message.into(), source: None }
+    }
+
+    /// What kind of error this is.
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
+
+    /// The message, as the caller sees it (unless internal).
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+}
+
+impl std::fmt::Display for Error {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.message)?;
+        if let Some(source) = &self.source {
+            write!(f, ": {source}")?;
+        }
+        Ok(())
+    }
+}
+
+impl StdError for Error {
+    fn source(&self) -> Option<&(dyn StdError + 'static)> {
+        self.source.as_deref().map(|source| source as _)
+    }
+}
+
+/// What the caller hears of a disk that is full or cannot be written.
+pub const DISK_FULL: &str =
+    "the server's disk is full: nothing was kept of this request. Free some space there, then try again";
+/// Likewise of one that is read-only.
+pub const DISK_READ_ONLY: &str =
+    "the server's disk cannot be written: nothing was kept of this request. Once that is mended, try again";
+
+/// The message for a write beyond the largest file that the process or the file system allows.
+pub const FILE_TOO_LARGE: &str = "a file of the server has reached the largest size that its process or its file \
+     system allows: nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or use \
+     another file system, then try again";
+
+/// Whether the disk refused, somewhere down the causes of an error.
+fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static str> {
+    let mut cause: Option<&(dyn StdError + 'static)> = Some(error);
+    while let Some(error) = cause {
+        match error.downcast_ref::<std::io::Error>().map(std::io::Error::kind) {
+            Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded) => return Some(DISK_FULL),
+            Some(ErrorKind::FileTooLarge) => return Some(FILE_TOO_LARGE),
+            Some(ErrorKind::ReadOnlyFilesystem) => return Some(DISK_READ_ONLY),
+            // One that carries another says its own cause.
+            Some(_) | None => cause = error.source(),
+        }
+    }
+    None
+}
+
+/// Runs `work` and turns a panic into an error: a fault of one call must not end the thread that serves all.
+///
+/// # Errors
+/// What `work` says; Internal when it panics.
+pub fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    // What the work had borrowed is only read, so nothing half-written is seen after a panic.
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let text = panic
+            .downcast_ref::<String>()
+            .map(String::as_str)
+            .or_else(|| panic.downcast_ref::<&str>().copied())
+            .unwrap_or("a panic without a message");
+        Err(Error::internal(doing, text))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+
+    use super::*;
+
+    /// As an error of another crate carries one.
+    #[derive(Debug, thiserror::Error)]
+    #[error("writing the episode")]
+    struct Outer(#[source] io::Error);
+
+    #[test]
+    fn a_disk_that_takes_nothing_is_a_limit_whoever_says_so() {
+        for (number, told) in [(28, DISK_FULL), (122, DISK_FULL), (27, FILE_TOO_LARGE), (30, DISK_READ_ONLY)] {
+            let refused = || io::Error::from_raw_os_error(number);
+            let wrapped = io::Error::other(Outer(refused()));
+            for error in [
+                Error::internal("writing a file", refused()),
+                Error::internal("writing a file", Outer(refused())),
+                Error::internal("writing a file", Outer(wrapped)),
+            ] {
+                assert_eq!((error.kind(), error.message()), (Kind::Exhausted, told));
+                assert!(error.to_string().contains("writing a file: "), "the log says what was done: {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn other_faults_are_ours() {
+        for number in [5, 13, 2] {
+            let error = Error::internal("reading a file", io::Error::from_raw_os_error(number));
+            assert_eq!((error.kind(), error.message()), (Kind::Internal, "reading a file"));
+        }
+    }
+}

@@ -1,0 +1,252 @@
+//! Jobs: their kinds, specs and legal moves.
+
+use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
+
+use super::{
+    id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, ScoreRunId, SnapshotId, TaskId},
+    time::Millis,
+};
+
+/// What a job does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JobKind {
+    /// Makes an encoder.
+    Pretrain,
+    /// Makes a score run.
+    Score,
+    /// Makes a policy.
+    Train,
+    /// Makes an export.
+    Export,
+    /// Makes an evaluation.
+    Evaluate,
+}
+
+impl JobKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::Pretrain, Self::Score, Self::Train, Self::Export, Self::Evaluate];
+
+    /// Reads the word kept in rows.
+    pub fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.as_str() == word)
+    }
+
+    /// The word kept in rows.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Pretrain => "pretrain",
+            Self::Score => "score",
+            Self::Train => "train",
+            Self::Export => "export",
+            Self::Evaluate => "evaluate",
+        }
+    }
+}
+
+/// Where a job stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JobState {
+    /// Waits for its dependencies or for a worker.
+    Queued,
+    /// A worker has it.
+    Running,
+    /// Its result is there.
+    Succeeded,
+    /// It gave up; its error says why.
+    Failed,
+    /// Somebody cancelled it.
+    Cancelled,
+}
+
+impl JobState {
+    /// Every state.
+    pub const ALL: [Self; 5] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Cancelled];
+
+    /// The word kept in rows.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Succeeded => "succeeded",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    /// Reads the word kept in rows.
+    pub fn from_word(word: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|state| state.as_str() == word)
+    }
+
+    /// Whether nothing can follow.
+    pub fn ended(self) -> bool {
+        match self {
+            Self::Succeeded | Self::Failed | Self::Cancelled => true,
+            Self::Queued | Self::Running => false,
+        }
+    }
+
+    /// The one place that knows the legal moves. A running job goes back to queued for another attempt.
+    pub fn may_become(self, next: Self) -> bool {
+        match (self, next) {
+            (Self::Queued, Self::Running | Self::Cancelled | Self::Failed)
+            | (Self::Running, Self::Queued | Self::Succeeded | Self::Failed | Self::Cancelled) => true,
+            (Self::Queued, Self::Queued | Self::Succeeded)
+            | (Self::Running, Self::Running)
+            | (Self::Succeeded | Self::Failed | Self::Cancelled, _) => false,
+        }
+    }
+}
+
+/// What a job is to do, complete: kept in its row as JSON.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case")]
+pub enum JobSpec {
+    /// Self-supervised pretraining on a snapshot.
+    Pretrain {
+        /// D_u = D_e ∪ D_i.
+        snapshot_id: SnapshotId,
+        /// Everything else.
+        spec: PretrainSpec,
+    },
+    /// Quality scores of a snapshot's imperfect episodes.
+    Score {
+        /// Whose features are compared.
+        encoder_id: EncoderId,
+        /// Experts and imperfect episodes.
+        snapshot_id: SnapshotId,
+        /// The finished run it goes on from, if any.
+        #[serde(default)]
+        extends: Option<ScoreRunId>,
+        /// Everything else.
+        spec: ScoreSpec,
+    },
+    /// Weighted behaviour cloning.
+    Train {
+        /// Where training begins; `None` from scratch.
+        encoder_id: Option<EncoderId>,
+        /// The experts' snapshot.
+        snapshot_id: SnapshotId,
+        /// Kept segments; `None` for experts alone.
+        dataset_id: Option<DatasetId>,
+        /// Everything else.
+        spec: TrainSpec,
+    },
+    /// Files from a dataset, as MCAP.
+    Export {
+        /// What to export.
+        dataset_id: DatasetId,
+    },
+    /// Closed-loop trials in the embedded simulator.
+    Evaluate {
+        /// What to evaluate.
+        policy_id: PolicyId,
+        /// Everything else.
+        spec: EvaluateSpec,
+    },
+}
+
+impl JobSpec {
+    /// What this spec makes.
+    pub fn kind(&self) -> JobKind {
+        match self {
+            Self::Pretrain { .. } => JobKind::Pretrain,
+            Self::Score { .. } => JobKind::Score,
+            Self::Train { .. } => JobKind::Train,
+            Self::Export { .. } => JobKind::Export,
+            Self::Evaluate { .. } => JobKind::Evaluate,
+        }
+    }
+
+    /// The snapshot it names, if it does.
+    pub fn snapshot_id(&self) -> Option<&SnapshotId> {
+        match self {
+            Self::Pretrain { snapshot_id, .. } | Self::Score { snapshot_id, .. } | Self::Train { snapshot_id, .. } => {
+                Some(snapshot_id)
+            }
+            Self::Export { .. } | Self::Evaluate { .. } => None,
+        }
+    }
+}
+
+/// A queued unit of work.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Job {
+    /// Its id.
+    pub id: JobId,
+    /// Its task.
+    pub task_id: TaskId,
+    /// What to do.
+    pub spec: JobSpec,
+    /// Where it stands.
+    pub state: JobState,
+    /// Higher runs first.
+    pub priority: i32,
+    /// The id its result has or will have (encoder, score run, policy, export or evaluation).
+    pub result_id: String,
+    /// Progress, out of `total`.
+    pub done: u64,
+    /// What `done` counts up to; 0 while unknown.
+    pub total: u64,
+    /// What it is doing.
+    pub message: String,
+    /// Why it failed.
+    pub error: String,
+    /// Which attempt this is; 0 before the first.
+    pub attempt: u32,
+    /// How many attempts it gets.
+    pub max_attempts: u32,
+    /// Somebody asked it to stop.
+    pub cancel_requested: bool,
+    /// Blob to resume from.
+    pub checkpoint: Option<BlobId>,
+    /// The step after which that blob was written.
+    pub checkpoint_step: Option<u64>,
+    /// Most memory its worker has held, in bytes.
+    pub peak_memory_bytes: u64,
+    /// The jobs it waits for.
+    pub needs: Vec<JobId>,
+    /// The caller's own name for it, or empty.
+    pub key: String,
+    /// When it was submitted.
+    pub created_at: Millis,
+    /// When its newest attempt began.
+    pub started_at: Option<Millis>,
+    /// When it ended.
+    pub ended_at: Option<Millis>,
+}
+
+/// One value that a job reported.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Metric {
+    /// Order of arrival; `watch` goes on after it.
+    pub sequence: i64,
+    /// The job's step.
+    pub step: u64,
+    /// For example `loss_mtp`.
+    pub name: String,
+    /// Its value.
+    pub value: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_has_ended_stays_ended() {
+        for state in JobState::ALL {
+            for next in JobState::ALL {
+                if state.ended() {
+                    assert!(!state.may_become(next), "{state:?} became {next:?}");
+                }
+            }
+            assert_eq!(JobState::from_word(state.as_str()), Some(state));
+        }
+        for kind in JobKind::ALL {
+            assert_eq!(JobKind::from_word(kind.as_str()), Some(kind));
+        }
+        assert!(JobState::Running.may_become(JobState::Queued));
+        assert!(!JobState::Queued.may_become(JobState::Succeeded));
+    }
+}

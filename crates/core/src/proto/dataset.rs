@@ -1,0 +1,85 @@
+//! Datasets, segments and exports on the wire.
+
+use gleaner_proto::v1;
+
+use super::{field, score};
+use crate::{
+    dataset::{Dataset, DatasetCounts, ExportFile},
+    error::Result,
+    id::{DatasetId, ExportId, ScoreRunId},
+    selection::Selection,
+};
+
+/// What to stream of a dataset.
+pub struct SegmentsRequest {
+    /// The dataset.
+    pub dataset_id: DatasetId,
+    /// Whether the frames are sent too.
+    pub include_frames: bool,
+    /// Whether only kept segments are sent.
+    pub kept_only: bool,
+}
+
+/// Reads the id of a dataset.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn dataset_id(text: &str) -> Result<DatasetId> {
+    DatasetId::parse("dataset_id", text)
+}
+
+/// Reads the id of an export.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn export_id(text: &str) -> Result<ExportId> {
+    ExportId::parse("export_id", text)
+}
+
+/// Reads the run and the selection of a new dataset.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn create_request(request: v1::CreateDatasetRequest) -> Result<(ScoreRunId, Selection)> {
+    let v1::CreateDatasetRequest { score_run_id, selection } = request;
+    Ok((score::score_run_id(&score_run_id)?, score::selection_from_proto("selection", selection)?))
+}
+
+/// Reads which segments to stream.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn segments_request(request: v1::StreamSegmentsRequest) -> Result<SegmentsRequest> {
+    let v1::StreamSegmentsRequest { dataset_id: id, include_frames, kept_only } = request;
+    Ok(SegmentsRequest { dataset_id: dataset_id(&id)?, include_frames, kept_only })
+}
+
+/// Reads the export and the name of one of its files.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn download_request(request: v1::DownloadExportFileRequest) -> Result<(ExportId, String)> {
+    let v1::DownloadExportFileRequest { export_id: id, name } = request;
+    Ok((export_id(&id)?, field::text("name", name)?))
+}
+
+/// A dataset with its counts, if they are known.
+pub fn dataset(dataset: Dataset, counts: Option<DatasetCounts>) -> v1::Dataset {
+    let Dataset { id, task_id, score_run_id, selection, created_at } = dataset;
+    v1::Dataset {
+        id: id.into(),
+        task_id: task_id.into(),
+        score_run_id: score_run_id.into(),
+        selection: Some(score::selection_to_proto(selection)),
+        kept_segments: counts.map(|counts| counts.kept_segments),
+        kept_episodes: counts.map(|counts| counts.kept_episodes),
+        expert_segments: counts.map(|counts| counts.expert_segments),
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+/// A file of an export.
+pub fn export_file(file: ExportFile) -> v1::ExportFile {
+    let ExportFile { name, blob, size_bytes } = file;
+    v1::ExportFile { name, size_bytes, blake3: blob.into() }
+}

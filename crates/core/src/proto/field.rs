@@ -1,0 +1,37 @@
+//! Reading single fields of a request: what is missing, empty or out of range is named with its mend.
+
+use prost_types::Timestamp;
+
+pub use crate::tag::tag;
+use crate::{
+    error::{Error, Result},
+    time::Millis,
+};
+
+/// A message field that must be set.
+pub fn required<T>(field: &str, value: Option<T>) -> Result<T> {
+    value.ok_or_else(|| Error::invalid(field, "must be set"))
+}
+
+/// A text that must not be empty, nor longer than 255 bytes, nor hold control characters.
+pub fn text(field: &str, value: String) -> Result<String> {
+    if value.is_empty() {
+        return Err(Error::invalid(field, "must not be empty"));
+    }
+    tag(field, value)
+}
+
+/// A page size: 0 means 100, more than 1000 is refused.
+pub fn page_size(value: u32) -> Result<u32> {
+    match value {
+        0 => Ok(100),
+        1..=1000 => Ok(value),
+        _ => Err(Error::invalid("page_size", "must be at most 1000")),
+    }
+}
+
+/// A point in time for the wire.
+pub fn timestamp(time: Millis) -> Timestamp {
+    let nanos = i32::try_from(time.0.rem_euclid(1000) * 1_000_000).unwrap_or(0);
+    Timestamp { seconds: time.0.div_euclid(1000), nanos }
+}

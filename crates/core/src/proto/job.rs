@@ -1,0 +1,204 @@
+//! Jobs and metrics on the wire.
+
+use gleaner_proto::v1;
+
+use super::{field, order};
+use crate::{
+    error::{Error, Result},
+    id::JobId,
+    job::{Job, JobKind, JobState, Metric},
+    order::{JobOrder, Queueing},
+    schedule::PipelineSpec,
+};
+
+/// More attempts than this help nobody.
+const MAX_ATTEMPTS: u32 = 100;
+/// Most jobs to wait for.
+const MAX_NEEDS: usize = 100;
+/// Longest key, in characters.
+const LONGEST_KEY: usize = 200;
+
+/// Reads a job's id.
+pub fn job_id(text: &str) -> Result<JobId> {
+    JobId::parse("job_id", text)
+}
+
+/// The task's name or id, what to do, and how to queue it.
+///
+/// # Errors
+/// Invalid names the field and the mend.
+pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
+    let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts, key } = request;
+    if needs.len() > MAX_NEEDS {
+        return Err(Error::invalid("needs", format!("are {}, must be at most {MAX_NEEDS}", needs.len())));
+    }
+    let needs =
+        needs.iter().enumerate().map(|(i, id)| JobId::parse(&format!("needs[{i}]"), id)).collect::<Result<_>>()?;
+    if max_attempts.is_some_and(|attempts| attempts == 0 || attempts > MAX_ATTEMPTS) {
+        return Err(Error::invalid("max_attempts", format!("must be between 1 and {MAX_ATTEMPTS}")));
+    }
+    if key.chars().count() > LONGEST_KEY || key.chars().any(char::is_control) {
+        return Err(Error::invalid("key", format!("must be at most {LONGEST_KEY} characters, none of them control")));
+    }
+    Ok((field::text("task", task)?, order::order(spec)?, Queueing { priority, needs, max_attempts, key }))
+}
+
+/// The task's name or id, the pipeline, and the priority of its jobs.
+///
+/// # Errors
+/// Invalid names the field and the mend.
+pub fn pipeline_request(request: v1::SubmitPipelineRequest) -> Result<(String, PipelineSpec, i32)> {
+    let v1::SubmitPipelineRequest { task, pipeline, priority } = request;
+    Ok((field::text("task", task)?, order::pipeline(pipeline)?, priority))
+}
+
+/// Which page of which jobs.
+pub struct ListRequest {
+    /// The task's name or id; empty: every task.
+    pub task: String,
+    /// Only in this state.
+    pub state: Option<JobState>,
+    /// Jobs on the page.
+    pub size: u32,
+    /// Where the page begins.
+    pub before: Option<JobId>,
+}
+
+/// Reads which jobs to list.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn list_request(request: v1::ListJobsRequest) -> Result<ListRequest> {
+    let v1::ListJobsRequest { task, state, page_size, page_token } = request;
+    let before = if page_token.is_empty() { None } else { Some(JobId::parse("page_token", &page_token)?) };
+    Ok(ListRequest { task, state: state_from(state)?, size: field::page_size(page_size)?, before })
+}
+
+fn state_from(state: i32) -> Result<Option<JobState>> {
+    match v1::JobState::try_from(state) {
+        Ok(v1::JobState::Unspecified) => Ok(None),
+        Ok(v1::JobState::Queued) => Ok(Some(JobState::Queued)),
+        Ok(v1::JobState::Running) => Ok(Some(JobState::Running)),
+        Ok(v1::JobState::Succeeded) => Ok(Some(JobState::Succeeded)),
+        Ok(v1::JobState::Failed) => Ok(Some(JobState::Failed)),
+        Ok(v1::JobState::Cancelled) => Ok(Some(JobState::Cancelled)),
+        Err(_) => Err(Error::invalid("state", "is none that this server knows")),
+    }
+}
+
+/// A job.
+pub fn job(job: Job) -> v1::Job {
+    let kind = match job.spec.kind() {
+        JobKind::Pretrain => v1::JobKind::Pretrain,
+        JobKind::Score => v1::JobKind::Score,
+        JobKind::Train => v1::JobKind::Train,
+        JobKind::Export => v1::JobKind::Export,
+        JobKind::Evaluate => v1::JobKind::Evaluate,
+    };
+    let Job {
+        id,
+        task_id,
+        spec,
+        state,
+        priority,
+        result_id,
+        done,
+        total,
+        message,
+        error,
+        attempt,
+        max_attempts,
+        cancel_requested: _,
+        checkpoint: _,
+        checkpoint_step: _,
+        peak_memory_bytes,
+        needs,
+        created_at,
+        started_at,
+        ended_at,
+        key,
+    } = job;
+    v1::Job {
+        id: id.into(),
+        task_id: task_id.into(),
+        spec: Some(order::spec_to_proto(spec)),
+        kind: kind.into(),
+        state: state_to(state).into(),
+        priority,
+        done,
+        total,
+        message,
+        error,
+        result_id,
+        needs: needs.into_iter().map(Into::into).collect(),
+        attempt,
+        max_attempts,
+        create_time: Some(field::timestamp(created_at)),
+        start_time: started_at.map(field::timestamp),
+        end_time: ended_at.map(field::timestamp),
+        peak_memory_bytes,
+        key,
+    }
+}
+
+fn state_to(state: JobState) -> v1::JobState {
+    match state {
+        JobState::Queued => v1::JobState::Queued,
+        JobState::Running => v1::JobState::Running,
+        JobState::Succeeded => v1::JobState::Succeeded,
+        JobState::Failed => v1::JobState::Failed,
+        JobState::Cancelled => v1::JobState::Cancelled,
+    }
+}
+
+/// A metric.
+pub fn metric(metric: Metric) -> v1::Metric {
+    let Metric { sequence: _, step, name, value } = metric;
+    v1::Metric { step, name, value }
+}
+
+/// How a job stands, and what is new.
+pub fn watched((now, metrics): (Job, Vec<Metric>)) -> v1::WatchJobResponse {
+    v1::WatchJobResponse { job: Some(job(now)), metrics: metrics.into_iter().map(metric).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_state_has_its_word_on_the_wire() {
+        for state in JobState::ALL {
+            assert_eq!(state_from(state_to(state).into()).unwrap(), Some(state));
+        }
+        assert_eq!(state_from(0).unwrap(), None);
+        assert!(state_from(99).unwrap_err().message().starts_with("state: "));
+    }
+
+    #[test]
+    fn a_wrong_way_of_queueing_is_named() {
+        let spec = Some(v1::JobSpec { spec: Some(v1::job_spec::Spec::Pretrain(v1::PretrainSpec::default())) });
+        let request = v1::SubmitJobRequest { task: "reach".into(), spec, ..v1::SubmitJobRequest::default() };
+        let (task, _, queueing) = submit_request(request.clone()).unwrap();
+        assert_eq!((task.as_str(), queueing.priority, queueing.max_attempts), ("reach", 0, None));
+
+        let refusal = |request| submit_request(request).unwrap_err().message().to_owned();
+        let needs = vec![JobId::new().into(), "ep_x".into()];
+        assert!(refusal(v1::SubmitJobRequest { needs, ..request.clone() }).starts_with("needs[1]: "));
+        let needs = vec![JobId::new().into(); 101];
+        assert!(refusal(v1::SubmitJobRequest { needs, ..request.clone() }).starts_with("needs: are 101"));
+        assert!(
+            refusal(v1::SubmitJobRequest { max_attempts: Some(0), ..request.clone() }).starts_with("max_attempts: ")
+        );
+        for key in ["ü".repeat(201), "a\nb".into()] {
+            assert!(refusal(v1::SubmitJobRequest { key, ..request.clone() }).starts_with("key: "));
+        }
+        let longest = v1::SubmitJobRequest { key: "ü".repeat(200), ..request.clone() };
+        assert_eq!(submit_request(longest).unwrap().2.key.chars().count(), 200);
+        assert!(refusal(v1::SubmitJobRequest { task: String::new(), ..request }).starts_with("task: "));
+
+        let list = |request| list_request(request).err().unwrap().message().to_owned();
+        assert!(list(v1::ListJobsRequest { page_size: 1001, ..Default::default() }).starts_with("page_size: "));
+        assert!(list(v1::ListJobsRequest { page_token: "x".into(), ..Default::default() }).starts_with("page_token: "));
+    }
+}

@@ -1,0 +1,176 @@
+//! Policies, deployments and observations on the wire.
+
+use std::time::Duration;
+
+use gleaner_proto::v1;
+
+use super::field;
+use crate::{
+    error::{Error, Result},
+    id::{PolicyId, ScoreRunId},
+    observation::{Acted, CameraFrame, Image, ImageFormat, Observation, Timings},
+    policy::{Deployment, DeploymentChange, Policy},
+};
+
+const NAME_BYTES: usize = 128;
+
+/// A deployment's name, which may become part of a path or an address elsewhere.
+pub fn deployment_name(field: &str, name: String) -> Result<String> {
+    let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-' | '@');
+    if name.is_empty() || name.len() > NAME_BYTES || !name.chars().all(fits) {
+        return Err(Error::invalid(
+            field,
+            format!("must be 1 to {NAME_BYTES} of the characters A-Z a-z 0-9 . _ - @, such as pick_cube@prod"),
+        ));
+    }
+    Ok(name)
+}
+
+/// Reads the name, the policy and the score run to score with, if any.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn deploy_request(request: v1::DeployRequest) -> Result<(String, PolicyId, Option<ScoreRunId>)> {
+    let v1::DeployRequest { name, policy_id, score_run_id } = request;
+    let score_run = (!score_run_id.is_empty()).then(|| ScoreRunId::parse("score_run_id", &score_run_id)).transpose()?;
+    Ok((deployment_name("name", name)?, PolicyId::parse("policy_id", &policy_id)?, score_run))
+}
+
+/// Reads the name of the deployment to roll back.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn roll_back_request(request: v1::RollBackRequest) -> Result<String> {
+    deployment_name("name", request.name)
+}
+
+/// Reads the deployment and the observations to act on.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn act_request(request: v1::ActRequest) -> Result<(String, Vec<Observation>)> {
+    let v1::ActRequest { deployment, observations } = request;
+    let deployment = deployment_name("deployment", deployment)?;
+    let read = |(index, sent)| observation(&format!("observations[{index}]"), sent);
+    Ok((deployment, observations.into_iter().enumerate().map(read).collect::<Result<_>>()?))
+}
+
+/// A deadline in microseconds; 0 means none.
+pub fn deadline(micros: u32) -> Option<Duration> {
+    (micros > 0).then(|| Duration::from_micros(micros.into()))
+}
+
+/// Reads one observation at `path` of the request.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn observation(path: &str, sent: v1::Observation) -> Result<Observation> {
+    let v1::Observation { stamp_ns, cameras, proprioception, executed_action, deadline_us } = sent;
+    let read = |(index, frame)| camera_frame(&format!("{path}.cameras[{index}]"), frame);
+    Ok(Observation {
+        stamp_ns,
+        cameras: cameras.into_iter().enumerate().map(read).collect::<Result<_>>()?,
+        proprioception,
+        executed_action,
+        deadline: deadline(deadline_us),
+    })
+}
+
+fn camera_frame(path: &str, sent: v1::CameraFrame) -> Result<CameraFrame> {
+    let v1::CameraFrame { camera, color, depth } = sent;
+    let read =
+        |name: &str, sent: Option<v1::Image>| sent.map(|sent| image(&format!("{path}.{name}"), sent)).transpose();
+    Ok(CameraFrame { camera, color: read("color", color)?, depth: read("depth", depth)? })
+}
+
+fn image(path: &str, sent: v1::Image) -> Result<Image> {
+    let v1::Image { format, data } = sent;
+    let format = match v1::ImageFormat::try_from(format) {
+        Ok(v1::ImageFormat::Unspecified) => ImageFormat::Any,
+        Ok(v1::ImageFormat::Jpeg) => ImageFormat::Jpeg,
+        Ok(v1::ImageFormat::Png) => ImageFormat::Png,
+        Ok(v1::ImageFormat::Raw) => ImageFormat::Raw,
+        Err(_) => {
+            return Err(Error::invalid(
+                &format!("{path}.format"),
+                format!("{format} is unknown; use JPEG, PNG or RAW"),
+            ));
+        }
+    };
+    Ok(Image { format, data })
+}
+
+/// A policy.
+pub fn policy(policy: Policy) -> v1::Policy {
+    let Policy { id, task_id, job_id, kind, encoder_id, dataset_id, checkpoint: _, created_at } = policy;
+    v1::Policy {
+        id: id.into(),
+        task_id: task_id.into(),
+        kind,
+        encoder_id: encoder_id.map(Into::into).unwrap_or_default(),
+        dataset_id: dataset_id.map(Into::into).unwrap_or_default(),
+        job_id: job_id.into(),
+        create_time: Some(field::timestamp(created_at)),
+    }
+}
+
+/// A deployment with its history.
+pub fn deployment(deployment: Deployment) -> v1::Deployment {
+    let policy_id = deployment.policy_id().map(ToString::to_string).unwrap_or_default();
+    let score_run_id = deployment.score_run_id().map(ToString::to_string).unwrap_or_default();
+    let Deployment { name, task_id, history } = deployment;
+    let change = |change| {
+        let DeploymentChange { policy_id, score_run_id, since } = change;
+        v1::DeploymentChange {
+            policy_id: policy_id.into(),
+            deploy_time: Some(field::timestamp(since)),
+            score_run_id: score_run_id.map(Into::into).unwrap_or_default(),
+        }
+    };
+    let history = history.into_iter().map(change).collect();
+    v1::Deployment { name, task_id: task_id.into(), policy_id, history, score_run_id }
+}
+
+/// The actions of a policy, with the time they took.
+pub fn act_response(acted: Acted) -> v1::ActResponse {
+    let Acted { stamp_ns, actions, policy_id, timings: spent } = acted;
+    v1::ActResponse {
+        observation_stamp_ns: stamp_ns,
+        actions: action_steps(actions),
+        policy_id: policy_id.into(),
+        timings: Some(timings(spent)),
+    }
+}
+
+/// Actions, one list of values for each step.
+pub fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
+    actions.into_iter().map(|values| v1::ActionStep { values }).collect()
+}
+
+/// The time that the parts of an answer took.
+pub fn timings(spent: Timings) -> v1::Timings {
+    let Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size } = spent;
+    v1::Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_narrow() {
+        assert_eq!(deployment_name("name", "pick_cube@prod".into()).unwrap(), "pick_cube@prod");
+        for bad in ["", "a b", "../x", "ö", &"x".repeat(129)] {
+            assert!(deployment_name("name", bad.into()).unwrap_err().message().starts_with("name: "), "{bad}");
+        }
+    }
+
+    #[test]
+    fn an_unknown_image_format_is_named_by_its_path() {
+        let color = Some(v1::Image { format: 9, data: Default::default() });
+        let frame = v1::CameraFrame { camera: "top".into(), color, depth: None };
+        let observations = vec![v1::Observation { cameras: vec![frame], ..Default::default() }];
+        let error = act_request(v1::ActRequest { deployment: "d".into(), observations }).unwrap_err();
+        assert!(error.message().starts_with("observations[0].cameras[0].color.format: "), "{error}");
+    }
+}

@@ -1,0 +1,145 @@
+//! Schedules on the wire.
+
+use gleaner_proto::v1;
+
+use super::{field, order};
+use crate::{
+    error::{Error, Result},
+    id::{ScheduleId, TaskId},
+    schedule::{PipelineSpec, Schedule, Trigger},
+    time::Millis,
+};
+
+/// Reads a schedule's id.
+pub fn schedule_id(text: &str) -> Result<ScheduleId> {
+    ScheduleId::parse("schedule_id", text)
+}
+
+/// A schedule to be made, without its task.
+#[derive(Debug)]
+pub struct NewSchedule {
+    name: String,
+    trigger: Trigger,
+    pipeline: PipelineSpec,
+    next_run_at: Option<Millis>,
+}
+
+impl NewSchedule {
+    /// The schedule, for this task.
+    pub fn of(self, task_id: TaskId) -> Schedule {
+        let Self { name, trigger, pipeline, next_run_at } = self;
+        Schedule {
+            id: ScheduleId::new(),
+            task_id,
+            name,
+            trigger,
+            pipeline,
+            paused: false,
+            next_run_at,
+            last_run_at: None,
+            label_mark: 0,
+            labelled_since: 0,
+            last_error: String::new(),
+        }
+    }
+}
+
+/// The task's name or id, and the schedule to make; cron counts from `now`.
+///
+/// # Errors
+/// Invalid names the field and the mend.
+pub fn create_request(request: v1::CreateScheduleRequest, now: Millis) -> Result<(String, NewSchedule)> {
+    let v1::CreateScheduleRequest { task, name, trigger, pipeline } = request;
+    let trigger = match trigger {
+        Some(v1::create_schedule_request::Trigger::Cron(expression)) => Trigger::Cron(field::text("cron", expression)?),
+        Some(v1::create_schedule_request::Trigger::LabelledEpisodes(0)) => {
+            return Err(Error::invalid("labelled_episodes", "must be at least 1"));
+        }
+        Some(v1::create_schedule_request::Trigger::LabelledEpisodes(episodes)) => Trigger::LabelledEpisodes(episodes),
+        None => return Err(Error::invalid("trigger", "must be set: cron, or labelled_episodes")),
+    };
+    let next_run_at = trigger.next_run("cron", now)?;
+    let pipeline = order::pipeline(pipeline)?;
+    if pipeline.snapshot_id.is_some() {
+        return Err(Error::invalid(
+            "pipeline.pretrain.snapshot_id",
+            "must be left out: each start takes a new snapshot under the rule",
+        ));
+    }
+    let schedule = NewSchedule { name: field::text("name", name)?, trigger, pipeline, next_run_at };
+    Ok((field::text("task", task)?, schedule))
+}
+
+/// A schedule.
+pub fn schedule(schedule: Schedule) -> v1::Schedule {
+    let Schedule {
+        id,
+        task_id,
+        name,
+        trigger,
+        pipeline,
+        paused,
+        next_run_at,
+        last_run_at,
+        label_mark: _,
+        labelled_since,
+        last_error,
+    } = schedule;
+    let by_labels = matches!(trigger, Trigger::LabelledEpisodes(_));
+    let trigger = match trigger {
+        Trigger::Cron(expression) => v1::schedule::Trigger::Cron(expression),
+        Trigger::LabelledEpisodes(episodes) => v1::schedule::Trigger::LabelledEpisodes(episodes),
+    };
+    v1::Schedule {
+        id: id.into(),
+        task_id: task_id.into(),
+        name,
+        trigger: Some(trigger),
+        pipeline: Some(order::pipeline_to_proto(pipeline)),
+        paused,
+        next_run_time: next_run_at.map(field::timestamp),
+        last_run_time: last_run_at.map(field::timestamp),
+        labelled_since: if by_labels { labelled_since } else { 0 },
+        last_error,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn request(trigger: Option<v1::create_schedule_request::Trigger>) -> v1::CreateScheduleRequest {
+        let pipeline = v1::PipelineSpec { pretrain: Some(v1::PretrainSpec::default()), ..v1::PipelineSpec::default() };
+        v1::CreateScheduleRequest { task: "reach".into(), name: "nightly".into(), trigger, pipeline: Some(pipeline) }
+    }
+
+    fn cron(expression: &str) -> Option<v1::create_schedule_request::Trigger> {
+        Some(v1::create_schedule_request::Trigger::Cron(expression.into()))
+    }
+
+    #[test]
+    fn a_schedule_comes_back_as_it_was_made() {
+        let (task, made) = create_request(request(cron("30 2 * * *")), Millis(0)).unwrap();
+        assert_eq!(task, "reach");
+        let shown = schedule(made.of(TaskId::new()));
+        assert_eq!(shown.trigger, Some(v1::schedule::Trigger::Cron("30 2 * * *".into())));
+        assert_eq!(shown.next_run_time.unwrap().seconds, 9_000);
+        assert_eq!((shown.name.as_str(), shown.paused, shown.labelled_since), ("nightly", false, 0));
+    }
+
+    #[test]
+    fn a_wrong_field_is_named() {
+        let refusal = |request| create_request(request, Millis(0)).unwrap_err().message().to_owned();
+        assert!(refusal(request(None)).starts_with("trigger: "));
+        assert!(refusal(request(cron("61 * * * *"))).starts_with("cron: "));
+        let none = v1::create_schedule_request::Trigger::LabelledEpisodes(0);
+        assert!(refusal(request(Some(none))).starts_with("labelled_episodes: "));
+        assert!(
+            refusal(v1::CreateScheduleRequest { name: String::new(), ..request(cron("* * * * *")) })
+                .starts_with("name: ")
+        );
+        let mut fixed = request(cron("* * * * *"));
+        fixed.pipeline.as_mut().unwrap().pretrain.as_mut().unwrap().snapshot_id = crate::id::SnapshotId::new().into();
+        assert!(refusal(fixed).starts_with("pipeline.pretrain.snapshot_id: "));
+    }
+}

@@ -1,0 +1,182 @@
+//! Tasks on the wire: the spec in, the task with its counts out.
+
+use gleaner_proto::v1;
+
+use super::field;
+use crate::{
+    Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec, Mapping, TaskSpec,
+    error::{Error, Result},
+    task::{OutcomeCounts, Task},
+};
+
+/// What a message that a step may follow by is worth when the client says nothing, as a share of a period.
+const TOLERANCE: f64 = 0.25;
+
+/// A specification from its message. Its rules are checked where tasks are created.
+///
+/// # Errors
+/// Invalid under `spec.alignment` when this build does not know the alignment.
+pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
+    let v1::TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
+    Ok(TaskSpec {
+        name,
+        rate_hz,
+        cameras: cameras.into_iter().map(camera_from).collect(),
+        proprioception: proprioception.into_iter().map(field_from).collect(),
+        action: action.into_iter().map(field_from).collect(),
+        alignment: alignment_from(alignment)?,
+        tolerance: tolerance.unwrap_or(TOLERANCE),
+        mappings: mappings.into_iter().map(mapping_from).collect(),
+    })
+}
+
+fn camera_from(camera: v1::CameraSpec) -> CameraSpec {
+    let v1::CameraSpec { name, height, width, depth } = camera;
+    CameraSpec { name, height, width, depth }
+}
+
+fn field_from(field: v1::FieldSpec) -> FieldSpec {
+    let v1::FieldSpec { name, size } = field;
+    FieldSpec { name, size }
+}
+
+fn alignment_from(alignment: i32) -> Result<Alignment> {
+    match v1::Alignment::try_from(alignment) {
+        Ok(v1::Alignment::Unspecified | v1::Alignment::LatestBefore) => Ok(Alignment::LatestBefore),
+        Ok(v1::Alignment::Nearest) => Ok(Alignment::Nearest),
+        Err(_) => Err(Error::invalid("spec.alignment", "is none that this server knows")),
+    }
+}
+
+fn mapping_from(mapping: v1::Mapping) -> Mapping {
+    let v1::Mapping { name, cameras, fields, clock } = mapping;
+    let camera = |source| {
+        let v1::CameraSource { camera, color, depth } = source;
+        CameraSource { camera, color, depth: not_empty(depth) }
+    };
+    let field = |source| {
+        let v1::FieldSource { field, topic, paths, names } = source;
+        FieldSource { field, topic, paths, names }
+    };
+    Mapping {
+        name,
+        cameras: cameras.into_iter().map(camera).collect(),
+        fields: fields.into_iter().map(field).collect(),
+        clock: not_empty(clock),
+    }
+}
+
+fn not_empty(text: String) -> Option<String> {
+    (!text.is_empty()).then_some(text)
+}
+
+/// A task with its episodes counted.
+pub fn task(task: Task, counts: OutcomeCounts) -> v1::Task {
+    let Task { id, spec, created_at } = task;
+    let OutcomeCounts { success, failure, unknown } = counts;
+    v1::Task {
+        id: id.into(),
+        spec: Some(spec_to_proto(spec)),
+        create_time: Some(field::timestamp(created_at)),
+        success_count: success,
+        failure_count: failure,
+        unknown_count: unknown,
+    }
+}
+
+/// A specification as its message.
+#[must_use]
+pub fn spec_to_proto(spec: TaskSpec) -> v1::TaskSpec {
+    let TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
+    let alignment = match alignment {
+        Alignment::LatestBefore => v1::Alignment::LatestBefore,
+        Alignment::Nearest => v1::Alignment::Nearest,
+    };
+    v1::TaskSpec {
+        name,
+        rate_hz,
+        cameras: cameras.into_iter().map(camera_to).collect(),
+        proprioception: proprioception.into_iter().map(field_to).collect(),
+        action: action.into_iter().map(field_to).collect(),
+        alignment: alignment.into(),
+        tolerance: Some(tolerance),
+        mappings: mappings.into_iter().map(mapping_to).collect(),
+    }
+}
+
+fn camera_to(camera: CameraSpec) -> v1::CameraSpec {
+    let CameraSpec { name, height, width, depth } = camera;
+    v1::CameraSpec { name, height, width, depth }
+}
+
+fn field_to(field: FieldSpec) -> v1::FieldSpec {
+    let FieldSpec { name, size } = field;
+    v1::FieldSpec { name, size }
+}
+
+fn mapping_to(mapping: Mapping) -> v1::Mapping {
+    let Mapping { name, cameras, fields, clock } = mapping;
+    let camera = |source| {
+        let CameraSource { camera, color, depth } = source;
+        v1::CameraSource { camera, color, depth: depth.unwrap_or_default() }
+    };
+    let field = |source| {
+        let FieldSource { field, topic, paths, names } = source;
+        v1::FieldSource { field, topic, paths, names }
+    };
+    v1::Mapping {
+        name,
+        cameras: cameras.into_iter().map(camera).collect(),
+        fields: fields.into_iter().map(field).collect(),
+        clock: clock.unwrap_or_default(),
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::*;
+
+    /// A task with every part set.
+    pub(crate) fn spec() -> TaskSpec {
+        let source = |field: &str, names: &[&str]| FieldSource {
+            field: field.into(),
+            topic: "/state".into(),
+            paths: vec!["position".into()],
+            names: names.iter().map(|&name| name.into()).collect(),
+        };
+        TaskSpec {
+            name: "reach".into(),
+            rate_hz: 10.0,
+            cameras: vec![CameraSpec { name: "front".into(), height: 4, width: 6, depth: true }],
+            proprioception: vec![FieldSpec { name: "joint_position".into(), size: 2 }],
+            action: vec![FieldSpec { name: "target".into(), size: 1 }],
+            alignment: Alignment::Nearest,
+            tolerance: 0.1,
+            mappings: vec![Mapping {
+                name: "ros".into(),
+                cameras: vec![CameraSource { camera: "front".into(), color: "/c".into(), depth: Some("/d".into()) }],
+                fields: vec![source("joint_position", &["a", "b"]), source("target", &[])],
+                clock: Some("/state".into()),
+            }],
+        }
+    }
+
+    #[test]
+    fn a_spec_survives_the_wire() {
+        assert_eq!(spec_from_proto(spec_to_proto(spec())).unwrap(), spec());
+    }
+
+    #[test]
+    fn what_is_left_out_gets_its_default() {
+        let mut sent = spec_to_proto(spec());
+        (sent.tolerance, sent.alignment) = (None, 0);
+        let spec = spec_from_proto(sent).unwrap();
+        assert_eq!((spec.tolerance, spec.alignment), (0.25, Alignment::LatestBefore));
+    }
+
+    #[test]
+    fn an_unknown_alignment_is_refused() {
+        let error = spec_from_proto(v1::TaskSpec { alignment: 9, ..spec_to_proto(spec()) }).unwrap_err().to_string();
+        assert!(error.starts_with("spec.alignment: "), "{error}");
+    }
+}

@@ -1,0 +1,163 @@
+//! A worker's calls, both ways: the server answers through `to`-conversions, the worker reads them and reports.
+
+mod completion;
+mod kept;
+
+use gleaner_proto::v1;
+
+pub use self::completion::{Completion, completion_messages};
+use super::{field, job, order, score, task};
+use crate::{
+    error::{Error, Result},
+    id::{BlobId, EpisodeId, JobId},
+    job::Job,
+    order::JobOrder,
+    score::EpisodeScores,
+    work::{FrozenRun, InputEpisode, Inputs, Progress},
+};
+
+/// Longest error of a worker that is kept, in characters.
+const LONGEST_ERROR: usize = 2000;
+
+/// What a worker is given.
+pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
+    let Inputs { task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length, policy, base } = inputs;
+    let (kept, match_episode_ids) = kept::to(kept);
+    v1::GetAssignmentResponse {
+        job: Some(job::job(assigned)),
+        task: Some(task::spec_to_proto(spec)),
+        experts: experts.into_iter().map(episode_to).collect(),
+        imperfect: imperfect.into_iter().map(episode_to).collect(),
+        kept,
+        encoder: encoder.map(String::from).unwrap_or_default(),
+        checkpoint: checkpoint.map(String::from).unwrap_or_default(),
+        segment_length,
+        policy: policy.map(String::from).unwrap_or_default(),
+        base: base.map(|FrozenRun { lo, hi, quantiles, expert_ids }| v1::ScoreBase {
+            lo,
+            hi,
+            quantiles,
+            expert_ids: expert_ids.into_iter().map(Into::into).collect(),
+        }),
+        match_episode_ids,
+    }
+}
+
+/// One episode's scores of the run that a job goes on from.
+pub fn base_scores(scores: EpisodeScores) -> v1::StreamBaseScoresResponse {
+    let scores = EpisodeScores { q: Vec::new(), ..scores };
+    v1::StreamBaseScoresResponse { scores: Some(score::episode_scores(scores, Vec::new())) }
+}
+
+/// Reads them, without q.
+///
+/// # Errors
+/// Invalid when the server speaks another version.
+pub fn base_scores_from(response: v1::StreamBaseScoresResponse) -> Result<EpisodeScores> {
+    completion::scores_from(field::required("scores", response.scores)?)
+}
+
+fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
+    let InputEpisode { id, recording, steps, file_name } = episode;
+    v1::AssignedEpisode { episode_id: id.into(), recording: recording.into(), steps, file_name }
+}
+
+/// What the worker reads: which job, what to do, and with what.
+///
+/// # Errors
+/// Invalid when the server speaks another version.
+pub fn assigned(response: v1::GetAssignmentResponse) -> Result<(JobId, JobOrder, Inputs)> {
+    let v1::GetAssignmentResponse {
+        job,
+        task: spec,
+        experts,
+        imperfect,
+        kept,
+        encoder,
+        checkpoint,
+        segment_length,
+        policy,
+        base,
+        match_episode_ids,
+    } = response;
+    let job = field::required("job", job)?;
+    let inputs = Inputs {
+        task: task::spec_from_proto(field::required("task", spec)?)?,
+        experts: experts.into_iter().map(episode_from).collect::<Result<_>>()?,
+        imperfect: imperfect.into_iter().map(episode_from).collect::<Result<_>>()?,
+        kept: kept::from(kept, match_episode_ids)?,
+        encoder: blob_from("encoder", encoder)?,
+        checkpoint: blob_from("checkpoint", checkpoint)?,
+        segment_length,
+        policy: blob_from("policy", policy)?,
+        base: base.map(base_from).transpose()?,
+    };
+    Ok((JobId::parse("job.id", &job.id)?, order::order(job.spec)?, inputs))
+}
+
+fn episode_from(episode: v1::AssignedEpisode) -> Result<InputEpisode> {
+    let v1::AssignedEpisode { episode_id, recording, steps, file_name } = episode;
+    Ok(InputEpisode {
+        id: EpisodeId::parse("episode_id", &episode_id)?,
+        recording: BlobId::parse("recording", &recording)?,
+        steps,
+        file_name,
+    })
+}
+
+fn base_from(base: v1::ScoreBase) -> Result<FrozenRun> {
+    let v1::ScoreBase { lo, hi, quantiles, expert_ids } = base;
+    let expert = |id: &String| EpisodeId::parse("base.expert_ids", id);
+    Ok(FrozenRun { lo, hi, quantiles, expert_ids: expert_ids.iter().map(expert).collect::<Result<_>>()? })
+}
+
+fn blob_from(at: &str, blob: String) -> Result<Option<BlobId>> {
+    if blob.is_empty() { Ok(None) } else { BlobId::parse(at, &blob).map(Some) }
+}
+
+/// Reads progress.
+///
+/// # Errors
+/// Invalid names the field.
+pub fn progress_request(request: v1::ReportProgressRequest) -> Result<Progress> {
+    let v1::ReportProgressRequest { done, total, message, metrics, peak_memory_bytes } = request;
+    let metrics = metrics.into_iter().enumerate().map(|(i, v1::Metric { step, name, value })| {
+        if !value.is_finite() {
+            return Err(Error::invalid(&format!("metrics[{i}].value"), "must be finite"));
+        }
+        Ok((step, field::text(&format!("metrics[{i}].name"), name)?, value))
+    });
+    Ok(Progress {
+        done,
+        total,
+        message: field::tag("message", message)?,
+        metrics: metrics.collect::<Result<_>>()?,
+        peak_memory_bytes,
+    })
+}
+
+/// Progress.
+pub fn progress(progress: Progress) -> v1::ReportProgressRequest {
+    let Progress { done, total, message, metrics, peak_memory_bytes } = progress;
+    let metrics = metrics.into_iter().map(|(step, name, value)| v1::Metric { step, name, value }).collect();
+    v1::ReportProgressRequest { done, total, message, metrics, peak_memory_bytes }
+}
+
+/// The step and the blob to resume from.
+///
+/// # Errors
+/// Invalid when the blob is no digest.
+pub fn checkpoint_request(request: v1::SaveCheckpointRequest) -> Result<(u64, BlobId)> {
+    let v1::SaveCheckpointRequest { step, blob } = request;
+    Ok((step, BlobId::parse("blob", &blob)?))
+}
+
+/// What went wrong, shortened if it is long, and whether another attempt could help.
+pub fn fail_request(request: v1::FailJobRequest) -> (String, bool) {
+    let v1::FailJobRequest { error, retry } = request;
+    let error = if error.is_empty() { "the worker gave no reason".to_owned() } else { error };
+    (error.chars().take(LONGEST_ERROR).collect(), retry)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,165 @@
+//! Schedules: pipelines that start by themselves.
+
+use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
+use croner::parser::{CronParser, Seconds, Year};
+
+use super::{
+    id::{ScheduleId, SnapshotId, TaskId},
+    selection::Selection,
+    snapshot::RoleRule,
+    time::Millis,
+};
+use crate::error::{Error, Result};
+
+/// A chain of jobs: pretrain, then score, then a dataset, then train, then evaluate. Later stages are optional.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct PipelineSpec {
+    /// The snapshot to learn from; `None` takes a new one at each start.
+    pub snapshot_id: Option<SnapshotId>,
+    /// Which episodes play which role in a new snapshot.
+    pub rule: RoleRule,
+    /// The first stage.
+    pub pretrain: PretrainSpec,
+    /// Whether to score.
+    pub score: bool,
+    /// How to score; `None` takes the defaults on the device of pretraining.
+    #[serde(default)]
+    pub scoring: Option<ScoreSpec>,
+    /// Makes a dataset of what has a higher q; needs `score`.
+    pub beta: Option<f64>,
+    /// Makes a dataset of so large a part, the best, instead; needs `score`.
+    #[serde(default)]
+    pub top_fraction: Option<f64>,
+    /// Trains a policy on it; needs a dataset.
+    pub train: Option<TrainSpec>,
+    /// Evaluates that policy; needs `train`.
+    #[serde(default)]
+    pub evaluate: Option<EvaluateSpec>,
+}
+
+impl PipelineSpec {
+    /// What the dataset keeps; `None` when none is made.
+    pub fn selection(&self) -> Option<Selection> {
+        self.beta.map(Selection::Beta).or(self.top_fraction.map(Selection::TopFraction))
+    }
+}
+
+/// What starts a schedule.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Trigger {
+    /// A cron expression of five fields, in UTC.
+    Cron(String),
+    /// So many newly labelled episodes of the task.
+    LabelledEpisodes(u32),
+}
+
+impl Trigger {
+    /// When it starts something next, after `now`; `None` for triggers that time does not move.
+    ///
+    /// # Errors
+    /// Invalid, under `field`, when the cron expression is wrong or names no day that ever comes.
+    pub fn next_run(&self, field: &str, now: Millis) -> Result<Option<Millis>> {
+        match self {
+            Self::LabelledEpisodes(_) => Ok(None),
+            Self::Cron(expression) => next_by_cron(expression, now).map(Some).map_err(|problem| {
+                Error::invalid(
+                    field,
+                    format!(
+                        "{problem}; give minute, hour, day of month, month and day of week, such as 30 2 * * 1-5 (UTC)"
+                    ),
+                )
+            }),
+        }
+    }
+}
+
+fn next_by_cron(expression: &str, now: Millis) -> std::result::Result<Millis, String> {
+    let cron = CronParser::builder()
+        .seconds(Seconds::Disallowed)
+        .year(Year::Disallowed)
+        .build()
+        .parse(expression)
+        .map_err(|error| error.to_string())?;
+    let now = jiff::Timestamp::from_millisecond(now.0).map_err(|error| error.to_string())?;
+    let next =
+        cron.find_next_occurrence(&now.to_zoned(jiff::tz::TimeZone::UTC), false).map_err(|error| error.to_string())?;
+    Ok(Millis(next.timestamp().as_millisecond()))
+}
+
+/// Where a schedule stands once it has started.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ScheduleStart {
+    /// The schedule.
+    pub id: ScheduleId,
+    /// When it started.
+    pub at: Millis,
+    /// When cron starts it next.
+    pub next_run_at: Option<Millis>,
+    /// The newest label now counted.
+    pub label_mark: i64,
+}
+
+/// A pipeline with what starts it.
+#[derive(Debug, Clone)]
+pub struct Schedule {
+    /// Its id.
+    pub id: ScheduleId,
+    /// Its task.
+    pub task_id: TaskId,
+    /// Its name, unique within the task.
+    pub name: String,
+    /// What starts it.
+    pub trigger: Trigger,
+    /// What is started.
+    pub pipeline: PipelineSpec,
+    /// Whether it stands still.
+    pub paused: bool,
+    /// When cron starts it next.
+    pub next_run_at: Option<Millis>,
+    /// When it last started.
+    pub last_run_at: Option<Millis>,
+    /// The newest label already counted.
+    pub label_mark: i64,
+    /// Episodes labelled since then.
+    pub labelled_since: u32,
+    /// Why the last start failed; empty when it did not.
+    pub last_error: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(text: &str) -> Millis {
+        Millis(text.parse::<jiff::Timestamp>().unwrap().as_millisecond())
+    }
+
+    fn next(expression: &str, now: &str) -> Millis {
+        Trigger::Cron(expression.to_owned()).next_run("cron", at(now)).unwrap().unwrap()
+    }
+
+    #[test]
+    fn cron_is_in_utc_and_never_now() {
+        assert_eq!(next("30 2 * * *", "2026-03-01T02:29:59Z"), at("2026-03-01T02:30:00Z"));
+        assert_eq!(next("30 2 * * *", "2026-03-01T02:30:00Z"), at("2026-03-02T02:30:00Z"));
+        assert_eq!(next("0 0 29 2 *", "2026-03-01T00:00:00Z"), at("2028-02-29T00:00:00Z"));
+        // Friday the 20th: the next working day is Monday.
+        assert_eq!(next("15 9 * * 1-5", "2026-11-20T10:00:00Z"), at("2026-11-23T09:15:00Z"));
+    }
+
+    #[test]
+    fn a_wrong_expression_is_told_with_the_mend() {
+        for expression in ["", "every day", "61 * * * *", "* * * * * *", "0 0 30 2 *"] {
+            let error = Trigger::Cron(expression.to_owned()).next_run("cron", at("2026-03-01T00:00:00Z")).unwrap_err();
+            assert!(
+                error.message().starts_with("cron: ") && error.message().contains("UTC"),
+                "{expression:?}: {error}"
+            );
+        }
+    }
+
+    #[test]
+    fn labels_have_no_clock() {
+        assert_eq!(Trigger::LabelledEpisodes(3).next_run("cron", Millis::now()).unwrap(), None);
+    }
+}

@@ -1,0 +1,239 @@
+//! Score runs: w and q of every segment under one encoder, one snapshot, one normaliser.
+
+use crate::ScoreSpec;
+
+use super::{
+    id::{EncoderId, EpisodeId, JobId, ScoreRunId, SnapshotId, TaskId},
+    selection::Filter,
+    snapshot::Role,
+    time::Millis,
+};
+
+/// A pretrained encoder: where its checkpoint is and what it saw.
+#[derive(Debug, Clone)]
+pub struct Encoder {
+    /// Its id.
+    pub id: EncoderId,
+    /// Its task.
+    pub task_id: TaskId,
+    /// The job that made it.
+    pub job_id: JobId,
+    /// What it was pretrained on.
+    pub snapshot_id: SnapshotId,
+    /// Blob of its checkpoint.
+    pub checkpoint: super::id::BlobId,
+    /// When it was finished.
+    pub created_at: Millis,
+}
+
+/// What a score run was made with and found.
+#[derive(Debug, Clone)]
+pub struct ScoreRun {
+    /// Its id.
+    pub id: ScoreRunId,
+    /// Its task.
+    pub task_id: TaskId,
+    /// The job that made it.
+    pub job_id: JobId,
+    /// The encoder whose features were compared.
+    pub encoder_id: EncoderId,
+    /// The experts and imperfect episodes.
+    pub snapshot_id: SnapshotId,
+    /// How it was scored: scorer, normaliser, and their settings.
+    pub spec: ScoreSpec,
+    /// w, on the local scale if the scorer has one, that maps to q = 0, frozen.
+    pub lo: f64,
+    /// Likewise to q = 1.
+    pub hi: f64,
+    /// Likewise at evenly spaced quantiles, low to high, frozen; for the quantile normaliser only.
+    pub quantiles: Vec<f64>,
+    /// The run it went on from, if any.
+    pub extends: Option<ScoreRunId>,
+    /// What `match_episode` counts in.
+    pub expert_ids: Vec<EpisodeId>,
+    /// When it was finished.
+    pub created_at: Millis,
+}
+
+/// One episode's scores; every list has one entry a step (the segment that ends there). A scorer that matches
+/// nothing leaves the last three empty.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EpisodeScores {
+    /// The episode.
+    pub episode_id: EpisodeId,
+    /// Its role in the run's snapshot.
+    pub role: Role,
+    /// The highest similarity to an expert segment, at most 0; the classifier's log p.
+    pub w: Vec<f64>,
+    /// w normalised to [0, 1].
+    pub q: Vec<f32>,
+    /// Index into the run's `expert_ids`.
+    pub match_episode: Vec<u32>,
+    /// The step at which the matched expert segment ends.
+    pub match_step: Vec<u32>,
+    /// ‖Δz‖₂ of o, m and a.
+    pub distances: Vec<[f32; 3]>,
+}
+
+/// The score of one segment of an episode that is not stored.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SegmentScored {
+    /// The stamp of the segment's last observation.
+    pub stamp_ns: i64,
+    /// The highest similarity to an expert segment, at most 0.
+    pub w: f64,
+    /// w normalised to [0, 1].
+    pub q: f32,
+    /// The expert episode that matched.
+    pub match_episode: EpisodeId,
+    /// The step at which the matched expert segment ends.
+    pub match_step: u32,
+}
+
+/// What one threshold keeps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KeptCount {
+    /// The threshold; q > β is kept.
+    pub beta: f64,
+    /// Imperfect segments kept.
+    pub segments: u64,
+    /// Imperfect episodes that contribute at least one.
+    pub episodes: u64,
+}
+
+impl EpisodeScores {
+    /// Whether the lists fit together: one entry a step, or no match at all.
+    pub fn fit(&self) -> bool {
+        let steps = self.w.len();
+        let matches = [self.match_episode.len(), self.match_step.len(), self.distances.len()];
+        self.q.len() == steps && (matches == [steps; 3] || matches == [0; 3])
+    }
+}
+
+/// How much a score run covers.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct RunCounts {
+    /// Imperfect episodes that were scored.
+    pub imperfect_episodes: u64,
+    /// Their segments, one a step.
+    pub imperfect_segments: u64,
+    /// Segments of the experts they were compared with.
+    pub expert_segments: u64,
+}
+
+/// The distribution of q over a run's imperfect segments, and what thresholds keep: filled episode by episode
+/// in one pass.
+#[derive(Debug, Clone)]
+pub struct Histogram {
+    counts: Vec<u64>,
+    segments: u64,
+    /// Thresholds from low to high, each with its place in the caller's order.
+    ordered: Vec<(f64, usize)>,
+    /// Segments that exactly the first so many of `ordered` keep.
+    kept_segments: Vec<u64>,
+    /// Episodes whose best segment exactly the first so many of `ordered` keep.
+    kept_episodes: Vec<u64>,
+}
+
+impl Histogram {
+    /// An empty histogram of `bins` equal bins over [0, 1] (at least one), with these thresholds.
+    pub fn new(bins: usize, betas: &[f64]) -> Self {
+        let mut ordered: Vec<_> = betas.iter().copied().zip(0..).collect();
+        ordered.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Self {
+            counts: vec![0; bins.max(1)],
+            segments: 0,
+            ordered,
+            kept_segments: vec![0; betas.len() + 1],
+            kept_episodes: vec![0; betas.len() + 1],
+        }
+    }
+
+    /// Adds one imperfect episode's q.
+    pub fn add(&mut self, q: impl Iterator<Item = f32>) {
+        let (mut best, mut any) = (f32::NEG_INFINITY, false);
+        for q in q {
+            let bin = self.bin(q);
+            self.counts[bin] += 1;
+            self.segments += 1;
+            let keeping = self.keeping(q);
+            self.kept_segments[keeping] += 1;
+            (best, any) = (best.max(q), true);
+        }
+        if any {
+            let keeping = self.keeping(best);
+            self.kept_episodes[keeping] += 1;
+        }
+    }
+
+    /// Segments in each bin; the last bin holds q = 1 too.
+    pub fn counts(&self) -> &[u64] {
+        &self.counts
+    }
+
+    /// Segments in all.
+    pub fn segments(&self) -> u64 {
+        self.segments
+    }
+
+    /// What each threshold keeps, in the caller's order.
+    pub fn kept(&self) -> Vec<KeptCount> {
+        let mut kept = vec![KeptCount { beta: 0.0, segments: 0, episodes: 0 }; self.ordered.len()];
+        let (mut segments, mut episodes) = (0, 0);
+        for (rank, &(beta, place)) in self.ordered.iter().enumerate().rev() {
+            segments += self.kept_segments[rank + 1];
+            episodes += self.kept_episodes[rank + 1];
+            kept[place] = KeptCount { beta, segments, episodes };
+        }
+        kept
+    }
+
+    /// How many of the ordered thresholds keep this q: those below it, which come first.
+    fn keeping(&self, q: f32) -> usize {
+        self.ordered.partition_point(|&(beta, _)| Filter::Above(beta).keeps(0.0, q))
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; then clamped")]
+    fn bin(&self, q: f32) -> usize {
+        #[expect(clippy::cast_precision_loss, reason = "at most 1000 bins")]
+        let place = q * self.counts.len() as f32;
+        (place as usize).min(self.counts.len() - 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_what_each_threshold_keeps_strictly() {
+        // A threshold that is no binary fraction, met exactly: 0.6 as f32 lies above 0.6 as f64.
+        let mut histogram = Histogram::new(4, &[0.9, 0.0, 0.6, 1.0, 0.6]);
+        histogram.add([0.0, 0.6, 0.25, 1.0].into_iter());
+        histogram.add([0.6, 0.1].into_iter());
+        histogram.add([0.95].into_iter());
+        histogram.add(std::iter::empty());
+
+        assert_eq!(histogram.segments(), 7);
+        assert_eq!(histogram.counts(), [2, 1, 2, 2]);
+        let kept: Vec<_> = histogram.kept().iter().map(|k| (k.beta, k.segments, k.episodes)).collect();
+        assert_eq!(kept, [(0.9, 2, 2), (0.0, 6, 3), (0.6, 2, 2), (1.0, 0, 0), (0.6, 2, 2)]);
+    }
+
+    #[test]
+    fn agrees_with_counting_one_by_one() {
+        let q: Vec<f32> = (0u16..1000).map(|i| f32::from(i * 37 % 1000) / 999.0).collect();
+        let betas = [0.5, 0.7, 0.8, 0.9, 0.95];
+        let mut histogram = Histogram::new(20, &betas);
+        for episode in q.chunks(10) {
+            histogram.add(episode.iter().copied());
+        }
+        for (kept, beta) in histogram.kept().iter().zip(betas) {
+            let segments = q.iter().filter(|&&q| Filter::Above(beta).keeps(0.0, q)).count();
+            let episodes =
+                q.chunks(10).filter(|episode| episode.iter().any(|&q| Filter::Above(beta).keeps(0.0, q))).count();
+            assert_eq!((kept.segments, kept.episodes), (segments as u64, episodes as u64));
+        }
+        assert_eq!(histogram.counts().iter().sum::<u64>(), 1000);
+    }
+}

@@ -1,0 +1,184 @@
+//! The task specification: what a step of this task holds and where a recording keeps it.
+//!
+//! Pure data; `gleaner-recording` checks it. Must not know how recordings are read.
+
+use std::collections::BTreeSet;
+
+use serde::{Deserialize, Serialize};
+
+/// What one step of a task holds (cameras, proprioception, action, rate) and how each is found in a recording.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct TaskSpec {
+    /// The task's name: lower-case letters, digits, `_`, `-` and `.`.
+    pub name: String,
+    /// Steps per second.
+    pub rate_hz: f64,
+    /// Cameras, in the order in which frames are laid out.
+    #[serde(default)]
+    pub cameras: Vec<CameraSpec>,
+    /// Proprioception fields; their values in this order are the proprioception vector.
+    #[serde(default)]
+    pub proprioception: Vec<FieldSpec>,
+    /// Action fields; their values in this order are the action vector.
+    pub action: Vec<FieldSpec>,
+    /// How a step picks one message of each stream.
+    #[serde(default)]
+    pub alignment: Alignment,
+    /// Share of a period by which a message may lie after its step and still belong to it.
+    /// Streams of one control tick are stamped a few milliseconds apart.
+    #[serde(default = "default_tolerance")]
+    pub tolerance: f64,
+    /// Where recordings keep all this; one mapping for each way of recording.
+    #[serde(default)]
+    pub mappings: Vec<Mapping>,
+}
+
+/// One camera of a task.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct CameraSpec {
+    /// The camera's name, unique within the task.
+    pub name: String,
+    /// Image height in pixels.
+    pub height: u32,
+    /// Image width in pixels.
+    pub width: u32,
+    /// Whether a depth image comes with each color image.
+    #[serde(default)]
+    pub depth: bool,
+}
+
+/// One named group of numbers in the proprioception or the action.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct FieldSpec {
+    /// The field's name, unique within the task.
+    pub name: String,
+    /// How many numbers it holds.
+    pub size: u32,
+}
+
+/// How a step picks one message of each stream.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Alignment {
+    /// The latest message not after the step's stamp plus the tolerance.
+    #[default]
+    LatestBefore,
+    /// The message whose stamp is nearest to the step's; of two equally near ones the earlier.
+    Nearest,
+}
+
+/// Where one way of recording keeps a task's cameras and fields.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct Mapping {
+    /// The mapping's name, unique within the task.
+    pub name: String,
+    /// One source for each camera of the task.
+    #[serde(default)]
+    pub cameras: Vec<CameraSource>,
+    /// One source for each proprioception and action field of the task.
+    pub fields: Vec<FieldSource>,
+    /// Topic whose stamps are the steps; by default the first action field's topic.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clock: Option<String>,
+}
+
+/// The topics of one camera.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct CameraSource {
+    /// Name of the camera in the task.
+    pub camera: String,
+    /// Topic of the color images.
+    pub color: String,
+    /// Topic of the depth images, if the camera has depth.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub depth: Option<String>,
+}
+
+/// The topic and paths of one field.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub struct FieldSource {
+    /// Name of the field in the task.
+    pub field: String,
+    /// Topic of the messages.
+    pub topic: String,
+    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are put one after the other.
+    pub paths: Vec<String>,
+    /// When set, each path is an array parallel to the message's `name` array, and its values are picked
+    /// by these names, in this order, whatever the order in the message.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub names: Vec<String>,
+}
+
+fn default_tolerance() -> f64 {
+    0.25
+}
+
+impl TaskSpec {
+    /// Number of proprioception values per step (M).
+    pub fn proprioception_size(&self) -> usize {
+        total(&self.proprioception)
+    }
+
+    /// Number of action values per step (A).
+    pub fn action_size(&self) -> usize {
+        total(&self.action)
+    }
+
+    /// Size of a field by name; 0 when there is none.
+    pub fn field_size(&self, name: &str) -> usize {
+        let fields = self.proprioception.iter().chain(&self.action);
+        fields.filter(|field| field.name == name).map(|field| field.size as usize).sum()
+    }
+}
+
+impl Mapping {
+    /// Topic whose stamps are the steps.
+    pub fn clock_topic(&self, spec: &TaskSpec) -> Option<&str> {
+        let first = spec.action.first()?;
+        let source = || self.fields.iter().find(|source| source.field == first.name);
+        self.clock.as_deref().or_else(|| source().map(|source| source.topic.as_str()))
+    }
+
+    /// Every topic that this mapping reads, once.
+    pub fn topics(&self, spec: &TaskSpec) -> BTreeSet<&str> {
+        let cameras = self.cameras.iter().flat_map(|source| [Some(source.color.as_str()), source.depth.as_deref()]);
+        let fields = self.fields.iter().map(|source| Some(source.topic.as_str()));
+        cameras.chain(fields).chain([self.clock_topic(spec)]).flatten().collect()
+    }
+}
+
+fn total(fields: &[FieldSpec]) -> usize {
+    fields.iter().map(|field| field.size as usize).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn survives_json_and_refuses_unknown_keys() {
+        let spec: TaskSpec = serde_json::from_str(
+            r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}],"mappings":[{"name":"m","fields":[]}]}"#,
+        )
+        .unwrap();
+        let text = serde_json::to_string(&spec).unwrap();
+        assert_eq!(serde_json::from_str::<TaskSpec>(&text).unwrap(), spec);
+        let strange = text.replacen("\"rate_hz\"", "\"rate\"", 1);
+        assert!(serde_json::from_str::<TaskSpec>(&strange).unwrap_err().to_string().contains("rate"));
+    }
+
+    #[test]
+    fn defaults_fill_what_is_left_out() {
+        let spec: TaskSpec =
+            serde_json::from_str(r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}]}"#).unwrap();
+        assert_eq!(spec.tolerance, 0.25);
+        assert_eq!(spec.alignment, Alignment::LatestBefore);
+        assert_eq!((spec.proprioception_size(), spec.action_size()), (0, 3));
+    }
+}

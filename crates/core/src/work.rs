@@ -1,0 +1,121 @@
+//! Work: what a worker is given for a job, and what it gives back. Both sides of the worker's calls share it.
+
+use crate::TaskSpec;
+
+use super::{
+    dataset::{ExportFile, KeptSegment},
+    evaluation::SeedResult,
+    id::{BlobId, EpisodeId},
+    score::EpisodeScores,
+};
+
+/// What a job works on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Inputs {
+    /// The task's spec.
+    pub task: TaskSpec,
+    /// D_e.
+    pub experts: Vec<InputEpisode>,
+    /// D_i; for pretraining and scoring.
+    pub imperfect: Vec<InputEpisode>,
+    /// The kept part of D_i; for training and export.
+    pub kept: Vec<KeptInput>,
+    /// The encoder's checkpoint; for scoring and training.
+    pub encoder: Option<BlobId>,
+    /// What to resume from.
+    pub checkpoint: Option<BlobId>,
+    /// l of the encoder; for export.
+    pub segment_length: u32,
+    /// The policy's checkpoint; for evaluation.
+    pub policy: Option<BlobId>,
+    /// What the run to go on from has frozen; for scoring.
+    pub base: Option<FrozenRun>,
+}
+
+/// What a score run passes on to the one that extends it, besides its scores.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FrozenRun {
+    /// w that maps to q = 0.
+    pub lo: f64,
+    /// w that maps to q = 1.
+    pub hi: f64,
+    /// Of the quantile normaliser.
+    pub quantiles: Vec<f64>,
+    /// What its scores' `match_episode` counts in.
+    pub expert_ids: Vec<EpisodeId>,
+}
+
+/// One episode of a job's input.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct InputEpisode {
+    /// The episode.
+    pub id: EpisodeId,
+    /// The blob that holds its MCAP.
+    pub recording: BlobId,
+    /// T, its number of steps.
+    pub steps: u64,
+    /// The name it was uploaded under; for people only, never a path.
+    pub file_name: String,
+}
+
+/// The kept segments of one imperfect episode, by end step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KeptInput {
+    /// The episode.
+    pub episode: InputEpisode,
+    /// Its kept segments.
+    pub segments: Vec<KeptSegment>,
+    /// w of every step of the episode; for export.
+    pub similarities: Vec<f64>,
+    /// q of every step of the episode; for export.
+    pub qualities: Vec<f32>,
+}
+
+/// How far a worker is.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Progress {
+    /// Done, out of `total`.
+    pub done: u64,
+    /// What `done` counts up to; 0 while unknown.
+    pub total: u64,
+    /// What it is doing.
+    pub message: String,
+    /// New values as (step, name, value).
+    pub metrics: Vec<(u64, String, f64)>,
+    /// Most memory it has held, in bytes.
+    pub peak_memory_bytes: u64,
+}
+
+/// What a job made.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Made {
+    /// By a pretrain job.
+    Encoder {
+        /// Its checkpoint.
+        checkpoint: BlobId,
+    },
+    /// By a score job.
+    Scores {
+        /// w that maps to q = 0.
+        lo: f64,
+        /// w that maps to q = 1.
+        hi: f64,
+        /// Of the quantile normaliser.
+        quantiles: Vec<f64>,
+        /// What `match_episode` counts in.
+        expert_ids: Vec<EpisodeId>,
+        /// The scores, in the snapshot's order.
+        episodes: Vec<EpisodeScores>,
+    },
+    /// By a train job.
+    Policy {
+        /// Its checkpoint.
+        checkpoint: BlobId,
+        /// For example `finetune`.
+        kind: String,
+    },
+    /// By an export job.
+    Files(Vec<ExportFile>),
+    /// By an evaluate job, in the order of its seeds.
+    Trials(Vec<SeedResult>),
+}
