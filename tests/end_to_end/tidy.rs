@@ -71,6 +71,7 @@ fn each_crate_is_named_in_its_room_only() {
                 "server/src/config/connections.rs",
                 "server/src/connections.rs",
                 "server/src/lib.rs",
+                "server/src/pages/",
                 "server/src/service/",
                 "server/src/web/",
             ],

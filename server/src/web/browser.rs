@@ -10,6 +10,7 @@ use std::{
 };
 
 use axum::http::{HeaderMap, HeaderValue, header::COOKIE};
+use cookie::{Cookie, SameSite};
 use rand::RngExt as _;
 
 /// Inactivity after which a browser is signed out.
@@ -35,9 +36,9 @@ impl Browser {
 
     /// The browser named by the cookie of a request.
     pub(super) fn of(headers: &HeaderMap, name: &str) -> Option<Self> {
-        let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
-        let mut pairs = cookies.flat_map(|cookies| cookies.split(';')).filter_map(|pair| pair.trim().split_once('='));
-        let (_, text) = pairs.find(|(of, _)| *of == name)?;
+        let sent = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
+        let cookie = sent.flat_map(Cookie::split_parse).flatten().find(|cookie| cookie.name() == name)?;
+        let text = cookie.value();
         let ours = text.len() == 64 && text.bytes().all(|byte| byte.is_ascii_hexdigit());
         ours.then(|| Self(text.to_owned()))
     }
@@ -45,9 +46,9 @@ impl Browser {
     /// The header that sets the cookie. The cookie is also sent when a link on another site leads here, so that a page
     /// can be shared with a colleague; changes need a proof as well.
     pub(super) fn cookie(&self, name: &str, encrypted: bool) -> HeaderValue {
-        let secure = if encrypted { "; Secure" } else { "" };
-        let cookie = format!("{name}={}; Path=/; HttpOnly; SameSite=Lax{secure}", self.0);
-        let mut cookie = HeaderValue::from_str(&cookie).unwrap_or_else(|_| HeaderValue::from_static(""));
+        let cookie =
+            Cookie::build((name, &self.0)).path("/").http_only(true).same_site(SameSite::Lax).secure(encrypted);
+        let mut cookie = HeaderValue::from_str(&cookie.to_string()).unwrap_or_else(|_| HeaderValue::from_static(""));
         cookie.set_sensitive(true);
         cookie
     }
@@ -119,7 +120,8 @@ mod tests {
         let name = Browser::cookie_name(7401);
         let cookie = browser.cookie(&name, true);
         let text = cookie.to_str().unwrap();
-        assert!(text.contains("HttpOnly") && text.contains("SameSite=Lax") && text.ends_with("Secure"));
+        assert!(text.contains("HttpOnly") && text.contains("SameSite=Lax") && text.contains("; Secure"));
+        assert!(text.contains("; Path=/"), "{text}");
         assert!(!browser.cookie(&name, false).to_str().unwrap().contains("Secure"));
         assert!(cookie.is_sensitive(), "no log of headers shows it");
         let sent = format!("a=b; {}; c", text.split(';').next().unwrap());
