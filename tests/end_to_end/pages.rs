@@ -243,6 +243,7 @@ async fn every_page_fits_a_telephone() {
         ("policy", format!("/policies/{policy}")),
         ("jobs", "/jobs".to_owned()),
         ("deployments", "/deployments".to_owned()),
+        ("kinds", "/kinds".to_owned()),
     ];
     // Chromium makes no window narrower than 500; a frame in a page of ours may be none, so the page itself is told.
     browser.narrow(390).await;

@@ -5,5 +5,6 @@ mod artifacts;
 mod episode;
 mod episodes;
 mod jobs;
+mod kinds;
 mod overview;
 mod runs;

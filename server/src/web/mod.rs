@@ -16,6 +16,7 @@ mod escape;
 mod frames;
 mod http1;
 mod jobs;
+mod kinds;
 mod machines;
 mod middleware;
 mod overview;

@@ -11,8 +11,8 @@ use axum::{
 
 use super::page::Page;
 use super::{
-    AppState, artifacts, assets, deployments, episode, episodes, frames, jobs, machines, middleware, overview, runs,
-    sign_in,
+    AppState, artifacts, assets, deployments, episode, episodes, frames, jobs, kinds, machines, middleware, overview,
+    runs, sign_in,
 };
 
 /// Every page behind the middleware.
@@ -49,6 +49,7 @@ fn made(page: Page) -> MethodRouter {
         Page::Job => get(jobs::show),
         Page::JobCourse => get(jobs::course),
         Page::JobLog => get(jobs::log),
+        Page::Kinds => get(kinds::show),
         Page::CancelJob => post(jobs::cancel),
         Page::RetryJob => post(jobs::retry),
         Page::Deployments => get(deployments::list),

@@ -18,6 +18,8 @@ pub(super) enum Tab {
     Jobs,
     /// All deployments.
     Deployments,
+    /// Kinds and their settings.
+    Kinds,
 }
 
 /// The head of a page.
@@ -48,6 +50,7 @@ pub(super) fn page(request: &PageRequest, head: &Head, body: &Markup) -> Markup 
                 }
                 (link(Tab::Jobs, "/jobs", "Jobs"))
                 (link(Tab::Deployments, "/deployments", "Deployments"))
+                (link(Tab::Kinds, "/kinds", "Kinds"))
             }
             div.who { (who(request)) }
         }
