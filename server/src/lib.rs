@@ -24,7 +24,6 @@ pub mod service;
 pub mod shutdown;
 pub mod store;
 pub mod telemetry;
-mod web;
 mod wire;
 pub mod worker;
 

@@ -50,7 +50,7 @@ const MARKDOWN: [&str; 9] = [".", "benches", "client", "crates", "docs", "exampl
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/src/experiment/testdata/"];
 
 /// Rust files and folders whose doc comments follow the list. Add a folder once it does.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 15] = [
     "client/src/cli.rs",
     "client/src/cmd/",
     "client/src/demo/",
@@ -59,9 +59,11 @@ const SOURCES: [&str; 13] = [
     "crates/inspector/src/recordings.rs",
     "crates/learn/src/objective/",
     "crates/learn/src/policy/",
+    "crates/web/src/",
     "server/src/access/tls/",
     "server/src/config.rs",
     "server/src/config/",
+    "server/src/pages/",
     "server/src/store/lab/",
     "tests/end_to_end/prose.rs",
 ];

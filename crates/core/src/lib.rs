@@ -24,6 +24,7 @@ pub mod live;
 pub mod observation;
 pub mod order;
 pub mod policy;
+pub mod printable;
 mod report;
 pub mod schedule;
 pub mod schema;

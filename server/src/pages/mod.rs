@@ -1,5 +1,6 @@
 //! The server behind the pages: implements the traits of `web` with the modules below. Must not know HTML or HTTP.
 
+mod live_frame;
 mod queries;
 #[cfg(test)]
 mod testing;
@@ -11,6 +12,7 @@ use std::{sync::Arc, time::Duration};
 
 use async_trait::async_trait;
 use gleaner_edge::{Call, ConnectionState, Tls};
+use gleaner_web::{Access, Backend, Caller, Disk, Machine, Site};
 use metrics_exporter_prometheus::PrometheusHandle;
 use tokio::net::TcpListener;
 use tokio_util::task::AbortOnDropHandle;
@@ -23,7 +25,6 @@ use crate::{
     error::{Error, Result},
     service::Services,
     telemetry,
-    web::{Access, Backend, Caller, Disk, Machine, Site},
 };
 
 /// Connections in total, and from one address: a browser opens six, each for one request.

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use async_trait::async_trait;
 use bytes::Bytes;
 use futures::{StreamExt as _, stream::BoxStream};
+use gleaner_web::{Artifacts, Deployments, Episodes, Jobs, RunSummary, Scores, Tasks};
 
-use super::PageBackend;
+use super::{PageBackend, live_frame};
 use crate::{
     curation::Summary,
     domain::{
@@ -32,7 +33,6 @@ use crate::{
         task::Task,
     },
     error::Result,
-    web::{Artifacts, Deployments, Episodes, Jobs, RunSummary, Scores, Tasks},
 };
 
 #[async_trait]
@@ -260,8 +260,8 @@ impl Deployments for PageBackend {
         self.services.policies.live()
     }
 
-    fn live_session(&self, id: &SessionId) -> Result<(LiveSession, SessionState)> {
-        self.services.policies.live_session(id)
+    async fn live_frame(&self, session: &SessionId, camera: &str) -> Result<(&'static str, Bytes)> {
+        live_frame::read(&self.services, session, camera).await
     }
 }
 

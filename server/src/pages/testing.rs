@@ -5,6 +5,7 @@ use std::{net::SocketAddr, sync::Arc};
 use bytes::Bytes;
 use clap::Parser as _;
 use gleaner_edge::ConnectionState;
+use gleaner_web::Site;
 use http::{
     HeaderMap, Method, Request, StatusCode,
     header::{ACCEPT, AUTHORIZATION, CONTENT_TYPE, COOKIE, HOST, SET_COOKIE},
@@ -23,7 +24,6 @@ use crate::{
         time::Millis,
     },
     service::Services,
-    web::Site,
 };
 
 /// The pages, and the services behind them.

@@ -1,5 +1,6 @@
 //! Metrics sampled on request: jobs, the disk, memory.
 
+use gleaner_web::Disk;
 use metrics::gauge;
 
 use crate::{
@@ -7,7 +8,6 @@ use crate::{
     error::{Error, Result},
     service::Services,
     telemetry::memory,
-    web::Disk,
 };
 
 /// Samples them.

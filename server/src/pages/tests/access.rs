@@ -1,6 +1,7 @@
 //! The middleware: access to every page, requests from other sites, and headers of every response.
 
 use bytes::Bytes;
+use gleaner_web::Page;
 use http::{
     Method, StatusCode,
     header::{CACHE_CONTROL, CONTENT_SECURITY_POLICY, HOST, LOCATION, SET_COOKIE, X_CONTENT_TYPE_OPTIONS},
@@ -11,7 +12,6 @@ use http_body_util::StreamBody;
 use crate::{
     domain::{access::Role, time::Millis},
     pages::testing::{Client, FORM, JSON, Pages},
-    web::Page,
 };
 
 /// A page's address with a value in every brace.
