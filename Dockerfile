@@ -13,7 +13,7 @@ RUN scripts/libtorch.sh
 COPY . .
 RUN make build \
  && mkdir -p /out/bin /out/lib \
- && cp target/release/gleaner-server target/release/gleaner-inspector target/release/gleaner /out/bin/ \
+ && cp target/release/gleaner-server target/release/gleaner-inspector target/release/gleaner-worker target/release/gleaner /out/bin/ \
  && cp -L .libtorch/lib/* /out/lib/
 
 FROM debian:bookworm-slim

@@ -8,8 +8,8 @@ PYTHON_ENV = target/python
 METAWORLD_ENV = target/metaworld
 BENCH_PROFILE ?= bench
 FUZZ_SECONDS ?= 30
-# The server looks for its inspector beside itself.
-PROGRAMS = --bin gleaner-server --bin gleaner-inspector --bin gleaner
+# The server looks for its inspector and its worker beside itself.
+PROGRAMS = --bin gleaner-server --bin gleaner-inspector --bin gleaner-worker --bin gleaner
 
 # The main job, start to end, on an embedded database: a table at the end, a report in $(DEMO_DIR). The
 # development profile is optimised too, and `make test` then compiles little more.
@@ -19,7 +19,7 @@ demo: .libtorch
 
 # By package: what the tests turn on in a whole workspace (the fail points) stays out.
 build: .libtorch
-	$(CARGO) build --release --locked -p gleaner-server -p gleaner-inspector -p gleaner-client $(PROGRAMS)
+	$(CARGO) build --release --locked -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-client $(PROGRAMS)
 
 # Every test, from a bare clone.
 test: .libtorch

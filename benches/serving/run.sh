@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/../.."
 
 profile="${BENCH_PROFILE:-bench}"
-"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-bench-serving
+"${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-bench-serving
 # cargo keeps these two profiles' files in the folders of the profiles they come from.
 case "$profile" in
   dev) folder=target/debug ;;

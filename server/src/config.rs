@@ -13,10 +13,13 @@ use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Parser, Subcommand};
 use gleaner_inspector::RecordingsConfig;
+use gleaner_logs::LogOptions;
+
+pub use gleaner_core::Secret;
 
 pub use self::{
     access::{AccessConfig, AuditConfig, NewTokenConfig, TokenCommand, TokenConfig},
-    children::{WorkerConfig, worker_environment},
+    children::worker_environment,
     connections::ConnectionsConfig,
     maintenance::{BackupConfig, CheckConfig, MaintenanceCommand, MaintenanceConfig, RebuildConfig, RestoreConfig},
     policies::PoliciesConfig,
@@ -32,24 +35,14 @@ pub struct Cli {
     /// What to run.
     #[command(subcommand)]
     pub command: Command,
-    /// Log filter in the syntax of tracing, such as `debug` or `info,gleaner_server::jobs=trace`.
-    #[arg(long, env = "GLEANER_LOG", default_value = "info", global = true, help_heading = GLOBAL, value_name = "FILTER")]
-    pub log: String,
-    /// Log in JSON, one event per line.
-    #[arg(long, env = "GLEANER_LOG_JSON", global = true, help_heading = GLOBAL)]
-    pub log_json: bool,
+    /// What to log.
+    #[command(flatten)]
+    pub log: LogOptions,
     /// Exit at a fail point: `name`, or `name=n` for its n-th passing (tests only).
     #[cfg(feature = "fail-points")]
-    #[arg(long, env = FAIL_POINT, hide = true, global = true)]
+    #[arg(long, env = gleaner_data_folder::fail_point::VARIABLE, hide = true, global = true)]
     pub fail_point: Option<String>,
 }
-
-/// The heading of options that every command has.
-const GLOBAL: &str = "Global options";
-
-/// The variable by which tests name a fail point; workers inherit it.
-#[cfg(feature = "fail-points")]
-const FAIL_POINT: &str = "GLEANER_FAIL_POINT";
 
 /// The processes this binary can be.
 #[derive(Debug, Subcommand)]
@@ -65,9 +58,6 @@ pub enum Command {
     Tls(TlsConfig),
     /// Print the audit log: changes with their time, caller and result.
     Audit(AuditConfig),
-    /// Run one job (started by `serve`, not by hand).
-    #[command(hide = true)]
-    Worker(WorkerConfig),
 }
 
 /// What `serve` needs.
@@ -167,34 +157,17 @@ pub struct JobsConfig {
     pub worker_silence_seconds: u64,
 }
 
-/// Text that must never appear in a log.
-#[derive(Clone)]
-pub struct Secret(String);
-
-impl Secret {
-    /// The text itself: for the wire only.
-    pub fn reveal(&self) -> &str {
-        &self.0
-    }
-}
-
-impl From<String> for Secret {
-    fn from(text: String) -> Self {
-        Self(text)
-    }
-}
-
-impl std::str::FromStr for Secret {
-    type Err = std::convert::Infallible;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        Ok(Self(text.to_owned()))
-    }
-}
-
-impl std::fmt::Debug for Secret {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("(secret)")
+impl Cli {
+    /// Has this process die at the fail point of its configuration, if that names one.
+    ///
+    /// # Errors
+    /// A sentence that names the mistake.
+    pub fn arm_fail_point(&self) -> Result<(), String> {
+        #[cfg(feature = "fail-points")]
+        if let Some(which) = &self.fail_point {
+            return gleaner_data_folder::fail_point::arm(which, None);
+        }
+        Ok(())
     }
 }
 
@@ -228,9 +201,7 @@ mod tests {
         let all = [&["gleaner-server", "serve"], args].concat();
         match Cli::try_parse_from(all).unwrap().command {
             Command::Serve(config) => *config,
-            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) | Command::Worker(_) => {
-                panic!("not serve")
-            }
+            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) => panic!("not serve"),
         }
     }
 

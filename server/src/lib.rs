@@ -4,20 +4,16 @@
 //! `error`. Calls go down, never up. `worker` is the other process of this binary: a client of this server.
 
 pub mod access;
-pub mod blobs;
 pub mod config;
 mod connections;
 mod curation;
-pub mod data_folder;
-pub mod fail_point;
-pub mod file_limit;
 pub mod ingest;
 pub mod jobs;
-pub mod lock;
 pub mod maintenance;
 mod model_cache;
 mod pages;
 pub mod policies;
+pub mod program;
 pub mod rollouts;
 mod scorers;
 pub mod service;
@@ -25,9 +21,9 @@ pub mod shutdown;
 pub mod store;
 pub mod telemetry;
 mod wire;
-pub mod worker;
 
 pub use gleaner_core::{self as domain, error};
+pub use gleaner_data_folder::{self as data_folder, blobs, fail_point, file_limit, lock};
 
 #[cfg(feature = "fuzzing")]
 #[doc(hidden)]

@@ -13,10 +13,10 @@ use gleaner_server::{
     config::{AuditConfig, Cli, Command, MaintenanceCommand, ServeConfig, TlsConfig, TokenConfig},
     data_folder,
     error::{Error, Result},
-    file_limit, ingest,
+    file_limit,
     lock::DataLock,
-    shutdown,
-    telemetry::{self, Telling, Traces},
+    program, shutdown,
+    telemetry::{self, Traces},
 };
 use tokio::runtime::Runtime;
 
@@ -66,7 +66,6 @@ fn main() -> ExitCode {
         Command::Token(config) => token(config),
         Command::Tls(config) => tls(&config),
         Command::Audit(config) => audit(config),
-        Command::Worker(config) => gleaner_server::worker::run(config),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -126,13 +125,13 @@ impl Stage {
     fn set(cli: &Cli) -> std::result::Result<Self, String> {
         let serving = match &cli.command {
             Command::Serve(config) => Some(config),
-            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) | Command::Worker(_) => None,
+            Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) => None,
         };
         let runtime =
             serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
         let _entered = runtime.as_ref().map(Runtime::enter);
         let otlp_endpoint = serving.and_then(|config| config.telemetry.otlp_endpoint.as_deref());
-        let traces = telemetry::start(Telling { filter: &cli.log, json: cli.log_json, otlp_endpoint })?;
+        let traces = telemetry::start(&cli.log, otlp_endpoint)?;
         Ok(Self { runtime, traces })
     }
 
@@ -158,7 +157,7 @@ async fn serve(config: ServeConfig) -> Result<()> {
     survive_file_limit();
     // Before anything is said: who starts a server must not wait for one that will not serve, and may stop it at once.
     let asked = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
-    ingest::can_inspect()?;
+    program::all_installed()?;
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;
     if let Some(pages) = listeners.pages_url()? {

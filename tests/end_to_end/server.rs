@@ -166,7 +166,7 @@ impl TestServer {
             let Ok(list) = std::fs::read_to_string(task.unwrap().path().join("children")) else { continue };
             for pid in list.split_whitespace() {
                 let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-                if command.split(|&byte| byte == 0).any(|word| word == b"worker") {
+                if command.split(|&byte| byte == 0).any(|word| word.ends_with(b"gleaner-worker-under-test")) {
                     found.push(pid.parse().unwrap());
                 }
             }

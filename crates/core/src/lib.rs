@@ -29,6 +29,7 @@ mod report;
 pub mod schedule;
 pub mod schema;
 pub mod score;
+mod secret;
 pub mod selection;
 pub mod sequence;
 mod settings;
@@ -50,6 +51,7 @@ pub mod proto;
 pub use error::{Error, Result};
 pub use report::{Finding, FindingCode, Report, Severity, TopicReport};
 pub use schema::{Problem, Setting, Shape, Values};
+pub use secret::Secret;
 pub use settings::{Group, Word, Words};
 pub use spec::{
     Augmentation, Chosen, Device, EvaluateSpec, ModelSpec, NormaliserKind, OptimSpec, Preset, PretrainSpec, RunSpec,

@@ -56,11 +56,11 @@ pub struct ScoreRun {
 }
 
 /// One episode's scores; every list has one entry a step (the segment that ends there). A scorer that matches
-/// nothing leaves the last three empty.
+/// nothing leaves the last three empty. Learning knows episodes by names, which for stored ones are their ids.
 #[derive(Debug, Clone, PartialEq)]
-pub struct EpisodeScores {
+pub struct EpisodeScores<Id = EpisodeId> {
     /// The episode.
-    pub episode_id: EpisodeId,
+    pub episode_id: Id,
     /// Its role in the run's snapshot.
     pub role: Role,
     /// The highest similarity to an expert segment, at most 0; the classifier's log p.
@@ -101,7 +101,19 @@ pub struct KeptCount {
     pub episodes: u64,
 }
 
-impl EpisodeScores {
+impl<Id> EpisodeScores<Id> {
+    /// The same scores under what `rename` makes of the episode's id.
+    ///
+    /// # Errors
+    /// Those of `rename`.
+    pub fn renamed<Other, E>(
+        self,
+        rename: impl FnOnce(Id) -> std::result::Result<Other, E>,
+    ) -> std::result::Result<EpisodeScores<Other>, E> {
+        let Self { episode_id, role, w, q, match_episode, match_step, distances } = self;
+        Ok(EpisodeScores { episode_id: rename(episode_id)?, role, w, q, match_episode, match_step, distances })
+    }
+
     /// Whether the lists fit together: one entry a step, or no match at all.
     pub fn fit(&self) -> bool {
         let steps = self.w.len();

@@ -7,6 +7,7 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::{
+    data_folder::frames_path,
     domain::{
         episode::{Episode, Outcome},
         score::Histogram,
@@ -14,7 +15,7 @@ use crate::{
         snapshot::Role,
         task::Task,
     },
-    ingest::{frames_path, testing::open_on},
+    ingest::testing::open_on,
     store::testing::{self, results},
 };
 

@@ -14,12 +14,13 @@ use rustix::process::Signal;
 use tempfile::TempDir;
 use tokio::{io::AsyncReadExt as _, process::Command};
 
-use super::{off_runtime, program::program, slots::Slots, sync_folder};
+use super::{off_runtime, slots::Slots, sync_folder};
 use crate::{
     config::{LimitConfig, worker_environment},
     domain::client::Client,
     error::{Error, Result},
     file_limit::largest_file,
+    program::Program,
 };
 
 /// The most bytes of a child's standard error kept for the log.
@@ -51,7 +52,7 @@ pub(super) struct Inspected {
 impl Inspector {
     pub(super) fn new(data_dir: &Path, limits: &LimitConfig) -> Result<Self> {
         Ok(Self {
-            command: vec![program()?.into()],
+            command: vec![Program::Inspector.path()?.into()],
             tmp: data_dir.join("tmp"),
             memory_bytes: limits.inspect_memory_bytes,
             seconds: limits.inspect_seconds,

@@ -13,7 +13,6 @@ mod inspector;
 mod keep;
 mod part;
 mod passing;
-mod program;
 mod recover;
 mod slots;
 #[cfg(test)]
@@ -32,7 +31,6 @@ use std::{
 use gleaner_recording::{Episode as Frames, TaskSpec};
 use tokio::sync::Semaphore;
 
-pub use self::program::can_inspect;
 use self::{claim::Claims, inspector::Inspector};
 pub(crate) use self::{
     keep::NewRecording,
@@ -43,6 +41,7 @@ pub(crate) use self::{
 use crate::{
     blobs::{Blobs, sync_folder},
     config::ServeConfig,
+    data_folder::frames_path,
     domain::id::{BlobId, UploadId},
     error::{Error, Kind, Result},
     store::Store,
@@ -116,14 +115,6 @@ impl Ingest {
     fn part_path(&self, upload: &UploadId) -> PathBuf {
         part_path(&self.data_dir, upload)
     }
-}
-
-/// The path of a recording's decoded steps, for this task. Derived: it can always be rebuilt.
-pub fn frames_path(data_dir: &Path, recording: &BlobId, spec: &TaskSpec) -> PathBuf {
-    // Every spec can be written as JSON: it came from JSON.
-    let spec = serde_json::to_vec(spec).unwrap_or_default();
-    let spec = blake3::hash(&spec).to_hex();
-    data_dir.join("cache").join(format!("{recording}-{}.frames", spec.get(..16).unwrap_or_default()))
 }
 
 /// The part file of an open upload.

@@ -10,7 +10,7 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 
 use super::{
-    Started, frames_path, part_path,
+    Started, part_path,
     testing::{Fixture, REFUSING, USABLE, child, chunk, playing, real, recording},
 };
 use crate::{

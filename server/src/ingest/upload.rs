@@ -5,6 +5,7 @@ use tracing::Instrument as _;
 use super::{Ingest, existing::same_label, off_runtime, part};
 use crate::{
     blobs,
+    data_folder::frames_path,
     domain::{
         client::Client,
         episode::{Episode, InspectedEpisode, NewUpload, Upload},
@@ -160,7 +161,7 @@ impl Ingest {
         let inspected = self.inspector.inspect(&upload.client, &recording, &task.spec, &upload.file_name).await;
         let inspected = inspected.map_err(|error| self.blobs.blame(error))?;
         crate::fail_point::pass("upload.inspected");
-        inspected.keep_frames(&super::frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
+        inspected.keep_frames(&frames_path(&self.data_dir, &upload.blake3, &task.spec)).await?;
         crate::fail_point::pass("upload.frames_kept");
         let (blobs, id) = (self.blobs.clone(), upload.blake3.clone());
         // From here until its row is committed, no sweep removes the blob.

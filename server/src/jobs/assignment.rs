@@ -2,16 +2,16 @@
 
 use std::collections::HashMap;
 
-use super::Jobs;
+use super::{Jobs, kinds};
 use crate::{
     blobs,
     domain::{
         dataset::KeptEpisode,
         episode::Episode,
-        id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId},
-        job::{Job, JobSpec},
+        id::{BlobId, DatasetId, EpisodeId, SnapshotId},
+        job::Job,
         snapshot::Role,
-        work::{FrozenRun, InputEpisode, Inputs, KeptInput},
+        work::{InputEpisode, Inputs, KeptInput},
     },
     error::{Error, Result},
 };
@@ -34,44 +34,7 @@ impl Jobs {
             policy: None,
             base: None,
         };
-        match &job.spec {
-            JobSpec::Pretrain { snapshot_id, .. } => {
-                (inputs.experts, inputs.imperfect) = self.by_role(snapshot_id).await?;
-            }
-            JobSpec::Score { encoder_id, snapshot_id, extends, .. } => {
-                (inputs.experts, inputs.imperfect) = self.by_role(snapshot_id).await?;
-                self.begin_from(&mut inputs, encoder_id).await?;
-                if let Some(run) = extends {
-                    inputs.base = Some(self.frozen(run).await?);
-                }
-            }
-            JobSpec::Train { encoder_id, snapshot_id, dataset_id, .. } => {
-                let (experts, imperfect) = self.by_role(snapshot_id).await?;
-                inputs.experts = experts;
-                if let Some(dataset) = dataset_id {
-                    inputs.kept = self.kept(dataset, imperfect).await?;
-                    // Training does not ask what a step is like, and it may be millions of them.
-                    inputs.kept.iter_mut().flat_map(|kept| &mut kept.segments).for_each(|kept| kept.nearest = None);
-                }
-                if let Some(encoder) = encoder_id {
-                    self.begin_from(&mut inputs, encoder).await?;
-                }
-            }
-            JobSpec::Evaluate { policy_id, .. } => {
-                inputs.policy = Some(self.0.store.policy(policy_id).await?.checkpoint);
-            }
-            JobSpec::Export { dataset_id } => {
-                let contents = self.0.store.dataset_contents(dataset_id).await?;
-                let (experts, imperfect) = self.by_role(&contents.snapshot_id).await?;
-                inputs.experts = experts;
-                inputs.kept = join(contents.kept, imperfect)?;
-                for kept in &mut inputs.kept {
-                    let scores = self.0.store.episode_scores(&contents.run.id, &kept.episode.id).await?;
-                    (kept.similarities, kept.qualities) = (scores.w, scores.q);
-                }
-                inputs.segment_length = self.0.store.segment_length(&contents.encoder_id).await?;
-            }
-        }
+        kinds::add_inputs(self, &job.spec, &mut inputs).await?;
         Ok(inputs)
     }
 
@@ -92,7 +55,7 @@ impl Jobs {
         Ok(None)
     }
 
-    async fn by_role(&self, snapshot: &SnapshotId) -> Result<(Vec<InputEpisode>, Vec<InputEpisode>)> {
+    pub(super) async fn by_role(&self, snapshot: &SnapshotId) -> Result<(Vec<InputEpisode>, Vec<InputEpisode>)> {
         let recordings = self.0.store.recordings(snapshot).await?;
         let (experts, imperfect): (Vec<_>, Vec<_>) =
             recordings.into_iter().partition(|(_, role)| *role == Role::Expert);
@@ -105,23 +68,13 @@ impl Jobs {
         Ok((experts.into_iter().map(input).collect(), imperfect.into_iter().map(input).collect()))
     }
 
-    async fn begin_from(&self, inputs: &mut Inputs, encoder: &EncoderId) -> Result<()> {
-        inputs.encoder = Some(self.0.store.encoder(encoder).await?.checkpoint);
-        Ok(())
-    }
-
-    async fn frozen(&self, run: &ScoreRunId) -> Result<FrozenRun> {
-        let run = self.0.store.score_run(run).await?;
-        Ok(FrozenRun { lo: run.lo, hi: run.hi, quantiles: run.quantiles, expert_ids: run.expert_ids })
-    }
-
-    async fn kept(&self, dataset: &DatasetId, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
+    pub(super) async fn kept(&self, dataset: &DatasetId, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
         join(self.0.store.dataset_contents(dataset).await?.kept, imperfect)
     }
 }
 
 /// The recordings of the episodes that a dataset keeps something of.
-fn join(kept: Vec<KeptEpisode>, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
+pub(super) fn join(kept: Vec<KeptEpisode>, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
     let mut by_id: HashMap<EpisodeId, InputEpisode> =
         imperfect.into_iter().map(|episode| (episode.id.clone(), episode)).collect();
     kept.into_iter()

@@ -5,13 +5,12 @@
 mod assignment;
 mod attempt;
 mod chain;
-mod extend;
+mod kinds;
 mod lease;
 mod log;
+mod lookup;
 mod process;
 mod report;
-mod resolve;
-mod result;
 mod retry;
 mod scheduler;
 mod submit;

@@ -9,12 +9,13 @@ use std::{
 use tokio::process::{Child, Command};
 
 use crate::config::{Secret, ServeConfig, worker_environment};
+use crate::program::Program;
 
 /// Starts a worker for the attempt with this token; what it says is to be read. Dropped, it is killed; and it ends with
 /// this process.
 pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io::Result<Child> {
-    Command::new(std::env::current_exe()?)
-        .arg("worker")
+    let program = Program::Worker.path().map_err(std::io::Error::other)?;
+    Command::new(program)
         .args(["--server", &format!("http://{server}")])
         .arg("--data-dir")
         .arg(&config.data_dir)

@@ -1,6 +1,6 @@
 //! What workers say while they run: who they are, how far they are, where to resume, and how it ended.
 
-use super::{Jobs, result, token};
+use super::{Jobs, kinds, token};
 use crate::{
     domain::{
         attempt::{Attempt, AttemptEnd},
@@ -60,10 +60,10 @@ impl Jobs {
     /// is over; Cancelled when the job was cancelled meanwhile.
     pub(crate) async fn complete(&self, attempt: &Attempt, job: &Job, made: Made) -> Result<()> {
         let naming = self.0.blobs.naming().await;
-        for blob in result::blobs(&made) {
+        for blob in kinds::blobs(&made) {
             self.expect_blob(blob)?;
         }
-        let result = result::of(&self.0.store, job, made).await?;
+        let result = kinds::accept(&self.0.store, job, made).await?;
         let moved = self.0.store.finish_job(attempt, &result).await?;
         drop(naming);
         let job = self.0.settle(moved).await?;

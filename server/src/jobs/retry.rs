@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::{Serialize, de::DeserializeOwned};
 
-use super::Jobs;
+use super::{Jobs, kinds};
 use crate::{
     domain::{
         dataset::Dataset,
-        id::{DatasetId, EncoderId, EvaluationId, ExportId, JobId, PolicyId, ScoreRunId},
+        id::{DatasetId, JobId, ScoreRunId},
         job::{Job, JobKind, JobState},
         order::{Keyed, NewJob, Plan},
         time::Millis,
@@ -39,7 +39,7 @@ impl Jobs {
         }
         self.0.blobs.expect_room(0)?;
         // What it names may be gone by now.
-        self.resolve(&job.task_id, job.spec.clone().into()).await?;
+        kinds::resolve(self, &job.task_id, job.spec.clone().into()).await?;
         let mut again = Again::default();
         again.add(store, &job).await?;
         for waited in store.ended_with(id, job.state).await? {
@@ -82,7 +82,7 @@ impl Again {
 
     /// Plans a job anew; those it waits for, and are planned too, are there before.
     async fn add(&mut self, store: &Store, job: &Job) -> Result<()> {
-        let (id, result_id) = (JobId::new(), new_result(job.spec.kind()));
+        let (id, result_id) = (JobId::new(), kinds::new_result(job.spec.kind()));
         let keyed = if job.key.is_empty() {
             None
         } else {
@@ -121,17 +121,6 @@ impl Again {
             self.plan.datasets.push(Dataset { id, score_run_id: run(new)?, created_at, ..old });
         }
         Ok(())
-    }
-}
-
-/// An id for what a job of this kind makes.
-fn new_result(kind: JobKind) -> String {
-    match kind {
-        JobKind::Pretrain => EncoderId::new().into(),
-        JobKind::Score => ScoreRunId::new().into(),
-        JobKind::Train => PolicyId::new().into(),
-        JobKind::Export => ExportId::new().into(),
-        JobKind::Evaluate => EvaluationId::new().into(),
     }
 }
 

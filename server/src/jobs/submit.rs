@@ -1,6 +1,6 @@
 //! Taking orders: all is chosen, results get their ids, dependencies are found, and it is queued at once.
 
-use super::{Jobs, chain::chain};
+use super::{Jobs, chain::chain, kinds};
 use crate::{
     domain::{
         id::{DatasetId, JobId, TaskId},
@@ -26,7 +26,7 @@ impl Jobs {
             return Ok(job);
         }
         self.0.blobs.expect_room(0)?;
-        let resolved = self.resolve(task, order.clone()).await?;
+        let resolved = kinds::resolve(self, task, order.clone()).await?;
         let Queueing { priority, needs, max_attempts, key } = queueing;
         let keyed = (!key.is_empty()).then(|| Keyed { key: key.clone(), order: order.clone() });
         let job = NewJob {
@@ -78,7 +78,8 @@ impl Jobs {
         self.0.blobs.expect_room(0)?;
         let mut pipeline = pipeline.clone();
         if let Some(evaluate) = pipeline.evaluate.take() {
-            pipeline.evaluate = Some(self.simulated(task, "pipeline.evaluate.settings.simulation", evaluate).await?);
+            pipeline.evaluate =
+                Some(kinds::simulated(self, task, "pipeline.evaluate.settings.simulation", evaluate).await?);
         }
         let named = pipeline.snapshot_id.clone();
         let snapshot = self.snapshot(task, "pipeline.pretrain.snapshot_id", named, &pipeline.rule).await?;

@@ -4,9 +4,9 @@
 use std::{collections::HashSet, io::ErrorKind, path::PathBuf, time::SystemTime};
 
 use crate::{
+    data_folder::FEATURES,
     domain::id::BlobId,
     error::{Error, Result},
-    worker::FEATURES,
 };
 
 /// What to keep.

@@ -77,7 +77,7 @@ pub(crate) fn recording_response(
     experts: &[EpisodeId],
     report: gleaner_recording::Report,
 ) -> v1::ScoreRecordingResponse {
-    let gleaner_learn::EpisodeScores { id: _, w, q, match_episode, match_step, distances } = scores;
+    let gleaner_learn::EpisodeScores { episode_id: _, role: _, w, q, match_episode, match_step, distances } = scores;
     let distance = |modality: usize| distances.iter().map(|all| all[modality]).collect();
     let scores = v1::EpisodeScores {
         episode_id: String::new(),

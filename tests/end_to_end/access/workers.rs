@@ -109,7 +109,7 @@ fn environments(server: u32) -> Vec<String> {
         let Ok(children) = std::fs::read_to_string(task.unwrap().path().join("children")) else { continue };
         for pid in children.split_whitespace() {
             let command = std::fs::read(format!("/proc/{pid}/cmdline")).unwrap_or_default();
-            if command.split(|&byte| byte == 0).any(|word| word == b"worker") {
+            if command.split(|&byte| byte == 0).any(|word| word.ends_with(b"gleaner-worker-under-test")) {
                 found.extend(std::fs::read_to_string(format!("/proc/{pid}/environ")).ok());
             }
         }

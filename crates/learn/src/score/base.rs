@@ -34,7 +34,7 @@ impl<'a> Known<'a> {
             Ok((u32::try_from(at).unwrap_or(u32::MAX), experts[at].steps(shape)))
         };
         let known = Self {
-            scores: base.scores.iter().map(|scores| (scores.id.as_str(), scores)).collect(),
+            scores: base.scores.iter().map(|scores| (scores.episode_id.as_str(), scores)).collect(),
             experts: base.experts.iter().map(number).collect::<Result<_, LearnError>>()?,
         };
         for episode in experts.iter().copied().chain(imperfect) {

@@ -17,7 +17,7 @@ use crate::error::{LearnError, guard};
 use crate::history::{Embedding, History, Layout};
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
-use gleaner_core::ScoreSpec;
+use gleaner_core::{ScoreSpec, snapshot::Role};
 
 /// The score of one segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,7 +149,8 @@ impl LiveScorer {
             let features = episode_features(self.opened.encoder(), episode, &self.comparison);
             let scores = self.judge(&sound(features, &episode.id)?)?;
             Ok(EpisodeScores {
-                id: episode.id.clone(),
+                episode_id: episode.id.clone(),
+                role: Role::Imperfect,
                 w: scores.iter().map(|score| score.w).collect(),
                 q: scores.iter().map(|score| score.q).collect(),
                 match_episode: scores.iter().map(|score| score.match_episode).collect(),

@@ -40,23 +40,10 @@ use gleaner_core::{PretrainSpec, ScoreSpec};
 use run::{Found, Progress, Run, count};
 use scorer::Scorer;
 
-/// The scores of one episode's segments; place t is the segment that ends at step t.
-#[derive(Debug, Clone, PartialEq)]
-pub struct EpisodeScores {
-    /// The episode's id.
-    pub id: String,
-    /// Similarity w to the nearest expert segment, at most 0; the classifier's log p(expert).
-    pub w: Vec<f64>,
-    /// Quality q in 0 … 1.
-    pub q: Vec<f32>,
-    /// The nearest expert segment's episode, an index into the experts given. The classifier
-    /// matches none: this and the next two are empty.
-    pub match_episode: Vec<u32>,
-    /// The step the nearest expert segment ends at.
-    pub match_step: Vec<u32>,
-    /// The distances of o, m and a to it, before any modality scale.
-    pub distances: Vec<[f32; 3]>,
-}
+/// The scores of one episode's segments, by the episode's name; place t is the segment that ends at step t. w is the
+/// classifier's log p(expert) if that scores, and q is in 0 … 1. `match_episode` counts in the experts given. Distances are
+/// before any modality scale.
+pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
 /// What a score run found.
 #[derive(Debug, Clone, PartialEq)]

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use gleaner_core::snapshot::Role;
 use gleaner_search::{Index, Match, Metric};
 
 use super::base::Known;
@@ -119,7 +120,7 @@ impl Run<'_> {
         let mut experts = Vec::with_capacity(self.experts.len());
         for (expert, features) in self.experts.iter().zip(&features) {
             let known = self.known.matches(&expert.id);
-            experts.extend(self.nearest(&expert.id, features, &indexes, known)?);
+            experts.extend(self.nearest((&expert.id, Role::Expert), features, &indexes, known)?);
             self.progress.advance(features.count())?;
         }
         let local = if plain { None } else { self.local(&features, metric, &experts)? };
@@ -143,13 +144,13 @@ impl Run<'_> {
 
     /// There is nothing to compare: everything is as it was.
     fn unchanged(&self, imperfect: &[Trajectory]) -> Found {
-        let same = |episode: &Trajectory| {
+        let same = |episode: &Trajectory, role| {
             let matches: Vec<Match> = self.known.matches(&episode.id)?.into_iter().flatten().collect();
-            Some(self.describe(&episode.id, &matches))
+            Some(self.describe(&episode.id, role, &matches))
         };
         Found {
-            imperfect: imperfect.iter().filter_map(same).collect(),
-            experts: self.experts.iter().filter_map(|expert| same(expert)).collect(),
+            imperfect: imperfect.iter().filter_map(|episode| same(episode, Role::Imperfect)).collect(),
+            experts: self.experts.iter().filter_map(|expert| same(expert, Role::Expert)).collect(),
             local: None,
         }
     }
@@ -159,10 +160,10 @@ impl Run<'_> {
         if let (Some(known), None) = (&known, &indexes.new) {
             let matches: Vec<Match> = known.iter().flatten().copied().collect();
             self.progress.advance(matches.len())?;
-            return Ok(self.describe(&episode.id, &matches));
+            return Ok(self.describe(&episode.id, Role::Imperfect, &matches));
         }
         let features = self.features(episode)?;
-        self.nearest(&episode.id, &features, indexes, known)?.ok_or_else(|| {
+        self.nearest((&episode.id, Role::Imperfect), &features, indexes, known)?.ok_or_else(|| {
             LearnError::invalid(
                 format!("episode {}", episode.id),
                 "is also the only expert, and an episode never matches itself; leave it out or add experts",
@@ -174,7 +175,7 @@ impl Run<'_> {
     /// that leaves no expert.
     fn nearest(
         &self,
-        id: &str,
+        (id, role): (&str, Role),
         queries: &Features,
         indexes: &Indexes,
         known: Option<Vec<Option<Match>>>,
@@ -190,7 +191,7 @@ impl Run<'_> {
                 known.into_iter().collect::<Option<Vec<Match>>>()
             }
         };
-        Ok(matches.map(|matches| self.describe(id, &matches)))
+        Ok(matches.map(|matches| self.describe(id, role, &matches)))
     }
 
     fn features(&mut self, trajectory: &Trajectory) -> Result<Features, LearnError> {
@@ -216,9 +217,10 @@ impl Run<'_> {
         Ok(features)
     }
 
-    fn describe(&self, id: &str, matches: &[Match]) -> EpisodeScores {
+    fn describe(&self, id: &str, role: Role, matches: &[Match]) -> EpisodeScores {
         EpisodeScores {
-            id: id.to_owned(),
+            episode_id: id.to_owned(),
+            role,
             // Not −distance: that would make −0 of the best there is.
             w: matches.iter().map(|found| 0.0 - found.distance).collect(),
             q: Vec::new(),

@@ -89,7 +89,7 @@ fn experts_are_scored_against_the_other_experts() {
     let scores = run(&experts, &imperfect, &ScoreSpec::default());
     assert_eq!(scores.experts.len(), 3);
     for (at, episode) in (0u32..).zip(&scores.experts) {
-        assert_eq!(episode.id, experts[at as usize].id);
+        assert_eq!(episode.episode_id, experts[at as usize].id);
         assert!(episode.match_episode.iter().all(|matched| *matched != at));
         assert!(episode.q.iter().all(|q| (0.0..=1.0).contains(q)));
     }

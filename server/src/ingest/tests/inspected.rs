@@ -1,6 +1,7 @@
 //! Uploads read by a real inspection: accepted and rejected ones, and its limits.
 
 use super::*;
+use crate::data_folder::frames_path;
 
 #[tokio::test]
 async fn a_real_recording_is_read_and_its_frames_are_rebuilt_when_torn() {

@@ -8,12 +8,12 @@ use http::{
 use serde_json::{Value, json};
 
 use crate::{
+    data_folder::frames_path,
     domain::{
         episode::{Episode, Outcome},
         snapshot::Role,
         task::Task,
     },
-    ingest::frames_path,
     pages::testing::{Client, Pages, Reply},
     store::testing::{self, results},
 };

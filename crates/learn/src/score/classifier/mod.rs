@@ -11,6 +11,7 @@ use std::collections::HashMap;
 use gleaner_core::Group as _;
 use gleaner_core::kinds::Needs;
 use gleaner_core::schema::integer_in;
+use gleaner_core::snapshot::Role;
 use tch::Tensor;
 
 use super::EpisodeScores;
@@ -70,10 +71,10 @@ pub(super) fn scores(
         let others = [class(&experts, 1 - fold), class(&imperfect, 1 - fold)];
         trained.push(Mlp::train(&others, seed, fold, &mut progress)?);
     }
-    let describe = |episodes: &[Episode<'_>]| -> Result<Vec<EpisodeScores>, LearnError> {
-        episodes.iter().map(|episode| describe(episode, &trained[episode.fold])).collect()
+    let describe = |episodes: &[Episode<'_>], role| -> Result<Vec<EpisodeScores>, LearnError> {
+        episodes.iter().map(|episode| describe(episode, role, &trained[episode.fold])).collect()
     };
-    Ok((describe(&imperfect)?, describe(&experts)?))
+    Ok((describe(&imperfect, Role::Imperfect)?, describe(&experts, Role::Expert)?))
 }
 
 /// The fold of every episode: every other one in the order of ids, for experts and imperfect
@@ -135,14 +136,22 @@ fn class(episodes: &[Episode<'_>], fold: usize) -> Tensor {
     Tensor::cat(&chosen.iter().map(|episode| &episode.inputs).collect::<Vec<_>>(), 0)
 }
 
-fn describe(episode: &Episode<'_>, mlp: &Mlp) -> Result<EpisodeScores, LearnError> {
+fn describe(episode: &Episode<'_>, role: Role, mlp: &Mlp) -> Result<EpisodeScores, LearnError> {
     let w = mlp.log_probability(&episode.inputs);
     if !w.iter().all(|w| w.is_finite()) {
         let message = "is too far from the other episodes for the classifier; mend it or use another scorer";
         return Err(LearnError::invalid(format!("episode {}", episode.id), message));
     }
     let (match_episode, match_step, distances) = (Vec::new(), Vec::new(), Vec::new());
-    Ok(EpisodeScores { id: episode.id.to_owned(), w, q: Vec::new(), match_episode, match_step, distances })
+    Ok(EpisodeScores {
+        episode_id: episode.id.to_owned(),
+        role,
+        w,
+        q: Vec::new(),
+        match_episode,
+        match_step,
+        distances,
+    })
 }
 
 #[cfg(test)]

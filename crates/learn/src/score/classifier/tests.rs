@@ -26,7 +26,7 @@ fn experts_are_told_from_failures_they_were_not_trained_with_and_nothing_is_matc
     };
     assert!(mean(&scores.experts) > mean(&scores.imperfect) + 0.5);
     for (episode, given) in scores.imperfect.iter().zip(&imperfect) {
-        assert_eq!((&episode.id, episode.w.len(), episode.q.len()), (&given.id, 9, 9));
+        assert_eq!((&episode.episode_id, episode.w.len(), episode.q.len()), (&given.id, 9, 9));
         assert!(episode.w.iter().all(|w| *w <= 0.0));
         assert!(episode.match_episode.is_empty() && episode.match_step.is_empty() && episode.distances.is_empty());
     }

@@ -1,0 +1,123 @@
+//! Locks that keep a blob in place or permit its removal.
+//!
+//! Three parties, two locks:
+//!
+//! - *naming*: find or put a blob, then commit the row that names it;
+//! - *removing*: check that no row names a blob, then remove it. Within the server the two exclude each other, so that
+//!   a blob is never removed between the check and the row. Workers put blobs from their own processes, but only the
+//!   server writes rows: at worst a blob is removed before it is named, and the worker tries again;
+//! - *copying*: another process (`backup`, `check`) that reads rows and then the blobs they name. Meanwhile the server
+//!   removes no blob; a later sweep removes what stayed.
+
+use std::{
+    fs::{File, OpenOptions, TryLockError},
+    path::Path,
+};
+
+use tokio::sync::{OwnedRwLockReadGuard, OwnedRwLockWriteGuard};
+
+use super::{Blobs, fault};
+use gleaner_core::error::Result;
+
+/// Locked during a copy, and briefly during a removal.
+const FILE: &str = "copying.lock";
+
+/// While it is held, existing blobs stay.
+#[derive(Debug)]
+pub struct Naming {
+    _held: OwnedRwLockReadGuard<()>,
+}
+
+/// While it is held, no row begins to name a blob. Required to remove one.
+#[derive(Debug)]
+pub struct Removing {
+    _held: OwnedRwLockWriteGuard<()>,
+    _nobody_copies: File,
+}
+
+/// While it is held, a server on this data folder removes no blob.
+#[derive(Debug)]
+pub struct Copying {
+    _held: Option<File>,
+}
+
+impl Blobs {
+    /// To be held from before a blob is looked up or put until the row that names it is committed.
+    pub async fn naming(&self) -> Naming {
+        Naming { _held: std::sync::Arc::clone(&self.naming).read_owned().await }
+    }
+
+    /// To be held from before the rows are read until the blob is removed, and no longer. `None` during a copy.
+    ///
+    /// # Errors
+    /// When the lock's file cannot be used.
+    pub async fn removing(&self) -> Result<Option<Removing>> {
+        let held = std::sync::Arc::clone(&self.naming).write_owned().await;
+        let path = self.folder.join(FILE);
+        let file = open(&path).map_err(fault("opening", &path))?;
+        match file.try_lock() {
+            Ok(()) => Ok(Some(Removing { _held: held, _nobody_copies: file })),
+            Err(TryLockError::WouldBlock) => Ok(None),
+            Err(TryLockError::Error(error)) => Err(fault("locking", &path)(error)),
+        }
+    }
+}
+
+impl Copying {
+    /// Makes the server of this data folder keep every blob. No server runs on a read-only folder.
+    ///
+    /// # Errors
+    /// When the lock's file cannot be locked.
+    pub fn begin(data_dir: &Path) -> Result<Self> {
+        let path = data_dir.join(FILE);
+        match open(&path) {
+            Ok(file) => {
+                // The server holds it exclusively for a moment at most.
+                file.lock_shared().map_err(fault("locking", &path))?;
+                Ok(Self { _held: Some(file) })
+            }
+            Err(error) => {
+                tracing::debug!(%error, file.path = %path.display(), "the data folder is read-only and not locked");
+                Ok(Self { _held: None })
+            }
+        }
+    }
+}
+
+fn open(path: &Path) -> std::io::Result<File> {
+    OpenOptions::new().create(true).write(true).truncate(false).open(path)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test]
+    async fn no_blob_is_removed_between_the_check_and_the_row() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        let (one, two) = (blobs.naming().await, blobs.clone().naming().await);
+        let removing = blobs.removing();
+        tokio::pin!(removing);
+        assert!(futures::poll!(&mut removing).is_pending(), "two are naming");
+        drop((one, two));
+        let removing = removing.await.unwrap().unwrap();
+        let naming = blobs.naming();
+        tokio::pin!(naming);
+        assert!(futures::poll!(&mut naming).is_pending(), "one is removing");
+        drop(removing);
+        naming.await;
+    }
+
+    #[tokio::test]
+    async fn no_blob_is_removed_during_a_copy() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        let (one, two) = (Copying::begin(dir.path()).unwrap(), Copying::begin(dir.path()).unwrap());
+        assert!(blobs.removing().await.unwrap().is_none());
+        drop(one);
+        assert!(blobs.removing().await.unwrap().is_none());
+        drop(two);
+        assert!(blobs.removing().await.unwrap().is_some());
+    }
+}

@@ -1,0 +1,127 @@
+//! Lists the files in the blobs' folders, with or without a row. Sidecars, the stamp and the trash are not blobs.
+
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    time::SystemTime,
+};
+
+use super::{Blobs, across, fault, sidecar};
+use crate::stamp;
+use gleaner_core::{error::Result, id::BlobId};
+
+/// A file among the blobs.
+#[derive(Debug)]
+pub struct Found {
+    /// Its id; `None` when its name is not a blob's.
+    pub id: Option<BlobId>,
+    /// Its path.
+    pub path: PathBuf,
+    /// Its size in bytes.
+    pub size_bytes: u64,
+    /// When it was put last.
+    pub placed: SystemTime,
+}
+
+impl Found {
+    /// Whether the file begins with these bytes; false when it cannot be read.
+    pub fn begins_with(&self, bytes: &[u8]) -> bool {
+        let mut found = vec![0; bytes.len()];
+        let read = fs::File::open(&self.path).and_then(|mut file| io::Read::read_exact(&mut file, &mut found));
+        read.is_ok() && found == bytes
+    }
+}
+
+impl Blobs {
+    /// Every file among the blobs; files removed meanwhile are left out.
+    ///
+    /// # Errors
+    /// When the folders cannot be read.
+    pub fn list(&self) -> Result<Vec<Found>> {
+        let mut found = Vec::new();
+        for path in names(&self.root)? {
+            match path.file_name().and_then(|name| name.to_str()) {
+                Some(name) if is_hex(name) => self.list_folder(&path, &mut found)?,
+                // A separate disk has folders of its file system among the blobs.
+                Some(_) | None if path.is_dir() => {}
+                Some(stamp::FILE) => {}
+                Some(_) | None => found.extend(look(path, None)?),
+            }
+        }
+        Ok(found)
+    }
+
+    /// Whether the folder holds neither blob, sidecar nor stamp, and its trash is empty.
+    ///
+    /// # Errors
+    /// When the folders cannot be read.
+    pub fn is_empty(&self) -> Result<bool> {
+        for path in names(&self.root)? {
+            let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+            let ours = is_hex(name) || [sidecar::TASKS, super::trash::FOLDER].contains(&name);
+            if !path.is_dir() || (ours && !names(&path)?.is_empty()) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
+    /// Removes drafts last written before `time`, which killed processes left, and returns their number.
+    ///
+    /// # Errors
+    /// When the folders cannot be read.
+    pub fn remove_drafts(&self, time: SystemTime) -> Result<u64> {
+        let mut removed = 0;
+        let hex = |path: &PathBuf| path.file_name().and_then(|name| name.to_str()).is_some_and(is_hex);
+        let tasks = self.root.join(sidecar::TASKS);
+        for folder in names(&self.root)?.into_iter().filter(hex).chain([tasks]) {
+            for draft in names(&folder)?.into_iter().filter(|path| across::is_draft(path)) {
+                if look(draft.clone(), None)?.is_some_and(|found| found.placed < time) {
+                    fs::remove_file(&draft).map_err(fault("removing", &draft))?;
+                    removed += 1;
+                }
+            }
+        }
+        Ok(removed)
+    }
+
+    fn list_folder(&self, folder: &Path, found: &mut Vec<Found>) -> Result<()> {
+        for path in names(folder)? {
+            if !sidecar::is_one(&path) {
+                let id = self.named(&path);
+                found.extend(look(path, id)?);
+            }
+        }
+        Ok(())
+    }
+
+    /// The blob of this path.
+    fn named(&self, path: &Path) -> Option<BlobId> {
+        let (folder, name) = (path.parent()?.file_name()?.to_str()?, path.file_name()?.to_str()?);
+        BlobId::try_from(format!("{folder}{name}")).ok().filter(|id| self.path(id) == path)
+    }
+}
+
+fn is_hex(name: &str) -> bool {
+    name.len() == 2 && name.bytes().all(|digit| digit.is_ascii_hexdigit())
+}
+
+pub(super) fn names(folder: &Path) -> Result<Vec<PathBuf>> {
+    match fs::read_dir(folder) {
+        Ok(entries) => {
+            let paths = entries.map(|entry| entry.map(|entry| entry.path()));
+            paths.collect::<std::io::Result<_>>().map_err(fault("listing", folder))
+        }
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(fault("listing", folder)(error)),
+    }
+}
+
+fn look(path: PathBuf, id: Option<BlobId>) -> Result<Option<Found>> {
+    let seen = fs::symlink_metadata(&path).and_then(|file| Ok((file.len(), file.modified()?)));
+    match seen {
+        Ok((size_bytes, placed)) => Ok(Some(Found { id, path, size_bytes, placed })),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(fault("reading", &path)(error)),
+    }
+}

@@ -1,0 +1,57 @@
+//! A blob as a stream of pieces; one piece at a time is in memory.
+
+use bytes::{Bytes, BytesMut};
+use futures::{Stream, stream::try_unfold};
+use tokio::{fs::File, io::AsyncReadExt as _};
+
+use super::Blobs;
+use gleaner_core::{
+    error::{Error, Result},
+    id::BlobId,
+};
+
+/// The size of a piece: well under the smallest message limit.
+const PIECE_BYTES: usize = 1 << 20;
+
+impl Blobs {
+    /// The bytes of a blob in pieces of at most 1 MiB. The receiver checks the digest.
+    ///
+    /// # Errors
+    /// Internal when the blob is missing or cannot be read.
+    pub async fn stream(&self, id: &BlobId) -> Result<impl Stream<Item = Result<Bytes>> + Send + 'static> {
+        let path = self.path(id);
+        let fault = |error| Error::internal(format!("reading {}", path.display()), error);
+        let file = File::open(&path).await.map_err(fault)?;
+        Ok(try_unfold((file, path), |(mut file, path)| async move {
+            let mut piece = BytesMut::with_capacity(PIECE_BYTES);
+            let fault = |error| Error::internal(format!("reading {}", path.display()), error);
+            let read = (&mut file).take(PIECE_BYTES as u64).read_buf(&mut piece).await.map_err(fault)?;
+            Ok((read > 0).then(|| (piece.freeze(), (file, path))))
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use futures::TryStreamExt as _;
+
+    use super::*;
+
+    #[tokio::test]
+    async fn the_pieces_are_the_blob() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        let content: Vec<u8> = (0..=250).cycle().take(PIECE_BYTES * 2 + 7).collect();
+        let id = blobs.put(&content).unwrap();
+        let pieces: Vec<Bytes> = blobs.stream(&id).await.unwrap().try_collect().await.unwrap();
+        assert!(pieces.iter().all(|piece| piece.len() <= PIECE_BYTES));
+        assert!(pieces.concat() == content);
+    }
+
+    #[tokio::test]
+    async fn a_missing_blob_is_an_error_before_the_first_piece() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        assert!(blobs.stream(&blake3::hash(b"x").into()).await.is_err());
+    }
+}

@@ -1,0 +1,21 @@
+//! The largest file that the system lets this process write (RLIMIT_FSIZE: `ulimit -f`, systemd's LimitFSIZE).
+
+use std::io;
+
+use rustix::process::{Resource, Signal, getrlimit};
+use tokio::signal::unix::{SignalKind, signal};
+
+/// The largest file that this process may write, in bytes; `None` without a limit.
+pub fn largest_file() -> Option<u64> {
+    getrlimit(Resource::Fsize).current
+}
+
+/// Turns the signal of a write beyond the limit (SIGXFSZ), which would end this process, into an error of that write.
+/// Child processes are not affected. It is to be called within a runtime.
+///
+/// # Errors
+/// When the signal cannot be listened to.
+pub fn survive_limit() -> io::Result<()> {
+    // A process that has once listened to a signal is no longer ended by it.
+    signal(SignalKind::from_raw(Signal::XFSZ.as_raw())).map(drop)
+}

@@ -1,0 +1,66 @@
+//! The data folder of a server, apart from its database: names and permissions of what lies in it, the lock that one
+//! server holds on it, blobs, the stamp that ties the database to them, and whether its files are still the ones that
+//! were opened.
+//!
+//! The server and its workers use it alike: plain blocking code. Must not depend on rows or on the content of blobs.
+
+pub mod access;
+pub mod blobs;
+pub mod fail_point;
+pub mod file_limit;
+pub mod lock;
+pub mod presence;
+pub mod stamp;
+
+use std::path::{Path, PathBuf};
+
+use gleaner_core::{TaskSpec, id::BlobId};
+
+/// Name of the database within a data folder, and within a backup.
+pub const DATABASE: &str = "gleaner.db";
+/// Name of the folder of the blobs.
+pub const BLOBS: &str = "blobs";
+/// Name of the file that one server at a time locks.
+pub const LOCK: &str = "lock";
+
+/// Path of the database of a data folder.
+pub fn database(data_dir: &Path) -> PathBuf {
+    data_dir.join(DATABASE)
+}
+
+/// Path of a file that SQLite keeps beside the database: `-wal`, `-shm` or `-journal`.
+pub fn beside_database(data_dir: &Path, suffix: &str) -> PathBuf {
+    data_dir.join(format!("{DATABASE}{suffix}"))
+}
+
+/// The ways out of a data folder whose database is missing, damaged or not the blobs' own, as the end of an error message.
+pub fn ways_out(data_dir: &Path) -> String {
+    let shown = data_dir.display();
+    format!(
+        "Nothing was changed. `gleaner-server restore BACKUP --data-dir NEW` restores a backup into a new folder; \
+         `gleaner-server rebuild --data-dir {shown}` completes or rebuilds the database from the sidecars beside the blobs"
+    )
+}
+
+/// The third way out, where there is a database to take or none at all.
+pub fn way_to_accept(data_dir: &Path) -> String {
+    format!(
+        "{}; `gleaner-server serve --data-dir {} --accept-database` takes the database as it is, once: blobs that it does \
+         not name then move to the trash",
+        ways_out(data_dir),
+        data_dir.display()
+    )
+}
+
+/// Name of the folder of what follows from recordings and can be made again.
+pub const CACHE: &str = "cache";
+/// Ending of the names of kept features in that folder.
+pub const FEATURES: &str = "features";
+
+/// The path of a recording's decoded steps, for this task. Derived: it can always be rebuilt.
+pub fn frames_path(data_dir: &Path, recording: &BlobId, spec: &TaskSpec) -> PathBuf {
+    // Every specification can be written as JSON: it came from JSON.
+    let spec = serde_json::to_vec(spec).unwrap_or_default();
+    let spec = blake3::hash(&spec).to_hex();
+    data_dir.join(CACHE).join(format!("{recording}-{}.frames", spec.get(..16).unwrap_or_default()))
+}

@@ -1,0 +1,188 @@
+//! The worker's calls to its server, each with the attempt's token.
+
+use std::time::Duration;
+
+use futures::stream;
+use gleaner_proto::v1::{self, worker_service_client::WorkerServiceClient};
+use tokio::time::{Instant, sleep};
+use tonic::{
+    Code, Request, Status,
+    metadata::{Ascii, MetadataValue},
+    service::{Interceptor, interceptor::InterceptedService},
+    transport::{Channel, Endpoint},
+};
+
+use crate::config::WorkerConfig;
+use gleaner_core::{
+    error::{Error, Result},
+    id::{BlobId, JobId},
+    order::JobOrder,
+    proto,
+    score::EpisodeScores,
+    work::{Inputs, Made, Progress},
+};
+
+const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
+/// How long, and how often, a worker asks again for what the server cannot take now.
+pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+pub(crate) const LONGEST_PAUSE: Duration = Duration::from_secs(5);
+
+/// Adds the token to every call.
+#[derive(Clone)]
+struct Bearer(MetadataValue<Ascii>);
+
+impl Interceptor for Bearer {
+    fn call(&mut self, mut request: Request<()>) -> std::result::Result<Request<()>, Status> {
+        request.metadata_mut().insert("authorization", self.0.clone());
+        Ok(request)
+    }
+}
+
+/// The server, as one attempt of one job sees it.
+pub(crate) struct Client(WorkerServiceClient<InterceptedService<Channel, Bearer>>);
+
+impl Client {
+    /// Connects.
+    ///
+    /// # Errors
+    /// Unavailable when the server does not answer.
+    pub(crate) async fn connect(config: &WorkerConfig) -> Result<Self> {
+        let channel = Endpoint::from_shared(config.server.clone())
+            .map_err(|error| Error::invalid("--server", error))?
+            .connect_timeout(CONNECT_TIMEOUT)
+            .tcp_nodelay(true)
+            .connect()
+            .await
+            .map_err(|error| Error::unavailable(format!("the server {} does not answer: {error}", config.server)))?;
+        let mut bearer: MetadataValue<Ascii> = format!("Bearer {}", config.token.reveal())
+            .parse()
+            .map_err(|_| Error::invalid("GLEANER_JOB_TOKEN", "is no token"))?;
+        bearer.set_sensitive(true);
+        let client = WorkerServiceClient::with_interceptor(channel, Bearer(bearer))
+            .max_decoding_message_size(config.max_message_bytes)
+            .max_encoding_message_size(config.max_message_bytes);
+        Ok(Self(client))
+    }
+
+    /// Which job, what to do, and with what.
+    pub(crate) async fn assignment(&mut self) -> Result<(JobId, JobOrder, Inputs)> {
+        let answer = patiently(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await;
+        match answer {
+            Ok(response) => proto::worker::assigned(response.into_inner()),
+            Err(status) => {
+                if status.code() == Code::FailedPrecondition {
+                    // Every attempt would be told the same.
+                    self.fail(status.message().to_owned(), false).await?;
+                }
+                Err(refused(status))
+            }
+        }
+    }
+
+    /// The scores of the run that the job goes on from.
+    pub(crate) async fn base_scores(&mut self) -> Result<Vec<EpisodeScores>> {
+        let request = v1::StreamBaseScoresRequest {};
+        let mut stream = self.0.stream_base_scores(request).await.map_err(refused)?.into_inner();
+        let mut scores = Vec::new();
+        while let Some(response) = stream.message().await.map_err(refused)? {
+            scores.push(proto::worker::base_scores_from(response)?);
+        }
+        Ok(scores)
+    }
+
+    /// Tells how far it is; the answer says whether to stop.
+    pub(crate) async fn report_progress(&mut self, progress: Progress) -> Result<bool> {
+        let request = proto::worker::progress(progress);
+        let response = patiently(async || self.0.report_progress(request.clone()).await).await.map_err(refused)?;
+        Ok(response.into_inner().cancel)
+    }
+
+    /// Names the blob to resume from. False when it is not there any more: another job had the same one, and gave it up.
+    pub(crate) async fn save_checkpoint(&mut self, step: u64, blob: BlobId) -> Result<bool> {
+        let request = v1::SaveCheckpointRequest { step, blob: blob.into() };
+        match patiently(async || self.0.save_checkpoint(request.clone()).await).await {
+            Ok(_) => Ok(true),
+            Err(status) if status.code() == Code::NotFound => Ok(false),
+            Err(status) => Err(refused(status)),
+        }
+    }
+
+    /// Ends the job with what it made. A result that the server does not take ends it too.
+    pub(crate) async fn complete(&mut self, made: Made) -> Result<()> {
+        let messages = proto::worker::completion_messages(made);
+        match patiently(async || self.0.complete_job(stream::iter(messages.clone())).await).await {
+            Ok(_) => Ok(()),
+            Err(status) if status.code() == Code::Cancelled => Ok(()),
+            Err(status) if matches!(status.code(), Code::InvalidArgument | Code::NotFound) => {
+                // A blob that went away can be made again; a result that does not fit would not fit again.
+                let again = status.code() == Code::NotFound;
+                self.fail(format!("the server refused the result: {}", status.message()), again).await
+            }
+            Err(status) => Err(refused(status)),
+        }
+    }
+
+    /// Ends the attempt with an error.
+    pub(crate) async fn fail(&mut self, error: String, retry: bool) -> Result<()> {
+        let request = v1::FailJobRequest { error, retry };
+        patiently(async || self.0.fail_job(request.clone()).await).await.map_err(refused)?;
+        Ok(())
+    }
+}
+
+/// Asks until the server takes it, for a while: a disk that is full or slow is nothing that a job should end for. Each
+/// time the server hears that the worker lives.
+async fn patiently<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
+    let (begun, mut pause) = (Instant::now(), FIRST_PAUSE);
+    loop {
+        let status = match ask().await {
+            Err(status) if matches!(status.code(), Code::ResourceExhausted | Code::Unavailable) => status,
+            answer => return answer,
+        };
+        if begun.elapsed() >= PATIENCE {
+            return Err(status);
+        }
+        tracing::warn!(code = ?status.code(), reason = status.message(), "the server does not take it; asking again");
+        sleep(pause).await;
+        pause = LONGEST_PAUSE.min(pause * 2);
+    }
+}
+
+fn refused(status: Status) -> Error {
+    Error::unavailable(format!("the server answered {:?}: {}", status.code(), status.message()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[tokio::test(start_paused = true)]
+    async fn what_the_server_cannot_take_now_is_asked_again_and_nothing_else_is() {
+        for refused in [|| Status::resource_exhausted("no room"), || Status::unavailable("not now")] {
+            let mut refusals = 5;
+            let asked = patiently(async || match refusals {
+                0 => Ok("taken"),
+                _ => {
+                    refusals -= 1;
+                    Err(refused())
+                }
+            });
+            assert_eq!(asked.await.ok(), Some("taken"));
+        }
+        let (mut asked, begun) = (0, Instant::now());
+        let answer: tonic::Result<()> = patiently(async || {
+            asked += 1;
+            Err(Status::unavailable("never"))
+        })
+        .await;
+        assert!(answer.is_err() && begun.elapsed() >= PATIENCE && asked > 100, "{asked} times");
+        let mut asked = 0;
+        let answer: tonic::Result<()> = patiently(async || {
+            asked += 1;
+            Err(Status::invalid_argument("step: is wrong"))
+        })
+        .await;
+        assert_eq!((answer.err().map(|status| status.code()), asked), (Some(Code::InvalidArgument), 1));
+    }
+}

@@ -1,0 +1,47 @@
+//! Arguments of the program, given by the server that starts it. The only module that reads the environment.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+use gleaner_core::Secret;
+use gleaner_logs::LogOptions;
+
+/// Works on one job of a gleaner server, which starts this program. The token is passed by the environment, so that it is not in the process list.
+#[derive(Debug, Parser)]
+#[command(name = "gleaner-worker", version)]
+pub struct WorkerConfig {
+    /// Address of the server's port for workers.
+    #[arg(long)]
+    pub server: String,
+    /// The server's data directory.
+    #[arg(long)]
+    pub data_dir: PathBuf,
+    /// Threads of the tensor library.
+    #[arg(long, default_value_t = 2)]
+    pub threads: u32,
+    /// Niceness of the process (0: unchanged).
+    #[arg(long, default_value_t = 0)]
+    pub nice: i32,
+    /// Run compute threads at idle priority.
+    #[arg(long)]
+    pub idle: bool,
+    /// Id of the server's process; the worker ends with it.
+    #[arg(long)]
+    pub parent: Option<u32>,
+    /// Maximum size of a gRPC message in bytes.
+    #[arg(long, default_value_t = 32 << 20)]
+    pub max_message_bytes: usize,
+    /// Bytes of the disk that stay free (0: use all).
+    #[arg(long, default_value_t = 0)]
+    pub min_free_bytes: u64,
+    /// The token of this attempt of its job.
+    #[arg(long, env = "GLEANER_JOB_TOKEN", hide_env_values = true)]
+    pub token: Secret,
+    /// What to log.
+    #[command(flatten)]
+    pub log: LogOptions,
+    /// Exit at a fail point: `name`, or `name=n` for its n-th passing (tests only).
+    #[cfg(feature = "fail-points")]
+    #[arg(long, env = gleaner_data_folder::fail_point::VARIABLE, hide = true)]
+    pub fail_point: Option<String>,
+}

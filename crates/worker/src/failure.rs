@@ -1,0 +1,73 @@
+//! Why a job's work ended without a result, and whether trying again could help.
+
+use gleaner_learn::LearnError;
+use gleaner_recording::RecordingError;
+
+use gleaner_core::error::{Error, Kind};
+
+/// Why there is no result.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) enum Failure {
+    /// The server asked to stop.
+    Cancelled,
+    /// The input or the settings are wrong: every attempt would end like this.
+    Hopeless(String),
+    /// Memory, disk or a defect: another attempt could do better.
+    Broken(String),
+}
+
+impl From<LearnError> for Failure {
+    fn from(error: LearnError) -> Self {
+        let said = error.to_string();
+        match error {
+            LearnError::Cancelled => Self::Cancelled,
+            LearnError::Invalid { .. }
+            | LearnError::Checkpoint(_)
+            | LearnError::Version { .. }
+            | LearnError::Diverged { .. } => Self::Hopeless(said),
+            LearnError::Monitor { .. } | LearnError::Torch(_) => Self::Broken(said),
+        }
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(error: Error) -> Self {
+        let said = error.to_string();
+        match error.kind() {
+            Kind::Invalid | Kind::Precondition => Self::Hopeless(said),
+            Kind::Cancelled => Self::Cancelled,
+            Kind::Unauthenticated
+            | Kind::Forbidden
+            | Kind::NotFound
+            | Kind::Exists
+            | Kind::Exhausted
+            | Kind::Late
+            | Kind::Unavailable
+            | Kind::Internal => Self::Broken(said),
+        }
+    }
+}
+
+impl Failure {
+    /// What is wrong with the recording of `episode`.
+    pub(crate) fn recording(episode: &str, error: &RecordingError) -> Self {
+        let said = format!("episode {episode}: {error}");
+        if matches!(error, RecordingError::Io { .. }) { Self::Broken(said) } else { Self::Hopeless(said) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_what_may_go_better_is_tried_again() {
+        let diverged = Failure::from(LearnError::Diverged { step: 3 });
+        assert!(matches!(&diverged, Failure::Hopeless(said) if said.contains("step 3")), "{diverged:?}");
+        let memory = Failure::from(LearnError::Torch("not enough memory".into()));
+        assert_eq!(memory, Failure::Broken("tensor library: not enough memory".into()));
+        assert_eq!(Failure::from(LearnError::Cancelled), Failure::Cancelled);
+        assert!(matches!(Failure::from(Error::invalid("task", "is wrong")), Failure::Hopeless(_)));
+        assert!(matches!(Failure::from(Error::internal("reading", "disk")), Failure::Broken(_)));
+    }
+}

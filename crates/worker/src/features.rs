@@ -1,0 +1,182 @@
+//! Features that score jobs have made, kept beside the decoded steps they were made of: a run that goes on from another
+//! one, or compares otherwise, encodes only what is new. Always to be made again, so nothing here can fail a job.
+
+use std::{
+    cell::Cell,
+    collections::HashMap,
+    io::Write as _,
+    path::{Path, PathBuf},
+};
+
+use gleaner_learn::FeatureStore;
+use gleaner_recording::TaskSpec;
+
+use gleaner_core::{
+    error::{Error, Result},
+    id::BlobId,
+    work::{InputEpisode, Inputs},
+};
+use gleaner_data_folder::{FEATURES, blobs::Blobs, frames_path};
+
+/// So many bytes more than anybody else these leave free: they must not take the last room of what cannot be made again.
+const SPARE: u64 = 2 << 30;
+
+/// The features of a job's episodes under one encoder.
+pub(crate) struct KeptFeatures<'a> {
+    blobs: &'a Blobs,
+    /// Where files are until they are whole.
+    unfinished: PathBuf,
+    /// By the episodes' ids.
+    places: HashMap<&'a str, Place>,
+    /// Something could not be kept, so nothing more is.
+    full: Cell<bool>,
+}
+
+/// Where features are.
+struct Place {
+    path: PathBuf,
+    /// A digest of all that they follow from.
+    key: blake3::Hash,
+}
+
+impl<'a> KeptFeatures<'a> {
+    /// Those of `inputs` under their encoder; `kind` is what else decides them.
+    pub(crate) fn new(data_dir: &Path, blobs: &'a Blobs, inputs: &'a Inputs, kind: &str) -> Self {
+        let place = |episode: &'a InputEpisode| {
+            let place = place(data_dir, &inputs.task, episode, (inputs.encoder.as_ref()?, kind))?;
+            Some((episode.id.as_str(), place))
+        };
+        let places = inputs.experts.iter().chain(&inputs.imperfect).filter_map(place).collect();
+        Self { blobs, unfinished: data_dir.join("tmp"), places, full: Cell::new(false) }
+    }
+
+    /// A digest of the key and the bytes, then the bytes; under its name only once it is whole.
+    fn write(&self, place: &Place, bytes: &[u8]) -> Result<()> {
+        self.blobs.expect_room(SPARE.saturating_add(bytes.len() as u64))?;
+        let fault = |error: std::io::Error| Error::internal(format!("keeping {}", place.path.display()), error);
+        let mut file = tempfile::Builder::new().prefix("features-").tempfile_in(&self.unfinished).map_err(fault)?;
+        file.write_all(place.digest(bytes).as_bytes()).and_then(|()| file.write_all(bytes)).map_err(fault)?;
+        file.persist(&place.path).map_err(|error| fault(error.error))?;
+        Ok(())
+    }
+}
+
+/// Features follow from the recording, how the task reads it, the encoder and the rest.
+fn place(data_dir: &Path, task: &TaskSpec, episode: &InputEpisode, made_by: (&BlobId, &str)) -> Option<Place> {
+    let frames = frames_path(data_dir, &episode.recording, task);
+    let (encoder, kind) = made_by;
+    let key = blake3::hash(format!("{} {encoder} {kind}", frames.file_name()?.to_str()?).as_bytes());
+    let name = format!("{}-{}.{FEATURES}", episode.recording, key.to_hex().get(..16)?);
+    Some(Place { path: frames.with_file_name(name), key })
+}
+
+impl Place {
+    /// Of these bytes here: under another name they are not what they were either.
+    fn digest(&self, bytes: &[u8]) -> blake3::Hash {
+        blake3::keyed_hash(self.key.as_bytes(), bytes)
+    }
+}
+
+impl FeatureStore for KeptFeatures<'_> {
+    fn get(&self, episode: &str) -> Option<Vec<u8>> {
+        let place = self.places.get(episode)?;
+        // Most often there is none.
+        let mut bytes = std::fs::read(&place.path).ok()?;
+        let (digest, features) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
+        if place.digest(features) != *digest {
+            tracing::warn!(episode.id = episode, "its kept features are not what they were; making them again");
+            return None;
+        }
+        bytes.drain(..blake3::OUT_LEN);
+        Some(bytes)
+    }
+
+    fn put(&self, episode: &str, bytes: &[u8]) {
+        let Some(place) = self.places.get(episode) else { return };
+        if self.full.get() {
+            return;
+        }
+        if let Err(error) = self.write(place, bytes) {
+            tracing::warn!(%error, "no more features are kept");
+            self.full.set(true);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gleaner_core::id::EpisodeId;
+
+    fn inputs(task: &TaskSpec, encoder: &[u8]) -> Inputs {
+        let episode = |content: &[u8]| InputEpisode {
+            id: EpisodeId::new(),
+            recording: blake3::hash(content).into(),
+            steps: 3,
+            file_name: String::new(),
+        };
+        Inputs {
+            task: task.clone(),
+            experts: vec![episode(b"one")],
+            imperfect: vec![episode(b"two")],
+            kept: Vec::new(),
+            encoder: Some(blake3::hash(encoder).into()),
+            checkpoint: None,
+            segment_length: 0,
+            policy: None,
+            base: None,
+        }
+    }
+
+    #[test]
+    fn what_was_put_is_there_for_the_same_encoder_and_kind_alone() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        std::fs::create_dir_all(dir.path().join("cache")).unwrap();
+        let task = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &gleaner_sim::SimConfig::default());
+        let inputs = inputs(&task, b"encoder");
+        let (one, two) = (inputs.experts[0].id.as_str(), inputs.imperfect[0].id.as_str());
+        let store = KeptFeatures::new(dir.path(), &blobs, &inputs, "last");
+        store.put(one, b"features of one");
+        store.put("somebody else's", b"features");
+        assert_eq!(store.get(one).unwrap(), b"features of one");
+        assert_eq!((store.get(two), store.get("somebody else's")), (None, None));
+        assert_eq!(KeptFeatures::new(dir.path(), &blobs, &inputs, "segment").get(one), None);
+        let other = Inputs { encoder: Some(blake3::hash(b"other").into()), ..inputs.clone() };
+        assert_eq!(KeptFeatures::new(dir.path(), &blobs, &other, "last").get(one), None);
+        assert_eq!(std::fs::read_dir(dir.path().join("tmp")).unwrap().count(), 0);
+
+        let place = &store.places[one].path;
+        let mut bytes = std::fs::read(place).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        std::fs::write(place, &bytes).unwrap();
+        assert_eq!(store.get(one), None, "rotten");
+        std::fs::write(place, b"short").unwrap();
+        assert_eq!(store.get(one), None);
+        store.put(one, b"again");
+        assert_eq!(store.get(one).unwrap(), b"again");
+        std::fs::copy(place, &store.places[two].path).unwrap();
+        assert_eq!(store.get(two), None, "another's");
+    }
+
+    #[test]
+    fn without_room_nothing_is_kept_and_nothing_fails() {
+        let dir = tempfile::tempdir().unwrap();
+        std::fs::create_dir_all(dir.path().join("cache")).unwrap();
+        // Enough for anybody else.
+        let free = std::sync::Arc::new((SPARE / 2).into());
+        let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
+        let task = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &gleaner_sim::SimConfig::default());
+        let inputs = inputs(&task, b"encoder");
+        let store = KeptFeatures::new(dir.path(), &blobs, &inputs, "last");
+        let one = inputs.experts[0].id.as_str();
+        store.put(one, b"features");
+        assert_eq!(store.get(one), None);
+        free.store(u64::MAX, std::sync::atomic::Ordering::Relaxed);
+        store.put(one, b"features");
+        assert_eq!(store.get(one), None, "this job tries no more");
+        let next = KeptFeatures::new(dir.path(), &blobs, &inputs, "last");
+        next.put(one, b"features");
+        assert_eq!(next.get(one).unwrap(), b"features");
+    }
+}

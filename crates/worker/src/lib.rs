@@ -1,0 +1,88 @@
+//! The worker: a program that does one job and ends. It is a client of the server that gave it the job, and reads and
+//! writes that server's data folder.
+//!
+//! The work itself runs on a thread of its own; the runtime only talks to the server. A call that fails ends the
+//! process, and the server then gives the job to another attempt. Must not depend on the database, on pages or on any
+//! other part of the server.
+
+mod client;
+mod config;
+mod episodes;
+mod failure;
+mod features;
+mod monitor;
+mod process;
+mod reporter;
+mod work;
+
+pub use self::config::WorkerConfig;
+use self::{
+    client::Client,
+    failure::Failure,
+    work::{Base, Work},
+};
+use gleaner_core::error::{Error, Result};
+use gleaner_data_folder::{blobs::Blobs, file_limit};
+
+/// Runs one job to its end.
+///
+/// # Errors
+/// When the server cannot be reached or refuses a call. A job that fails is no error: the server knows why.
+pub fn run(config: WorkerConfig) -> Result<()> {
+    process::settle(&config)?;
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(|error| Error::internal("starting the worker", error))?;
+    let result = runtime.block_on(serve(config));
+    // The job's thread may be amid a step; the process ends without waiting for it.
+    runtime.shutdown_background();
+    result
+}
+
+async fn serve(config: WorkerConfig) -> Result<()> {
+    if let Err(error) = file_limit::survive_limit() {
+        tracing::warn!(%error, "a write beyond the file size limit would end the worker");
+    }
+    let blobs = Blobs::open(&config.data_dir)?.sparing(config.min_free_bytes);
+    let mut client = Client::connect(&config).await?;
+    let (job_id, order, inputs) = client.assignment().await?;
+    tracing::info!(job.id = %job_id, "working");
+    let (monitor, events) = monitor::channel(blobs.clone());
+    let stop = monitor.stop();
+    let base = match &inputs.base {
+        Some(frozen) => Some(Base { frozen: frozen.clone(), scores: client.base_scores().await? }),
+        None => None,
+    };
+    let work = Work { data_dir: config.data_dir, threads: config.threads, blobs, inputs, base, monitor };
+    let working = tokio::task::spawn_blocking(move || {
+        // Not this process's other thread: the server must hear that the worker lives.
+        if config.idle {
+            process::give_way();
+        }
+        work.perform(order)
+    });
+    reporter::report(&mut client, events, &stop).await?;
+    let made = match working.await {
+        Ok(made) => made,
+        Err(error) => Err(Failure::Broken(format!("the job's code gave up: {error}"))),
+    };
+    match made {
+        Ok(made) => {
+            tracing::info!("handing the result over");
+            client.complete(made).await
+        }
+        Err(Failure::Cancelled) => {
+            tracing::info!("stopped as asked");
+            Ok(())
+        }
+        Err(Failure::Hopeless(error)) => {
+            tracing::error!(%error, "this cannot be done");
+            client.fail(error, false).await
+        }
+        Err(Failure::Broken(error)) => {
+            tracing::error!(%error, "this attempt broke");
+            client.fail(error, true).await
+        }
+    }
+}

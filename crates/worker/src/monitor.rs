@@ -1,0 +1,174 @@
+//! The monitor: carries what the working thread says to the reporter, and a wish to stop back.
+
+use std::time::{Duration, Instant};
+
+use gleaner_learn::Monitor;
+use tokio::sync::{mpsc, oneshot};
+use tokio_util::sync::CancellationToken;
+
+use super::client::PATIENCE;
+use gleaner_core::{
+    error::{Kind, Result},
+    id::BlobId,
+};
+use gleaner_data_folder::blobs::Blobs;
+
+/// Events that may wait for the reporter; then the working thread waits.
+const WAITING: usize = 1024;
+/// How often a checkpoint is put again that another job's cleaning up has taken meanwhile.
+const TRIES: u32 = 3;
+/// How often it is looked whether the disk has room again.
+#[cfg(not(test))]
+const LOOK_AGAIN: Duration = Duration::from_secs(2);
+#[cfg(test)]
+const LOOK_AGAIN: Duration = Duration::from_millis(1);
+
+/// What the working thread says.
+#[derive(Debug)]
+pub(crate) enum Event {
+    /// What it does from now on.
+    Phase(String),
+    /// How far it is, with new values.
+    Progress {
+        /// Steps done.
+        done: u64,
+        /// Steps in all.
+        total: u64,
+        /// (name, value) at this step.
+        metrics: Vec<(&'static str, f64)>,
+    },
+    /// A blob that is on disk and to be resumed from.
+    Checkpoint {
+        /// Steps done.
+        step: u64,
+        /// The blob.
+        blob: BlobId,
+        /// Answered once the server names it; false when it has gone meanwhile.
+        saved: oneshot::Sender<bool>,
+    },
+}
+
+/// The working thread's end.
+pub(crate) struct Watcher {
+    events: mpsc::Sender<Event>,
+    stop: CancellationToken,
+    blobs: Blobs,
+}
+
+/// Both ends; the second gives events until the watcher is dropped.
+pub(crate) fn channel(blobs: Blobs) -> (Watcher, mpsc::Receiver<Event>) {
+    let (events, receiver) = mpsc::channel(WAITING);
+    (Watcher { events, stop: CancellationToken::new(), blobs }, receiver)
+}
+
+impl Watcher {
+    /// Cancelled when the work should stop.
+    pub(crate) fn stop(&self) -> CancellationToken {
+        self.stop.clone()
+    }
+
+    /// Says what is done from now on.
+    pub(crate) fn phase(&self, doing: &str) {
+        tracing::info!("{doing}");
+        self.say(Event::Phase(doing.to_owned()));
+    }
+
+    /// Writes to the disk. While that has no room, and nobody wants the work to stop, it waits for some.
+    ///
+    /// # Errors
+    /// Exhausted when there was none for long; others at once.
+    pub(crate) fn once_there_is_room<T>(&self, write: impl Fn(&Blobs) -> Result<T>) -> Result<T> {
+        let begun = Instant::now();
+        loop {
+            match write(&self.blobs) {
+                Err(error) if error.kind() == Kind::Exhausted && begun.elapsed() < PATIENCE && !self.cancelled() => {
+                    tracing::warn!(%error, "waiting for room on the disk");
+                    // A disk tells nobody when it has room again.
+                    std::thread::park_timeout(LOOK_AGAIN);
+                }
+                done => return done,
+            }
+        }
+    }
+
+    fn say(&self, event: Event) {
+        if self.events.blocking_send(event).is_err() {
+            // The reporter is gone, so the server is: nobody would take a result.
+            self.stop.cancel();
+        }
+    }
+}
+
+impl Monitor for Watcher {
+    fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]) {
+        self.say(Event::Progress { done: step, total, metrics: metrics.to_vec() });
+    }
+
+    fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> std::result::Result<(), String> {
+        for _ in 0..TRIES {
+            let blob = self.once_there_is_room(|blobs| blobs.put(bytes)).map_err(|error| error.to_string())?;
+            gleaner_data_folder::fail_point::pass("checkpoint.blob_kept");
+            let (saved, answer) = oneshot::channel();
+            self.say(Event::Checkpoint { step, blob, saved });
+            if answer.blocking_recv().map_err(|_| "the server did not take it".to_owned())? {
+                return Ok(());
+            }
+        }
+        Err("the checkpoint went away each time before the server named it".to_owned())
+    }
+
+    fn cancelled(&self) -> bool {
+        self.stop.is_cancelled()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    };
+
+    use super::*;
+
+    #[test]
+    fn a_checkpoint_is_on_disk_before_it_is_named_and_waits_for_the_answer() {
+        let dir = tempfile::tempdir().unwrap();
+        let blobs = Blobs::open(dir.path()).unwrap();
+        let (mut watcher, mut events) = channel(blobs.clone());
+        let server = std::thread::spawn(move || {
+            // The first time as if it had gone in between: then it is put again.
+            for there in [false, true] {
+                let Event::Checkpoint { step, blob, saved } = events.blocking_recv().unwrap() else {
+                    panic!("a checkpoint was expected")
+                };
+                assert_eq!((step, blobs.get(&blob).unwrap()), (5, b"weights".to_vec()));
+                std::fs::remove_file(blobs.path(&blob)).unwrap();
+                saved.send(there).unwrap();
+            }
+        });
+        watcher.checkpoint(5, b"weights").unwrap();
+        server.join().unwrap();
+        assert!(watcher.checkpoint(6, b"more").is_err(), "nobody takes it");
+        assert!(watcher.cancelled(), "work without a server is in vain");
+    }
+
+    #[test]
+    fn what_the_disk_has_no_room_for_waits_until_it_has() {
+        let dir = tempfile::tempdir().unwrap();
+        let free = Arc::new(AtomicU64::new(0));
+        let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
+        let (watcher, _events) = channel(blobs);
+        let tries = std::cell::Cell::new(0);
+        let blob = watcher.once_there_is_room(|blobs| {
+            tries.set(tries.get() + 1);
+            let put = blobs.put(b"weights");
+            free.store(u64::MAX, Ordering::Relaxed);
+            put
+        });
+        assert!(blob.is_ok() && tries.get() == 2, "{tries:?}");
+        free.store(0, Ordering::Relaxed);
+        watcher.stop().cancel();
+        assert_eq!(watcher.once_there_is_room(|blobs| blobs.put(b"more")).unwrap_err().kind(), Kind::Exhausted);
+    }
+}

@@ -1,0 +1,78 @@
+//! The process itself: that it ends with its server, gives way to serving, and how much memory it took.
+
+use rustix::process::{Pid, Signal};
+use thread_priority::{
+    NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, set_thread_priority_and_policy, thread_native_id,
+    thread_schedule_policy,
+};
+
+use crate::config::WorkerConfig;
+use gleaner_core::error::{Error, Result};
+
+/// Takes on the niceness, and asks the system to kill this process with the server that started it.
+///
+/// # Errors
+/// Unavailable when that server is gone already.
+pub(crate) fn settle(config: &WorkerConfig) -> Result<()> {
+    if let Some(parent) = config.parent {
+        rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
+            .map_err(|error| Error::internal("tying the worker to its server", error))?;
+        // The server may have died before the line above took effect.
+        let expected = i32::try_from(parent).ok().and_then(Pid::from_raw);
+        if rustix::process::getppid() != expected {
+            return Err(Error::unavailable("the server that started this worker is gone"));
+        }
+    }
+    if config.nice > 0
+        && let Err(error) = rustix::process::setpriority_process(None, config.nice)
+    {
+        tracing::warn!(%error, "the worker runs at normal priority");
+    }
+    Ok(())
+}
+
+/// Has this thread, and those it will start, run only when nobody else wants their processor.
+pub(crate) fn give_way() {
+    let idle = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
+    // It would give back the niceness too, which only the privileged may; that counts for nothing here. So what holds
+    // is looked at instead.
+    let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, idle);
+    if !matches!(thread_schedule_policy(), Ok(policy) if policy == idle) {
+        tracing::warn!("the worker competes with serving at its niceness");
+    }
+}
+
+/// The most memory this process has held, in bytes; 0 where the system does not tell.
+pub(crate) fn peak_memory() -> u64 {
+    std::fs::read_to_string("/proc/self/status").map(|status| high_water(&status)).unwrap_or(0)
+}
+
+fn high_water(status: &str) -> u64 {
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kibibytes = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
+    kibibytes.unwrap_or(0) * 1024
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_gives_way_and_those_it_starts_are_idle() {
+        let policies = std::thread::spawn(|| {
+            give_way();
+            let started = std::thread::spawn(thread_schedule_policy);
+            (thread_schedule_policy().ok(), started.join().ok().and_then(|policy| policy.ok()))
+        });
+        let idle = Some(ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle));
+        assert_eq!(policies.join().ok(), Some((idle, idle)));
+        assert_ne!(thread_schedule_policy().ok(), idle, "the others stay as they are");
+    }
+
+    #[test]
+    fn the_high_water_mark_is_read() {
+        assert_eq!(high_water("Name:\tgleaner\nVmHWM:\t  204800 kB\nVmRSS:\t 1 kB\n"), 204_800 * 1024);
+        assert_eq!(high_water("Name:\tgleaner\n"), 0);
+        assert!(peak_memory() > 0);
+    }
+}

@@ -1,0 +1,83 @@
+//! The work of each kind of job: one file for each, and the list of them in [`Work::perform`].
+//!
+//! A kind opens its inputs, calls the learning crate, and keeps its result as blobs. It reports to the monitor and
+//! resumes from the checkpoint of an earlier attempt.
+
+mod evaluate;
+mod export;
+mod pretrain;
+mod score;
+mod train;
+
+use std::path::PathBuf;
+
+use gleaner_core::{
+    id::BlobId,
+    order::JobOrder,
+    score::EpisodeScores,
+    work::{FrozenRun, Inputs, Made},
+};
+use gleaner_data_folder::{blobs::Blobs, fail_point};
+
+use crate::{episodes::Episodes, failure::Failure, monitor::Watcher};
+
+/// A job's work, ready to begin on a thread of its own.
+pub(crate) struct Work {
+    /// The server's data directory.
+    pub(crate) data_dir: PathBuf,
+    /// Threads of the tensor library.
+    pub(crate) threads: u32,
+    /// Where results go.
+    pub(crate) blobs: Blobs,
+    /// The episodes and blobs to work on.
+    pub(crate) inputs: Inputs,
+    /// The run that a score job extends.
+    pub(crate) base: Option<Base>,
+    /// The way to the server.
+    pub(crate) monitor: Watcher,
+}
+
+/// A score run to extend.
+pub(crate) struct Base {
+    /// What it has frozen.
+    pub(crate) frozen: FrozenRun,
+    /// Its scores, without q.
+    pub(crate) scores: Vec<EpisodeScores>,
+}
+
+impl Work {
+    /// Does the work of a kind: the list of kinds.
+    pub(crate) fn perform(mut self, order: JobOrder) -> Result<Made, Failure> {
+        self.monitor.phase("reading episodes");
+        match order {
+            JobOrder::Pretrain { spec, .. } => pretrain::perform(&mut self, spec),
+            JobOrder::Score { spec, .. } => score::perform(&mut self, spec),
+            JobOrder::Train { spec, .. } => train::perform(&mut self, spec),
+            JobOrder::Export { .. } => export::perform(&mut self),
+            JobOrder::Evaluate { spec, .. } => evaluate::perform(&mut self, &spec),
+        }
+    }
+
+    fn episodes(&self) -> Episodes<'_> {
+        Episodes { data_dir: &self.data_dir, blobs: &self.blobs, task: &self.inputs.task }
+    }
+
+    /// What an earlier attempt left, if any.
+    fn resume(&self) -> Result<Option<Vec<u8>>, Failure> {
+        Ok(self.inputs.checkpoint.as_ref().map(|blob| self.blobs.get(blob)).transpose()?)
+    }
+
+    /// The bytes of a blob that the assignment names.
+    fn input(&self, what: &str, blob: Option<&BlobId>) -> Result<Vec<u8>, Failure> {
+        match blob {
+            Some(blob) => Ok(self.blobs.get(blob)?),
+            None => Err(Failure::Broken(format!("the server named no {what}"))),
+        }
+    }
+
+    fn keep(&self, bytes: &[u8]) -> Result<BlobId, Failure> {
+        let blob = self.monitor.once_there_is_room(|blobs| blobs.put(bytes))?;
+        fail_point::pass("result.blob_kept");
+        Ok(blob)
+    }
+}

@@ -1,0 +1,141 @@
+//! Evaluation: a policy drives the embedded simulator in closed loop, many attempts at a time in one pass.
+
+use gleaner_core::{EvaluateSpec, evaluation::SeedResult, work::Made};
+use gleaner_learn::{Ensemble, History, Monitor as _, Policy};
+use gleaner_recording::TaskSpec;
+use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task, simulated};
+
+use super::Work;
+use crate::{failure::Failure, monitor::Watcher};
+
+/// Attempts that run side by side.
+const SIDE_BY_SIDE: usize = 32;
+
+/// Runs the trials of every seed.
+pub(super) fn perform(work: &mut Work, spec: &EvaluateSpec) -> Result<Made, Failure> {
+    let checkpoint = work.input("policy", work.inputs.policy.as_ref())?;
+    gleaner_learn::set_threads(work.threads);
+    let policy = Policy::load_on(&checkpoint, spec.device)?;
+    work.monitor.phase("evaluating");
+    evaluate(&work.inputs.task, &policy, spec, &mut work.monitor).map(Made::Trials)
+}
+
+/// What came of every seed, in order. Each seed runs by itself, so that its result does not depend on the others.
+fn evaluate(
+    task: &TaskSpec,
+    policy: &Policy,
+    spec: &EvaluateSpec,
+    monitor: &mut Watcher,
+) -> Result<Vec<SeedResult>, Failure> {
+    let (simulation, config) =
+        simulated(task, &spec.simulation).map_err(|error| Failure::Hopeless(error.to_string()))?;
+    let config = SimConfig { max_steps: spec.max_steps, ..config };
+    let total = u64::from(spec.episodes) * spec.seeds.len() as u64;
+    let mut results = Vec::with_capacity(spec.seeds.len());
+    for &seed in &spec.seeds {
+        let before = u64::from(spec.episodes) * results.len() as u64;
+        let trials = Trials { policy, simulation, config, tally: Tally::default() };
+        let tally = trials.run(spec.attempts(seed), &mut |tally| {
+            monitor.progress(before + u64::from(tally.episodes), total, &[]);
+            if monitor.cancelled() { Err(Failure::Cancelled) } else { Ok(()) }
+        })?;
+        results.push(tally.result(seed));
+    }
+    Ok(results)
+}
+
+/// What came of a seed so far.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tally {
+    episodes: u32,
+    successes: u32,
+    steps: u64,
+}
+
+impl Tally {
+    fn add(&mut self, sim: &Sim) {
+        self.episodes += 1;
+        self.successes += u32::from(sim.success());
+        self.steps += u64::from(sim.steps());
+    }
+
+    #[expect(clippy::cast_precision_loss, reason = "at most 10^10 steps")]
+    fn result(self, seed: u64) -> SeedResult {
+        let Self { episodes, successes, steps } = self;
+        SeedResult { seed, episodes, successes, mean_steps: steps as f64 / f64::from(episodes.max(1)) }
+    }
+}
+
+/// One attempt under way.
+struct Attempt {
+    sim: Sim,
+    history: History,
+    ensemble: Ensemble,
+}
+
+/// The attempts of one seed.
+struct Trials<'a> {
+    policy: &'a Policy,
+    simulation: Task,
+    config: SimConfig,
+    tally: Tally,
+}
+
+impl Trials<'_> {
+    /// Runs every attempt; a place that is free is taken by the next one. `each` hears of every step and may stop.
+    fn run(
+        mut self,
+        mut seeds: impl Iterator<Item = u64>,
+        each: &mut dyn FnMut(&Tally) -> Result<(), Failure>,
+    ) -> Result<Tally, Failure> {
+        let mut running: Vec<Attempt> = Vec::with_capacity(SIDE_BY_SIDE);
+        loop {
+            let free = SIDE_BY_SIDE - running.len();
+            running.extend(seeds.by_ref().take(free).map(|seed| self.begin(seed)));
+            if running.is_empty() {
+                return Ok(self.tally);
+            }
+            self.step(&mut running)?;
+            running.retain(|attempt| {
+                if attempt.sim.done() {
+                    self.tally.add(&attempt.sim);
+                }
+                !attempt.sim.done()
+            });
+            each(&self.tally)?;
+        }
+    }
+
+    fn begin(&self, seed: u64) -> Attempt {
+        Attempt {
+            sim: Sim::new(self.simulation, self.config, seed),
+            history: History::new(self.policy.segment_length()),
+            ensemble: Ensemble::new(),
+        }
+    }
+
+    /// One control step of every attempt.
+    fn step(&self, running: &mut [Attempt]) -> Result<(), Failure> {
+        let seen: Vec<_> = running.iter().map(|attempt| attempt.sim.observe()).collect();
+        let frames: Vec<&[u8]> = seen.iter().map(|seen| seen.frames.as_slice()).collect();
+        let embeddings = self.policy.embed(&frames)?;
+        for ((attempt, seen), embedding) in running.iter_mut().zip(&seen).zip(embeddings) {
+            attempt.history.push(embedding, seen.proprioception.clone())?;
+        }
+        let chunks = self.policy.act(&running.iter().map(|attempt| &attempt.history).collect::<Vec<_>>())?;
+        for (attempt, chunk) in running.iter_mut().zip(chunks) {
+            // What is remembered is what is executed: the simulator goes no further than ±1.
+            let action = attempt.ensemble.push(u64::from(attempt.sim.steps()), chunk)?;
+            let action: Vec<f32> = action.into_iter().map(|value| value.clamp(-1.0, 1.0)).collect();
+            let told: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
+                Failure::Hopeless(format!(
+                    "the policy gives {} values, the simulator takes {ACTION_SIZE}",
+                    action.len()
+                ))
+            })?;
+            attempt.sim.step(told);
+            attempt.history.set_executed(action)?;
+        }
+        Ok(())
+    }
+}

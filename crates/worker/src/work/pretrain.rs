@@ -1,0 +1,17 @@
+//! Pretraining: an encoder from all episodes of a snapshot.
+
+use gleaner_core::{PretrainSpec, work::Made};
+
+use super::Work;
+use crate::failure::Failure;
+
+/// L = L_MTP + L_TR + L_AA over D_u = D_e ∪ D_i.
+pub(super) fn perform(work: &mut Work, spec: PretrainSpec) -> Result<Made, Failure> {
+    let spec = PretrainSpec { threads: Some(work.threads), ..spec };
+    let (shape, resume) = (work.episodes().shape(), work.resume()?);
+    let all = [work.inputs.experts.as_slice(), work.inputs.imperfect.as_slice()].concat();
+    let data = work.episodes().trajectories(&all)?;
+    work.monitor.phase("pretraining");
+    let bytes = gleaner_learn::pretrain(&shape, &data, &spec, resume.as_deref(), &mut work.monitor)?;
+    Ok(Made::Encoder { checkpoint: work.keep(&bytes)? })
+}

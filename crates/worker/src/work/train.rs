@@ -1,0 +1,19 @@
+//! Training: a policy by behaviour cloning of experts and kept segments.
+
+use gleaner_core::{TrainSpec, order::needs_encoder, work::Made};
+
+use super::Work;
+use crate::failure::Failure;
+
+/// L = E_{D_e}[loss] + λ · E_{D_i}[q · loss].
+pub(super) fn perform(work: &mut Work, spec: TrainSpec) -> Result<Made, Failure> {
+    let spec = TrainSpec { threads: Some(work.threads), ..spec };
+    let (shape, resume) = (work.episodes().shape(), work.resume()?);
+    let encoder = if needs_encoder(&spec) { Some(work.input("encoder", work.inputs.encoder.as_ref())?) } else { None };
+    let experts = work.episodes().trajectories(&work.inputs.experts)?;
+    let kept = work.episodes().weighted(&work.inputs.kept)?;
+    work.monitor.phase("training");
+    let (resume, monitor) = (resume.as_deref(), &mut work.monitor);
+    let bytes = gleaner_learn::train_policy(&shape, encoder.as_deref(), &experts, &kept, &spec, resume, monitor)?;
+    Ok(Made::Policy { checkpoint: work.keep(&bytes)?, kind: spec.policy.name.clone() })
+}

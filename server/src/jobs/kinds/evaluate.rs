@@ -1,0 +1,79 @@
+//! Evaluation: a policy in, the outcomes of its trials in the embedded simulator out.
+
+use gleaner_core::EvaluateSpec;
+
+use super::{Resolved, result_id};
+use crate::{
+    domain::{
+        evaluation::{Evaluation, SeedResult},
+        id::{EvaluationId, JobId, PolicyId, TaskId},
+        job::{Job, JobSpec},
+        order::Subject,
+        time::Millis,
+        work::Inputs,
+    },
+    error::{Error, Result},
+    jobs::{Jobs, lookup::same_task},
+    store::finish::JobResult,
+};
+
+pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, subject: Subject, spec: EvaluateSpec) -> Result<Resolved> {
+    let spec = simulated(jobs, task, "spec.evaluate.settings.simulation", spec).await?;
+    let (maker, policy_id) = policy(jobs, task, subject).await?;
+    Ok(Resolved::new(JobSpec::Evaluate { policy_id, spec }, Some(maker)))
+}
+
+/// The policy to evaluate, and the job that makes it.
+async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<(JobId, PolicyId)> {
+    let (field, id) = match subject {
+        Subject::Policy(id) => ("spec.evaluate.policy_id", id),
+        Subject::Deployment(name) => {
+            let deployment = jobs.0.store.deployment(&name).await?;
+            let id = deployment.policy_id().cloned().ok_or_else(|| Error::not_found("deployment", name))?;
+            ("spec.evaluate.deployment", id)
+        }
+    };
+    match jobs.0.store.job_of_result(id.as_str()).await? {
+        Some(Job { id: maker, task_id, spec: JobSpec::Train { .. }, .. }) => {
+            same_task(field, id.as_str(), &task_id, task)?;
+            Ok((maker, id))
+        }
+        Some(_) | None => Err(Error::not_found("policy", id)),
+    }
+}
+
+/// Trials in the simulator's task of that name, or of the task's own: rejected now if it cannot be simulated.
+pub(in crate::jobs) async fn simulated(
+    jobs: &Jobs,
+    task: &TaskId,
+    field: &str,
+    spec: EvaluateSpec,
+) -> Result<EvaluateSpec> {
+    let task = jobs.0.store.task_by_id(task).await?;
+    let simulation = gleaner_sim::simulated(&task.spec, &spec.simulation)
+        .map_err(|problem| Error::invalid(field, problem))?
+        .0
+        .name()
+        .to_owned();
+    Ok(EvaluateSpec { simulation, ..spec })
+}
+
+pub(super) async fn inputs(jobs: &Jobs, policy: &PolicyId, inputs: &mut Inputs) -> Result<()> {
+    inputs.policy = Some(jobs.0.store.policy(policy).await?.checkpoint);
+    Ok(())
+}
+
+pub(super) fn accept(job: &Job, policy: &PolicyId, spec: &EvaluateSpec, seeds: Vec<SeedResult>) -> Result<JobResult> {
+    let trials = |result: &SeedResult| (result.seed, result.episodes);
+    if !seeds.iter().map(trials).eq(spec.seeds.iter().map(|&seed| (seed, spec.episodes))) {
+        return Err(Error::invalid("message.evaluation.seeds", "are not the seeds and episodes of the job"));
+    }
+    Ok(JobResult::Evaluation(Evaluation {
+        id: result_id(job, EvaluationId::try_from)?,
+        policy_id: policy.clone(),
+        job_id: Some(job.id.clone()),
+        simulation: spec.simulation.clone(),
+        seeds,
+        created_at: Millis::now(),
+    }))
+}

@@ -1,0 +1,87 @@
+//! Score runs that go on from an earlier one: whether they may, and with which settings.
+
+use std::collections::HashSet;
+
+use gleaner_core::{ScoreSpec, kinds::Family};
+use serde_json::Value;
+
+use super::score::scored;
+use crate::{
+    domain::{
+        id::{EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
+        job::JobSpec,
+        score::ScoreRun,
+        snapshot::Role,
+    },
+    error::{Error, Result},
+    jobs::{Jobs, lookup::same_task},
+};
+
+/// A scoring that goes on from a finished run, with that run's encoder and settings.
+///
+/// # Errors
+/// NotFound; Precondition when the run is not finished or the snapshot lacks one of its experts; Invalid when
+/// what was asked for is not what the run has.
+pub(super) async fn extension(
+    jobs: &Jobs,
+    task: &TaskId,
+    run: &ScoreRunId,
+    (encoder, snapshot): (Option<EncoderId>, Option<SnapshotId>),
+    asked: ScoreSpec,
+) -> Result<JobSpec> {
+    let base = jobs.0.store.score_run(run).await?;
+    same_task("spec.score.extends", run.as_str(), &base.task_id, task)?;
+    if let Some(encoder) = encoder.filter(|encoder| *encoder != base.encoder_id) {
+        return Err(Error::invalid(
+            "spec.score.encoder_id",
+            format!("is {encoder}, but {run} was scored with {}; leave it out", base.encoder_id),
+        ));
+    }
+    let JobSpec::Score { spec: frozen, .. } = jobs.0.store.job(&base.job_id).await?.spec else {
+        return Err(Error::internal("reading a run's spec", "its job is no scoring"));
+    };
+    let spec = settings(&asked, frozen)?;
+    let (_, own) = jobs.encoder(task, "spec.score.encoder_id", &base.encoder_id).await?;
+    let snapshot_id = scored(jobs, task, snapshot, own).await?;
+    has_every_expert(jobs, &base, &snapshot_id).await?;
+    Ok(JobSpec::Score { encoder_id: base.encoder_id, snapshot_id, extends: Some(run.clone()), spec })
+}
+
+async fn has_every_expert(jobs: &Jobs, base: &ScoreRun, snapshot: &SnapshotId) -> Result<()> {
+    let (_, members) = jobs.0.store.snapshot(snapshot).await?;
+    let experts: HashSet<&EpisodeId> =
+        members.iter().filter(|member| member.role == Role::Expert).map(|member| &member.episode_id).collect();
+    match base.expert_ids.iter().find(|id| !experts.contains(id)) {
+        None => Ok(()),
+        Some(lacking) => Err(Error::precondition(format!(
+            "{snapshot} has no expert {lacking}, which {} was scored with; make a snapshot that has it, or score \
+             without extends",
+            base.id
+        ))),
+    }
+}
+
+/// The run's settings, run where and with what was asked. A setting that is the default means the run's.
+fn settings(asked: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
+    let needs_all =
+        |spec: &ScoreSpec| Family::Scorer.find(&spec.scorer.name).is_some_and(|kind| kind.needs.all_episodes);
+    if let Some(spec) = [asked, &frozen].into_iter().find(|spec| needs_all(spec)) {
+        return Err(Error::invalid(
+            "spec.score.extends",
+            format!(
+                "does not fit the scorer {}, which learns from all episodes at once; score without extends",
+                spec.scorer.name
+            ),
+        ));
+    }
+    let (default, fixed) = (ScoreSpec::default().values(), frozen.values());
+    let differs = |name: &str, value: &Value| default.get(name) != Some(value) && fixed.get(name) != Some(value);
+    let free = |name: &str| name == "device";
+    if let Some((name, _)) = asked.values().iter().find(|(name, value)| !free(name) && differs(name, value)) {
+        return Err(Error::invalid(
+            &format!("spec.score.settings.{name}"),
+            "differs from that of the run to extend, which is frozen; leave it out",
+        ));
+    }
+    Ok(ScoreSpec { device: asked.device, threads: asked.threads, ..frozen })
+}

@@ -1,0 +1,128 @@
+//! The kinds of jobs on the server, one file each: what an order resolves to, the inputs of its worker, and the rows of
+//! its result. The lists of kinds are here.
+
+mod evaluate;
+mod export;
+mod extend;
+mod pretrain;
+mod score;
+#[cfg(test)]
+mod tests;
+mod train;
+
+pub(super) use self::evaluate::simulated;
+use super::Jobs;
+use crate::{
+    domain::{
+        id::{BlobId, EncoderId, EvaluationId, ExportId, JobId, PolicyId, ScoreRunId, TaskId},
+        job::{Job, JobKind, JobSpec},
+        order::JobOrder,
+        work::{Inputs, Made},
+    },
+    error::{Error, Result},
+    store::{Store, finish::JobResult},
+};
+
+/// An order with everything chosen.
+pub(super) struct Resolved {
+    pub(super) spec: JobSpec,
+    pub(super) result_id: String,
+    /// The job that makes its input, if a job does.
+    pub(super) maker: Option<JobId>,
+}
+
+impl Resolved {
+    fn new(spec: JobSpec, maker: Option<JobId>) -> Self {
+        Self { result_id: new_result(spec.kind()), spec, maker }
+    }
+}
+
+/// A new id for the result of a job of this kind.
+pub(super) fn new_result(kind: JobKind) -> String {
+    match kind {
+        JobKind::Pretrain => EncoderId::new().into(),
+        JobKind::Score => ScoreRunId::new().into(),
+        JobKind::Train => PolicyId::new().into(),
+        JobKind::Export => ExportId::new().into(),
+        JobKind::Evaluate => EvaluationId::new().into(),
+    }
+}
+
+/// Looks up what an order names, and chooses what it leaves out.
+///
+/// # Errors
+/// NotFound for what is missing; Invalid for what belongs to another task or does not fit; Precondition.
+pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, order: JobOrder) -> Result<Resolved> {
+    match order {
+        JobOrder::Pretrain { snapshot_id, rule, spec } => pretrain::resolve(jobs, task, snapshot_id, &rule, spec).await,
+        JobOrder::Score { encoder_id, snapshot_id, extends, spec } => {
+            score::resolve(jobs, task, (encoder_id, snapshot_id), extends, spec).await
+        }
+        JobOrder::Train { data, spec } => train::resolve(jobs, task, data, spec).await,
+        JobOrder::Export { dataset_id } => export::resolve(jobs, task, dataset_id).await,
+        JobOrder::Evaluate { subject, spec } => evaluate::resolve(jobs, task, subject, spec).await,
+    }
+}
+
+/// Adds to `inputs` what the worker of a job needs.
+///
+/// # Errors
+/// When the database cannot be read, or an input that must be there is not.
+pub(super) async fn add_inputs(jobs: &Jobs, spec: &JobSpec, inputs: &mut Inputs) -> Result<()> {
+    match spec {
+        JobSpec::Pretrain { snapshot_id, spec: _ } => pretrain::inputs(jobs, snapshot_id, inputs).await,
+        JobSpec::Score { encoder_id, snapshot_id, extends, spec: _ } => {
+            score::inputs(jobs, (encoder_id, snapshot_id), extends.as_ref(), inputs).await
+        }
+        JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec: _ } => {
+            train::inputs(jobs, snapshot_id, (encoder_id.as_ref(), dataset_id.as_ref()), inputs).await
+        }
+        JobSpec::Export { dataset_id } => export::inputs(jobs, dataset_id, inputs).await,
+        JobSpec::Evaluate { policy_id, spec: _ } => evaluate::inputs(jobs, policy_id, inputs).await,
+    }
+}
+
+/// The rows of a result, checked against the job's spec.
+///
+/// # Errors
+/// Invalid when the result does not fit the job.
+pub(super) async fn accept(store: &Store, job: &Job, made: Made) -> Result<JobResult> {
+    match (&job.spec, made) {
+        (JobSpec::Pretrain { snapshot_id, .. }, Made::Encoder { checkpoint }) => {
+            pretrain::accept(job, snapshot_id, checkpoint)
+        }
+        (
+            JobSpec::Score { encoder_id, snapshot_id, extends, spec },
+            Made::Scores { lo, hi, quantiles, expert_ids, episodes },
+        ) => {
+            let run = score::Finished { encoder_id, snapshot_id, extends: extends.as_ref(), spec, lo, hi, quantiles };
+            run.accept(store, job, expert_ids, episodes).await
+        }
+        (JobSpec::Train { encoder_id, dataset_id, .. }, Made::Policy { checkpoint, kind }) => {
+            train::accept(job, (encoder_id.as_ref(), dataset_id.as_ref()), checkpoint, kind)
+        }
+        (JobSpec::Export { dataset_id }, Made::Files(files)) => export::accept(job, dataset_id, files),
+        (JobSpec::Evaluate { policy_id, spec }, Made::Trials(seeds)) => evaluate::accept(job, policy_id, spec, seeds),
+        (
+            JobSpec::Pretrain { .. }
+            | JobSpec::Score { .. }
+            | JobSpec::Train { .. }
+            | JobSpec::Export { .. }
+            | JobSpec::Evaluate { .. },
+            _,
+        ) => Err(Error::invalid("message", format!("does not fit a job of kind {}", job.spec.kind().as_str()))),
+    }
+}
+
+/// Every blob that a result names.
+pub(super) fn blobs(made: &Made) -> Vec<&BlobId> {
+    match made {
+        Made::Encoder { checkpoint } | Made::Policy { checkpoint, .. } => vec![checkpoint],
+        Made::Scores { .. } | Made::Trials(_) => Vec::new(),
+        Made::Files(files) => files.iter().map(|file| &file.blob).collect(),
+    }
+}
+
+fn result_id<T>(job: &Job, read: impl FnOnce(String) -> std::result::Result<T, String>) -> Result<T> {
+    read(job.result_id.clone()).map_err(|problem| Error::internal("reading a job's result id", problem))
+}

@@ -1,0 +1,203 @@
+//! Orders of every kind as the queue takes them: keys, extensions, policies from scratch, evaluations.
+
+use gleaner_core::{Chosen, EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
+use serde_json::json;
+
+use super::*;
+use crate::{
+    domain::{
+        evaluation::SeedResult,
+        id::SnapshotId,
+        order::{Queueing, Subject, TrainData},
+        score::ScoreRun,
+        snapshot::RoleRule,
+        work::{FrozenRun, Made},
+    },
+    error::Kind,
+    jobs::testing::Bench,
+    store::testing::{self, results},
+};
+
+fn pretrain(seed: u64) -> JobOrder {
+    let mut spec = PretrainSpec::default();
+    spec.run.seed = seed;
+    JobOrder::Pretrain { snapshot_id: None, rule: RoleRule::default(), spec }
+}
+
+/// The settings of a scoring: a scorer with some settings changed.
+fn scoring(settings: serde_json::Value) -> ScoreSpec {
+    ScoreSpec::from_values(settings.as_object().unwrap()).unwrap()
+}
+
+fn scratch(data: TrainData) -> JobOrder {
+    let policy = Chosen::new(Family::Policy, "bc").unwrap();
+    JobOrder::Train { data, spec: TrainSpec { policy, ..TrainSpec::default() } }
+}
+
+fn evaluate(subject: Subject, simulation: &str) -> JobOrder {
+    let spec = EvaluateSpec {
+        simulation: simulation.into(),
+        episodes: 2,
+        seeds: vec![0, 1],
+        max_steps: 5,
+        device: gleaner_core::Device::Cpu,
+    };
+    JobOrder::Evaluate { subject, spec }
+}
+
+async fn submit(bench: &Bench, order: JobOrder) -> Result<Job> {
+    bench.jobs.submit(&bench.task.id, order, Queueing::default()).await
+}
+
+async fn submit_as(bench: &Bench, order: JobOrder, key: &str) -> Result<Job> {
+    let queueing = Queueing { key: key.into(), ..Queueing::default() };
+    bench.jobs.submit(&bench.task.id, order, queueing).await
+}
+
+#[tokio::test]
+async fn a_key_is_one_job_until_that_gives_up() {
+    let bench = Bench::new().await;
+    let first = submit_as(&bench, pretrain(1), "cell 7").await.unwrap();
+    assert_eq!(first.key, "cell 7");
+    assert_eq!(submit_as(&bench, pretrain(1), "cell 7").await.unwrap(), first);
+    assert_ne!(submit_as(&bench, pretrain(1), "cell 8").await.unwrap().id, first.id);
+    assert_ne!(submit(&bench, pretrain(1)).await.unwrap().id, submit(&bench, pretrain(1)).await.unwrap().id);
+
+    let error = submit_as(&bench, pretrain(2), "cell 7").await.unwrap_err();
+    assert!(error.kind() == Kind::Exists && error.message().contains(first.id.as_str()), "{error}");
+
+    bench.jobs.cancel(&first.id).await.unwrap();
+    let again = submit_as(&bench, pretrain(2), "cell 7").await.unwrap();
+    assert_ne!(again.id, first.id, "a cancelled job holds no key");
+}
+
+#[tokio::test]
+async fn callers_at_once_share_one_job() {
+    let bench = Bench::new().await;
+    let (one, other) = tokio::join!(submit_as(&bench, pretrain(1), "k"), submit_as(&bench, pretrain(1), "k"));
+    assert_eq!(one.unwrap().id, other.unwrap().id);
+}
+
+/// A finished run of two experts and an imperfect episode, by a job that scored like this.
+async fn run(bench: &Bench, spec: ScoreSpec) -> ScoreRun {
+    let encoder = results::encoder(&bench.store, &bench.task).await;
+    results::run_of(&bench.store, &bench.task, &encoder, spec, &[]).await
+}
+
+fn extend(run: &ScoreRun, snapshot_id: Option<SnapshotId>, spec: ScoreSpec) -> JobOrder {
+    JobOrder::Score { encoder_id: None, snapshot_id, extends: Some(run.id.clone()), spec }
+}
+
+#[tokio::test]
+async fn an_extension_has_the_settings_of_its_base() {
+    let bench = Bench::new().await;
+    let frozen = scoring(json!({"similarity": "segment_l2", "normaliser": "quantile"}));
+    let base = run(&bench, frozen.clone()).await;
+    testing::episode(&bench.store, &bench.task, crate::domain::episode::Outcome::Success, "").await;
+    let grown = bench.store.create_snapshot(&bench.task.id, &RoleRule::default()).await.unwrap().id;
+    let job = submit(&bench, extend(&base, Some(grown.clone()), ScoreSpec::default())).await.unwrap();
+    let JobSpec::Score { encoder_id, snapshot_id, extends, spec } = &job.spec else { panic!("not score") };
+    assert_eq!((encoder_id, snapshot_id, extends.as_ref()), (&base.encoder_id, &grown, Some(&base.id)));
+    assert_eq!(*spec, frozen);
+
+    let inputs = bench.jobs.inputs(&job).await.unwrap();
+    let FrozenRun { lo, hi, quantiles, expert_ids } = inputs.base.unwrap();
+    assert_eq!((lo, hi, quantiles, expert_ids), (base.lo, base.hi, base.quantiles, base.expert_ids));
+    assert_eq!(inputs.experts.len(), 2);
+}
+
+#[tokio::test]
+async fn an_extension_that_cannot_be_is_refused() {
+    let bench = Bench::new().await;
+    let base = run(&bench, ScoreSpec::default()).await;
+    let refused = async |order| submit(&bench, order).await.unwrap_err();
+    let cosine = scoring(json!({"similarity": "last_cosine"}));
+    let error = refused(extend(&base, None, cosine)).await;
+    assert!(error.message().starts_with("spec.score.settings.similarity: "), "{error}");
+    let classifier = scoring(json!({"scorer": "classifier"}));
+    let error = refused(extend(&base, None, classifier)).await;
+    assert!(error.message().starts_with("spec.score.extends: "), "{error}");
+    let other = JobOrder::Score {
+        encoder_id: Some(results::encoder(&bench.store, &bench.task).await.id),
+        snapshot_id: None,
+        extends: Some(base.id.clone()),
+        spec: ScoreSpec::default(),
+    };
+    let error = refused(other).await;
+    assert!(error.message().starts_with("spec.score.encoder_id: "), "{error}");
+
+    let strangers = ["stranger", "failed"];
+    testing::episode(&bench.store, &bench.task, crate::domain::episode::Outcome::Success, strangers[0]).await;
+    testing::episode(&bench.store, &bench.task, crate::domain::episode::Outcome::Failure, strangers[1]).await;
+    let rule = RoleRule {
+        expert_cohorts: vec![strangers[0].into()],
+        imperfect_cohorts: vec![strangers[1].into()],
+        ..RoleRule::default()
+    };
+    let without = bench.store.create_snapshot(&bench.task.id, &rule).await.unwrap().id;
+    let error = refused(extend(&base, Some(without), ScoreSpec::default())).await;
+    assert_eq!(error.kind(), Kind::Precondition);
+    assert!(error.message().contains(base.expert_ids[0].as_str()), "{error}");
+
+    let encoder = results::encoder(&bench.store, &bench.task).await;
+    let (job, unfinished) = results::scoring(&bench.store, &bench.task, &encoder).await;
+    let unfinished = ScoreRun { id: unfinished, ..base };
+    let error = refused(extend(&unfinished, None, ScoreSpec::default())).await;
+    assert!(error.kind() == Kind::Precondition && error.message().contains(job.as_str()), "{error}");
+}
+
+#[tokio::test]
+async fn a_policy_from_scratch_waits_for_no_encoder() {
+    let bench = Bench::new().await;
+    let first = submit(&bench, pretrain(1)).await.unwrap();
+    let JobSpec::Pretrain { snapshot_id, .. } = &first.spec else { panic!("not pretrain") };
+    let encoder = EncoderId::try_from(first.result_id.clone()).unwrap();
+    for data in [TrainData::ExpertsOf(encoder), TrainData::ExpertsIn(snapshot_id.clone())] {
+        let job = submit(&bench, scratch(data)).await.unwrap();
+        assert!(job.needs.is_empty());
+        let JobSpec::Train { encoder_id, snapshot_id: own, .. } = &job.spec else { panic!("not train") };
+        assert_eq!((encoder_id, own), (&None, snapshot_id));
+        let inputs = bench.jobs.inputs(&job).await.unwrap();
+        assert_eq!((inputs.experts.len(), inputs.encoder), (1, None));
+    }
+    let unknown = submit(&bench, scratch(TrainData::ExpertsIn(SnapshotId::new()))).await.unwrap_err();
+    assert_eq!(unknown.kind(), Kind::NotFound);
+}
+
+#[tokio::test]
+async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
+    let bench = Bench::new().await;
+    let encoder = results::encoder(&bench.store, &bench.task).await;
+    let policy = results::policy(&bench.store, &bench.task, &encoder, blake3::hash(b"policy").into()).await;
+    for simulation in ["", "stack_cube", "juggle"] {
+        let error = submit(&bench, evaluate(Subject::Policy(policy.id.clone()), simulation)).await.unwrap_err();
+        assert!(error.message().starts_with("spec.evaluate.settings.simulation: "), "{error}");
+    }
+
+    let spec = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &gleaner_sim::SimConfig::default());
+    let task = bench.store.insert_task(&spec).await.unwrap();
+    for outcome in [crate::domain::episode::Outcome::Success, crate::domain::episode::Outcome::Failure] {
+        testing::episode(&bench.store, &task, outcome, "").await;
+    }
+    let encoder = results::encoder(&bench.store, &task).await;
+    let mine = results::policy(&bench.store, &task, &encoder, blake3::hash(b"mine").into()).await;
+    bench.store.deploy("cube@prod", &task.id, &mine.id, None).await.unwrap();
+    let submit = async |subject| bench.jobs.submit(&task.id, evaluate(subject, ""), Queueing::default()).await;
+    let stranger = submit(Subject::Policy(policy.id)).await.unwrap_err();
+    assert!(stranger.message().starts_with("spec.evaluate.policy_id: "), "{stranger}");
+    assert_eq!(submit(Subject::Policy(PolicyId::new())).await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(submit(Subject::Deployment("nobody".into())).await.unwrap_err().kind(), Kind::NotFound);
+
+    let job = submit(Subject::Deployment("cube@prod".into())).await.unwrap();
+    assert_eq!(job.needs, [mine.job_id]);
+    let JobSpec::Evaluate { policy_id, spec } = &job.spec else { panic!("not evaluate") };
+    assert_eq!((policy_id, spec.simulation.as_str()), (&mine.id, "pick_cube"));
+    assert_eq!(bench.jobs.inputs(&job).await.unwrap().policy, Some(mine.checkpoint));
+
+    let result = |seed, episodes| SeedResult { seed, episodes, successes: 1, mean_steps: 5.0 };
+    let of = |seeds| super::accept(&bench.store, &job, Made::Trials(seeds));
+    assert!(of(vec![result(0, 2), result(1, 2)]).await.is_ok());
+    for wrong in [vec![result(0, 2)], vec![result(1, 2), result(0, 2)], vec![result(0, 2), result(1, 3)]] {
+        assert_eq!(of(wrong).await.unwrap_err().kind(), Kind::Invalid);
+    }
+}

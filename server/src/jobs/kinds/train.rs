@@ -1,0 +1,86 @@
+//! Training: experts, and perhaps a dataset and an encoder, in; a policy out.
+
+use gleaner_core::TrainSpec;
+
+use super::{Resolved, result_id};
+use crate::{
+    domain::{
+        id::{BlobId, DatasetId, EncoderId, JobId, PolicyId, SnapshotId, TaskId},
+        job::{Job, JobSpec},
+        order::{TrainData, needs_encoder},
+        policy::Policy,
+        snapshot::RoleRule,
+        time::Millis,
+        work::Inputs,
+    },
+    error::Result,
+    jobs::Jobs,
+    store::finish::JobResult,
+};
+
+pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, data: TrainData, spec: TrainSpec) -> Result<Resolved> {
+    let scratch = !needs_encoder(&spec);
+    let (maker, encoder_id, snapshot_id, dataset_id) = learned_from(jobs, task, data, scratch).await?;
+    Ok(Resolved::new(JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec }, maker))
+}
+
+/// What a training learns from: the job to wait for, the encoder to begin from, the experts' snapshot, the dataset.
+/// A policy from scratch begins from no encoder, and with experts alone waits for none.
+async fn learned_from(
+    jobs: &Jobs,
+    task: &TaskId,
+    data: TrainData,
+    scratch: bool,
+) -> Result<(Option<JobId>, Option<EncoderId>, SnapshotId, Option<DatasetId>)> {
+    match data {
+        TrainData::ExpertsOf(encoder) => {
+            let (maker, snapshot) = jobs.encoder(task, "spec.train.experts_of", &encoder).await?;
+            Ok(if scratch { (None, None, snapshot, None) } else { (Some(maker), Some(encoder), snapshot, None) })
+        }
+        TrainData::ExpertsIn(id) => {
+            let snapshot = jobs.snapshot(task, "spec.train.experts_in", Some(id), &RoleRule::default()).await?;
+            Ok((None, None, snapshot, None))
+        }
+        TrainData::Dataset(dataset) => {
+            let (maker, encoder, snapshot) = jobs.dataset(task, "spec.train.dataset_id", &dataset).await?;
+            Ok((Some(maker), (!scratch).then_some(encoder), snapshot, Some(dataset)))
+        }
+    }
+}
+
+pub(super) async fn inputs(
+    jobs: &Jobs,
+    snapshot: &SnapshotId,
+    (encoder, dataset): (Option<&EncoderId>, Option<&DatasetId>),
+    inputs: &mut Inputs,
+) -> Result<()> {
+    let (experts, imperfect) = jobs.by_role(snapshot).await?;
+    inputs.experts = experts;
+    if let Some(dataset) = dataset {
+        inputs.kept = jobs.kept(dataset, imperfect).await?;
+        // Training does not need the matches of steps, and there may be millions of them.
+        inputs.kept.iter_mut().flat_map(|kept| &mut kept.segments).for_each(|kept| kept.nearest = None);
+    }
+    if let Some(encoder) = encoder {
+        inputs.encoder = Some(jobs.0.store.encoder(encoder).await?.checkpoint);
+    }
+    Ok(())
+}
+
+pub(super) fn accept(
+    job: &Job,
+    (encoder, dataset): (Option<&EncoderId>, Option<&DatasetId>),
+    checkpoint: BlobId,
+    kind: String,
+) -> Result<JobResult> {
+    Ok(JobResult::Policy(Policy {
+        id: result_id(job, PolicyId::try_from)?,
+        task_id: job.task_id.clone(),
+        job_id: job.id.clone(),
+        kind,
+        encoder_id: encoder.cloned(),
+        dataset_id: dataset.cloned(),
+        checkpoint,
+        created_at: Millis::now(),
+    }))
+}
