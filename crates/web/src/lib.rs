@@ -13,6 +13,7 @@ mod deployments;
 mod episode;
 mod episodes;
 mod escape;
+mod forgery;
 mod frames;
 mod http1;
 mod jobs;

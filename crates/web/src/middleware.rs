@@ -1,5 +1,5 @@
-//! The middleware of every page: authentication, authorisation, protection against forged requests, and the security
-//! headers of every response.
+//! The middleware of every page: authentication, authorisation, the audit of changes, and the security headers of
+//! every response.
 
 use std::{sync::Arc, time::Duration};
 
@@ -9,8 +9,8 @@ use axum::{
     http::{
         HeaderMap, HeaderValue, StatusCode,
         header::{
-            AUTHORIZATION, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, LOCATION, REFERRER_POLICY,
-            SET_COOKIE, X_CONTENT_TYPE_OPTIONS,
+            AUTHORIZATION, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, LOCATION, REFERRER_POLICY, SET_COOKIE,
+            X_CONTENT_TYPE_OPTIONS,
         },
     },
     middleware::Next,
@@ -23,7 +23,7 @@ use gleaner_edge::{Call, ConnectionState};
 use super::{
     AppState, Caller,
     browser::Browser,
-    escape,
+    escape, forgery,
     page::Page,
     page_request::{PageRequest, escaped},
     refusal::{ErrorText, Refusal},
@@ -40,8 +40,6 @@ const WITHIN: Duration = Duration::from_secs(30);
 #[derive(Debug, Clone, Default)]
 pub(super) struct Subjects(pub(super) Vec<String>);
 
-/// The header with the proof that a request comes from one of our scripts.
-const PROOF: &str = "x-gleaner-proof";
 /// No foreign resource, no inline script, and no frame around the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
@@ -111,7 +109,7 @@ async fn serve(
     if page.method() == "POST" {
         let most = if page.is_open() { OPEN_BODY_BYTES } else { BODY_BYTES };
         // A request with a token in a header does not come from a browser on another site.
-        request = whole(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
+        request = forgery::whole(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
     }
     request.extensions_mut().insert(browser.clone());
     request.extensions_mut().insert(page_request);
@@ -201,35 +199,6 @@ async fn note(
     state.backend.audit(entry).await;
 }
 
-/// Reads the whole body; if a proof is required, checks that the request comes from our own page: from a script in a
-/// header, from a form in a field.
-///
-/// # Errors
-/// Forbidden; Invalid when the body is too large or incomplete.
-async fn whole(request: Request, most: usize, proof: Option<&str>) -> Result<Request> {
-    let (parts, body) = request.into_parts();
-    let body = axum::body::to_bytes(body, most).await.map_err(|_| {
-        Error::invalid("body", format!("is incomplete or larger than {most} bytes; send fewer items at a time"))
-    })?;
-    if let Some(proof) = proof
-        && brought(&parts.headers, &body) != Some(proof)
-    {
-        return Err(Error::forbidden("the request's proof is missing or expired; reload the page and retry"));
-    }
-    Ok(Request::from_parts(parts, Body::from(body)))
-}
-
-/// The proof in a request.
-fn brought<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
-    let in_header = headers.get(PROOF).and_then(|value| value.to_str().ok());
-    let form = headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
-    let in_form = || {
-        let pairs = std::str::from_utf8(body).unwrap_or_default().split('&').filter_map(|pair| pair.split_once('='));
-        pairs.into_iter().find(|(name, _)| *name == "proof").map(|(_, value)| value)
-    };
-    in_header.or_else(|| if form { in_form() } else { None })
-}
-
 /// The token in the header, for programs that read pages.
 fn bearer(headers: &HeaderMap) -> Option<&str> {
     let (scheme, token) = headers.get(AUTHORIZATION)?.to_str().ok()?.split_once(' ')?;
@@ -273,28 +242,5 @@ fn finish(state: &AppState, response: &mut Response, new: Option<Browser>) {
     headers.entry(CACHE_CONTROL).or_insert(HeaderValue::from_static("no-store"));
     if let Some(browser) = new {
         headers.entry(SET_COOKIE).or_insert(browser.cookie(&state.cookie, state.encrypted));
-    }
-}
-
-impl AppState {
-    /// Checks the host name of a request. Without tokens, a foreign site's name that resolves to this address would let
-    /// that site read every page (DNS rebinding).
-    ///
-    /// # Errors
-    /// Forbidden.
-    fn expects(&self, headers: &HeaderMap) -> Result<()> {
-        let host = headers.get(HOST).and_then(|value| value.to_str().ok()).unwrap_or_default();
-        let name = host
-            .rsplit_once(':')
-            .map_or(host, |(name, port)| if port.bytes().all(|byte| byte.is_ascii_digit()) { name } else { host });
-        let name = name.trim_start_matches('[').trim_end_matches(']');
-        let here = name == "localhost" || name.parse::<std::net::IpAddr>().is_ok();
-        if here || !self.loopback {
-            return Ok(());
-        }
-        Err(Error::forbidden(format!(
-            "these pages are served at localhost and 127.0.0.1, not at {}; configure the proxy to request one of those",
-            name.escape_debug()
-        )))
     }
 }
