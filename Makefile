@@ -19,7 +19,7 @@ demo: .libtorch
 
 # By package: what the tests turn on in a whole workspace (the fail points) stays out.
 build: .libtorch
-	$(CARGO) build --release --locked -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-client $(PROGRAMS)
+	$(CARGO) build --release --locked -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-cli $(PROGRAMS)
 
 # Every test, from a bare clone.
 test: .libtorch

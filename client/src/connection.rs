@@ -1,7 +1,7 @@
 //! The connection: one HTTP/2 channel with its limits, and a typed client for each service.
 //!
-//! Plain calls go through the generated clients that [`Client`] hands out; what needs a loop or a rule
-//! (upload, watch, download, session) is a method of `Client` in the file of that name.
+//! Plain calls go through the generated clients that [`Client`] returns; calls that need a loop or a rule (upload, watch,
+//! download, session) are methods of `Client` in the files of those names.
 
 use std::time::Duration;
 
@@ -27,10 +27,10 @@ const LARGEST_REPLY: usize = 256 << 20;
 // 64 KiB, the protocol's default, would cap a distant link near 1 MB/s.
 const WINDOW: u32 = 8 << 20;
 
-// How long a look at whether a server encrypts may take.
+// The limit on the test whether a server encrypts.
 const PROBE: Duration = Duration::from_secs(3);
 
-/// What the service clients talk through: the channel plus the token.
+/// The transport of the service clients: the channel plus the token.
 pub type Transport = InterceptedService<Channel, Authorize>;
 
 /// Adds the token to each request.
@@ -48,8 +48,7 @@ impl Interceptor for Authorize {
     }
 }
 
-/// A connection to a gleaner server. Cheap to clone; clones share the connection, which mends itself when
-/// it breaks.
+/// A connection to a gleaner server. Cheap to clone; clones share the connection, which is reopened when it breaks.
 #[derive(Clone, Debug)]
 pub struct Client {
     transport: Transport,
@@ -59,7 +58,7 @@ impl Client {
     /// Connects to a server, for example `http://127.0.0.1:7400`; as `connect_with` with nothing but a token.
     ///
     /// # Errors
-    /// [`ClientError::Invalid`] when the address is not one, [`ClientError::Connect`] when nobody answers.
+    /// [`ClientError::Invalid`] for a malformed address, [`ClientError::Connect`] when no server answers.
     pub async fn connect(url: &str, token: Option<Token>) -> Result<Self> {
         Self::connect_with(url, Credentials::of(token)).await
     }
@@ -67,7 +66,7 @@ impl Client {
     /// Connects to a server, encrypted when its address begins with `https://`.
     ///
     /// # Errors
-    /// [`ClientError::Invalid`] when the address or a certificate is none, [`ClientError::Connect`] when nobody answers
+    /// [`ClientError::Invalid`] for a malformed address or certificate, [`ClientError::Connect`] when no server answers
     /// or one side does not trust the other.
     pub async fn connect_with(url: &str, credentials: Credentials) -> Result<Self> {
         let tls = credentials.tls(url)?;
@@ -79,7 +78,7 @@ impl Client {
             .tcp_nodelay(true)
             .initial_stream_window_size(WINDOW)
             .initial_connection_window_size(2 * WINDOW)
-            // A dead peer is found out in half a minute; a robot's session cannot be opened anew before that.
+            // A dead peer is detected in half a minute; a robot's session cannot be opened anew before that.
             .http2_keep_alive_interval(Duration::from_secs(10))
             .keep_alive_timeout(Duration::from_secs(20));
         if let Some(tls) = tls {
@@ -95,8 +94,8 @@ impl Client {
         Ok(Self { transport: InterceptedService::new(channel, Authorize { token }) })
     }
 
-    /// Whether the server at an `http://` address encrypts, so that clients must write `https://`. What a client that
-    /// does not encrypt gets from it depends on chance, so this looks by itself, for a few seconds at most.
+    /// Whether the server at an `http://` address encrypts, so that clients must write `https://`. The reply
+    /// to a client without encryption depends on chance, so this opens a connection of its own, for 3 seconds at most.
     pub async fn encrypts(url: &str) -> bool {
         let Some(address) = url.strip_prefix("http://") else { return false };
         let encrypted = format!("https://{address}");
@@ -164,7 +163,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn addresses_that_are_none_are_refused() {
+    async fn malformed_addresses_are_rejected() {
         for url in ["127.0.0.1:7400", "ftp://lab.example", "http://a b", "https://a b"] {
             let error = Client::connect(url, None).await.unwrap_err();
             assert!(matches!(error, ClientError::Invalid(_)), "{url}: {error}");
@@ -172,12 +171,12 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn nobody_there_is_said_with_the_mend() {
-        // Bound and dropped at once: a port where surely nobody listens.
+    async fn an_unreachable_server_is_an_error_with_the_fix() {
+        // Bound and dropped at once: a port without a listener.
         let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
         let error = Client::connect(&format!("http://127.0.0.1:{port}"), None).await.unwrap_err();
-        let said = error.to_string();
-        assert!(said.contains("gleaner-server serve") && said.contains(&port.to_string()), "{said}");
+        let message = error.to_string();
+        assert!(message.contains("gleaner-server serve") && message.contains(&port.to_string()), "{message}");
         assert!(error.is_transient());
     }
 }

@@ -1,4 +1,4 @@
-//! What a client shows of itself, and whose word it takes for who the server is.
+//! The credentials of a client, and the authorities that it trusts.
 
 use std::fmt;
 
@@ -7,26 +7,26 @@ use tonic::transport::{Certificate, ClientTlsConfig, Identity};
 use crate::error::{ClientError, Result};
 use crate::token::Token;
 
-/// What a client shows of itself, and whose word it takes for who the server is. Nothing at all by default: enough for
-/// a server on one's own machine.
+/// The credentials of a client, and the authorities that it trusts. None by default, which is enough for a server on the
+/// same machine.
 #[derive(Clone, Default)]
 pub struct Credentials {
-    /// The access token, if the server asks for one.
+    /// The access token, for servers that require one.
     pub token: Option<Token>,
-    /// Certificates in PEM form, one of which must have signed the server's. Without them the system's are asked.
+    /// Certificates in PEM form, one of which must have signed the server's. Without them, the system's are used.
     pub ca: Option<Vec<u8>>,
-    /// A certificate of one's own and its private key, both in PEM form, if the server asks for one.
+    /// The client's certificate and its private key, both in PEM form, for servers that require one.
     pub identity: Option<(Vec<u8>, Vec<u8>)>,
 }
 
 impl Credentials {
-    /// A token and nothing else.
+    /// A token alone.
     #[must_use]
     pub fn of(token: Option<Token>) -> Self {
         Self { token, ..Self::default() }
     }
 
-    // What an `https://` address needs; none for `http://`.
+    // The settings of an `https://` address; `None` for `http://`.
     pub(crate) fn tls(&self, url: &str) -> Result<Option<ClientTlsConfig>> {
         if url.starts_with("http://") {
             if self.ca.is_some() || self.identity.is_some() {

@@ -79,7 +79,7 @@ async fn save(
         Some(_) | None => Path::new("."),
     };
     std::fs::create_dir_all(folder).map_err(ClientError::io(folder))?;
-    // Deleted by itself when anything goes wrong on the way. Readable as any new file is, not only by its owner.
+    // Deleted on drop after a failure. Readable as any new file is, not only by its owner.
     let part = tempfile::Builder::new()
         .prefix(".gleaner-")
         .permissions(std::fs::Permissions::from_mode(0o666))

@@ -200,9 +200,9 @@ mod tests {
         let own = control_plan(&plan, &spec, RealTime::default()).unwrap();
         assert_eq!((own.period, own.deadline), (Duration::from_millis(100), Duration::from_millis(100)));
         assert_eq!((own.record, own.cohort.as_str()), (true, "night"));
-        let said = RealTime { deadline: Some(Duration::from_secs(5)), hold_for: Some(Duration::ZERO) };
-        let said = control_plan(&plan, &spec, said).unwrap();
-        assert_eq!((said.deadline, said.hold_for), (Duration::from_secs(5), Duration::ZERO));
-        assert!(said.lost_after > said.deadline);
+        let message = RealTime { deadline: Some(Duration::from_secs(5)), hold_for: Some(Duration::ZERO) };
+        let message = control_plan(&plan, &spec, message).unwrap();
+        assert_eq!((message.deadline, message.hold_for), (Duration::from_secs(5), Duration::ZERO));
+        assert!(message.lost_after > message.deadline);
     }
 }

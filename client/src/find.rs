@@ -1,6 +1,6 @@
 //! Recordings found in folders, and what was skipped there because it cannot be sent.
 //!
-//! Reads the file system; knows no server. A link to a regular file stands for that file, wherever it lies. Links to
+//! Reads the file system; must not know a server. A link to a regular file stands for that file, wherever it lies. Links to
 //! folders are not followed, because one to a folder above would never end.
 
 use std::collections::BTreeSet;

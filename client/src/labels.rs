@@ -1,6 +1,6 @@
-//! The labels that a labels.csv gives recordings.
+//! Labels of recordings, from a labels.csv.
 //!
-//! Reads the file system; knows no server.
+//! Reads the file system; must not know a server.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -15,11 +15,11 @@ use crate::error::{ClientError, Result};
 pub struct LabelledFile {
     /// The recording; relative paths in the file are relative to the file's folder.
     pub path: PathBuf,
-    /// The task it says, if the column is there.
+    /// Its task, if the file has the column.
     pub task: Option<String>,
     /// How the attempt ended.
     pub outcome: Outcome,
-    /// Its cohort; empty when the column is not there.
+    /// Its cohort; empty if the file lacks the column.
     pub cohort: String,
 }
 
@@ -44,7 +44,7 @@ pub fn outcome_from_word(word: &str) -> std::result::Result<Outcome, String> {
     }
 }
 
-/// Reads a labels.csv. The recordings need not be there.
+/// Reads a labels.csv. The recordings need not exist.
 ///
 /// # Errors
 /// [`ClientError::Io`] when it can't be read; [`ClientError::Invalid`] names the line that is wrong, a missing
@@ -127,8 +127,8 @@ mod tests {
             ("file,outcome\n,success\n", "line 2: the file is empty"),
             ("file,outcome\na.mcap\n", "line: 2"),
         ] {
-            let said = read(text).unwrap_err().to_string();
-            assert!(said.contains(part) && said.contains("labels.csv"), "{said}");
+            let message = read(text).unwrap_err().to_string();
+            assert!(message.contains(part) && message.contains("labels.csv"), "{message}");
         }
     }
 }

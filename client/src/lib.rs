@@ -1,13 +1,13 @@
-//! The gleaner client: everything a program needs to talk to a gleaner server.
+//! The gleaner client: everything that a program needs to call a gleaner server.
 //!
-//! [`Client`] is the connection. Plain calls go through the generated service clients it hands out
-//! (`client.tasks()`, `client.jobs()`, ...); what needs a loop or a rule is a method of its own:
+//! [`Client`] is the connection. Plain calls go through the generated service clients that it returns
+//! (`client.tasks()`, `client.jobs()`, ...); calls that need a loop or a rule are methods:
 //! [`Client::upload`] and [`Client::push`], [`Client::watch`] and [`Client::wait`], the downloads,
-//! [`Client::score_recording`] and [`StepScorer`] for what is not stored,
+//! [`Client::score_recording`] and [`StepScorer`] for unstored data,
 //! [`Client::control`] for robots ([`robot`]), [`Session`] for simulators whose time waits, and [`Client::drive`] for
 //! closed-loop evaluation in the embedded one.
 //!
-//! Links no libtorch. Prints nothing; what prints is the command line, in this package's binary.
+//! Links no libtorch and prints nothing. The command line is the package `gleaner-cli`.
 
 mod connection;
 mod credentials;
@@ -25,7 +25,6 @@ mod retry;
 pub mod robot;
 mod scoring;
 mod session;
-pub mod spec;
 mod token;
 mod upload;
 mod watch;

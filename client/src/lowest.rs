@@ -1,8 +1,8 @@
-//! The lowest of a session's live scores: where a rollout left what experts do.
+//! The lowest of a session's live scores: where a rollout departed most from the experts.
 
 use gleaner_proto::v1::LiveScore;
 
-/// The segment of a session that fits worst what experts do.
+/// The segment of a session that is least like the experts'.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LowestScore {
     /// 0 to 1, against the score run's own segments.
@@ -29,7 +29,7 @@ impl Lowest {
     pub(crate) fn heard(&mut self, stamp_ns: i64, score: Option<&LiveScore>) {
         let begin_ns = *self.begin_ns.get_or_insert(stamp_ns);
         let Some(LiveScore { w, q, match_episode_id, match_step, observation_stamp_ns }) = score else { return };
-        // w tells apart what q has clamped to 0.
+        // w ranks segments whose q is clamped to 0.
         if self.found.as_ref().is_some_and(|found| (found.q, found.w) <= (*q, *w)) {
             return;
         }

@@ -48,7 +48,7 @@ pub(crate) fn reason(error: &(dyn Error + 'static)) -> String {
     }
 }
 
-/// Whether the cause stays until somebody changes something, so that another try is of no use.
+/// Whether a retry is useless, because the cause lasts until a configuration changes.
 pub(crate) fn is_lasting(error: &(dyn Error + 'static)) -> bool {
     fix(&cause(error)).is_some()
 }

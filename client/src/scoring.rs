@@ -1,4 +1,4 @@
-//! Scores of what is not stored: a whole recording, or an episode's steps while it happens.
+//! Scores of unstored data: a whole recording, or an episode's steps while it happens.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -28,7 +28,7 @@ impl Client {
     ///
     /// # Errors
     /// [`ClientError::Io`] when the file can't be read, [`ClientError::Rejected`] with the server's reason (the codes
-    /// of `ScoreRecording`), or the last error once patience with a broken connection has run out.
+    /// of `ScoreRecording`), or the last error once retries are exhausted.
     pub async fn score_recording(
         &self,
         run: &str,
@@ -42,7 +42,7 @@ impl Client {
         let mut patience = Patience::new();
         loop {
             match self.send_recording(&open, path, &progress).await {
-                // Nothing is kept of a try that failed, so it may be made again.
+                // The server keeps nothing of a failed attempt, so it may be repeated.
                 Err(error) if error.is_transient() => match patience.next_wait() {
                     Some(wait) => tokio::time::sleep(wait).await,
                     None => return Err(error),
@@ -82,13 +82,13 @@ pub struct StepScorer {
 }
 
 impl StepScorer {
-    /// Begins an episode, to be scored by a finished score run. A run that cannot is told with the first step.
+    /// Begins an episode, to be scored by a finished score run. A run that cannot score it is rejected with the first step.
     ///
     /// # Errors
     /// [`ClientError::Rejected`] when the server does not answer.
     pub async fn open(client: &Client, run: &str) -> Result<Self> {
         let (requests, outgoing) = mpsc::channel(1);
-        // Before the call: the server may want to see it before it answers at all. The channel has room.
+        // Before the call: the server may wait for it before it answers. The channel has room.
         let _ = requests.send(Request::Open(ScoreStepsOpen { score_run_id: run.to_owned() })).await;
         let outgoing = ReceiverStream::new(outgoing).map(|message| ScoreStepsRequest { message: Some(message) });
         let responses = client.scores().score_steps(outgoing).await?.into_inner();
@@ -102,7 +102,7 @@ impl StepScorer {
     /// the task (the message names the field); [`ClientError::SessionLost`] when the stream has ended.
     pub async fn score(&mut self, observation: Observation, action: Vec<f32>) -> Result<LiveScore> {
         let step = ScoreStep { observation: Some(observation), action };
-        // When the server has ended the stream this finds no taker; the reason then comes with the next response.
+        // Fails when the server has ended the stream; the reason arrives with the next response.
         let _ = self.requests.send(Request::Step(step)).await;
         loop {
             let response = self.responses.message().await?;
@@ -114,7 +114,7 @@ impl StepScorer {
         }
     }
 
-    /// Whether the server has said that it is stopping: steps are scored for a little while yet.
+    /// Whether the server has announced that it is stopping; it scores steps for a little while yet.
     #[must_use]
     pub fn draining(&self) -> bool {
         self.draining

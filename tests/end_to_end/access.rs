@@ -79,7 +79,10 @@ async fn end(mut session: tonic::Streaming<SessionResponse>) -> Code {
 }
 
 async fn lab_task(client: &Client) {
-    let spec = gleaner_client::spec::to_proto(&gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config()));
+    let spec = gleaner_core::proto::task::spec_to_proto(gleaner_sim::task_spec(
+        gleaner_sim::Task::PickCube,
+        &lab::sim_config(),
+    ));
     client.tasks().create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
 }
 

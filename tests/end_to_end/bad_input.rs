@@ -69,7 +69,10 @@ async fn a_truncated_recording_is_salvaged_and_says_so() {
 #[tokio::test]
 async fn recordings_that_do_not_fit_their_task() {
     let (_server, mut api) = quiet_lab().await;
-    let spec = gleaner_client::spec::to_proto(&gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config()));
+    let spec = gleaner_core::proto::task::spec_to_proto(gleaner_sim::task_spec(
+        gleaner_sim::Task::PickCube,
+        &lab::sim_config(),
+    ));
 
     // Under names of their own, because what gleaner itself recorded of a task is read whatever the mappings say.
     let mut lost_topic = spec.clone();
@@ -203,7 +206,10 @@ impl Api {
 #[tokio::test]
 async fn tasks_that_make_no_sense() {
     let (_server, mut api) = quiet_lab().await;
-    let good = gleaner_client::spec::to_proto(&gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config()));
+    let good = gleaner_core::proto::task::spec_to_proto(gleaner_sim::task_spec(
+        gleaner_sim::Task::PickCube,
+        &lab::sim_config(),
+    ));
     let again = api.tasks.create_task(CreateTaskRequest { spec: Some(good.clone()) }).await.unwrap_err();
     refused(&again, Code::AlreadyExists, &[lab::TASK]);
     let other = TaskSpec { name: "other".into(), ..good };

@@ -64,7 +64,7 @@ pub async fn set_up(api: &mut Api) -> Vec<Episode> {
 
 /// Creates the simulator's task.
 pub async fn create_task(api: &mut Api) -> Task {
-    let spec = gleaner_client::spec::to_proto(&task_spec(SimTask::PickCube, &sim_config()));
+    let spec = gleaner_core::proto::task::spec_to_proto(task_spec(SimTask::PickCube, &sim_config()));
     api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap().into_inner().task.unwrap()
 }
 

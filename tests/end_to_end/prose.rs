@@ -47,14 +47,12 @@ const PHRASES: [Phrase; 34] = [
 const MARKDOWN: [&str; 9] = [".", "benches", "client", "crates", "docs", "examples", "proto", "server", "tests"];
 
 /// Reports that `gleaner experiment` wrote; their text is in its sources.
-const REPORTS: [&str; 2] = ["docs/experiments/", "client/src/experiment/testdata/"];
+const REPORTS: [&str; 2] = ["docs/experiments/", "client/command/src/experiment/testdata/"];
 
 /// Rust files and folders whose doc comments follow the list. Add a folder once it does.
-const SOURCES: [&str; 15] = [
-    "client/src/cli.rs",
-    "client/src/cmd/",
-    "client/src/demo/",
-    "client/src/help.rs",
+const SOURCES: [&str; 13] = [
+    "client/command/src/",
+    "client/src/",
     "crates/core/src/",
     "crates/inspector/src/recordings.rs",
     "crates/learn/src/objective/",

@@ -53,7 +53,7 @@ async fn both_dialects_are_one_task() {
         std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pick_cube_maniskill.toml")).unwrap();
     let spec: gleaner_recording::TaskSpec = toml::from_str(&text).unwrap();
     let task = spec.name.clone();
-    let created = CreateTaskRequest { spec: Some(gleaner_client::spec::to_proto(&spec)) };
+    let created = CreateTaskRequest { spec: Some(gleaner_core::proto::task::spec_to_proto(spec.clone())) };
     api.tasks.create_task(created).await.unwrap();
 
     let mut mappings = std::collections::BTreeSet::new();

@@ -114,7 +114,7 @@ fn each_crate_is_named_in_its_room_only() {
 }
 
 /// Every crate of the workspace but its tests and benches, and the others that it may name.
-const CRATES: [(&str, &[&str]); 14] = [
+const CRATES: [(&str, &[&str]); 15] = [
     ("proto", &[]),
     ("crates/core", &["proto"]),
     ("crates/data-folder", &["core"]),
@@ -128,13 +128,14 @@ const CRATES: [(&str, &[&str]); 14] = [
     ("crates/sim", &["recording"]),
     ("crates/worker", &["core", "data-folder", "learn", "logs", "proto", "recording", "sim"]),
     ("client", &["core", "proto", "recording", "sim"]),
+    ("client/command", &["client", "core", "proto", "recording", "sim"]),
     ("server", &["core", "data-folder", "edge", "inspector", "learn", "logs", "proto", "recording", "sim", "web"]),
 ];
 
 #[test]
 fn each_crate_depends_only_on_the_crates_it_may() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    let mut folders: Vec<String> = ["proto", "client", "server"].map(str::to_owned).to_vec();
+    let mut folders: Vec<String> = ["proto", "client", "client/command", "server"].map(str::to_owned).to_vec();
     for entry in root.join("crates").read_dir().unwrap() {
         folders.push(format!("crates/{}", entry.unwrap().file_name().to_str().unwrap()));
     }
@@ -154,6 +155,15 @@ fn each_crate_depends_only_on_the_crates_it_may() {
         }
     }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+#[test]
+fn the_client_library_needs_nothing_of_a_command_line() {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("client/Cargo.toml");
+    let manifest: toml::Table = std::fs::read_to_string(manifest).unwrap().parse().unwrap();
+    for name in ["clap", "comfy-table", "indicatif", "jiff", "plotters", "prost-reflect", "statrs", "toml"] {
+        assert!(!manifest["dependencies"].as_table().unwrap().contains_key(name), "client/Cargo.toml has {name}");
+    }
 }
 
 #[test]
@@ -189,24 +199,31 @@ fn reachable<'a>(graph: &BTreeMap<&'a str, Vec<&'a str>>, from: &str, found: &mu
 }
 
 #[test]
-fn modules_of_the_general_crates_have_no_circle() {
+fn modules_of_these_folders_have_no_circle() {
     let sources = sources();
-    for folder in ["crates/edge/src/", "crates/search/src/"] {
-        let modules: Vec<(&str, &str)> = sources
-            .iter()
-            .filter_map(|(name, source)| {
-                let module = name.strip_prefix(folder)?.strip_suffix(".rs")?;
-                let code = source.split("#[cfg(test)]").next()?;
-                (!["lib", "tests", "testing"].contains(&module)).then_some((module, code))
-            })
-            .collect();
+    for folder in [
+        "crates/edge/src/",
+        "crates/search/src/",
+        "client/command/src/",
+        "client/command/src/cmd/",
+        "client/command/src/experiment/",
+    ] {
+        // A module is a file with the folder of its name; tests may name anything.
+        let mut modules: BTreeMap<&str, String> = BTreeMap::new();
+        for (name, source) in &sources {
+            let Some(path) = name.strip_prefix(folder).and_then(|path| path.strip_suffix(".rs")) else { continue };
+            let module = path.split('/').next().unwrap();
+            let is_root = ["lib", "main", "mod"].contains(&path);
+            if !is_root && !path.split('/').any(|part| ["tests", "testing"].contains(&part)) {
+                *modules.entry(module).or_default() += source.split("#[cfg(test)]").next().unwrap();
+            }
+        }
         assert!(modules.len() > 10, "{folder}: the walk found too little");
         let names_of = |code: &str, own: &str| {
-            let others = modules.iter().map(|(module, _)| *module).filter(|module| *module != own);
-            others.filter(|module| names(code, module)).collect()
+            modules.keys().copied().filter(|module| *module != own && names(code, module)).collect()
         };
         let graph = modules.iter().map(|(module, code)| (*module, names_of(code, module))).collect();
-        for (module, _) in &modules {
+        for module in modules.keys() {
             let mut found = BTreeSet::new();
             reachable(&graph, module, &mut found);
             assert!(!found.contains(module), "{folder}{module}.rs leads back to itself: {found:?}");

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::path::Path;
 
-use gleaner_client::{Client, PushItem, UploadLabel, spec as wire};
+use gleaner_client::{Client, PushItem, UploadLabel};
 use gleaner_core::Preset;
 use gleaner_learn::CheckpointKind;
 use gleaner_proto::v1::job_spec::Spec;
@@ -69,7 +69,10 @@ pub async fn prepare(options: &Options, folder: &Path) -> Result<(Program, Prepa
 pub async fn furnish(server: &Program, preset: Preset, folder: &Path) -> Result<Prepared> {
     let client = Client::connect(server.url(), None).await?;
     let spec = scene::task();
-    client.tasks().create_task(CreateTaskRequest { spec: Some(wire::to_proto(&spec)) }).await?;
+    client
+        .tasks()
+        .create_task(CreateTaskRequest { spec: Some(gleaner_core::proto::task::spec_to_proto(spec.clone())) })
+        .await?;
     push(&client, &spec, folder).await?;
     let encoder = succeed(&client, &spec, train::pretraining(preset, OPTIMISER_STEPS)).await?;
     let policy_id = succeed(&client, &spec, finetuning(encoder)).await?;

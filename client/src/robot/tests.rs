@@ -97,7 +97,7 @@ impl Server {
             self.seen.lock().unwrap().push(observation);
             let reply = (self.script.lock().unwrap())(session, nth);
             nth += 1;
-            let said = match reply {
+            let message = match reply {
                 Reply::After(ms, chunk) => {
                     sleep(Duration::from_millis(ms)).await;
                     let actions = chunk.into_iter().map(|value| ActionStep { values: vec![value] }).collect();
@@ -115,8 +115,8 @@ impl Server {
                 }
                 Reply::Break(status) => Err(status.into()),
             };
-            let broken = said.is_err();
-            let _ = say.send(said).await;
+            let broken = message.is_err();
+            let _ = say.send(message).await;
             if broken {
                 return;
             }

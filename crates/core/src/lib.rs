@@ -3,7 +3,8 @@
 //!
 //! A job's settings are data: a flat map from names to JSON values, checked against a schema ([`schema`]). Typed
 //! structs ([`settings!`]) are the same settings for code that uses them. Policies, objectives and scorers bring
-//! settings of their own; [`kinds`] lists them.
+//! settings of their own; [`kinds`] lists them. [`ensemble`] makes one action of overlapping chunks, on the server and on
+//! robots.
 //!
 //! Must not depend on tensors, gRPC, SQL or an async runtime.
 
@@ -13,6 +14,7 @@ pub mod client;
 pub mod curation;
 pub mod dataset;
 pub mod description;
+pub mod ensemble;
 pub mod episode;
 pub mod error;
 pub mod evaluation;

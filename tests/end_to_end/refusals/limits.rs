@@ -52,7 +52,7 @@ async fn images_over_the_limit_make_no_task() {
     let server = TestServer::start_with(&["--workers", "0", "--max-image-pixels", "255"]).await;
     let mut api = Api::connect(&server).await;
     let sim = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config());
-    let spec = Some(gleaner_client::spec::to_proto(&sim));
+    let spec = Some(gleaner_core::proto::task::spec_to_proto(sim.clone()));
     refuse!(api.tasks: create_task(CreateTaskRequest { spec }) => InvalidArgument ["spec.cameras[0]: 256 pixels"];);
     alive(&mut api).await;
 }

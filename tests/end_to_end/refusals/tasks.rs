@@ -56,7 +56,7 @@ async fn tasks_that_cannot_be_made() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let sim = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config());
-    let good = TaskSpec { name: "never_made".into(), ..gleaner_client::spec::to_proto(&sim) };
+    let good = TaskSpec { name: "never_made".into(), ..gleaner_core::proto::task::spec_to_proto(sim.clone()) };
     for (words, spoil) in SPOILED {
         let mut spec = good.clone();
         spoil(&mut spec);

@@ -1,84 +1,53 @@
-//! Temporal ensembling: many chunks' opinions on one step become one action. Plain data, kept
-//! beside a session's history; knows nothing of who predicts the chunks.
+//! Temporal ensembling in a session: chunks by control step. The mean is that of `gleaner_core`.
 
-use std::collections::VecDeque;
+use gleaner_core::ensemble::{self, ChunkError};
 
 use crate::error::LearnError;
 
-/// How fast a prediction's weight falls with its age rank: `exp(-DECAY * i)`.
-const DECAY: f64 = 0.01;
-
-/// The chunks of a session that still have something to say.
+/// The chunks of a session that cover the present or the future.
 ///
-/// Every control step a chunk of k actions is predicted, so up to k chunks foresee each step. The
-/// action for a step is their mean with weights `exp(-0.01 i)`, i = 0 the oldest: a new observation
-/// moves the motion gently and never with a jerk.
-#[derive(Debug, Clone, Default)]
-pub struct Ensemble {
-    /// (the step its first action is for, its actions), oldest first.
-    chunks: VecDeque<(u64, Vec<Vec<f32>>)>,
+/// Every control step a chunk of k actions is predicted, so up to k chunks cover each step. The action for a step is
+/// their mean with weights `exp(-0.01 i)`, i = 0 the oldest: a new observation changes the motion gradually.
+#[derive(Debug, Clone)]
+pub struct Ensemble(ensemble::Ensemble);
+
+impl Default for Ensemble {
+    fn default() -> Self {
+        Self(ensemble::Ensemble::new(1))
+    }
 }
 
 impl Ensemble {
-    /// One that holds nothing.
+    /// One without chunks.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes the chunk predicted at `step`, whose first action is for that step, and gives the
-    /// action for it. Steps that were skipped count: what an older chunk foresaw for `step` is used,
-    /// and chunks that do not reach it are forgotten.
+    /// Adds the chunk predicted at `step`, whose first action is for that step, and returns the action for it. Steps
+    /// that were skipped count: the predictions of older chunks for `step` are used, and chunks that do not reach it
+    /// are removed.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] if the chunk is empty, its actions differ in length, or `step` is not
-    /// after the step before.
+    /// [`LearnError::Invalid`] if the chunk is empty, its actions differ in length, or `step` is not after the step
+    /// before.
     pub fn push(&mut self, step: u64, chunk: Vec<Vec<f32>>) -> Result<Vec<f32>, LearnError> {
-        self.check(step, &chunk)?;
-        self.chunks.retain(|(begin, actions)| foreseen(*begin, actions, step).is_some());
-        self.chunks.push_back((step, chunk));
-        let opinions = self.chunks.iter().filter_map(|(begin, actions)| foreseen(*begin, actions, step));
-        let (mut sum, mut weights, mut weight) = (Vec::new(), 0.0, 1.0);
-        for action in opinions {
-            sum.resize(action.len(), 0.0);
-            for (sum, value) in sum.iter_mut().zip(action) {
-                *sum += weight * f64::from(*value);
+        let time =
+            i64::try_from(step).map_err(|_| LearnError::invalid("step", "is too high; reset for a new episode"))?;
+        self.0.push(time, chunk).map_err(|problem| match problem {
+            ChunkError::Empty => LearnError::invalid("chunk", "is empty; push the actions of the policy"),
+            ChunkError::Width { .. } => LearnError::invalid("chunk", format!("{problem}; reset before another policy")),
+            ChunkError::Order { last } => {
+                LearnError::invalid("step", format!("is {step}, must be after {last}; reset for a new episode"))
             }
-            weights += weight;
-            weight *= (-DECAY).exp();
-        }
-        #[expect(clippy::cast_possible_truncation, reason = "a mean of f32 values fits one")]
-        Ok(sum.into_iter().map(|sum| (sum / weights) as f32).collect())
+        })?;
+        // The chunk that was just added covers its own step.
+        Ok(self.0.mean(time).unwrap_or_default())
     }
 
-    /// Forgets everything, for a new episode.
+    /// Removes every chunk, for a new episode.
     pub fn reset(&mut self) {
-        self.chunks.clear();
+        self.0.clear();
     }
-
-    fn check(&self, step: u64, chunk: &[Vec<f32>]) -> Result<(), LearnError> {
-        let Some(first) = chunk.first() else {
-            return Err(LearnError::invalid("chunk", "is empty; push what the policy gave"));
-        };
-        let before = self.chunks.back();
-        let width = before.and_then(|(_, actions)| actions.first()).unwrap_or(first).len();
-        if let Some(at) = chunk.iter().position(|action| action.len() != width) {
-            let found = chunk[at].len();
-            let message = format!("action {at} has {found} values, the others {width}; reset before another policy");
-            return Err(LearnError::invalid("chunk", message));
-        }
-        match before {
-            Some((last, _)) if step <= *last => {
-                let message = format!("is {step}, must be after {last}; reset for a new episode");
-                Err(LearnError::invalid("step", message))
-            }
-            _ => Ok(()),
-        }
-    }
-}
-
-/// What a chunk from `begin` on says of `step`, if it reaches it.
-fn foreseen(begin: u64, actions: &[Vec<f32>], step: u64) -> Option<&Vec<f32>> {
-    actions.get(usize::try_from(step - begin).ok()?)
 }
 
 #[cfg(test)]
@@ -102,7 +71,7 @@ mod tests {
         // Step 3 was skipped: at 4 only the chunk of step 2 still has a say.
         let expected = (9.0 + second) / (1.0 + second);
         assert!((f64::from(ensemble.push(4, chunk(&[1.0])).unwrap()[0]) - expected).abs() < 1e-6);
-        assert_eq!(ensemble.chunks.len(), 2);
+        assert_eq!(ensemble.0.len(), 2);
         ensemble.reset();
         assert_eq!(ensemble.push(0, chunk(&[4.0])).unwrap(), [4.0]);
     }

@@ -1,0 +1,27 @@
+//! The commands: each file holds a family, its arguments beside what it does with them.
+//!
+//! Must not depend on `cli`, which lists them.
+
+pub(crate) mod dataset;
+pub(crate) mod drive;
+pub(crate) mod episodes;
+pub(crate) mod evaluate;
+pub(crate) mod evaluations;
+pub(crate) mod export;
+pub(crate) mod follow;
+pub(crate) mod jobs;
+pub(crate) mod kinds;
+pub(crate) mod label;
+pub(crate) mod pipeline;
+mod plan;
+pub(crate) mod policies;
+pub(crate) mod push;
+pub(crate) mod record;
+pub(crate) mod schedule;
+pub(crate) mod score_recording;
+pub(crate) mod scores;
+pub(crate) mod snapshot;
+pub(crate) mod submit;
+pub(crate) mod task;
+pub(crate) mod trash;
+pub(crate) mod what_if;

@@ -1,0 +1,222 @@
+//! `pipeline`: pretrain, score, filter, train, evaluate as one chain of jobs. Its options are the schedules' too.
+
+use clap::{Args, ValueEnum};
+use gleaner_core::arguments::{Given, Pipeline, TRAIN};
+use gleaner_core::kinds::{Family, Kind};
+use gleaner_core::proto::to_struct;
+use gleaner_core::{Group as _, OptimSpec, Values};
+use gleaner_proto::v1::{EvaluateSpec, Job, PipelineSpec, ScoreSpec, SubmitPipelineRequest, TrainSpec};
+use prost_types::Struct;
+
+use super::plan::SnapshotArgs;
+use super::submit::{SubmitArgs, after, outcome};
+use super::{follow, jobs};
+use crate::context::Context;
+use crate::failure::Result;
+use crate::json;
+
+/// How far a pipeline goes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, ValueEnum)]
+enum Until {
+    Pretrain,
+    Score,
+    Dataset,
+    Train,
+    Evaluate,
+}
+
+/// What a pipeline does.
+#[derive(Args, Clone, Debug)]
+pub(crate) struct PipelineArgs {
+    #[command(flatten)]
+    snapshot: SnapshotArgs,
+    /// The last stage.
+    #[arg(long, value_enum, default_value = "train")]
+    until: Until,
+    /// Keep segments with a quality above this threshold, 0 to 1.
+    #[arg(long, default_value_t = 0.9, allow_negative_numbers = true)]
+    beta: f64,
+    /// Keep this part of the segments instead, the best ones.
+    #[arg(long, value_name = "FRACTION", conflicts_with = "beta")]
+    top: Option<f64>,
+    #[command(flatten)]
+    settings: Given<Pipeline>,
+}
+
+impl PipelineArgs {
+    pub(crate) fn spec(&self) -> PipelineSpec {
+        let (scored, selected) = (self.until >= Until::Score, self.until >= Until::Dataset);
+        PipelineSpec {
+            score: scored,
+            scoring: scored.then(|| ScoreSpec { settings: self.stage("score"), ..ScoreSpec::default() }),
+            beta: (selected && self.top.is_none()).then_some(self.beta),
+            top_fraction: self.top.filter(|_| selected),
+            train: (self.until >= Until::Train).then(|| TrainSpec { data: None, settings: self.training() }),
+            evaluate: (self.until >= Until::Evaluate)
+                .then(|| EvaluateSpec { subject: None, settings: self.stage("evaluate") }),
+            pretrain: Some(self.snapshot.pretrain(&self.settings.of_job("pretrain"))),
+        }
+    }
+
+    /// The settings of a stage. A shared one that the chosen scorer does not have is not for this stage.
+    fn stage(&self, job: &str) -> Option<Struct> {
+        let mut settings = self.settings.of_job(job);
+        if job == "score" {
+            let scorer = chosen(&settings, Family::Scorer);
+            settings.retain(|name, _| name != "seed" || scorer.is_some_and(|kind| has(kind, name)));
+        }
+        Some(to_struct(&settings))
+    }
+
+    /// The settings of the training: an optimiser of its own, and the size of the encoder for policies that have a size.
+    fn training(&self) -> Option<Struct> {
+        let mut settings = self.settings.of_job("train");
+        let policy = chosen(&settings, Family::Policy);
+        let optimiser = |name: &str| OptimSpec::schema().iter().any(|setting| setting.name == name);
+        let of_encoder = ["preset", "segment_length"];
+        settings.retain(|name, _| {
+            let foreign = of_encoder.contains(&name.as_str()) && policy.is_some_and(|kind| !has(kind, name));
+            !optimiser(name) && !foreign
+        });
+        for (name, value) in &self.settings.values {
+            if let Some(own) = name.strip_prefix(TRAIN) {
+                settings.insert(own.to_owned(), value.clone());
+            }
+        }
+        Some(to_struct(&settings))
+    }
+}
+
+/// The kind that the settings choose, or the default.
+fn chosen(settings: &Values, family: Family) -> Option<&'static Kind> {
+    let name = settings.get(family.as_str()).and_then(|name| name.as_str()).unwrap_or(family.default_name());
+    family.find(name)
+}
+
+fn has(kind: &Kind, name: &str) -> bool {
+    kind.settings.iter().any(|setting| setting.name == name)
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct PipelineCommand {
+    /// Name or id of the task. Default: the only task of the server.
+    #[arg(long)]
+    task: Option<String>,
+    #[command(flatten)]
+    pipeline: PipelineArgs,
+    #[command(flatten)]
+    submit: SubmitArgs,
+}
+
+impl PipelineCommand {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let request = SubmitPipelineRequest {
+            task: context.task(&client, self.task.as_deref()).await?,
+            pipeline: Some(self.pipeline.spec()),
+            priority: self.submit.priority,
+        };
+        let mut reply = client.jobs().submit_pipeline(request).await?.into_inner();
+        if self.submit.wait {
+            for job in &mut reply.jobs {
+                *job = follow::to_success(context, &client, &job.id).await?;
+                context.output.note(outcome(job));
+            }
+        }
+        let text = || {
+            let mut text = jobs::listing(&reply.jobs);
+            if !reply.dataset_id.is_empty() {
+                text.push_str(&format!("\ndataset {}", reply.dataset_id));
+            }
+            text
+        };
+        context.output.result(|| json::value(&reply), text)?;
+        context.output.next(next(&reply.jobs, self.submit.wait));
+        Ok(())
+    }
+}
+
+fn next(submitted: &[Job], waited: bool) -> String {
+    match submitted.last() {
+        Some(last) if waited => after(last),
+        Some(last) => format!("gleaner watch {} (the last of the chain)", last.id),
+        None => "gleaner jobs".into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use serde_json::json;
+
+    #[derive(Debug, Parser)]
+    struct Line {
+        #[command(flatten)]
+        pipeline: PipelineArgs,
+    }
+
+    fn spec(options: &str) -> PipelineSpec {
+        Line::try_parse_from(std::iter::once("x").chain(options.split_whitespace())).unwrap().pipeline.spec()
+    }
+
+    #[test]
+    fn the_chain_ends_at_the_given_stage() {
+        let stages = |until: &str| {
+            let spec = spec(&format!("--until {until}"));
+            (spec.score, spec.beta.is_some(), spec.train.is_some(), spec.evaluate.is_some())
+        };
+        assert_eq!(stages("pretrain"), (false, false, false, false));
+        assert_eq!(stages("score"), (true, false, false, false));
+        assert_eq!(stages("dataset"), (true, true, false, false));
+        assert_eq!(stages("train"), (true, true, true, false));
+        assert_eq!(stages("evaluate"), (true, true, true, true));
+    }
+
+    #[test]
+    fn options_that_are_left_out_are_not_sent() {
+        assert!(spec("").pretrain.unwrap().settings.unwrap().fields.is_empty());
+        assert!(spec("").train.unwrap().settings.unwrap().fields.is_empty());
+    }
+
+    #[test]
+    fn a_dataset_is_by_threshold_or_by_part() {
+        let kept = |options: &str| (spec(options).beta, spec(options).top_fraction);
+        assert_eq!(kept(""), (Some(0.9), None));
+        assert_eq!(kept("--top 0.1"), (None, Some(0.1)));
+        assert_eq!(kept("--top 0.1 --until score"), (None, None));
+        assert!(Line::try_parse_from(["x", "--top", "0.1", "--beta", "0.5"]).is_err());
+    }
+
+    #[test]
+    fn a_scale_has_three_factors() {
+        assert!(Line::try_parse_from(["x", "--scale", "1,2"]).unwrap_err().to_string().contains("3 numbers"));
+        assert!(Line::try_parse_from(["x", "--scale", "1,two,3"]).is_err());
+    }
+
+    #[test]
+    fn options_reach_their_stage() {
+        let spec = spec(
+            "--preset small --steps 7 --lr 0.5 --train-steps 9 --lambda 0.2 --beta 0.8 --seed 3 \
+             --expert-cohort a --expert-cohort b --imperfect-cohort c --objective mtp,aa --similarity segment_l2 \
+             --scale 1,0.5,2 --policy act --chunk-length 4 --shift-pixels 2 --imperfect-per-expert 3",
+        );
+        let json = |settings: Option<Struct>| serde_json::Value::Object(gleaner_core::proto::from_struct(settings));
+        let scoring = json(spec.scoring.unwrap().settings);
+        assert_eq!(scoring, json!({"similarity": "segment_l2", "scale": [1, 0.5, 2]}));
+        let pretrain = spec.pretrain.unwrap();
+        let expected = json!({
+            "preset": "small", "steps": 7, "learning_rate": 0.5, "seed": 3, "objectives": ["mtp", "aa"],
+            "shift_pixels": 2,
+        });
+        assert_eq!(json(pretrain.settings), expected);
+        let expected = json!({
+            "policy": "act", "preset": "small", "chunk_length": 4, "steps": 9, "lambda": 0.2, "seed": 3,
+            "shift_pixels": 2,
+        });
+        assert_eq!((json(spec.train.unwrap().settings), spec.beta), (expected, Some(0.8)));
+        let rule = pretrain.rule.unwrap();
+        assert_eq!(rule.imperfect_per_expert, 3.0);
+        assert_eq!((rule.expert_cohorts, rule.imperfect_cohorts), (vec!["a".into(), "b".into()], vec!["c".into()]));
+    }
+}

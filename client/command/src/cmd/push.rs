@@ -1,0 +1,258 @@
+//! `push`: recordings with their labels, many at a time.
+
+use std::collections::{BTreeSet, HashMap};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use clap::Args;
+use gleaner_client::{
+    Client, LabelledFile, PushEvent, PushItem, Pushed, Skipped, UploadLabel, find_recordings, outcome_from_word,
+    read_labels,
+};
+use gleaner_proto::v1::{GetTaskRequest, Outcome};
+use gleaner_recording::printable;
+use serde_json::{Value, json};
+
+use crate::context::Context;
+use crate::failure::{Failure, Result};
+use crate::{json, words};
+
+#[derive(Args, Debug)]
+#[group(id = "what", required = true, multiple = true, args = ["paths", "labels"])]
+pub(crate) struct PushArgs {
+    /// Recordings, or folders that are searched for *.mcap; files that are not regular are skipped and listed. Default
+    /// with --labels: every file that it lists.
+    paths: Vec<PathBuf>,
+    /// Name or id of the task. Default: that of the labels file, or the only task of the server.
+    #[arg(long)]
+    task: Option<String>,
+    /// Outcome of the attempts.
+    #[arg(long, value_parser = outcome_from_word, default_value = "unknown", value_name = "success|failure|unknown")]
+    outcome: Outcome,
+    /// Free name for the group of episodes: operator, policy, skill level.
+    #[arg(long, default_value = "", hide_default_value = true)]
+    cohort: String,
+    /// CSV file with the columns file,task,outcome,cohort that labels each recording; paths are relative to it.
+    #[arg(long, value_name = "CSV", conflicts_with_all = ["outcome", "cohort"])]
+    labels: Option<PathBuf>,
+    /// Number of recordings that are uploaded at once.
+    #[arg(long, default_value_t = 4, value_name = "N")]
+    jobs: usize,
+}
+
+impl PushArgs {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        let client = context.client().await?;
+        let (items, skipped) = self.items(context, &client).await?;
+        for task in items.iter().map(|item| item.task.clone()).collect::<BTreeSet<_>>() {
+            // Once, before the first byte, rather than as the same failure of each file.
+            client.tasks().get_task(GetTaskRequest { task }).await?;
+        }
+        let task = items.first().map(|item| item.task.clone()).unwrap_or_default();
+        let pushed = push(context, &client, items, self.jobs).await;
+        context.output.result(|| document(&pushed, &skipped), || summary(&pushed, &skipped))?;
+        let failures = pushed.failures().count();
+        if failures > 0 {
+            return Err(Failure::message(format!(
+                "{failures} of {} recordings were not taken; fix them and push them again",
+                pushed.results.len()
+            )));
+        }
+        context.output.next(format_args!("gleaner pretrain --task {task} --wait"));
+        Ok(())
+    }
+
+    async fn items(&self, context: &Context, client: &Client) -> Result<(Vec<PushItem>, Vec<Skipped>)> {
+        let item = |path: PathBuf, task: String, outcome: Outcome, cohort: String| PushItem {
+            path,
+            task,
+            label: UploadLabel { outcome, cohort, author: context.connection.author() },
+        };
+        let Some(labels) = &self.labels else {
+            let task = context.task(client, self.task.as_deref()).await?;
+            let found = find_recordings(&self.paths)?;
+            let paths = found.recordings.into_iter();
+            let items = paths.map(|path| item(path, task.clone(), self.outcome, self.cohort.clone())).collect();
+            return Ok((items, found.skipped));
+        };
+        let mut rows = read_labels(labels)?;
+        let mut skipped = Vec::new();
+        if !self.paths.is_empty() {
+            let found = find_recordings(&self.paths)?;
+            rows = chosen(rows, found.recordings, labels)?;
+            skipped = found.skipped;
+        }
+        if rows.is_empty() {
+            return Err(Failure::message(format!("{} lists no recordings", labels.display())));
+        }
+        let mut items = Vec::with_capacity(rows.len());
+        for row in rows {
+            let named = self.task.clone().or(row.task);
+            let task = match named {
+                Some(task) => task,
+                None => context.task(client, None).await?,
+            };
+            items.push(item(row.path, task, row.outcome, row.cohort));
+        }
+        Ok((items, skipped))
+    }
+}
+
+// The rows of these recordings; each must have one.
+fn chosen(rows: Vec<LabelledFile>, recordings: Vec<PathBuf>, labels: &Path) -> Result<Vec<LabelledFile>> {
+    let place = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let mut by_place: HashMap<PathBuf, LabelledFile> = rows.into_iter().map(|row| (place(&row.path), row)).collect();
+    let row = |path: PathBuf| {
+        by_place.remove(&place(&path)).ok_or_else(|| {
+            Failure::message(format!("{} is not listed in {}; add a line for it", path.display(), labels.display()))
+        })
+    };
+    recordings.into_iter().map(row).collect()
+}
+
+/// Pushes with a progress bar over all bytes.
+pub(crate) async fn push(context: &Context, client: &Client, items: Vec<PushItem>, parallel: usize) -> Pushed {
+    let size = |item: &PushItem| std::fs::metadata(&item.path).map_or(0, |metadata| metadata.len());
+    let sizes: Vec<u64> = items.iter().map(size).collect();
+    let bar = context.progress.bytes("push", sizes.iter().sum());
+    let sent: Vec<AtomicU64> = sizes.iter().map(|_| AtomicU64::new(0)).collect();
+    let drawn = bar.clone();
+    let advance = move |item: usize, now: u64| {
+        // A resumed upload falls back a little; so may the bar.
+        let before = sent[item].swap(now, Ordering::Relaxed);
+        if now >= before {
+            drawn.inc(now - before);
+        } else {
+            drawn.dec(before - now);
+        }
+    };
+    let pushed = client
+        .push(items, parallel, move |event| match event {
+            PushEvent::Sent { item, bytes } => advance(item, bytes),
+            PushEvent::Done { item } => advance(item, sizes[item]),
+        })
+        .await;
+    bar.finish_and_clear();
+    pushed
+}
+
+fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
+    let existed = pushed.uploaded().filter(|uploaded| uploaded.existed).count();
+    let warnings: u32 = pushed.uploaded().map(|uploaded| uploaded.episode.warnings).sum();
+    let mut lines = vec![format!(
+        "{} recordings pushed, {existed} there already, {} not taken; {:.1} MB in {} ({:.1} MB/s)",
+        pushed.uploaded().count() - existed,
+        pushed.failures().count(),
+        words::megabytes(pushed.sent_bytes()),
+        words::duration(pushed.wall),
+        words::rate(pushed.sent_bytes(), pushed.wall)
+    )];
+    if warnings > 0 {
+        lines.push(format!("{warnings} warnings; gleaner episode ID shows them"));
+    }
+    // A name or a reason with a line break must not look like a line of ours.
+    for (item, error) in pushed.failures() {
+        lines.push(printable::field(&format!("not taken: {}: {error}", item.path.display())).into_owned());
+    }
+    if !skipped.is_empty() {
+        lines.push(format!("{} skipped, because they are not regular files or cannot be read", skipped.len()));
+    }
+    for Skipped { path, reason } in skipped {
+        lines.push(printable::field(&format!("skipped: {}: {reason}", path.display())).into_owned());
+    }
+    lines.join("\n")
+}
+
+fn document(pushed: &Pushed, skipped: &[Skipped]) -> Result<Value> {
+    let episodes = pushed.results.iter().filter_map(|item| {
+        let uploaded = item.result.as_ref().ok()?;
+        Some(json::value(&uploaded.episode).map(|episode| {
+            json!({ "file": item.path.display().to_string(), "existed": uploaded.existed, "episode": episode })
+        }))
+    });
+    let failures = pushed
+        .failures()
+        .map(|(item, error)| json!({ "file": item.path.display().to_string(), "error": error.to_string() }));
+    let skipped =
+        skipped.iter().map(|Skipped { path, reason }| json!({ "file": path.display().to_string(), "reason": reason }));
+    Ok(json!({
+        "episodes": episodes.collect::<Result<Vec<_>>>()?,
+        "failures": failures.collect::<Vec<_>>(),
+        "skipped": skipped.collect::<Vec<_>>(),
+        "sent_bytes": pushed.sent_bytes(),
+        "seconds": pushed.wall.as_secs_f64(),
+        "megabytes_per_second": words::rate(pushed.sent_bytes(), pushed.wall),
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use gleaner_client::{ClientError, PushResult, Uploaded};
+    use gleaner_proto::v1::Episode;
+    use std::time::Duration;
+
+    fn pushed() -> Pushed {
+        let uploaded = |id: &str, existed| Uploaded {
+            episode: Episode { id: id.into(), size_bytes: 3_000_000, warnings: 1, ..Episode::default() },
+            report: None,
+            existed,
+        };
+        let result = |path: &str, result| PushResult { path: path.into(), result };
+        Pushed {
+            results: vec![
+                result("a.mcap", Ok(uploaded("ep_1", false))),
+                result("b.mcap", Ok(uploaded("ep_2", true))),
+                result("c.mcap", Err(ClientError::Invalid("not an MCAP file".into()))),
+            ],
+            wall: Duration::from_millis(500),
+        }
+    }
+
+    #[test]
+    fn the_summary_counts_and_names_what_was_not_taken() {
+        assert_eq!(
+            summary(&pushed(), &[]),
+            "1 recordings pushed, 1 there already, 1 not taken; 3.0 MB in 0.5 s (6.0 MB/s)\n\
+             2 warnings; gleaner episode ID shows them\n\
+             not taken: c.mcap: not an MCAP file"
+        );
+    }
+
+    fn skipped() -> Vec<Skipped> {
+        vec![Skipped { path: "x\u{1b}[2J\n.mcap".into(), reason: "is a FIFO".into() }]
+    }
+
+    #[test]
+    fn the_summary_names_what_was_skipped() {
+        let shown = summary(&pushed(), &skipped());
+        let last: Vec<&str> = shown.lines().rev().take(2).collect();
+        assert_eq!(last[0], "skipped: x\\u{1b}[2J\\n.mcap: is a FIFO");
+        assert!(last[1].starts_with("1 skipped"), "{shown}");
+    }
+
+    #[test]
+    fn the_document_has_the_same_facts() {
+        let shown = document(&pushed(), &skipped()).unwrap();
+        assert_eq!(shown["skipped"], json!([{ "file": "x\u{1b}[2J\n.mcap", "reason": "is a FIFO" }]));
+        assert_eq!(shown["episodes"][1]["episode"]["id"], "ep_2");
+        assert_eq!(shown["episodes"][1]["existed"], true);
+        assert_eq!(shown["failures"], json!([{ "file": "c.mcap", "error": "not an MCAP file" }]));
+        assert_eq!((&shown["sent_bytes"], &shown["megabytes_per_second"]), (&json!(3_000_000), &json!(6.0)));
+    }
+
+    #[test]
+    fn a_recording_without_a_line_is_named() {
+        let row = |path: &str| LabelledFile {
+            path: path.into(),
+            task: None,
+            outcome: Outcome::Success,
+            cohort: String::new(),
+        };
+        let rows = vec![row("x/a.mcap"), row("x/b.mcap")];
+        let labels = Path::new("x/labels.csv");
+        assert_eq!(chosen(rows.clone(), vec!["x/b.mcap".into()], labels).unwrap(), [row("x/b.mcap")]);
+        let message = chosen(rows, vec!["x/c.mcap".into()], labels).unwrap_err().to_string();
+        assert!(message.contains("x/c.mcap is not listed in x/labels.csv"), "{message}");
+    }
+}

@@ -1,0 +1,173 @@
+//! `task`: create, list, show.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use gleaner_client::ClientError;
+use gleaner_core::proto::task::{spec_from_proto, spec_to_proto};
+use gleaner_proto::v1::{CreateTaskRequest, GetTaskRequest, ListTasksRequest, Task};
+use gleaner_recording::TaskSpec;
+use gleaner_sim::SimConfig;
+
+use crate::context::Context;
+use crate::failure::{Failure, Result, present};
+use crate::table::Column::{Left, Right};
+use crate::table::{facts, table};
+use crate::{json, words};
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum TaskCommand {
+    /// Create a task from its specification.
+    Create(CreateArgs),
+    /// List every task.
+    List,
+    /// Show the specification of a task; `create` accepts the output of --json.
+    Show {
+        /// Name or id.
+        task: String,
+    },
+}
+
+#[derive(Args, Debug)]
+pub(crate) struct CreateArgs {
+    /// File with the specification, TOML or JSON.
+    #[arg(required_unless_present = "sim", conflicts_with = "sim")]
+    spec: Option<PathBuf>,
+    /// Instead of a file, use this task of the embedded simulator.
+    #[arg(long, value_name = "TASK")]
+    sim: Option<gleaner_sim::Task>,
+    /// Camera height and width in pixels, with --sim. Default: 32.
+    #[arg(long, requires = "sim", conflicts_with = "spec", value_name = "PIXELS")]
+    image: Option<u32>,
+}
+
+impl TaskCommand {
+    pub(crate) async fn run(self, context: &Context) -> Result<()> {
+        match self {
+            Self::Create(args) => args.run(context).await,
+            Self::List => list(context).await,
+            Self::Show { task } => show(context, task).await,
+        }
+    }
+}
+
+impl CreateArgs {
+    async fn run(self, context: &Context) -> Result<()> {
+        let specification = match (self.spec, self.sim) {
+            (Some(path), _) => read_spec(&path)?,
+            (None, Some(task)) => {
+                let config = sim_config(self.image)?;
+                gleaner_sim::task_spec(task, &config)
+            }
+            (None, None) => return Err(Failure::message("give a specification file or --sim")),
+        };
+        gleaner_recording::validate(&specification)?;
+        let request = CreateTaskRequest { spec: Some(spec_to_proto(specification.clone())) };
+        let created = context.client().await?.tasks().create_task(request).await?.into_inner();
+        let task = present(created.task.as_ref(), "a task")?;
+        context
+            .output
+            .result(|| json::value(&created), || format!("task {} created ({})", specification.name, task.id))?;
+        context.output.next(format_args!("gleaner push RECORDINGS --task {} --labels labels.csv", specification.name));
+        Ok(())
+    }
+}
+
+/// The simulator's settings with cameras of this size, or its own.
+pub(crate) fn sim_config(image: Option<u32>) -> Result<SimConfig> {
+    let mut config = SimConfig::default();
+    config.image = image.unwrap_or(config.image);
+    config.validate()?;
+    Ok(config)
+}
+
+// JSON by its extension, else TOML.
+fn read_spec(path: &Path) -> Result<TaskSpec> {
+    let text = std::fs::read_to_string(path).map_err(ClientError::io(path))?;
+    let is_json = path.extension().is_some_and(|extension| extension == "json");
+    let parsed = if is_json {
+        serde_json::from_str(&text).map_err(|error| error.to_string())
+    } else {
+        toml::from_str(&text).map_err(|error| error.to_string())
+    };
+    parsed.map_err(|problem| Failure::message(format!("{}: {problem}", path.display())))
+}
+
+async fn list(context: &Context) -> Result<()> {
+    let reply = context.client().await?.tasks().list_tasks(ListTasksRequest {}).await?.into_inner();
+    let columns = [Left("NAME"), Left("ID"), Right("SUCCESS"), Right("FAILURE"), Right("UNKNOWN"), Left("CREATED")];
+    let row = |task: &Task| {
+        [
+            task.spec.as_ref().map(|spec| spec.name.clone()).unwrap_or_default(),
+            task.id.clone(),
+            task.success_count.to_string(),
+            task.failure_count.to_string(),
+            task.unknown_count.to_string(),
+            words::moment(task.create_time.as_ref()),
+        ]
+    };
+    context.output.result(|| json::value(&reply), || table(columns, reply.tasks.iter().map(row)))?;
+    match reply.tasks.first().and_then(|task| task.spec.as_ref()) {
+        Some(spec) => context.output.next(format_args!("gleaner episodes --task {}", spec.name)),
+        None => context.output.next("gleaner task create SPEC.toml"),
+    }
+    Ok(())
+}
+
+async fn show(context: &Context, name: String) -> Result<()> {
+    let reply = context.client().await?.tasks().get_task(GetTaskRequest { task: name }).await?.into_inner();
+    let task = present(reply.task.as_ref(), "a task")?;
+    let specification = spec_from_proto(present(task.spec.clone(), "a specification")?)
+        .map_err(|error| Failure::message(format!("the server's task is from a newer version: {error}")))?;
+    let document = || serde_json::to_value(&specification).map_err(|error| Failure::message(error.to_string()));
+    context.output.result(document, || describe(task, &specification))?;
+    context.output.next(format_args!("gleaner episodes --task {}", specification.name));
+    Ok(())
+}
+
+fn describe(task: &Task, spec: &TaskSpec) -> String {
+    let cameras = spec.cameras.iter().map(|camera| {
+        let kind = if camera.depth { "RGBD" } else { "RGB" };
+        format!("{} {}×{} {kind}", camera.name, camera.height, camera.width)
+    });
+    let sizes = |fields: &[gleaner_recording::FieldSpec]| {
+        fields.iter().map(|field| format!("{} {}", field.name, field.size)).collect::<Vec<_>>().join(", ")
+    };
+    facts([
+        ("name", spec.name.clone()),
+        ("id", task.id.clone()),
+        ("rate", format!("{} Hz", spec.rate_hz)),
+        ("cameras", cameras.collect::<Vec<_>>().join(", ")),
+        ("proprioception", format!("{} values: {}", spec.proprioception_size(), sizes(&spec.proprioception))),
+        ("action", format!("{} values: {}", spec.action_size(), sizes(&spec.action))),
+        ("mappings", spec.mappings.iter().map(|mapping| mapping.name.as_str()).collect::<Vec<_>>().join(", ")),
+        (
+            "episodes",
+            format!("{} success, {} failure, {} unknown", task.success_count, task.failure_count, task.unknown_count),
+        ),
+        ("created", words::moment(task.create_time.as_ref())),
+    ])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn specs_are_read_as_toml_or_json_and_mistakes_are_placed() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            path
+        };
+        let toml = write("a.toml", "name = \"t\"\nrate_hz = 10.0\naction = [{ name = \"a\", size = 1 }]\n");
+        let spec = read_spec(&toml).unwrap();
+        let json = write("a.json", &serde_json::to_string(&spec).unwrap());
+        assert_eq!(read_spec(&json).unwrap(), spec);
+
+        let wrong = write("b.toml", "name = \"t\"\nrate = 10.0\n");
+        let message = read_spec(&wrong).unwrap_err().to_string();
+        assert!(message.contains("b.toml") && message.contains("line 2") && message.contains("rate_hz"), "{message}");
+    }
+}

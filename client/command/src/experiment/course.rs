@@ -1,0 +1,125 @@
+//! The course of an experiment: a server, the recordings, every job to its end, the report. Or the report of an earlier
+//! run alone.
+
+use std::path::Path;
+
+use gleaner_client::Client;
+
+use super::existing::Existing;
+use super::file::Experiment;
+use super::gather::Gatherer;
+use super::recordings::Recordings;
+use super::report::Report;
+use super::reporter::Reporter;
+use super::stage::Graph;
+use super::standing::{Progress, Submitted};
+use super::state::State;
+use super::submit::Submitter;
+use super::{follow, planned};
+use crate::context::Context;
+use crate::failure::{Failure, Result};
+use crate::own_server::{Address, ServerProcess, unless_interrupted};
+use gleaner_core::{Device, Words as _};
+
+const DATA: &str = "data";
+const RECORDINGS: &str = "recordings";
+const ADDRESS: &str = "server.json";
+const RESUMES: &str = "interrupted; the same command resumes from here";
+
+/// An experiment about to be run.
+pub(super) struct Course<'a> {
+    pub(super) context: &'a Context,
+    pub(super) experiment: &'a Experiment,
+    pub(super) graph: &'a Graph,
+    pub(super) out: &'a Path,
+    pub(super) device: Device,
+    /// As the report shows it.
+    pub(super) command: String,
+    /// Whether only to report the results of earlier runs.
+    pub(super) only_report: bool,
+}
+
+impl Course<'_> {
+    /// On a server that is started for the experiment and stopped however it ends; its data stay.
+    pub(super) async fn on_own_server(&self, binary: &Path) -> Result<Report> {
+        let (log, note) = (self.out.join("server.log"), self.out.join(ADDRESS));
+        if let Some((left, client)) = Address::left_behind(&note).await {
+            self.context.output.note(format_args!("there is a server already, at {}", left.url));
+            let report = unless_interrupted(self.on(&client), RESUMES).await;
+            // A run may be under way on it.
+            if !self.only_report {
+                left.ask_to_stop();
+            }
+            return report;
+        }
+        let data = self.out.join(DATA);
+        if self.only_report && !data.exists() {
+            return Err(self.nothing_yet());
+        }
+        // Without workers no job starts.
+        let flags: &[&str] = if self.only_report { &["--workers", "0"] } else { &[] };
+        let server = ServerProcess::start(binary, &data, &log, flags).await?;
+        if !self.only_report {
+            server.address().note(&note)?;
+        }
+        self.context.output.note(format_args!("server at {}, its log in {}", server.url(), log.display()));
+        server.during(async |client| self.on(&client).await, RESUMES).await
+    }
+
+    /// On a running server.
+    pub(super) async fn on(&self, client: &Client) -> Result<Report> {
+        let Self { context, experiment, graph, device, .. } = *self;
+        if self.only_report {
+            let submitted = self.existing(client).await?;
+            let recordings = self.recordings(client).await?;
+            return self.reporter(client, &recordings).report(&submitted).await;
+        }
+        let recordings = self.recordings(client).await?;
+        let mut state = State::open(self.out)?;
+        let mut submitted = Submitter::new(client, &mut state, experiment, device).submit(graph).await?;
+        context.output.note(planned(experiment, graph));
+        let mut reporter = self.reporter(client, &recordings);
+        reporter.more(&submitted).await;
+        let on_end = async |submitted: &Submitted| reporter.more(submitted).await;
+        follow::to_the_end(context, client, graph, &mut submitted, on_end).await?;
+        reporter.report(&submitted).await
+    }
+
+    // The stages of earlier runs. If there are any, every recording exists as well.
+    async fn existing(&self, client: &Client) -> Result<Submitted> {
+        let state = State::open(self.out)?;
+        let existing = Existing::on(client, &state, &self.experiment.task).await?;
+        let submitted = existing.stages(self.graph).await?;
+        if submitted.iter().all(std::result::Result::is_err) {
+            return Err(self.nothing_yet());
+        }
+        Ok(submitted)
+    }
+
+    /// There is nothing to report.
+    pub(super) fn nothing_yet(&self) -> Failure {
+        let (name, out) = (&self.experiment.name, self.out.display());
+        Failure::message(format!("nothing of {name} has been run in {out} yet; run it without --report first"))
+    }
+
+    async fn recordings(&self, client: &Client) -> Result<Recordings> {
+        let folder = self.out.join(RECORDINGS).join(&self.experiment.data_key);
+        Recordings::ready(self.context, client, &folder, self.experiment).await
+    }
+
+    fn reporter<'a>(&'a self, client: &'a Client, recordings: &'a Recordings) -> Reporter<'a> {
+        let Self { context, experiment, graph, device, .. } = *self;
+        let frame = Report {
+            name: experiment.name.clone(),
+            task: experiment.recordings.task.to_string(),
+            command: self.command.clone(),
+            device: device.as_str().to_owned(),
+            cores: std::thread::available_parallelism().map_or(1, std::num::NonZero::get),
+            recorded: recordings.counts(experiment),
+            progress: Progress::default(),
+            studies: Vec::new(),
+            stages: Vec::new(),
+        };
+        Reporter::new(context, self.out, graph, Gatherer::new(client, recordings, experiment, graph), frame)
+    }
+}

@@ -1,0 +1,92 @@
+//! How much better one method is than another: the difference of their success, seed by seed.
+//!
+//! The same seed means the same recordings, the same encoder where both have one, and the same evaluation attempts,
+//! so the difference of a pair scatters less than either rate.
+
+use super::cell::CellSettings;
+use super::interval::student;
+use super::method::Method;
+use super::report::{CellReport, Difference, SeedDifference};
+use super::study::TableKind;
+use crate::quality::mean;
+
+/// The pairs that show the effect of one part of the method: first the method with it, then the one without.
+const PAIRS: [(Method, Method); 5] = [
+    (Method::SSDF, Method::SSDF_BASE),
+    (Method::SSDF, Method::TF_BC),
+    (Method::SSDF, Method::BC),
+    (Method::SSDF_BASE, Method::TF_BC),
+    (Method::SSDF_ACT, Method::ACT),
+];
+
+/// The differences that a study's table shows: between methods that have all other settings in common.
+pub(crate) fn differences(table: TableKind, cells: &[CellReport]) -> Vec<Difference> {
+    if table != TableKind::Methods {
+        return Vec::new();
+    }
+    let mut found = Vec::new();
+    for (method, less) in PAIRS {
+        for cell in cells.iter().filter(|cell| cell.settings.method == method) {
+            let alike = CellSettings { method: less, ..cell.settings.clone() };
+            let other = cells.iter().find(|other| other.settings == alike);
+            found.extend(other.and_then(|other| difference(cell, other)));
+        }
+    }
+    found
+}
+
+fn difference(cell: &CellReport, less: &CellReport) -> Option<Difference> {
+    let of_seed = |seed: u64| less.seeds.iter().find(|other| other.seed == seed)?.success;
+    let paired = cell.seeds.iter().filter_map(|seed| {
+        let difference = seed.success?.rate - of_seed(seed.seed)?.rate;
+        Some(SeedDifference { seed: seed.seed, difference })
+    });
+    let seeds: Vec<SeedDifference> = paired.collect();
+    let values: Vec<f64> = seeds.iter().map(|seed| seed.difference).collect();
+    let interval = student(&values).map(|(low, high)| (low.max(-1.0), high.min(1.0)));
+    Some(Difference { cell: cell.label.clone(), less: less.label.clone(), mean: mean(&values)?, interval, seeds })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::report::tests::{cell, seed};
+
+    fn method(method: Method, successes: [Option<u32>; 3]) -> CellReport {
+        let seeds = (0..).zip(successes).map(|(nth, successes)| seed(nth, successes, None)).collect();
+        cell(&method.title(), CellSettings { method, ..CellSettings::default() }, seeds)
+    }
+
+    #[test]
+    fn methods_are_compared_seed_by_seed() {
+        let cells =
+            [method(Method::SSDF, [Some(8), Some(6), Some(7)]), method(Method::SSDF_BASE, [Some(3), Some(2), Some(4)])];
+        let found = differences(TableKind::Methods, &cells);
+        assert_eq!(found.len(), 1);
+        let [one] = &found[..] else { unreachable!() };
+        assert_eq!((one.cell.as_str(), one.less.as_str()), ("SSDF", "SSDF-base"));
+        // 0.5, 0.4, 0.3: mean 0.4, deviation 0.1.
+        let (low, high) = one.interval.unwrap();
+        let half = 4.3027 * 0.1 / 3.0_f64.sqrt();
+        assert!((one.mean - 0.4).abs() < 1e-12 && (low - 0.4 + half).abs() < 1e-5 && (high - 0.4 - half).abs() < 1e-5);
+        assert!(differences(TableKind::Cells, &cells).is_empty());
+    }
+
+    #[test]
+    fn only_seeds_that_both_have_count() {
+        let ssdf = method(Method::SSDF, [Some(8), None, Some(7)]);
+        let base = method(Method::SSDF_BASE, [Some(3), Some(2), None]);
+        let found = differences(TableKind::Methods, &[ssdf, base]);
+        assert_eq!(found[0].seeds.iter().map(|seed| seed.seed).collect::<Vec<_>>(), [0]);
+        assert_eq!((found[0].mean, found[0].interval), (0.5, None));
+        let nothing = [method(Method::SSDF, [Some(8), None, None]), method(Method::BC, [None, Some(2), None])];
+        assert!(differences(TableKind::Methods, &nothing).is_empty());
+    }
+
+    #[test]
+    fn methods_with_other_settings_are_no_pair() {
+        let mut base = method(Method::SSDF_BASE, [Some(3), Some(2), Some(4)]);
+        base.settings.train.insert("steps".into(), 9.into());
+        assert!(differences(TableKind::Methods, &[method(Method::SSDF, [Some(8); 3]), base]).is_empty());
+    }
+}

@@ -1,0 +1,191 @@
+//! Fetches the results of the stages and assigns them to the cells.
+
+use std::collections::{HashMap, HashSet};
+
+use futures::{StreamExt as _, TryStreamExt as _};
+use gleaner_client::Client;
+use gleaner_proto::v1::{
+    CountKeptRequest, GetEpisodeScoresRequest, GetEvaluationRequest, GetScoreRunRequest, GetSnapshotRequest, Role,
+};
+
+use super::difference::differences;
+use super::file::{Experiment, Study};
+use super::follow::seconds;
+use super::order;
+use super::pool::pool;
+use super::recordings::{Recordings, of_episode};
+use super::report::{CellReport, Rate, SeedReport, StageReport, StudyReport};
+use super::stage::{Chain, Graph, Selection};
+use super::standing::{Gap, Standing, Submitted, stage_result, standing};
+use super::study::Cell;
+use crate::failure::{Result, present};
+use crate::quality::{MarkedEpisode, Selected, Separation, above, best, histogram, select, separations};
+
+// Requests under way at the same time.
+const PARALLEL: usize = 8;
+
+/// A score run's scores beside the marks.
+struct Run {
+    episodes: Vec<MarkedEpisode>,
+    separation: Vec<Separation>,
+    histogram: Vec<[u32; 2]>,
+}
+
+/// Fetches results; a score run is fetched once, however many cells share it and however often it is reported.
+pub(crate) struct Gatherer<'a> {
+    client: &'a Client,
+    recordings: &'a Recordings,
+    experiment: &'a Experiment,
+    graph: &'a Graph,
+    // By id.
+    runs: HashMap<String, Run>,
+}
+
+impl<'a> Gatherer<'a> {
+    pub(crate) fn new(
+        client: &'a Client,
+        recordings: &'a Recordings,
+        experiment: &'a Experiment,
+        graph: &'a Graph,
+    ) -> Self {
+        Self { client, recordings, experiment, graph, runs: HashMap::new() }
+    }
+
+    /// Every study, with gaps for missing results.
+    pub(crate) async fn studies(&mut self, submitted: &Submitted) -> Result<Vec<StudyReport>> {
+        let (experiment, graph) = (self.experiment, self.graph);
+        let mut studies = Vec::with_capacity(experiment.studies.len());
+        for (study, chains) in experiment.studies.iter().zip(&graph.chains) {
+            studies.push(self.study(submitted, study, chains).await?);
+        }
+        Ok(studies)
+    }
+
+    async fn study(&mut self, submitted: &Submitted, study: &Study, chains: &[Vec<Chain>]) -> Result<StudyReport> {
+        let mut cells = Vec::with_capacity(study.cells.len());
+        for (cell, chains) in study.cells.iter().zip(chains) {
+            let mut seeds = Vec::with_capacity(chains.len());
+            for chain in chains {
+                seeds.push(self.seed(submitted, cell, chain).await?);
+            }
+            let Cell { label, varied, settings } = cell.clone();
+            cells.push(CellReport { label, varied, settings, pooled: pool(&seeds), seeds });
+        }
+        let stages: HashSet<usize> = chains.iter().flatten().flat_map(|chain| chain.stages.iter().copied()).collect();
+        let took = |index: &usize| stage_result(submitted, *index).ok()?.job.as_ref().and_then(seconds);
+        Ok(StudyReport {
+            name: study.name.clone(),
+            table: study.table,
+            differences: differences(study.table, &cells),
+            cells,
+            machine_seconds: stages.iter().filter_map(took).sum(),
+            stages: stages.len(),
+        })
+    }
+
+    async fn seed(&mut self, submitted: &Submitted, cell: &Cell, chain: &Chain) -> Result<SeedReport> {
+        let (problem, unfinished) = match standing(self.graph, submitted, chain) {
+            Standing::Complete => (None, false),
+            Standing::Unfinished => (None, true),
+            Standing::Failed(problem) => (Some(problem), false),
+        };
+        let mut report = SeedReport {
+            seed: chain.seed,
+            problem,
+            unfinished,
+            success: None,
+            selected: None,
+            separation: Vec::new(),
+            histogram: Vec::new(),
+        };
+        if let Some(Ok(result)) = self.graph.find(chain, "evaluate").map(|index| stage_result(submitted, index)) {
+            report.success = Some(self.success(&result.id).await?);
+        }
+        if let Some(Ok(result)) = self.graph.find(chain, "score").map(|index| stage_result(submitted, index)) {
+            if !self.runs.contains_key(&result.id) {
+                let run = self.run(&result.id).await?;
+                self.runs.insert(result.id.clone(), run);
+            }
+            let run = present(self.runs.get(&result.id), "a score run")?;
+            report.separation.clone_from(&run.separation);
+            report.histogram.clone_from(&run.histogram);
+            report.selected = Some(self.selected(run, &result.id, cell).await?);
+        }
+        Ok(report)
+    }
+
+    async fn success(&self, evaluation_id: &str) -> Result<Rate> {
+        let request = GetEvaluationRequest { evaluation_id: evaluation_id.to_owned() };
+        let reply = self.client.policies().get_evaluation(request).await?.into_inner();
+        let evaluation = present(reply.evaluation, "an evaluation")?;
+        Ok(Rate::new(evaluation.successes, evaluation.episodes))
+    }
+
+    async fn run(&self, run_id: &str) -> Result<Run> {
+        let mut episodes = self.episodes(run_id).await?;
+        episodes.sort_by(|one, two| one.cohort.cmp(&two.cohort));
+        Ok(Run { separation: separations(&episodes), histogram: histogram(&episodes), episodes })
+    }
+
+    /// The scores of every imperfect episode beside its mark, in the order of the recordings.
+    pub(super) async fn episodes(&self, run_id: &str) -> Result<Vec<MarkedEpisode>> {
+        let request = GetScoreRunRequest { score_run_id: run_id.to_owned() };
+        let run = self.client.scores().get_score_run(request).await?.into_inner().score_run;
+        let request = GetSnapshotRequest { snapshot_id: present(run, "a score run")?.snapshot_id };
+        let snapshot = self.client.snapshots().get_snapshot(request).await?.into_inner();
+        let imperfect = snapshot.episodes.into_iter().filter(|episode| episode.role() == Role::Imperfect);
+        let fetch = imperfect.map(|episode| self.episode(run_id, episode.episode_id));
+        let mut episodes: Vec<MarkedEpisode> = futures::stream::iter(fetch).buffered(PARALLEL).try_collect().await?;
+        episodes.sort_by_key(|episode| self.recordings.by_episode.get(&episode.id).map(|recording| recording.place));
+        Ok(episodes)
+    }
+
+    async fn episode(&self, run_id: &str, episode_id: String) -> Result<MarkedEpisode> {
+        let recording = of_episode(self.recordings, &episode_id)?;
+        let request = GetEpisodeScoresRequest { score_run_id: run_id.to_owned(), episode_id: episode_id.clone() };
+        let scores = self.client.scores().get_episode_scores(request).await?.into_inner().scores;
+        let scores = present(scores, "scores")?;
+        Ok(MarkedEpisode {
+            id: episode_id,
+            cohort: recording.cohort.clone(),
+            success: recording.success,
+            mark: recording.mark,
+            q: scores.q,
+            w: scores.w,
+        })
+    }
+
+    async fn selected(&self, run: &Run, run_id: &str, cell: &Cell) -> Result<Selected> {
+        let Some(top) = cell.settings.top else {
+            return Ok(select(&run.episodes, above(cell.settings.beta)));
+        };
+        let request = CountKeptRequest {
+            score_run_id: run_id.to_owned(),
+            selections: vec![order::selection(Selection::Top(top))],
+            per_episode: false,
+        };
+        let counts = self.client.scores().count_kept(request).await?.into_inner().counts;
+        let kept = present(counts.first().and_then(|count| count.total.as_ref()), "a count")?.segments;
+        Ok(select(&run.episodes, best(&run.episodes, usize::try_from(kept).unwrap_or(usize::MAX))))
+    }
+
+    /// Every stage as it is now.
+    pub(crate) fn stages(&self, submitted: &Submitted) -> Vec<StageReport> {
+        let report = |(index, stage): (usize, &super::stage::Stage)| {
+            let submitted_stage = submitted[index].as_ref().ok();
+            let job = submitted_stage.and_then(|result| result.job.as_ref());
+            let gap = stage_result(submitted, index).err();
+            StageReport {
+                kind: stage.work.kind().to_owned(),
+                key: stage.key.clone(),
+                label: stage.label.clone(),
+                id: submitted_stage.map(|result| result.id.clone()),
+                job_id: job.map(|job| job.id.clone()),
+                seconds: job.and_then(seconds),
+                unfinished: gap == Some(Gap::NotYet),
+                problem: gap.and_then(Gap::problem),
+            }
+        };
+        self.graph.stages.iter().enumerate().map(report).collect()
+    }
+}

@@ -1,0 +1,180 @@
+//! The stages that cells are made of, each of them once: two cells whose stage is the same share it.
+//!
+//! A stage's key is a digest of all that it depends on, so that a later run finds the results of an earlier one.
+//! Must not know a server.
+
+use std::collections::HashMap;
+
+use gleaner_core::schema::Problem;
+use gleaner_core::{Device, EvaluateSpec, Values};
+use serde::Serialize;
+
+use super::cell::{CellSettings, RuleSettings};
+use super::file::Experiment;
+
+// Changes when a stage's meaning does.
+const FORMAT: &str = "gleaner-experiment/2";
+
+/// What a stage does, with every setting that matters to it and no other. Settings are complete but for the device.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(tag = "stage", rename_all = "snake_case")]
+pub(crate) enum Work {
+    Snapshot { task: String, rule: RuleSettings },
+    Pretrain { settings: Values },
+    Score { settings: Values },
+    Dataset { selection: Selection },
+    Train { settings: Values },
+    Evaluate { settings: Values },
+}
+
+impl Work {
+    /// The stage's kind.
+    pub(crate) fn kind(&self) -> &'static str {
+        match self {
+            Self::Snapshot { .. } => "snapshot",
+            Self::Pretrain { .. } => "pretrain",
+            Self::Score { .. } => "score",
+            Self::Dataset { .. } => "dataset",
+            Self::Train { .. } => "train",
+            Self::Evaluate { .. } => "evaluate",
+        }
+    }
+}
+
+/// Which segments are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Selection {
+    Beta(f64),
+    Top(f64),
+}
+
+/// One stage: its work, and the stage whose result it works on.
+#[derive(Clone, Debug)]
+pub(crate) struct Stage {
+    pub(crate) key: String,
+    pub(crate) work: Work,
+    pub(crate) input: Option<usize>,
+    /// The first cell that needs it.
+    pub(crate) label: String,
+}
+
+/// The stages of one cell under one seed, as indices.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Chain {
+    pub(crate) seed: u64,
+    /// All of them, each after its input.
+    pub(crate) stages: Vec<usize>,
+}
+
+/// Every stage of an experiment, each after its input.
+#[derive(Debug, Default)]
+pub(crate) struct Graph {
+    pub(crate) stages: Vec<Stage>,
+    /// For each study, for each cell, for each seed.
+    pub(crate) chains: Vec<Vec<Vec<Chain>>>,
+    by_key: HashMap<String, usize>,
+    device: Device,
+    evaluates: bool,
+}
+
+impl Graph {
+    pub(crate) fn new(experiment: &Experiment, device: Device) -> Self {
+        Self { device, evaluates: true, ..Self::default() }.filled(experiment)
+    }
+
+    /// Every stage up to the policies, for callers that evaluate them without a job.
+    pub(super) fn without_evaluations(experiment: &Experiment, device: Device) -> Self {
+        Self { device, ..Self::default() }.filled(experiment)
+    }
+
+    fn filled(mut self, experiment: &Experiment) -> Self {
+        let graph = &mut self;
+        let task = &experiment.task;
+        let max_steps = experiment.recordings.config.max_steps;
+        // Seed by seed, so that the first seed of everything is there before the second of anything.
+        let mut chains: Vec<Vec<Vec<Chain>>> =
+            experiment.studies.iter().map(|study| vec![Vec::new(); study.cells.len()]).collect();
+        let most = experiment.studies.iter().flat_map(|study| &study.cells).map(|cell| cell.settings.seeds.len()).max();
+        for nth in 0..most.unwrap_or(0) {
+            for (study, of_study) in experiment.studies.iter().zip(&mut chains) {
+                for (cell, of_cell) in study.cells.iter().zip(of_study) {
+                    let Some(&seed) = cell.settings.seeds.get(nth) else { continue };
+                    let label = format!("{}, {}, seed {seed}", study.name, cell.label);
+                    of_cell.push(graph.chain(task, max_steps, &cell.settings, seed, &label));
+                }
+            }
+        }
+        self.chains = chains;
+        self
+    }
+
+    /// The stage of this kind in a chain.
+    pub(super) fn find(&self, chain: &Chain, kind: &str) -> Option<usize> {
+        chain.stages.iter().copied().find(|&index| self.stages[index].work.kind() == kind)
+    }
+
+    fn chain(&mut self, task: &str, max_steps: u32, cell: &CellSettings, seed: u64, label: &str) -> Chain {
+        let mut stages = Vec::new();
+        for work in works(task, max_steps, cell, seed) {
+            if self.evaluates || !matches!(work, Work::Evaluate { .. }) {
+                let index = self.stage(work, stages.last().copied(), label);
+                stages.push(index);
+            }
+        }
+        Chain { seed, stages }
+    }
+
+    fn stage(&mut self, work: Work, input: Option<usize>, label: &str) -> usize {
+        let input_key = input.map(|input| self.stages[input].key.as_str()).unwrap_or_default();
+        // A Work holds numbers, words and lists of them: it always has a JSON form.
+        let canonical = serde_json::to_string(&(FORMAT, self.device, &work, input_key)).unwrap_or_default();
+        let key = blake3::hash(canonical.as_bytes()).to_hex().to_string();
+        if let Some(&there) = self.by_key.get(&key) {
+            return there;
+        }
+        let index = self.stages.len();
+        self.by_key.insert(key.clone(), index);
+        self.stages.push(Stage { key, work, input, label: label.to_owned() });
+        index
+    }
+}
+
+// A cell's works, each on the result of the one before. The cell has been checked, so every spec is sound.
+fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work> {
+    let cell = &cell.used();
+    let mut works = vec![Work::Snapshot { task: task.to_owned(), rule: cell.rule.clone() }];
+    if cell.method.pretrains() {
+        works.push(Work::Pretrain { settings: complete(cell.pretrain_spec(seed).map(|spec| spec.values())) });
+    }
+    if cell.method.gleans {
+        works.push(Work::Score { settings: complete(cell.score_spec(seed).map(|spec| spec.values())) });
+    }
+    if !cell.evaluate {
+        return works;
+    }
+    if cell.method.gleans {
+        let selection = cell.top.map_or(Selection::Beta(cell.beta), Selection::Top);
+        works.push(Work::Dataset { selection });
+    }
+    let mut settings = complete(cell.train_spec(seed).map(|spec| spec.values()));
+    if !cell.method.gleans {
+        settings.remove("lambda");
+    }
+    works.push(Work::Train { settings });
+    let trials = EvaluateSpec { episodes: cell.episodes, max_steps, seeds: vec![seed], ..EvaluateSpec::default() };
+    let mut settings = complete(Ok(trials.values()));
+    settings.remove("simulation");
+    works.push(Work::Evaluate { settings });
+    works
+}
+
+// Without the device, which is part of every key already.
+fn complete(values: Result<Values, Problem>) -> Values {
+    let mut values = values.unwrap_or_default();
+    values.remove("device");
+    values
+}
+
+#[cfg(test)]
+mod tests;

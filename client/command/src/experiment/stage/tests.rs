@@ -1,0 +1,94 @@
+//! What cells share, and that keys stay.
+
+use super::*;
+
+const DATA: &str = "name = \"x\"\ntask = \"pick_cube\"\n[data]\nexperts = 3\n\
+                    cohorts = [{ agent = \"noise:1\", count = 2 }]\n";
+
+fn graph(studies: &str) -> Graph {
+    Graph::new(&Experiment::parse(&format!("{DATA}{studies}")).unwrap(), Device::Cpu)
+}
+
+fn counts(graph: &Graph) -> Vec<(&'static str, usize)> {
+    let kinds = ["snapshot", "pretrain", "score", "dataset", "train", "evaluate"];
+    kinds.map(|kind| (kind, graph.stages.iter().filter(|stage| stage.work.kind() == kind).count())).into()
+}
+
+#[test]
+fn cells_share_the_stages_that_are_the_same() {
+    let beta = graph("[[study]]\ntable = \"beta\"\n");
+    let expected = [("snapshot", 1), ("pretrain", 3), ("score", 3), ("dataset", 21), ("train", 21), ("evaluate", 21)];
+    assert_eq!(counts(&beta), expected);
+    let all = super::super::method::Method::all().count();
+    // All methods: what starts from scratch on experts needs no encoder, the rest has one in common.
+    let methods = graph("[base]\nseeds = [0]\n[[study]]\ntable = \"methods\"\n");
+    let expected = [("snapshot", 1), ("pretrain", 1), ("score", 1), ("dataset", 1), ("train", all), ("evaluate", all)];
+    assert_eq!(counts(&methods), expected);
+    // A second study whose one cell is in the first adds nothing.
+    let both = graph(
+        "[base]\nseeds = [0]\n[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"cells\"\ncells = [{ label = \"ssdf\" }]\n",
+    );
+    assert_eq!(counts(&both), expected);
+    assert_eq!(both.chains[0][3], both.chains[1][0]);
+}
+
+#[test]
+fn a_stage_is_after_what_it_works_on() {
+    let graph = graph("[[study]]\ntable = \"methods\"\n[[study]]\ntable = \"scoring\"\n");
+    for (index, stage) in graph.stages.iter().enumerate() {
+        assert!(stage.input.is_none_or(|input| input < index));
+    }
+    let scoring = &graph.chains[1][1][0];
+    assert!(graph.find(scoring, "score").is_some() && graph.find(scoring, "evaluate").is_none());
+}
+
+#[test]
+fn keys_stay_from_run_to_run_and_change_with_what_matters() {
+    let keys = |studies: &str, device| {
+        let graph = Graph::new(&Experiment::parse(&format!("{DATA}{studies}")).unwrap(), device);
+        graph.stages.into_iter().map(|stage| stage.key).collect::<Vec<_>>()
+    };
+    let study = "[[study]]\ntable = \"cells\"\ncells = [{ label = \"a\" }]\n";
+    let plain = keys(&format!("[base]\nseeds = [0]\n{study}"), Device::Cpu);
+    assert_eq!(plain, keys(&format!("[base]\nseeds = [0]\n{study}"), Device::Cpu));
+    // λ matters to the training and what follows it alone.
+    let other = keys(&format!("[base]\nseeds = [0]\nlambda = 0.3\n{study}"), Device::Cpu);
+    let same: Vec<bool> = plain.iter().zip(&other).map(|(one, two)| one == two).collect();
+    assert_eq!(same, [true, true, true, true, false, false]);
+    assert!(plain.iter().all(|key| !keys(&format!("[base]\nseeds = [0]\n{study}"), Device::Cuda).contains(key)));
+}
+
+#[test]
+fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
+    let trains = |base: &str| {
+        let graph = graph(&format!(
+            "[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"cells\"\naxes = {{ method = [\"tf_bc\"] }}\n"
+        ));
+        graph.stages.last().unwrap().key.clone()
+    };
+    assert_eq!(trains("lambda = 0.1"), trains("lambda = 0.9\nbeta = 0.2\nsimilarity = \"last_cosine\""));
+    assert_ne!(trains("segment_length = 6"), trains("segment_length = 5"));
+    // Without a history l means nothing; nor does a feature scale to raw observations.
+    let last = |base: &str| graph(&format!("[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"methods\"\n"));
+    let bc = |graph: &Graph| graph.stages[*graph.chains[0][0][0].stages.last().unwrap()].key.clone();
+    assert_eq!(bc(&last("segment_length = 6")), bc(&last("segment_length = 5\nobjectives = [\"tr\"]")));
+    let scored = |base: &str| graph(&format!("[base]\nseeds = [0]\n{base}\n[[study]]\ntable = \"scoring\"\n"));
+    let of = |graph: &Graph, cell: usize| {
+        let score = graph.find(&graph.chains[0][cell][0], "score").unwrap();
+        graph.stages[score].key.clone()
+    };
+    let (plain, cosine) = (scored(""), scored("similarity = \"last_cosine\"\nscale = [1, 2, 3]"));
+    assert_eq!(of(&plain, 6), of(&cosine, 6), "the classifier compares nothing");
+    assert_ne!(of(&plain, 2), of(&cosine, 2));
+}
+
+/// Experiments under way find their stages by these keys: should they change, all of them would begin anew.
+#[test]
+fn keys_stay_from_version_to_version() {
+    let graph = graph(
+        "[base]\nseeds = [7]\n[[study]]\ntable = \"methods\"\naxes = { method = [\"bc\", \"tf_bc\", \"ssdf_base\", \"ssdf\", \"act\", \"ssdf_act\"] }\n[[study]]\ntable = \"scoring\"\n",
+    );
+    let keys: Vec<&str> = graph.stages.iter().map(|stage| stage.key.as_str()).collect();
+    let all = blake3::hash(keys.concat().as_bytes()).to_hex();
+    assert_eq!((keys.len(), &all[..16]), (22, "a71ab046946852e3"));
+}

@@ -1,0 +1,89 @@
+//! The snapshots that an experiment made, in a file beside its report. Jobs and datasets need no file: the server finds
+//! them by their keys and selections.
+
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::os::unix::fs::PermissionsExt as _;
+use std::path::{Path, PathBuf};
+
+use gleaner_client::ClientError;
+use serde::{Deserialize, Serialize};
+
+use crate::failure::{Failure, Result};
+
+const FILE: &str = "state.json";
+
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+struct Remembered {
+    /// Snapshots by their stage's key.
+    snapshots: BTreeMap<String, String>,
+}
+
+/// The file and its content.
+#[derive(Debug)]
+pub(crate) struct State {
+    path: PathBuf,
+    remembered: Remembered,
+}
+
+impl State {
+    /// The snapshots that an earlier run left in a folder, or none.
+    pub(crate) fn open(folder: &Path) -> Result<Self> {
+        let path = folder.join(FILE);
+        let remembered = match std::fs::read(&path) {
+            Ok(bytes) => serde_json::from_slice(&bytes).map_err(|error| {
+                Failure::message(format!("{}: {error}; delete the file to make new snapshots", path.display()))
+            })?,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Remembered::default(),
+            Err(error) => return Err(ClientError::io(path)(error).into()),
+        };
+        Ok(Self { path, remembered })
+    }
+
+    pub(crate) fn snapshot(&self, key: &str) -> Option<&str> {
+        self.remembered.snapshots.get(key).map(String::as_str)
+    }
+
+    /// Stores a snapshot; it is on disk when this returns.
+    pub(crate) fn remember(&mut self, key: &str, snapshot_id: &str) -> Result<()> {
+        self.remembered.snapshots.insert(key.to_owned(), snapshot_id.to_owned());
+        let text = serde_json::to_vec_pretty(&self.remembered).map_err(|error| Failure::message(error.to_string()))?;
+        Ok(replace(&self.path, &text).map_err(ClientError::io(&self.path))?)
+    }
+}
+
+/// Replaces the content of a file: a reader sees the old content or the new, never a part.
+pub(crate) fn replace(path: &Path, content: &[u8]) -> std::io::Result<()> {
+    let folder = path.parent().unwrap_or_else(|| Path::new("."));
+    // As any new file: readable for everyone, less the user's umask.
+    let mut builder = tempfile::Builder::new();
+    let mut file = builder.permissions(std::fs::Permissions::from_mode(0o666)).tempfile_in(folder)?;
+    file.write_all(content)?;
+    file.as_file().sync_all()?;
+    file.persist(path).map_err(|error| error.error)?;
+    std::fs::File::open(folder)?.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_second_run_finds_the_snapshots_of_the_first() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut state = State::open(folder.path()).unwrap();
+        assert_eq!(state.snapshot("a"), None);
+        state.remember("a", "snap_1").unwrap();
+        state.remember("b", "snap_2").unwrap();
+        assert_eq!(State::open(folder.path()).unwrap().snapshot("a"), Some("snap_1"));
+    }
+
+    #[test]
+    fn a_broken_file_is_an_error_with_the_fix() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join(FILE), "{").unwrap();
+        let message = State::open(folder.path()).unwrap_err().to_string();
+        assert!(message.contains("state.json") && message.contains("delete"), "{message}");
+    }
+}

@@ -1,0 +1,77 @@
+//! The overview that `gleaner help` prints: the commands, grouped by subject.
+
+use std::fmt::Write as _;
+
+use clap::{Command, CommandFactory as _, FromArgMatches as _};
+
+use crate::cli::Cli;
+use crate::connection::GLOBAL;
+
+/// Headings with their commands, in the order of the overview.
+const GROUPS: [(&str, &[&str]); 8] = [
+    ("Episodes", &["push", "episodes", "episode", "download", "label", "labels", "delete", "restore"]),
+    ("Tasks and snapshots", &["task", "snapshot"]),
+    ("Learning", &["pretrain", "score", "train", "pipeline", "schedule", "kinds"]),
+    ("Jobs", &["jobs", "job", "watch", "cancel"]),
+    ("Scores and datasets", &["runs", "scores", "histogram", "what-if", "score-recording", "dataset", "export"]),
+    ("Policies", &["policies", "deploy", "rollback", "deployments"]),
+    ("Evaluation", &["evaluate", "evaluations", "evaluation", "report-evaluation", "drive"]),
+    ("Simulator", &["record", "demo", "experiment"]),
+];
+
+/// Parses the arguments of this process.
+///
+/// # Errors
+/// Wrong arguments, and requests for help or the version, which clap handles as errors.
+pub(crate) fn parse() -> Result<Cli, clap::Error> {
+    let matches = command().try_get_matches()?;
+    Cli::from_arg_matches(&matches).map_err(|error| error.format(&mut command()))
+}
+
+/// The definition of the command line with its commands in groups.
+fn command() -> Command {
+    let command = Cli::command();
+    let commands = grouped(&command);
+    command.help_template(format!(
+        "{{about}}\n\n{{usage-heading}} {{usage}}\n{commands}\n{GLOBAL}:\n{{options}}\n\n\
+         `gleaner help COMMAND` shows the options of a command."
+    ))
+}
+
+fn grouped(command: &Command) -> String {
+    let width = GROUPS.iter().flat_map(|(_, names)| *names).map(|name| name.len()).max().unwrap_or_default();
+    let mut text = String::new();
+    for (heading, names) in GROUPS {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "\n{heading}:");
+        for name in names {
+            let about = command.find_subcommand(name).and_then(Command::get_about);
+            let about = about.map(ToString::to_string).unwrap_or_default();
+            let _ = writeln!(text, "  {name:width$}  {about}");
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_is_in_one_group() {
+        let command = Cli::command();
+        let mut defined: Vec<&str> = command.get_subcommands().map(Command::get_name).collect();
+        let mut grouped: Vec<&str> = GROUPS.iter().flat_map(|(_, names)| *names).copied().collect();
+        defined.sort_unstable();
+        grouped.sort_unstable();
+        assert_eq!(defined, grouped);
+    }
+
+    #[test]
+    fn the_overview_has_headings_and_global_options() {
+        let help = command().render_help().to_string();
+        for part in ["Learning:\n  pretrain", "Global options:\n", "--server <URL>", "--json"] {
+            assert!(help.contains(part), "{part} is missing in\n{help}");
+        }
+    }
+}

@@ -1,0 +1,193 @@
+//! A server for one experiment: started on a free port, stopped however the experiment ends.
+
+use std::path::{Path, PathBuf};
+use std::process::{ExitStatus, Stdio};
+use std::time::Duration;
+
+use gleaner_client::{Client, ClientError};
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde::{Deserialize, Serialize};
+use tokio::io::{AsyncBufReadExt as _, BufReader, Lines};
+use tokio::process::{Child, ChildStdout, Command};
+use tokio::signal::unix::{SignalKind, signal};
+
+use crate::failure::{Failure, Result};
+
+const READY: &str = "listening on ";
+const START_PATIENCE: Duration = Duration::from_secs(60);
+// Long enough for a worker to write its checkpoint.
+const STOP_PATIENCE: Duration = Duration::from_secs(30);
+
+pub(crate) struct ServerProcess {
+    child: Child,
+    url: String,
+}
+
+/// The address of an experiment's server, noted in a file beside its data: after a kill, the next run finds the server
+/// that is still running instead of starting a second one on the same data.
+#[derive(Debug, Serialize, Deserialize)]
+pub(crate) struct Address {
+    pub(crate) url: String,
+    pid: i32,
+}
+
+impl Address {
+    /// The server that a note names, if it still runs.
+    pub(crate) async fn left_behind(note: &Path) -> Option<(Self, Client)> {
+        let noted: Self = serde_json::from_slice(&std::fs::read(note).ok()?).ok()?;
+        test_kill_process(Pid::from_raw(noted.pid)?).ok()?;
+        let client = Client::connect(&noted.url, None).await.ok()?;
+        Some((noted, client))
+    }
+
+    pub(crate) fn note(&self, note: &Path) -> Result<()> {
+        let text = serde_json::to_vec(self).map_err(|error| Failure::message(error.to_string()))?;
+        Ok(std::fs::write(note, text).map_err(ClientError::io(note))?)
+    }
+
+    /// Asks the server to stop; returns before it has stopped.
+    pub(crate) fn ask_to_stop(&self) {
+        if let Some(pid) = Pid::from_raw(self.pid) {
+            // It may have ended meanwhile.
+            let _ = kill_process(pid, Signal::TERM);
+        }
+    }
+}
+
+impl ServerProcess {
+    /// Starts `binary serve` on a data folder, with further flags, and waits until it listens. Its log goes to a file.
+    pub(crate) async fn start(binary: &Path, data: &Path, log: &Path, flags: &[&str]) -> Result<Self> {
+        // The log of an earlier server stays; that server may still be writing.
+        let log_file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(ClientError::io(log))?;
+        let mut child = Command::new(binary)
+            .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
+            .arg(data)
+            .args(flags)
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(log_file)
+            .kill_on_drop(true)
+            .spawn()
+            .map_err(ClientError::io(binary))?;
+        let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server has no output"))?;
+        let mut lines = BufReader::new(stdout).lines();
+        let url = match tokio::time::timeout(START_PATIENCE, ready(&mut lines)).await {
+            Ok(Some(url)) => url,
+            Ok(None) => {
+                return Err(Failure::message(format!("{} ended before it listened; {}", binary.display(), tail(log))));
+            }
+            Err(_) => {
+                return Err(Failure::message(format!("{} did not listen in time; {}", binary.display(), tail(log))));
+            }
+        };
+        // Later output must not fill the pipe.
+        tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
+        Ok(Self { child, url })
+    }
+
+    pub(crate) fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// The note for a later run.
+    pub(crate) fn address(&self) -> Address {
+        let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).unwrap_or_default();
+        Address { url: self.url.clone(), pid }
+    }
+
+    /// Does work on this server, which is stopped whether the work succeeds, fails or is interrupted.
+    pub(crate) async fn during<T>(
+        self,
+        work: impl AsyncFnOnce(Client) -> Result<T>,
+        interrupted: &'static str,
+    ) -> Result<T> {
+        let done = match Client::connect(self.url(), None).await {
+            Ok(client) => unless_interrupted(work(client), interrupted).await,
+            Err(error) => Err(error.into()),
+        };
+        let stopped = self.stop().await;
+        let done = done?;
+        stopped.map(|()| done)
+    }
+
+    /// Asks the server to end, and ends it when it does not.
+    pub(crate) async fn stop(mut self) -> Result<()> {
+        self.address().ask_to_stop();
+        match tokio::time::timeout(STOP_PATIENCE, self.child.wait()).await {
+            Ok(ended) => well(ended?),
+            Err(_) => {
+                self.child.kill().await?;
+                Err(Failure::message("the server did not end when asked to, and was killed"))
+            }
+        }
+    }
+}
+
+/// The result of the work, or a failure with this message if the keyboard or the system asks to stop first.
+pub(crate) async fn unless_interrupted<T>(
+    work: impl Future<Output = Result<T>>,
+    interrupted: &'static str,
+) -> Result<T> {
+    let mut terminate = signal(SignalKind::terminate())?;
+    tokio::select! {
+        done = work => done,
+        _ = tokio::signal::ctrl_c() => Err(Failure::message(interrupted)),
+        _ = terminate.recv() => Err(Failure::message(interrupted)),
+    }
+}
+
+fn well(status: ExitStatus) -> Result<()> {
+    if status.success() { Ok(()) } else { Err(Failure::message(format!("the server ended badly: {status}"))) }
+}
+
+async fn ready(lines: &mut Lines<BufReader<ChildStdout>>) -> Option<String> {
+    while let Ok(Some(line)) = lines.next_line().await {
+        if let Some(url) = line.trim().strip_prefix(READY) {
+            return Some(url.to_owned());
+        }
+    }
+    None
+}
+
+// The end of the log, which has the reason.
+fn tail(log: &Path) -> String {
+    let text = std::fs::read_to_string(log).unwrap_or_default();
+    let last: Vec<&str> = text.lines().rev().take(5).collect();
+    let last: Vec<&str> = last.into_iter().rev().collect();
+    format!("{} ends with: {}", PathBuf::from(log).display(), last.join(" | "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt as _;
+
+    // A stand-in with the server's protocol.
+    fn script(folder: &Path, body: &str) -> PathBuf {
+        let path = folder.join("server.sh");
+        std::fs::write(&path, format!("#!/bin/sh\n{body}\n")).unwrap();
+        std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o755)).unwrap();
+        path
+    }
+
+    // One test: a script that is written while another test forks could not be executed ("text file busy").
+    #[tokio::test]
+    async fn a_server_is_started_and_asked_to_stop_and_one_that_does_not_start_says_why() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("log");
+        let body =
+            "trap 'echo bye >&2; exit 0' TERM\necho listening on http://127.0.0.1:9\nwhile :; do sleep 0.02; done";
+        let server = ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[]).await.unwrap();
+        assert_eq!(server.url(), "http://127.0.0.1:9");
+        // The process runs, but does not answer: the note is not used.
+        let note = folder.path().join("note");
+        server.address().note(&note).unwrap();
+        assert!(Address::left_behind(&note).await.is_none());
+        server.stop().await.unwrap();
+        assert_eq!(std::fs::read_to_string(&log).unwrap(), "bye\n");
+
+        let body = "echo data folder is in use >&2; exit 3";
+        let error = ServerProcess::start(&script(folder.path(), body), folder.path(), &log, &[]).await.err().unwrap();
+        assert!(error.to_string().contains("data folder is in use"), "{error}");
+    }
+}

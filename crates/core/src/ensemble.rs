@@ -1,0 +1,202 @@
+//! Action-chunk ensembling: several predictions for one time become one action.
+//!
+//! Plain data: must not know clocks, sessions or policies.
+
+use std::collections::VecDeque;
+
+/// The decay of a prediction's weight with its rank by age: `exp(-DECAY * i)`, i = 0 the oldest.
+const DECAY: f64 = 0.01;
+
+/// The chunks of actions that cover the present or the future.
+///
+/// Action i of a chunk is for the chunk's time plus i periods. The mean of several predictions for one time has the
+/// weights `exp(-0.01 i)`, i = 0 the oldest: a new observation changes the motion gradually.
+#[derive(Clone, Debug)]
+pub struct Ensemble {
+    period: i64,
+    /// Oldest first.
+    chunks: VecDeque<Chunk>,
+}
+
+#[derive(Clone, Debug)]
+struct Chunk {
+    time: i64,
+    actions: Vec<Vec<f32>>,
+}
+
+/// Why a chunk does not fit those before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ChunkError {
+    /// It has no actions.
+    #[error("it is empty")]
+    Empty,
+    /// Its actions differ in length, from each other or from those of earlier chunks.
+    #[error("action {index} has {found} values, the others {width}")]
+    Width {
+        /// The first action of another length.
+        index: usize,
+        /// Its values.
+        found: usize,
+        /// The values of the others.
+        width: usize,
+    },
+    /// Its time is not after that of the last chunk.
+    #[error("it must be after {last}")]
+    Order {
+        /// The last chunk's time.
+        last: i64,
+    },
+}
+
+impl Chunk {
+    /// The action nearest to this time with its index, if the chunk covers it; times may be off by half a period.
+    fn at(&self, time: i64, period: i64) -> Option<(usize, &Vec<f32>)> {
+        let steps = time.saturating_sub(self.time).saturating_add(period / 2).div_euclid(period);
+        let index = usize::try_from(steps).ok()?;
+        Some((index, self.actions.get(index)?))
+    }
+}
+
+impl Ensemble {
+    /// One without chunks; `period` (at least 1) is the time between two actions of a chunk.
+    #[must_use]
+    pub fn new(period: i64) -> Self {
+        Self { period: period.max(1), chunks: VecDeque::new() }
+    }
+
+    /// Adds the chunk whose first action is for this time, and removes chunks that end before it.
+    ///
+    /// # Errors
+    /// [`ChunkError`]; the chunks stay as they are.
+    pub fn push(&mut self, time: i64, actions: Vec<Vec<f32>>) -> Result<(), ChunkError> {
+        let first = actions.first().ok_or(ChunkError::Empty)?;
+        let newest = self.chunks.back();
+        let width = newest.and_then(|chunk| chunk.actions.first()).unwrap_or(first).len();
+        if let Some(index) = actions.iter().position(|action| action.len() != width) {
+            return Err(ChunkError::Width { index, found: actions[index].len(), width });
+        }
+        if let Some(newest) = newest.filter(|newest| time <= newest.time) {
+            return Err(ChunkError::Order { last: newest.time });
+        }
+        self.forget_before(time);
+        self.chunks.push_back(Chunk { time, actions });
+        Ok(())
+    }
+
+    /// The weighted mean of all predictions for this time; `None` when no chunk covers it.
+    #[must_use]
+    pub fn mean(&self, time: i64) -> Option<Vec<f32>> {
+        let (mut sum, mut weights, mut weight) = (Vec::new(), 0.0, 1.0);
+        for (_, action) in self.chunks.iter().filter_map(|chunk| chunk.at(time, self.period)) {
+            sum.resize(action.len(), 0.0);
+            for (sum, value) in sum.iter_mut().zip(action) {
+                *sum += weight * f64::from(*value);
+            }
+            weights += weight;
+            weight *= (-DECAY).exp();
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "a mean of f32 values fits one")]
+        let mean = |sum: f64| (sum / weights) as f32;
+        (weights > 0.0).then(|| sum.into_iter().map(mean).collect())
+    }
+
+    /// The first action of the newest chunk that covers this time, if it is for this time.
+    #[must_use]
+    pub fn first(&self, time: i64) -> Option<&[f32]> {
+        match self.chunks.iter().rev().find_map(|chunk| chunk.at(time, self.period))? {
+            (0, action) => Some(action),
+            _ => None,
+        }
+    }
+
+    /// Whether the newest chunk covers this time or a later one.
+    #[must_use]
+    pub fn reaches(&self, time: i64) -> bool {
+        self.chunks.back().is_some_and(|chunk| chunk.time > time || chunk.at(time, self.period).is_some())
+    }
+
+    /// Removes the chunks that end before this time; one whose time is ahead stays.
+    pub fn forget_before(&mut self, time: i64) {
+        let period = self.period;
+        self.chunks.retain(|chunk| chunk.time > time || chunk.at(time, period).is_some());
+    }
+
+    /// Removes every chunk, for a new episode or policy.
+    pub fn clear(&mut self) {
+        self.chunks.clear();
+    }
+
+    /// Number of chunks.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.chunks.len()
+    }
+
+    /// Whether there are no chunks.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.chunks.is_empty()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The mean as the server and the robot client computed it apart from each other, before they shared this module.
+    fn earlier(predictions: &[Vec<f32>]) -> Vec<u32> {
+        let (mut sum, mut weights, mut weight) = (vec![0.0f64; predictions[0].len()], 0.0, 1.0);
+        for action in predictions {
+            for (sum, value) in sum.iter_mut().zip(action) {
+                *sum += weight * f64::from(*value);
+            }
+            weights += weight;
+            weight *= (-0.01f64).exp();
+        }
+        #[expect(clippy::cast_possible_truncation, reason = "as it was")]
+        sum.into_iter().map(|sum| ((sum / weights) as f32).to_bits()).collect()
+    }
+
+    #[test]
+    fn means_have_the_same_bits_for_steps_and_for_stamps() {
+        const LENGTH: u8 = 7;
+        const PERIOD: i64 = 33_333_333;
+        // Values with many bits of mantissa, as policies give them.
+        let value = |chunk: u8, index: u8, axis: u8| {
+            (f32::from(chunk) * 0.731 + f32::from(index) * 0.113 + f32::from(axis) * 1.7).sin() / 3.0
+        };
+        let chunk = |chunk: u8| -> Vec<Vec<f32>> {
+            (0..LENGTH).map(|index| vec![value(chunk, index, 0), value(chunk, index, 1)]).collect()
+        };
+        let (mut steps, mut stamps) = (Ensemble::new(1), Ensemble::new(PERIOD));
+        for now in 0..40u8 {
+            // Stamps are a little late or early.
+            let stamp = i64::from(now) * PERIOD + i64::from(now % 5) * 1_000_000 - 2_000_000;
+            steps.push(now.into(), chunk(now)).unwrap();
+            stamps.push(stamp, chunk(now)).unwrap();
+            let covering = now.saturating_sub(LENGTH - 1)..=now;
+            let predictions: Vec<Vec<f32>> =
+                covering.map(|begin| vec![value(begin, now - begin, 0), value(begin, now - begin, 1)]).collect();
+            for mean in [steps.mean(now.into()), stamps.mean(stamp)] {
+                let bits: Vec<u32> = mean.unwrap().into_iter().map(f32::to_bits).collect();
+                assert_eq!(bits, earlier(&predictions), "step {now}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_rejected_chunk_changes_nothing() {
+        let mut ensemble = Ensemble::new(1);
+        ensemble.push(3, vec![vec![1.0], vec![2.0]]).unwrap();
+        for (time, actions, expected) in [
+            (4, vec![], ChunkError::Empty),
+            (4, vec![vec![1.0], vec![1.0, 2.0]], ChunkError::Width { index: 1, found: 2, width: 1 }),
+            (3, vec![vec![1.0]], ChunkError::Order { last: 3 }),
+        ] {
+            assert_eq!(ensemble.push(time, actions), Err(expected));
+        }
+        assert_eq!((ensemble.len(), ensemble.mean(4)), (1, Some(vec![2.0])));
+        ensemble.clear();
+        assert_eq!((ensemble.is_empty(), ensemble.mean(4)), (true, None));
+    }
+}
