@@ -170,6 +170,7 @@ def addresses(database: pathlib.Path) -> list[tuple[str, str]]:
         ("jobs", "/jobs"),
         ("one job", f"/jobs/{job}"),
         ("deployments", "/deployments"),
+        ("kinds", "/kinds"),
     ]
 
 

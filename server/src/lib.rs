@@ -11,6 +11,7 @@ pub mod ingest;
 pub mod jobs;
 pub mod maintenance;
 mod model_cache;
+mod pages;
 pub mod policies;
 pub mod program;
 pub mod rollouts;
@@ -19,7 +20,6 @@ pub mod service;
 pub mod shutdown;
 pub mod store;
 pub mod telemetry;
-mod web;
 mod wire;
 
 pub use gleaner_core::{self as domain, error};
@@ -144,7 +144,7 @@ pub async fn run(
     let services = Services::open(config, listeners.for_workers()?).await?;
     let (tokens, _refreshing) = TokenCache::open_refreshed(services.store.clone()).await?;
     let (pages, tls) = (listeners.pages.take(), listeners.tls.clone());
-    let _pages = pages.map(|listener| web::open(services.clone(), listener, tls, tokens.clone())).transpose()?;
+    let _pages = pages.map(|listener| pages::open(services.clone(), listener, tls, tokens.clone())).transpose()?;
     let served = service::serve(&services, listeners, tokens, stop).await;
     services.close().await;
     tracing::info!("stopped");

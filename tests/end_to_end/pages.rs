@@ -236,6 +236,7 @@ async fn every_page_fits_a_width_of_390_pixels() {
         ("policy", format!("/policies/{policy}")),
         ("jobs", "/jobs".to_owned()),
         ("deployments", "/deployments".to_owned()),
+        ("kinds", "/kinds".to_owned()),
     ];
     // Chromium has no window narrower than 500 pixels, and the security policy forbids frames, so a telephone is emulated.
     browser.narrow(390).await;

@@ -58,7 +58,7 @@ const MARKDOWN: [&str; 8] = ["benches", "client", "crates", "docs", "examples", 
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/command/src/experiment/testdata/"];
 
 /// Rust files and folders whose doc comments and help texts follow the list of phrases. Add a folder once it does.
-const SOURCES: [&str; 15] = [
+const SOURCES: [&str; 16] = [
     "benches/",
     "client/command/src/",
     "client/src/",
@@ -68,10 +68,12 @@ const SOURCES: [&str; 15] = [
     "crates/learn/src/policy/",
     "crates/recording/",
     "crates/sim/",
+    "crates/web/src/",
     "fuzz/",
     "server/src/access/tls/",
     "server/src/config.rs",
     "server/src/config/",
+    "server/src/pages/",
     "server/src/store/lab/",
     "tests/end_to_end/",
 ];

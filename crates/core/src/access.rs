@@ -3,6 +3,7 @@
 //! Knows no rpc: `access::table` says which role each one needs.
 
 use super::{id::TokenId, time::Millis};
+use crate::error::{Error, Result};
 
 /// What a token allows. The first four are a ladder in the order viewer, contributor, trainer, admin; a robot stands
 /// beside it.
@@ -92,6 +93,23 @@ impl Token {
         } else {
             "expired"
         }
+    }
+
+    /// Checks that its role is `least` or a higher one.
+    ///
+    /// # Errors
+    /// Forbidden, naming both roles.
+    pub fn permit(&self, least: Role) -> Result<()> {
+        if self.role.reaches(least) {
+            return Ok(());
+        }
+        let or_higher = if least == Role::Admin { "" } else { " or a higher one" };
+        Err(Error::forbidden(format!(
+            "this needs the role {}{or_higher}; the token {:?} has the role {}",
+            least.as_str(),
+            self.who(),
+            self.role.as_str()
+        )))
     }
 
     /// Who it is, for people: its name, or its id when it has none.

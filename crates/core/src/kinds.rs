@@ -7,7 +7,10 @@ use std::sync::LazyLock;
 
 use serde::{Deserialize, Serialize};
 
-use crate::schema::{Problem, Setting, WordAbout, brief};
+use crate::{
+    EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec,
+    schema::{Problem, Setting, WordAbout, brief},
+};
 
 /// Every kind of every family.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -136,6 +139,24 @@ impl Family {
         }
         all
     }
+}
+
+/// The kinds of jobs that have settings, in the order of their use.
+#[must_use]
+pub fn jobs() -> Vec<Kind> {
+    let job = |name: &str, about: &str, settings: Vec<Setting>| Kind {
+        name: name.to_owned(),
+        title: name.to_owned(),
+        about: about.to_owned(),
+        needs: Needs::default(),
+        settings,
+    };
+    vec![
+        job("pretrain", "Makes an encoder, self-supervised.", PretrainSpec::schema()),
+        job("score", "Makes a score run of every imperfect segment.", ScoreSpec::schema()),
+        job("train", "Makes a policy by weighted behaviour cloning.", TrainSpec::schema()),
+        job("evaluate", "Makes closed-loop trials of a policy.", EvaluateSpec::schema()),
+    ]
 }
 
 static KINDS: LazyLock<Kinds> = LazyLock::new(|| {

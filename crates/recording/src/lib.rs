@@ -61,7 +61,7 @@ mod path;
 mod picture;
 mod plan;
 mod planner;
-pub mod printable;
+pub use gleaner_core::printable;
 mod read;
 mod salvage;
 #[cfg(test)]

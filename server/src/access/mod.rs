@@ -1,4 +1,4 @@
-//! Who may do what: one table of rpcs, pages and roles, tokens, the guard before the services, certificates, and the
+//! Who may do what: one table of rpcs and roles, tokens, the guard before the services, certificates, and the
 //! audit log.
 //!
 //! Knows requests by their path and headers, and of their messages only names and ids. Must not know what an rpc does.
@@ -12,7 +12,6 @@ mod entry;
 mod guard;
 mod issue;
 mod overheard;
-mod page;
 mod pages;
 mod refusals;
 mod secret;
@@ -24,12 +23,6 @@ mod token_cache;
 mod worker;
 
 pub(crate) use self::{
-    caller::Caller,
-    guard::Guard,
-    page::Page,
-    pages::{Done, PageGuard},
-    secret::hash as token_hash,
-    table::method,
-    token_cache::TokenCache,
+    caller::Caller, guard::Guard, pages::PageGuard, secret::hash as token_hash, table::method, token_cache::TokenCache,
     worker::Worker,
 };

@@ -22,8 +22,13 @@ impl Refusals {
     /// Whether the audit log hears of one more.
     pub(super) fn tell_of(&self, caller: &Caller) -> bool {
         match caller {
-            Caller::Known(held) => self.0.check_key(&held.token.id).is_ok(),
+            Caller::Known(held) => self.audits(&held.token.id),
             Caller::Anyone => true,
         }
+    }
+
+    /// Whether the audit log records one more of this token.
+    pub(super) fn audits(&self, token: &TokenId) -> bool {
+        self.0.check_key(token).is_ok()
     }
 }

@@ -1,12 +1,11 @@
-//! The authorisation table: which role each rpc and each page needs, and whether it changes something.
+//! The authorisation table: which role each rpc needs, and whether it changes something.
 //!
-//! No `match` has a wildcard, so an rpc or a page without a row does not build; what is not in the table at all is refused.
+//! No `match` has a wildcard, so an rpc without a row does not build; what is not in the table at all is refused.
 
 use std::{collections::HashMap, sync::LazyLock};
 
 use gleaner_proto::Rpc;
 
-use super::page::Page;
 use crate::domain::access::Role;
 
 /// What a caller must have.
@@ -131,42 +130,6 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::WorkerServiceSaveCheckpoint
         | Rpc::WorkerServiceCompleteJob
         | Rpc::WorkerServiceFailJob => job,
-    }
-}
-
-/// The row of a page.
-pub(super) fn page_rule(page: Page) -> Rule {
-    let reads = |least| Rule { need: Need::Least(least), audited: false };
-    let changes = |least| Rule { need: Need::Least(least), audited: true };
-    match page {
-        // Who signs in shows a token, and who signs out needs none.
-        Page::Health | Page::Asset | Page::SignIn | Page::SigningIn | Page::SigningOut => {
-            Rule { need: Need::Nothing, audited: false }
-        }
-        Page::Metrics
-        | Page::Overview
-        | Page::Deployments
-        | Page::Deployment
-        | Page::LiveSessions
-        | Page::LiveFrame
-        | Page::Episodes
-        | Page::Episode
-        | Page::EpisodeFrame
-        | Page::EpisodeScores
-        | Page::EpisodeRecording
-        | Page::Runs
-        | Page::Run
-        | Page::WhatIf
-        | Page::Snapshot
-        | Page::Encoder
-        | Page::Dataset
-        | Page::Policy
-        | Page::Jobs
-        | Page::Job
-        | Page::JobCourse
-        | Page::JobLog => reads(Role::Viewer),
-        Page::LabelEpisodes => changes(Role::Contributor),
-        Page::RollBack | Page::MakeDataset | Page::CancelJob | Page::RetryJob => changes(Role::Trainer),
     }
 }
 

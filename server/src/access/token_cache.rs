@@ -42,6 +42,11 @@ pub(crate) struct Held {
 pub(crate) type Over = Pin<Box<WaitForCancellationFutureOwned>>;
 
 impl Held {
+    /// Cancelled when the token is revoked or expires.
+    pub(crate) fn ended(&self) -> CancellationToken {
+        self.over.clone()
+    }
+
     pub(super) fn over(&self) -> Over {
         Box::pin(self.over.clone().cancelled_owned())
     }

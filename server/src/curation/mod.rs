@@ -11,14 +11,13 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use quick_cache::sync::Cache;
 
-pub(crate) use self::{
-    picture::View,
-    steps::{Numbers, Series},
-    summary::Summary,
-};
+pub(crate) use self::summary::Summary;
 use self::{steps::Steps, summary::Weigh};
 use crate::{
-    domain::id::{EpisodeId, ScoreRunId},
+    domain::{
+        id::{EpisodeId, ScoreRunId},
+        steps::{FrameView, Numbers},
+    },
     error::{Error, Kind, Result},
     ingest::Ingest,
     store::Store,
@@ -79,7 +78,7 @@ impl Curation {
     ///
     /// # Errors
     /// NotFound names the missing episode, step or camera; Invalid a size of 0, or depth that the camera does not have.
-    pub(crate) async fn frame(&self, episode: &EpisodeId, view: View) -> Result<Vec<u8>> {
+    pub(crate) async fn frame(&self, episode: &EpisodeId, view: FrameView) -> Result<Vec<u8>> {
         let steps = self.steps(episode).await?;
         off_runtime("drawing a frame", move || steps.frame(&view)).await
     }

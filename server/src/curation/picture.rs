@@ -2,26 +2,15 @@
 
 use gleaner_recording::{CameraSpec, TaskSpec, encode_jpeg};
 
-use crate::error::{Error, Result};
+use crate::{
+    domain::steps::FrameView,
+    error::{Error, Result},
+};
 
 /// Good enough to judge a grasp, at a tenth of the bytes.
 const QUALITY: u8 = 85;
 /// The brightness of the farthest pixel; black is for pixels without a reading.
 const FARTHEST: u32 = 32;
-
-/// The selected image of an episode.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct View {
-    /// The step, from 0.
-    pub(crate) step: u64,
-    /// The camera's name in the task.
-    pub(crate) camera: String,
-    /// Its depth image instead of colour: from near (light) to far (dark), scaled to this frame; black without a
-    /// reading.
-    pub(crate) depth: bool,
-    /// The most pixels in width and height; `None` as recorded. Images are only scaled down.
-    pub(crate) size: Option<u32>,
-}
 
 /// RGB pixels, row-major.
 struct Picture {
@@ -31,7 +20,7 @@ struct Picture {
 }
 
 /// The image of a step's frame, which holds all cameras one after the other, as JPEG.
-pub(super) fn picture(spec: &TaskSpec, frame: &[u8], view: &View) -> Result<Vec<u8>> {
+pub(super) fn picture(spec: &TaskSpec, frame: &[u8], view: &FrameView) -> Result<Vec<u8>> {
     let (camera, [color, depth]) = images(spec, frame, &view.camera)?;
     let (height, width) = (camera.height as usize, camera.width as usize);
     let rgb = match (view.depth, camera.depth) {

@@ -2,9 +2,12 @@
 
 use gleaner_recording::{Episode as Decoded, FieldSpec, TaskSpec};
 
-use super::picture::{View, picture};
+use super::picture::picture;
 use crate::{
-    domain::id::EpisodeId,
+    domain::{
+        id::EpisodeId,
+        steps::{FrameView, Numbers, Series},
+    },
     error::{Error, Result},
 };
 
@@ -15,35 +18,13 @@ pub(super) struct Steps {
     decoded: Decoded,
 }
 
-/// The values of every step, by the task's field names.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Numbers {
-    /// The time of each step, in nanoseconds.
-    pub(crate) stamps_ns: Vec<i64>,
-    /// The proprioception, field by field.
-    pub(crate) proprioception: Vec<Series>,
-    /// The action, field by field.
-    pub(crate) action: Vec<Series>,
-}
-
-/// One field over an episode.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Series {
-    /// The field's name.
-    pub(crate) name: String,
-    /// The number of values at each step.
-    pub(crate) size: usize,
-    /// T × size values, step after step.
-    pub(crate) values: Vec<f32>,
-}
-
 impl Steps {
     pub(super) fn new(episode: EpisodeId, spec: TaskSpec, decoded: Decoded) -> Self {
         Self { episode, spec, decoded }
     }
 
     /// One step of a camera, as JPEG. Reads the disk.
-    pub(super) fn frame(&self, view: &View) -> Result<Vec<u8>> {
+    pub(super) fn frame(&self, view: &FrameView) -> Result<Vec<u8>> {
         let steps = self.decoded.steps();
         let missing = || {
             let range = format!("{} of {}; it has {steps} steps, counted from 0", view.step, self.episode);

@@ -60,8 +60,8 @@ async fn recorded(lab: &Lab, steps: u8) -> Episode {
     episode
 }
 
-fn view(step: u64, camera: &str) -> View {
-    View { step, camera: camera.into(), depth: false, size: None }
+fn view(step: u64, camera: &str) -> FrameView {
+    FrameView { step, camera: camera.into(), depth: false, size: None }
 }
 
 #[tokio::test]
@@ -74,7 +74,7 @@ async fn a_frame_is_the_recorded_step() {
         let expected = u8::try_from(step * 10).unwrap();
         assert!(pixels.iter().all(|pixel| pixel.abs_diff(expected) <= 2), "step {step} of {name}");
     }
-    let small = View { size: Some(8), depth: true, ..view(3, "front") };
+    let small = FrameView { size: Some(8), depth: true, ..view(3, "front") };
     let jpeg = lab.curation.frame(&episode.id, small).await.unwrap();
     assert!(decode_color(&jpeg, PixelFormat::Jpeg, 8, 8).is_ok());
 }

@@ -3,46 +3,20 @@
 //! A session publishes without waiting; readers take a copy. Entries are removed with their session.
 
 use std::{
-    collections::{HashMap, VecDeque},
+    collections::HashMap,
     sync::{Arc, Mutex, MutexGuard, PoisonError},
 };
 
 use crate::domain::{
-    id::{PolicyId, SessionId, TaskId},
-    observation::{CameraFrame, Observation, Timings},
+    id::SessionId,
+    live::{LiveSession, SessionState},
+    observation::{Observation, Timings},
     score::SegmentScored,
     time::Millis,
 };
 
 /// Response times kept per session.
 const REMEMBERED: usize = 256;
-
-/// What is fixed when a session opens.
-#[derive(Debug, Clone)]
-pub(crate) struct LiveSession {
-    pub(crate) id: SessionId,
-    pub(crate) deployment: String,
-    pub(crate) policy_id: PolicyId,
-    pub(crate) task_id: TaskId,
-    pub(crate) since: Millis,
-    /// Whether it is stored as an episode.
-    pub(crate) recorded: bool,
-}
-
-/// The current state of a session.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Now {
-    /// The last image of each camera, as received.
-    pub(crate) cameras: Vec<CameraFrame>,
-    /// When the last images arrived.
-    pub(crate) seen_at: Option<Millis>,
-    /// The newest scored segment.
-    pub(crate) score: Option<SegmentScored>,
-    /// Number of observations answered.
-    pub(crate) answered: u64,
-    /// Microseconds from arrival to answer, of the newest answers.
-    pub(crate) total_us: VecDeque<u64>,
-}
 
 /// The running sessions; clones share them.
 #[derive(Debug, Clone, Default)]
@@ -51,7 +25,7 @@ pub(super) struct Live(Arc<Mutex<HashMap<SessionId, Shown>>>);
 #[derive(Debug, Clone)]
 struct Shown {
     session: LiveSession,
-    now: Arc<Mutex<Now>>,
+    now: Arc<Mutex<SessionState>>,
 }
 
 /// A session's publishing end; dropping it removes the session.
@@ -59,7 +33,7 @@ struct Shown {
 pub(super) struct Showing {
     live: Live,
     id: SessionId,
-    now: Arc<Mutex<Now>>,
+    now: Arc<Mutex<SessionState>>,
 }
 
 impl Live {
@@ -71,7 +45,7 @@ impl Live {
     }
 
     /// Every running session, the newest first.
-    pub(super) fn all(&self) -> Vec<(LiveSession, Now)> {
+    pub(super) fn all(&self) -> Vec<(LiveSession, SessionState)> {
         // Each is copied after the list is unlocked: a session that opens must not wait for a reader.
         let shown: Vec<Shown> = self.sessions().values().cloned().collect();
         let mut all: Vec<_> = shown.into_iter().map(|shown| (shown.session, held(&shown.now).clone())).collect();
@@ -80,7 +54,7 @@ impl Live {
     }
 
     /// One running session.
-    pub(super) fn one(&self, id: &SessionId) -> Option<(LiveSession, Now)> {
+    pub(super) fn one(&self, id: &SessionId) -> Option<(LiveSession, SessionState)> {
         let shown = self.sessions().get(id).cloned()?;
         let now = held(&shown.now).clone();
         Some((shown.session, now))
@@ -127,24 +101,14 @@ impl Drop for Showing {
     }
 }
 
-fn held(now: &Mutex<Now>) -> MutexGuard<'_, Now> {
+fn held(now: &Mutex<SessionState>) -> MutexGuard<'_, SessionState> {
     now.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-impl Now {
-    /// The quantile `part` of the newest response times, in microseconds; `None` without answers.
-    #[expect(clippy::cast_precision_loss, reason = "a few hundred")]
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a part of a length")]
-    pub(crate) fn quantile_us(&self, part: f64) -> Option<u64> {
-        let mut times: Vec<u64> = self.total_us.iter().copied().collect();
-        times.sort_unstable();
-        times.get(((times.len() as f64 * part).ceil() as usize).saturating_sub(1)).copied()
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::domain::id::{PolicyId, TaskId};
 
     fn session() -> LiveSession {
         LiveSession {
@@ -176,7 +140,7 @@ mod tests {
     fn quantiles_cover_the_newest_times() {
         let live = Live::default();
         let showing = live.begin(session());
-        assert_eq!(Now::default().quantile_us(0.5), None);
+        assert_eq!(SessionState::default().quantile_us(0.5), None);
         for total_us in 0..1000 {
             showing.answered(&Timings { total_us, ..Timings::default() });
         }

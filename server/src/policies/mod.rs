@@ -33,7 +33,6 @@ use std::{
 use gleaner_learn::Policy as Model;
 use tracing::Instrument as _;
 
-pub(crate) use self::live::{LiveSession, Now};
 use self::{
     engine::{Engine, Identity, lock},
     live::Live,
@@ -45,6 +44,7 @@ use crate::{
     config::ServeConfig,
     domain::{
         id::{PolicyId, ScoreRunId, SessionId},
+        live::{LiveSession, SessionState},
         observation::{Acted, Observation},
         policy::{Deployment, Policy},
     },
@@ -156,7 +156,7 @@ impl Policies {
     }
 
     /// The running sessions and their state, the newest first.
-    pub(crate) fn live(&self) -> Vec<(LiveSession, Now)> {
+    pub(crate) fn live(&self) -> Vec<(LiveSession, SessionState)> {
         self.0.live.all()
     }
 
@@ -164,7 +164,7 @@ impl Policies {
     ///
     /// # Errors
     /// NotFound when no such session is running.
-    pub(crate) fn live_session(&self, id: &SessionId) -> Result<(LiveSession, Now)> {
+    pub(crate) fn live_session(&self, id: &SessionId) -> Result<(LiveSession, SessionState)> {
         self.0.live.one(id).ok_or_else(|| Error::not_found("running session", id))
     }
 

@@ -10,7 +10,6 @@ use tracing::Instrument as _;
 use super::{
     Policies,
     engine::{Engine, lock},
-    live::LiveSession,
     record::Record,
     reply_sender::{Answers, ReplySender},
     session::{Session, Terms},
@@ -18,6 +17,7 @@ use super::{
 use crate::{
     domain::{
         id::{ScoreRunId, SessionId},
+        live::LiveSession,
         observation::SessionInput,
         time::Millis,
     },

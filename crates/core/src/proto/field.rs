@@ -2,6 +2,7 @@
 
 use prost_types::Timestamp;
 
+pub use crate::tag::tag;
 use crate::{
     error::{Error, Result},
     time::Millis,
@@ -18,17 +19,6 @@ pub fn text(field: &str, value: String) -> Result<String> {
         return Err(Error::invalid(field, "must not be empty"));
     }
     tag(field, value)
-}
-
-/// A text that may be empty, but not longer than 255 bytes, nor hold control characters.
-pub fn tag(field: &str, value: String) -> Result<String> {
-    if value.len() > 255 {
-        return Err(Error::invalid(field, "must be at most 255 bytes"));
-    }
-    if value.chars().any(char::is_control) {
-        return Err(Error::invalid(field, "must not hold control characters"));
-    }
-    Ok(value)
 }
 
 /// A page size: 0 means 100, more than 1000 is refused.

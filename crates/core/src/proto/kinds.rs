@@ -1,8 +1,8 @@
 //! The kinds of jobs, policies, objectives and scorers on the wire, with their settings.
 
 use crate::{
-    EvaluateSpec, PretrainSpec, ScoreSpec, Setting, Shape, TrainSpec, Values,
-    kinds::{Family, Kind, Needs},
+    Setting, Shape, Values,
+    kinds::{self, Family, Kind, Needs},
     proto,
     schema::WordAbout,
 };
@@ -10,21 +10,9 @@ use gleaner_proto::v1;
 
 /// Everything that a client may choose.
 pub fn list() -> v1::ListKindsResponse {
-    let job = |name: &str, about: &str, settings: Vec<Setting>| v1::Kind {
-        name: name.to_owned(),
-        title: name.to_owned(),
-        about: about.to_owned(),
-        settings: settings.into_iter().map(setting).collect(),
-        ..v1::Kind::default()
-    };
     let of = |family: Family| family.kinds().iter().cloned().map(kind).collect();
     v1::ListKindsResponse {
-        jobs: vec![
-            job("pretrain", "Makes an encoder, self-supervised.", PretrainSpec::schema()),
-            job("score", "Makes a score run of every imperfect segment.", ScoreSpec::schema()),
-            job("train", "Makes a policy by weighted behaviour cloning.", TrainSpec::schema()),
-            job("evaluate", "Makes closed-loop trials of a policy.", EvaluateSpec::schema()),
-        ],
+        jobs: kinds::jobs().into_iter().map(kind).collect(),
         policies: of(Family::Policy),
         objectives: of(Family::Objective),
         scorers: of(Family::Scorer),

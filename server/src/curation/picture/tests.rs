@@ -31,11 +31,11 @@ fn frame() -> Vec<u8> {
     [color(8, 16, 40), depth.collect(), color(6, 10, 200)].concat()
 }
 
-fn view(camera: &str) -> View {
-    View { step: 0, camera: camera.into(), depth: false, size: None }
+fn view(camera: &str) -> FrameView {
+    FrameView { step: 0, camera: camera.into(), depth: false, size: None }
 }
 
-fn drawn(view: &View, height: u32, width: u32) -> Vec<u8> {
+fn drawn(view: &FrameView, height: u32, width: u32) -> Vec<u8> {
     let jpeg = picture(&spec(), &frame(), view).unwrap();
     decode_color(&jpeg, PixelFormat::Jpeg, height, width).unwrap()
 }
@@ -58,21 +58,21 @@ fn near_is_light_far_is_dark_and_no_reading_is_black() {
     assert_eq!(grey(&[0, 0, 100, 0, 44, 1]), [0, 0, 0, 255, 255, 255, 32, 32, 32]);
     assert_eq!(grey(&[7, 0, 7, 0]), [255; 6], "all as near");
     assert_eq!(grey(&[0, 0]), [0; 3], "nothing measured");
-    let shown = drawn(&View { depth: true, ..view("front") }, 8, 16);
+    let shown = drawn(&FrameView { depth: true, ..view("front") }, 8, 16);
     let row: Vec<u8> = shown.chunks_exact(3).take(16).map(|pixel| pixel[0]).collect();
     assert!(row[15] < 60 && row[2] > 200, "{row:?}");
 }
 
 #[test]
 fn images_are_scaled_down_by_the_mean_and_never_up() {
-    let small = drawn(&View { size: Some(8), ..view("front") }, 4, 8);
+    let small = drawn(&FrameView { size: Some(8), ..view("front") }, 4, 8);
     let expected: Vec<u8> =
         (0..4_u8).flat_map(|row| (0..8_u8).flat_map(move |c| [row * 16 + 4, c * 16 + 4, 40])).collect();
     assert_near(&small, &expected, 16);
     // 6 × 10 in squares of 4: the remainder at the edge is dropped.
-    drawn(&View { size: Some(3), ..view("wrist") }, 1, 2);
-    drawn(&View { size: Some(1), ..view("wrist") }, 1, 1);
-    drawn(&View { size: Some(100), ..view("wrist") }, 6, 10);
+    drawn(&FrameView { size: Some(3), ..view("wrist") }, 1, 2);
+    drawn(&FrameView { size: Some(1), ..view("wrist") }, 1, 1);
+    drawn(&FrameView { size: Some(100), ..view("wrist") }, 6, 10);
     let line = Picture { rgb: vec![0, 0, 0, 10, 10, 10, 21, 21, 21], height: 1, width: 3 };
     let one = line.within(1);
     assert_eq!((one.height, one.width, one.rgb), (1, 1, vec![10, 10, 10]));
@@ -80,16 +80,16 @@ fn images_are_scaled_down_by_the_mean_and_never_up() {
 
 #[test]
 fn a_missing_camera_is_named() {
-    let fails = |view: &View| picture(&spec(), &frame(), view).unwrap_err();
+    let fails = |view: &FrameView| picture(&spec(), &frame(), view).unwrap_err();
     let unknown = fails(&view("side"));
     assert_eq!(unknown.kind(), Kind::NotFound);
     assert!(
         unknown.message().starts_with("no camera \"side\"") && unknown.message().contains("front, wrist"),
         "{unknown}"
     );
-    let flat = fails(&View { depth: true, ..view("wrist") });
+    let flat = fails(&FrameView { depth: true, ..view("wrist") });
     assert!(flat.kind() == Kind::Invalid && flat.message().starts_with("depth: "), "{flat}");
-    let nothing = fails(&View { size: Some(0), ..view("wrist") });
+    let nothing = fails(&FrameView { size: Some(0), ..view("wrist") });
     assert!(nothing.kind() == Kind::Invalid && nothing.message().starts_with("size: "), "{nothing}");
     let blind = TaskSpec { cameras: Vec::new(), ..spec() };
     assert_eq!(picture(&blind, &[], &view("front")).unwrap_err().kind(), Kind::NotFound);

@@ -1,0 +1,79 @@
+//! One policy: its training data, its success rates and its deployments.
+
+use axum::{extract::Path, response::IntoResponse as _};
+use gleaner_core::{
+    Error,
+    id::PolicyId,
+    job::{Job, JobSpec},
+    policy::{Deployment, Policy},
+    snapshot::Snapshot,
+};
+use maud::{Markup, html};
+
+use super::{episodes, evaluations, link, of_job};
+use crate::{
+    page_request::PageRequest,
+    refusal::Answer,
+    sheet::{self, Format},
+    shell::{self, Head, Tab},
+    text,
+};
+
+pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let format = sheet::format(&request)?;
+    let backend = request.backend();
+    let policy = backend.policy(&PolicyId::parse("id", &id)?).await?;
+    let tried = backend.evaluations(&policy.id).await?;
+    if format != Format::Html {
+        return Ok(evaluations::sheet(&policy, &tried).answer(format)?);
+    }
+    let (task, job) = (backend.task_by_id(&policy.task_id).await?, backend.job(&policy.job_id).await?);
+    let mut deployments = backend.deployments(Some(&policy.task_id)).await?;
+    deployments.retain(|deployment| deployment.policy_id() == Some(&policy.id));
+    let Some(snapshot_id) = job.spec.snapshot_id() else {
+        return Err(Error::internal("reading a policy's spec", "its job is not a training job").into());
+    };
+    let snapshot = backend.snapshot(snapshot_id).await?;
+    let body = html! {
+        h1 { "Policy " (link::tail(policy.id.as_str())) }
+        p.lead { (policy.kind) ", trained on experts" @if policy.dataset_id.is_some() { " and kept segments" }
+            " of " (task.spec.name) ", " (text::time(policy.created_at)) " UTC" }
+        h2 { "Evaluations" }
+        @if tried.is_empty() {
+            p.panel.empty { "Not evaluated yet. " code { "gleaner evaluate" } " runs trials in the simulator; others are reported with "
+                code { "ReportEvaluation" } "." }
+        } @else {
+            (evaluations::table(&tried))
+            (sheet::links(&request))
+        }
+        h2 { "Lineage" }
+        (of_job(backend, &job).await?)
+        h2 { "Facts" }
+        (facts(&policy, &job, &snapshot, &deployments))
+    };
+    let head = Head { title: "Policy", tab: Tab::Runs, task: Some(&task.spec.name), script: None };
+    Ok(shell::page(&request, &head, &body).into_response())
+}
+
+fn facts(policy: &Policy, job: &Job, snapshot: &Snapshot, deployments: &[Deployment]) -> Markup {
+    html! {
+        dl.facts.panel {
+            dt { "Policy" } dd.id { (policy.id) }
+            dt { "Kind" } dd { (policy.kind) }
+            @if let JobSpec::Train { spec, .. } = &job.spec {
+                dt { "Steps" } dd { (text::count(spec.optim.steps)) }
+                dt { "λ of kept segments" } dd { (spec.lambda) }
+                dt { "Experts of" } dd { (episodes(snapshot)) " (" (link::whole(snapshot.id.as_str())) ")" }
+            }
+            @if let Some(dataset) = &policy.dataset_id { dt { "Dataset" } dd { (link::whole(dataset.as_str())) } }
+            @if let Some(encoder) = &policy.encoder_id { dt { "Encoder" } dd { (link::whole(encoder.as_str())) } }
+            dt { "Deployed as" }
+            dd {
+                @if deployments.is_empty() { "not deployed" }
+                @for deployment in deployments { a href=(format!("/deployments/{}", deployment.name)) { (deployment.name) } " " }
+            }
+            dt { "Made by" } dd { (link::whole(policy.job_id.as_str())) }
+            dt { "Checkpoint (BLAKE3)" } dd.id { (policy.checkpoint) }
+        }
+    }
+}

@@ -1,0 +1,185 @@
+//! A task's episodes: a table that filters, sorts and labels.
+
+mod filters;
+mod label;
+mod query;
+mod table;
+
+use std::sync::Arc;
+
+use axum::{extract::Path, response::IntoResponse as _};
+use gleaner_core::{
+    Error, Result,
+    curation::{TableRow, sort},
+    id::ScoreRunId,
+    score::ScoreRun,
+    task::Task,
+};
+use maud::{Markup, html};
+use serde_json::json;
+
+use self::query::{EpisodeParameters, EpisodeQuery, Order};
+pub(crate) use self::{
+    filters::describe,
+    label::{buttons, label, live},
+};
+use super::{
+    page_request::PageRequest,
+    paging,
+    refusal::Answer,
+    sheet::{self, Format, Sheet},
+    shell::{self, Head, Tab},
+    text,
+};
+use crate::{backend::RunSummary, page::Page};
+
+/// Episodes on one page.
+const PER_PAGE: usize = 100;
+
+/// The data of the table.
+struct View<'a> {
+    request: &'a PageRequest,
+    task: &'a Task,
+    parameters: &'a EpisodeParameters,
+    query: &'a EpisodeQuery,
+    /// The run of the shown q, if the task has any.
+    scores: Option<Arc<dyn RunSummary>>,
+    /// Every matching episode, sorted.
+    rows: Vec<TableRow>,
+}
+
+impl View<'_> {
+    fn mean_q(&self, row: &TableRow) -> Option<f64> {
+        self.scores.as_ref().and_then(|scores| scores.mean_q(&row.episode.id))
+    }
+
+    /// Whether the caller may label.
+    fn labels(&self) -> bool {
+        self.request.may(Page::LabelEpisodes)
+    }
+
+    /// The shown page, from 1, and the number of pages. A page beyond the end is the last.
+    fn page(&self) -> (usize, usize) {
+        paging::within(self.query.page, self.rows.len(), PER_PAGE)
+    }
+
+    /// The rows of that page.
+    fn shown(&self) -> &[TableRow] {
+        let first = (self.page().0 - 1) * PER_PAGE;
+        &self.rows[first..(first + PER_PAGE).min(self.rows.len())]
+    }
+}
+
+pub(super) async fn show(request: PageRequest, Path(task): Path<String>) -> Answer {
+    let parameters: EpisodeParameters = request.parameters()?;
+    let query = parameters.read()?;
+    let backend = request.backend();
+    let task = backend.task(&task).await?;
+    let runs = backend.score_runs(&task.id).await?;
+    let scores = match chosen(&runs, query.run.as_ref(), &task)? {
+        Some(run) => Some(backend.summary(run).await?),
+        None => None,
+    };
+    let rows = backend.episode_table(&task.id, &query.filter).await?;
+    let rows = ordered(rows, scores.clone(), query.mean_q, query.order).await?;
+    let view = View { request: &request, task: &task, parameters: &parameters, query: &query, scores, rows };
+    if parameters.format != Format::Html {
+        return Ok(sheet_of(&view).answer(parameters.format)?);
+    }
+    let cohorts = backend.cohorts(&task.id).await?;
+    let name = task.spec.name.as_str();
+    let head = Head {
+        title: &format!("Episodes of {name}"),
+        tab: Tab::Episodes,
+        task: Some(name),
+        script: Some("episodes.js"),
+    };
+    Ok(shell::page(&request, &head, &body(&view, &runs, &cohorts)).into_response())
+}
+
+/// The rows with matching mean q, in order. Ten thousand rows take long, so this runs off the runtime.
+async fn ordered(
+    mut rows: Vec<TableRow>,
+    scores: Option<Arc<dyn RunSummary>>,
+    fits: Option<(f64, f64)>,
+    order: Order,
+) -> Result<Vec<TableRow>> {
+    let ordering = move || {
+        let mean_q = |id: &_| scores.as_ref().and_then(|scores| scores.mean_q(id));
+        if let Some((from, to)) = fits {
+            rows.retain(|row| mean_q(&row.episode.id).is_some_and(|q| (from..=to).contains(&q)));
+        }
+        sort(&mut rows, order.key, order.descending, mean_q);
+        rows
+    };
+    tokio::task::spawn_blocking(ordering).await.map_err(|error| Error::internal("sorting episodes", error))
+}
+
+/// The run in the query, or the newest.
+fn chosen<'a>(runs: &'a [ScoreRun], named: Option<&ScoreRunId>, task: &Task) -> Result<Option<&'a ScoreRunId>> {
+    let Some(named) = named else { return Ok(runs.first().map(|run| &run.id)) };
+    let found = runs.iter().find(|run| run.id == *named).map(|run| &run.id);
+    let missing = || Error::not_found("finished score run", format!("{named} of task {}", task.spec.name));
+    found.map(Some).ok_or_else(missing)
+}
+
+fn body(view: &View, runs: &[ScoreRun], cohorts: &[String]) -> Markup {
+    let (page, pages) = view.page();
+    let count = u64::try_from(view.rows.len()).unwrap_or(u64::MAX);
+    html! {
+        h1 { "Episodes" }
+        p.lead { (text::counted(count, "episode")) @if count != 0 { ", page " (page) " of " (pages) } }
+        (filters::form(view, runs, cohorts))
+        @if view.rows.is_empty() {
+            p.panel.empty {
+                "No episode matches. " a href=(view.request.uri.path()) { "Show all" } ", or add some with "
+                code { "gleaner push" } "."
+            }
+        } @else {
+            @if view.labels() { (label::bar(cohorts)) }
+            (table::table(view))
+            (sheet::links(view.request))
+            (paging::links(view.request, "Pages of the table", (page, pages)))
+        }
+    }
+}
+
+fn sheet_of(view: &View) -> Sheet {
+    let row = |row: &TableRow| {
+        let TableRow { episode, label_version, labelled_by, labelled_at } = row;
+        vec![
+            json!(episode.id),
+            json!(episode.file_name),
+            json!(episode.outcome.as_str()),
+            json!(episode.cohort),
+            json!(episode.steps),
+            json!(episode.duration_s),
+            json!(episode.warnings),
+            json!(view.mean_q(row)),
+            json!(labelled_by),
+            json!(text::stamp(*labelled_at)),
+            json!(label_version),
+            json!(text::stamp(episode.created_at)),
+            json!(episode.size_bytes),
+        ]
+    };
+    Sheet {
+        name: format!("episodes-{}", view.task.spec.name),
+        columns: &[
+            "id",
+            "file_name",
+            "outcome",
+            "cohort",
+            "steps",
+            "duration_s",
+            "warnings",
+            "mean_q",
+            "labelled_by",
+            "labelled_at",
+            "label_version",
+            "created_at",
+            "size_bytes",
+        ],
+        rows: view.rows.iter().map(row).collect(),
+    }
+}

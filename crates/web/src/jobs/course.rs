@@ -1,0 +1,163 @@
+//! The progress of a job: the part of its page that is refreshed while it runs.
+
+use axum::{extract::Path, response::IntoResponse as _};
+use gleaner_core::{
+    Result,
+    id::JobId,
+    job::{Job, JobState, Metric},
+    time::Millis,
+};
+use maud::{Markup, html};
+
+use super::{curves, log};
+use crate::{Backend, artifacts::link, page_request::PageRequest, refusal::Answer, text};
+
+/// Points of a curve: more than its plot has pixels.
+const POINTS: u32 = 2000;
+
+/// The part by itself.
+pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let backend = request.backend();
+    let job = backend.job(&JobId::parse("id", &id)?).await?;
+    Ok(course(backend, &job).await?.into_response())
+}
+
+/// Progress, message, error, curves and log.
+pub(super) async fn course(backend: &dyn Backend, job: &Job) -> Result<Markup> {
+    let metrics = backend.sparse_metrics(&job.id, POINTS).await?;
+    // The rest of the page does not depend on it.
+    let text = backend.job_log(&job.id, log::LOOKED_AT).await;
+    if let Err(error) = &text {
+        tracing::warn!(job.id = %job.id, %error, "a job's log cannot be shown");
+    }
+    Ok(html! {
+        div #course data-state=(job.state.as_str()) {
+            (standing(job, Millis::now()))
+            @if !job.error.is_empty() { p.note.bad role="alert" { (link::text(&job.error)) } }
+            (panels(&metrics))
+        }
+        (log::newest(&job.id, &text))
+    })
+}
+
+fn standing(job: &Job, now: Millis) -> Markup {
+    html! {
+        div.panel.standing {
+            div.row {
+                (state(job))
+                @if job.total > 0 {
+                    progress value=(job.done.min(job.total)) max=(job.total) aria-label="Progress" {}
+                    span { (text::count(job.done)) " of " (text::count(job.total)) }
+                    span.soft { (text::share(job.done, job.total)) }
+                }
+                @if let Some(left) = left(job, now) { span.soft { "about " (text::seconds(left)) " left" } }
+            }
+            @if !job.message.is_empty() { p.message { (link::text(&job.message)) } }
+            dl.facts.settings {
+                div { dt { "Submitted" } dd { (text::time(job.created_at)) " UTC" } }
+                @if let Some(started) = job.started_at { div { dt { "Newest attempt" } dd { (text::time(started)) " UTC" } } }
+                @if let Some(took) = took(job, now) {
+                    div { dt { @if job.state.ended() { "Took" } @else { "Runs for" } } dd { (text::seconds(took)) } }
+                }
+                div { dt { "Attempts" } dd { (job.attempt) " of " (job.max_attempts) } }
+                @if job.peak_memory_bytes > 0 { div { dt { "Most memory" } dd { (text::bytes(job.peak_memory_bytes)) } } }
+                @if let Some(step) = job.checkpoint_step { div { dt { "Checkpoint" } dd { "after step " (text::count(step)) } } }
+            }
+        }
+    }
+}
+
+/// Its state, as a tag.
+pub(super) fn state(job: &Job) -> Markup {
+    let text = if job.state == JobState::Running && job.cancel_requested { "cancelling" } else { job.state.as_str() };
+    html! { span class=(format!("tag {}", job.state.as_str())) { (text) } }
+}
+
+/// Seconds since its newest attempt began, until its end or now.
+fn took(job: &Job, now: Millis) -> Option<f64> {
+    let until = job.ended_at.or_else(|| (job.state == JobState::Running).then_some(now))?;
+    Some(seconds(job.started_at?, until))
+}
+
+/// The estimated remaining seconds at the present rate.
+#[expect(clippy::cast_precision_loss, reason = "for reading")]
+fn left(job: &Job, now: Millis) -> Option<f64> {
+    // The progress of an earlier attempt is not counted.
+    let measured = job.state == JobState::Running && job.checkpoint_step.is_none_or(|_| job.attempt <= 1);
+    let (done, total) = (job.done as f64, job.total as f64);
+    let took = took(job, now).filter(|took| measured && *took > 2.0 && done > 0.0 && done < total)?;
+    Some(took * (total - done) / done)
+}
+
+#[expect(clippy::cast_precision_loss, reason = "for reading")]
+fn seconds(from: Millis, until: Millis) -> f64 {
+    until.0.saturating_sub(from.0).max(0) as f64 / 1000.0
+}
+
+fn panels(metrics: &[Metric]) -> Markup {
+    let families = curves::families(metrics);
+    html! {
+        @if !families.is_empty() {
+            h2 { "Curves" }
+            div.curves { @for family in &families { (curves::panel(family)) } }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use gleaner_core::{
+        id::{DatasetId, TaskId},
+        job::JobSpec,
+    };
+
+    use super::*;
+
+    fn running() -> Job {
+        Job {
+            id: JobId::new(),
+            task_id: TaskId::new(),
+            spec: JobSpec::Export { dataset_id: DatasetId::new() },
+            state: JobState::Running,
+            priority: 0,
+            result_id: String::new(),
+            done: 25,
+            total: 100,
+            message: "writing <files>".into(),
+            error: String::new(),
+            attempt: 1,
+            max_attempts: 3,
+            cancel_requested: false,
+            checkpoint: None,
+            checkpoint_step: None,
+            peak_memory_bytes: 0,
+            needs: Vec::new(),
+            key: String::new(),
+            created_at: Millis(0),
+            started_at: Some(Millis(1000)),
+            ended_at: None,
+        }
+    }
+
+    #[test]
+    fn the_remaining_time_is_estimated_from_progress() {
+        let now = Millis(11_000);
+        assert_eq!((took(&running(), now), left(&running(), now)), (Some(10.0), Some(30.0)));
+        assert_eq!(left(&running(), Millis(2000)), None, "too early to say");
+        let resumed = Job { attempt: 2, checkpoint_step: Some(20), ..running() };
+        assert_eq!(left(&resumed, now), None);
+        let ended = Job { state: JobState::Succeeded, ended_at: Some(Millis(6000)), ..running() };
+        assert_eq!((took(&ended, now), left(&ended, now)), (Some(5.0), None));
+        let queued = Job { state: JobState::Queued, started_at: None, done: 0, total: 0, ..running() };
+        assert_eq!((took(&queued, now), left(&queued, now)), (None, None));
+    }
+
+    #[test]
+    fn the_state_and_message_are_shown_as_text() {
+        let text = standing(&Job { cancel_requested: true, ..running() }, Millis(2000)).into_string();
+        assert!(
+            text.contains(">cancelling<") && text.contains("writing &lt;files&gt;") && text.contains("25.0 %"),
+            "{text}"
+        );
+    }
+}

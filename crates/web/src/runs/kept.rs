@@ -1,0 +1,210 @@
+//! Counts of a selection: in total, by cohort, by episode.
+
+use std::cmp::Ordering;
+
+use gleaner_core::{
+    id::{EpisodeId, ScoreRunId},
+    selection::{Kept, Selection, WhatIf},
+};
+use maud::{Markup, html};
+use serde_json::{Value, json};
+
+use super::query::{Key, Order, parameter};
+use crate::{artifacts::link, backend::RunSummary, sheet::Sheet, text};
+
+/// Episodes shown on the page; the table for programs has all.
+const SHOWN: usize = 200;
+
+/// One episode under a selection.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Row {
+    pub(super) episode: EpisodeId,
+    pub(super) kept: u64,
+    pub(super) of: u64,
+    pub(super) mean_q: Option<f64>,
+}
+
+/// Every episode in this order; of equal ones the older first.
+pub(super) fn rows(what: &WhatIf, summary: &dyn RunSummary, order: Order) -> Vec<Row> {
+    let row = |(episode, kept, of): &(EpisodeId, u64, u64)| Row {
+        mean_q: summary.mean_q(episode),
+        episode: episode.clone(),
+        kept: *kept,
+        of: *of,
+    };
+    let mut rows: Vec<Row> = what.episodes.iter().map(row).collect();
+    sort(&mut rows, order);
+    rows
+}
+
+fn sort(rows: &mut [Row], Order { key, descending }: Order) {
+    let compare = |a: &Row, b: &Row| match key {
+        // a/b against c/d without dividing: a run may have episodes without segments.
+        Key::Share => (a.kept * b.of.max(1)).cmp(&(b.kept * a.of.max(1))),
+        Key::Kept => a.kept.cmp(&b.kept),
+        Key::Segments => a.of.cmp(&b.of),
+        Key::MeanQ => a.mean_q.unwrap_or(-1.0).total_cmp(&b.mean_q.unwrap_or(-1.0)),
+    };
+    let directed = |order: Ordering| if descending { order.reverse() } else { order };
+    rows.sort_by(|a, b| directed(compare(a, b)).then_with(|| a.episode.cmp(&b.episode)));
+}
+
+/// The counts of all episodes together.
+pub(crate) fn figures(what: &WhatIf) -> Markup {
+    let Kept { segments, of_segments, episodes, of_episodes } = what.total;
+    html! {
+        dl.figures {
+            div { dt { "Segments kept" } dd { (text::count(segments)) small { " of " (text::count(of_segments)) } } }
+            div { dt { "Share kept" } dd { (text::share(segments, of_segments)) } }
+            div { dt { "Episodes that contribute" } dd { (text::count(episodes)) small { " of " (text::count(of_episodes)) } } }
+            div {
+                dt { "Lowest similarity kept" }
+                dd { @match what.threshold { Some(w) => (format!("{w:.3}")), None => "–" } }
+            }
+        }
+    }
+}
+
+/// A share as a small bar; the numbers stand beside it.
+fn bar(part: u64, of: u64) -> Markup {
+    #[expect(clippy::cast_precision_loss, reason = "for a picture")]
+    let width = 100.0 * part as f64 / of.max(1) as f64;
+    html! {
+        svg.bar viewBox="0 0 100 8" preserveAspectRatio="none" aria-hidden="true" {
+            rect.part x="0" y="0" width=(format!("{width:.2}")) height="8" {}
+        }
+    }
+}
+
+/// The counts by cohort.
+pub(crate) fn cohorts(what: &WhatIf) -> Markup {
+    html! {
+        div.scroll { table {
+            thead { tr {
+                th { "Cohort" } th.wide { "Share kept" } th.number { "" } th.number { "Segments kept" } th.number { "Episodes" }
+            } }
+            tbody {
+                @for (cohort, kept) in &what.cohorts {
+                    tr {
+                        td { @if cohort.is_empty() { span.soft { "none" } } @else { (cohort) } }
+                        td.wide { (bar(kept.segments, kept.of_segments)) }
+                        td.number { (text::share(kept.segments, kept.of_segments)) }
+                        td.number { (text::count(kept.segments)) span.soft { " of " (text::count(kept.of_segments)) } }
+                        td.number { (text::count(kept.episodes)) span.soft { " of " (text::count(kept.of_episodes)) } }
+                    }
+                }
+            }
+        } }
+    }
+}
+
+/// The same as a table for programs.
+pub(crate) fn cohort_sheet(name: String, what: &WhatIf) -> Sheet {
+    let row = |(cohort, kept): (&String, &Kept)| {
+        vec![
+            json!(cohort),
+            json!(kept.segments),
+            json!(kept.of_segments),
+            json!(kept.episodes),
+            json!(kept.of_episodes),
+        ]
+    };
+    let columns = &["cohort", "kept_segments", "segments", "kept_episodes", "episodes"];
+    Sheet { name, columns, rows: what.cohorts.iter().map(row).collect() }
+}
+
+/// The counts of the first episodes, with links to sort them.
+pub(super) fn episodes(run: &ScoreRunId, selection: Selection, order: Order, rows: &[Row]) -> Markup {
+    let here = format!("/runs/{run}?{}", parameter(selection));
+    let head = |key: Key, name: &str| {
+        let chosen = order.key == key;
+        let next = Order { key, descending: !(chosen && order.descending) };
+        let sorted = chosen.then_some(if order.descending { "descending" } else { "ascending" });
+        html! { th.number aria-sort=[sorted] { a href=(format!("{here}&sort={}", next.word())) {
+            (name) @if chosen { (if order.descending { " ↓" } else { " ↑" }) }
+        } } }
+    };
+    html! {
+        div.scroll.tall tabindex="0" role="region" aria-label="Episodes" { table {
+            thead { tr {
+                th { "Episode" } th.wide { "" } (head(Key::Share, "Share kept")) (head(Key::Kept, "Kept"))
+                (head(Key::Segments, "Segments")) (head(Key::MeanQ, "Mean q"))
+            } }
+            tbody { @for row in rows.iter().take(SHOWN) { tr {
+                td { (link::brief(row.episode.as_str(), Some(&format!("/episodes/{}?run={run}", row.episode)))) }
+                td.wide { (bar(row.kept, row.of)) }
+                td.number { (text::share(row.kept, row.of)) }
+                td.number { (text::count(row.kept)) }
+                td.number { (text::count(row.of)) }
+                td.number { @match row.mean_q { Some(q) => (format!("{q:.3}")), None => "–" } }
+            } } }
+        } }
+        p.formats {
+            @if rows.len() > SHOWN { "The first " (SHOWN) " of " (text::counted(rows.len() as u64, "episode")) ". " }
+            "All as " a href=(format!("{here}&sort={}&format=json", order.word())) { "JSON" } " or "
+            a href=(format!("{here}&sort={}&format=csv", order.word())) { "CSV" }
+        }
+    }
+}
+
+/// Every episode for programs.
+pub(super) fn episode_sheet(run: &ScoreRunId, rows: Vec<Row>) -> Sheet {
+    let row = |row: Row| vec![json!(row.episode), json!(row.kept), json!(row.of), json!(row.mean_q)];
+    let columns = &["episode_id", "kept_segments", "segments", "mean_q"];
+    Sheet { name: format!("{run}-kept"), columns, rows: rows.into_iter().map(row).collect() }
+}
+
+/// All counts, for programs.
+pub(super) fn counts(run: &ScoreRunId, what: &WhatIf) -> Value {
+    let group = |kept: &Kept| {
+        json!({
+            "kept_segments": kept.segments, "segments": kept.of_segments,
+            "kept_episodes": kept.episodes, "episodes": kept.of_episodes,
+        })
+    };
+    let cohort = |(name, kept): (&String, &Kept)| (name.clone(), group(kept));
+    let episode =
+        |(id, kept, of): &(EpisodeId, u64, u64)| json!({ "episode_id": id, "kept_segments": kept, "segments": of });
+    json!({
+        "score_run_id": run,
+        "selection": what.selection,
+        "lowest_similarity": what.threshold,
+        "total": group(&what.total),
+        "cohorts": what.cohorts.iter().map(cohort).collect::<serde_json::Map<_, _>>(),
+        "by_episode": what.episodes.iter().map(episode).collect::<Vec<_>>(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(kept: u64, of: u64, mean_q: Option<f64>) -> Row {
+        Row { episode: EpisodeId::new(), kept, of, mean_q }
+    }
+
+    #[test]
+    fn shares_are_compared_exactly_and_ties_by_age() {
+        let rows = [row(1, 3, None), row(2, 6, Some(0.5)), row(0, 0, Some(0.1)), row(3, 4, Some(0.9))];
+        let sorted = |key, descending| {
+            let mut sorted = rows.to_vec();
+            sort(&mut sorted, Order { key, descending });
+            sorted.iter().map(|row| (row.kept, row.of)).collect::<Vec<_>>()
+        };
+        assert_eq!(sorted(Key::Share, true), [(3, 4), (1, 3), (2, 6), (0, 0)]);
+        assert_eq!(sorted(Key::Share, false), [(0, 0), (1, 3), (2, 6), (3, 4)]);
+        assert_eq!(sorted(Key::Kept, true)[0], (3, 4));
+        assert_eq!(sorted(Key::Segments, false)[0], (0, 0));
+        assert_eq!(sorted(Key::MeanQ, true), [(3, 4), (2, 6), (0, 0), (1, 3)]);
+    }
+
+    #[test]
+    fn the_table_links_to_its_reverse_order_and_is_limited() {
+        let (run, rows) = (ScoreRunId::new(), vec![row(1, 2, Some(0.25)); 250]);
+        let order = Order { key: Key::Share, descending: true };
+        let shown = episodes(&run, Selection::Beta(0.5), order, &rows).into_string();
+        assert!(shown.contains("beta=0.5&amp;sort=share\"") && shown.contains("beta=0.5&amp;sort=-kept\""), "{shown}");
+        assert!(shown.contains("The first 200 of 250 episodes") && shown.contains("format=csv"));
+        assert_eq!(shown.matches("<tr>").count(), 201);
+    }
+}

@@ -1,0 +1,151 @@
+//! One score run: its histogram with a threshold, and all counts of the threshold.
+
+use axum::{extract::Path, response::IntoResponse as _};
+use gleaner_core::{
+    Result, Words as _,
+    id::ScoreRunId,
+    score::ScoreRun,
+    selection::{Selection, WhatIf},
+    snapshot::Snapshot,
+    task::Task,
+};
+use maud::{Markup, html};
+
+use super::{
+    contact, kept, picture,
+    query::{Order, RunParameters, parameter},
+};
+use crate::{
+    artifacts::{self, link},
+    backend::RunSummary,
+    page::Page,
+    page_request::PageRequest,
+    refusal::Answer,
+    settings,
+    sheet::Format,
+    shell::{self, Head, Tab},
+    text,
+};
+
+pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let parameters: RunParameters = request.parameters()?;
+    let (selection, order) = (parameters.selection()?, parameters.order()?);
+    let summary = request.backend().summary(&ScoreRunId::parse("id", &id)?).await?;
+    let what = summary.what_if(selection).await?;
+    let (run, format) = (summary.run(), parameters.format(Format::Html));
+    if format != Format::Html {
+        return Ok(kept::episode_sheet(&run.id, kept::rows(&what, &*summary, order)).answer(format)?);
+    }
+    let backend = request.backend();
+    let task = backend.task_by_id(&run.task_id).await?;
+    let body = html! {
+        h1 { "Score run " (link::tail(run.id.as_str())) }
+        p.lead { (run.spec.scorer.name) " over " (text::counted(what.total.of_episodes, "imperfect episode")) ", against "
+            (text::counted(run.expert_ids.len() as u64, "expert")) ", " (text::time(run.created_at)) " UTC" }
+        (threshold(&request, &*summary, &what).await?)
+        (following(&*summary, &what, order))
+        (sheets(&*summary, &task).await?)
+        h2 { "Lineage" }
+        (artifacts::of_job(backend, &backend.job(&run.job_id).await?).await?)
+        h2 { "Facts" }
+        (facts(run, &backend.snapshot(&run.snapshot_id).await?))
+    };
+    let head = Head { title: "Score run", tab: Tab::Runs, task: Some(&task.spec.name), script: Some("run.js") };
+    Ok(shell::page(&request, &head, &body).into_response())
+}
+
+/// The counts of a selection: as JSON, or as the parts of the page that follow the slider.
+pub(crate) async fn what_if(request: PageRequest, Path(id): Path<String>) -> Answer {
+    let parameters: RunParameters = request.parameters()?;
+    let (selection, order) = (parameters.selection()?, parameters.order()?);
+    let summary = request.backend().summary(&ScoreRunId::parse("id", &id)?).await?;
+    let what = summary.what_if(selection).await?;
+    match parameters.format(Format::Json) {
+        Format::Html => Ok(following(&*summary, &what, order).into_response()),
+        Format::Json => Ok(axum::Json(kept::counts(&summary.run().id, &what)).into_response()),
+        Format::Csv => Ok(kept::cohort_sheet(format!("{id}-cohorts"), &what).answer(Format::Csv)?),
+    }
+}
+
+/// The histogram with its slider, and the button to make a dataset.
+async fn threshold(request: &PageRequest, summary: &dyn RunSummary, what: &WhatIf) -> Result<Markup> {
+    let counts = summary.histogram(picture::BINS).await?;
+    let run = &summary.run().id;
+    let beta = match what.selection {
+        Selection::Beta(beta) => Some(beta),
+        Selection::TopFraction(_) => None,
+    };
+    Ok(html! {
+        section.panel.threshold aria-label="Threshold" {
+            (picture::histogram(&counts, what.selection))
+            div.row {
+                form #threshold.row method="get" action=(format!("/runs/{run}")) data-run=(run.as_str()) {
+                    label for="slider" { "Keep segments with q above β" }
+                    input #slider type="range" min="0" max="1" step="0.01" value=[beta] aria-label="β, as a slider";
+                    input #beta name="beta" type="number" min="0" max="1" step="any" value=[beta] required
+                        aria-label="β, as a number";
+                    button type="submit" { "Show" }
+                }
+                @if request.may(Page::MakeDataset) {
+                    form #make method="post" action=(format!("/runs/{run}/datasets")) {
+                        input type="hidden" name="proof" value=(request.proof);
+                        @match what.selection {
+                            Selection::Beta(beta) => input type="hidden" name="beta" value=(beta);,
+                            Selection::TopFraction(part) => input type="hidden" name="top_fraction" value=(part);,
+                        }
+                        button.primary type="submit" { "Make dataset" }
+                    }
+                }
+            }
+            @if beta.is_none() {
+                p.note { "The shown top fraction: " (link::selection(what.selection)) ". Move the slider for a β." }
+            }
+            p #trouble.note.bad role="alert" hidden {}
+        }
+    })
+}
+
+/// The parts that follow the threshold.
+fn following(summary: &dyn RunSummary, what: &WhatIf, order: Order) -> Markup {
+    let run = &summary.run().id;
+    let counts = format!("/runs/{run}/what-if?{}", parameter(what.selection));
+    html! {
+        section #counts aria-live="polite" aria-label="What is kept" { (kept::figures(what)) }
+        h2 { "By cohort" }
+        div #by-cohort {
+            (kept::cohorts(what))
+            p.formats { "All counts as " a href=(format!("{counts}&format=json")) { "JSON" } ", this table as "
+                a href=(format!("{counts}&format=csv")) { "CSV" } }
+        }
+        h2 { "By episode" }
+        div #by-episode { (kept::episodes(run, what.selection, order, &kept::rows(what, summary, order))) }
+    }
+}
+
+async fn sheets(summary: &dyn RunSummary, task: &Task) -> Result<Markup> {
+    let (best, worst) = (summary.best(contact::SEGMENTS).await?, summary.worst(contact::SEGMENTS).await?);
+    let (run, camera) = (&summary.run().id, task.spec.cameras.first());
+    Ok(html! {
+        h2 { "Best segments" }
+        (contact::sheet(run, camera, &best))
+        h2 { "Worst segments" }
+        (contact::sheet(run, camera, &worst))
+    })
+}
+
+fn facts(run: &ScoreRun, snapshot: &Snapshot) -> Markup {
+    html! {
+        dl.facts.panel {
+            dt { "Score run" } dd.id { (run.id) }
+            dt { "Scorer" } dd { (run.spec.scorer.name) }
+            @for (name, value) in settings::rows(&run.spec.scorer.settings) { dt { (name) } dd { (value) } }
+            dt { "Normaliser" }
+            dd { (run.spec.normaliser.as_str()) "; with local scaling, " (format!("{:.3}", run.lo)) " is q = 0 and "
+                (format!("{:.3}", run.hi)) " is q = 1" }
+            dt { "Episodes" } dd { (artifacts::episodes(snapshot)) " (" (link::whole(run.snapshot_id.as_str())) ")" }
+            dt { "Encoder" } dd { (link::whole(run.encoder_id.as_str())) }
+            @if let Some(base) = &run.extends { dt { "Extends" } dd { (link::whole(base.as_str())) } }
+            dt { "Made by" } dd { (link::whole(run.job_id.as_str())) }
+        }
+    }
+}

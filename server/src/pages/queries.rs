@@ -1,0 +1,296 @@
+//! Reads and changes of the pages, handed to the module that does each. Must not contain a rule of its own.
+
+use std::sync::Arc;
+
+use async_trait::async_trait;
+use bytes::Bytes;
+use futures::{StreamExt as _, stream::BoxStream};
+use gleaner_web::{Artifacts, Deployments, Episodes, Jobs, RunSummary, Scores, Tasks};
+
+use super::{PageBackend, live_frame};
+use crate::{
+    curation::Summary,
+    domain::{
+        curation::{
+            FrozenEpisode, Input, Labelled, Lineage, SegmentRef, SnapshotUse, TableFilter, TableRow, TaskOverview,
+            Totals,
+        },
+        dataset::{Dataset, ExportFile},
+        episode::{Episode, InspectedEpisode, Label, NewLabel},
+        evaluation::Evaluation,
+        id::{
+            DatasetId, EncoderId, EpisodeId, EvaluationId, ExportId, JobId, PolicyId, ScoreRunId, SessionId,
+            SnapshotId, TaskId,
+        },
+        job::{Job, Metric},
+        live::{LiveSession, SessionState},
+        order::JobFilter,
+        policy::{Deployment, Policy},
+        score::{Encoder, EpisodeScores, ScoreRun},
+        selection::{Selection, WhatIf},
+        snapshot::Snapshot,
+        steps::{FrameView, Numbers},
+        task::Task,
+    },
+    error::Result,
+};
+
+#[async_trait]
+impl Tasks for PageBackend {
+    async fn task(&self, name: &str) -> Result<Task> {
+        self.services.store.task(name).await
+    }
+
+    async fn task_by_id(&self, id: &TaskId) -> Result<Task> {
+        self.services.store.task_by_id(id).await
+    }
+
+    async fn task_names(&self) -> Result<Vec<(TaskId, String)>> {
+        self.services.store.task_names().await
+    }
+
+    async fn count_tasks(&self, text: &str) -> Result<u64> {
+        self.services.store.count_tasks(text).await
+    }
+
+    async fn overview(&self, text: &str, skip: usize, most: usize) -> Result<Vec<TaskOverview>> {
+        self.services.store.overview(text, skip, most).await
+    }
+
+    async fn totals(&self) -> Result<Totals> {
+        self.services.store.totals().await
+    }
+}
+
+#[async_trait]
+impl Episodes for PageBackend {
+    async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode> {
+        self.services.store.episode(id).await
+    }
+
+    async fn task_of_episode(&self, id: &EpisodeId) -> Result<TaskId> {
+        Ok(self.services.store.recording_of(id).await?.0)
+    }
+
+    async fn episode_table(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<TableRow>> {
+        self.services.store.episode_table(task, filter).await
+    }
+
+    async fn cohorts(&self, task: &TaskId) -> Result<Vec<String>> {
+        self.services.store.cohorts(task).await
+    }
+
+    async fn labels(&self, id: &EpisodeId) -> Result<Vec<Label>> {
+        self.services.store.labels(id).await
+    }
+
+    async fn label_version(&self, id: &EpisodeId) -> Result<i64> {
+        self.services.store.label_version(id).await
+    }
+
+    async fn label_episodes(&self, seen: &[(EpisodeId, i64)], label: &NewLabel) -> Result<Labelled> {
+        let labelled = self.services.store.label_episodes_as_seen(seen, label).await?;
+        if matches!(labelled, Labelled::Done(_)) {
+            self.services.jobs.labelled();
+        }
+        Ok(labelled)
+    }
+
+    async fn snapshots_with(&self, episode: &EpisodeId, most: u32) -> Result<(Vec<SnapshotUse>, u64)> {
+        self.services.store.snapshots_with(episode, most).await
+    }
+
+    async fn frame(&self, episode: &EpisodeId, view: FrameView) -> Result<Vec<u8>> {
+        self.services.curation.frame(episode, view).await
+    }
+
+    async fn numbers(&self, episode: &EpisodeId) -> Result<Numbers> {
+        self.services.curation.numbers(episode).await
+    }
+
+    async fn recording(&self, episode: &Episode) -> Result<BoxStream<'static, Result<Bytes>>> {
+        Ok(self.services.blobs.stream(&episode.recording).await?.boxed())
+    }
+}
+
+#[async_trait]
+impl Scores for PageBackend {
+    async fn score_run(&self, id: &ScoreRunId) -> Result<ScoreRun> {
+        self.services.store.score_run(id).await
+    }
+
+    async fn score_runs(&self, task: &TaskId) -> Result<Vec<ScoreRun>> {
+        self.services.store.score_runs(task).await
+    }
+
+    async fn runs_that_scored(&self, task: &TaskId, episode: &EpisodeId) -> Result<Vec<ScoreRunId>> {
+        self.services.store.runs_that_scored(task, episode).await
+    }
+
+    async fn episode_scores(&self, run: &ScoreRunId, episode: &EpisodeId) -> Result<EpisodeScores> {
+        self.services.store.episode_scores(run, episode).await
+    }
+
+    async fn segment_length(&self, encoder: &EncoderId) -> Result<u32> {
+        self.services.store.segment_length(encoder).await
+    }
+
+    async fn expert_segments(&self, run: &ScoreRun) -> Result<u64> {
+        Ok(self.services.store.run_counts(run).await?.expert_segments)
+    }
+
+    async fn summary(&self, run: &ScoreRunId) -> Result<Arc<dyn RunSummary>> {
+        Ok(Arc::new(Scored(self.services.curation.summary(run).await?)))
+    }
+}
+
+#[async_trait]
+impl Artifacts for PageBackend {
+    async fn snapshot(&self, id: &SnapshotId) -> Result<Snapshot> {
+        self.services.store.frozen(id).await
+    }
+
+    async fn snapshots(&self, task: &TaskId) -> Result<Vec<Snapshot>> {
+        self.services.store.snapshots(task).await
+    }
+
+    async fn snapshot_episodes(&self, id: &SnapshotId) -> Result<Vec<FrozenEpisode>> {
+        self.services.store.frozen_episodes(id).await
+    }
+
+    async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {
+        self.services.store.encoder(id).await
+    }
+
+    async fn dataset(&self, id: &DatasetId) -> Result<Dataset> {
+        self.services.store.dataset(id).await
+    }
+
+    async fn datasets(&self, task: &TaskId) -> Result<Vec<Dataset>> {
+        self.services.store.datasets(task).await
+    }
+
+    async fn insert_dataset(&self, run: &ScoreRunId, selection: Selection) -> Result<Dataset> {
+        self.services.store.insert_dataset(run, selection).await
+    }
+
+    async fn policy(&self, id: &PolicyId) -> Result<Policy> {
+        self.services.store.policy(id).await
+    }
+
+    async fn policies(&self, task: &TaskId) -> Result<Vec<Policy>> {
+        self.services.store.policies(task).await
+    }
+
+    async fn evaluation(&self, id: &EvaluationId) -> Result<Evaluation> {
+        self.services.store.evaluation(id).await
+    }
+
+    async fn evaluations(&self, policy: &PolicyId) -> Result<Vec<Evaluation>> {
+        self.services.store.evaluations(policy).await
+    }
+
+    async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
+        self.services.store.export_files(id).await
+    }
+}
+
+#[async_trait]
+impl Jobs for PageBackend {
+    async fn job(&self, id: &JobId) -> Result<Job> {
+        self.services.store.job(id).await
+    }
+
+    async fn jobs(&self, filter: &JobFilter, before: Option<&JobId>, size: u32) -> Result<(Vec<Job>, Option<JobId>)> {
+        self.services.store.jobs(filter, before, size).await
+    }
+
+    async fn job_of_result(&self, result_id: &str) -> Result<Option<Job>> {
+        self.services.store.job_of_result(result_id).await
+    }
+
+    async fn jobs_naming(&self, task: &TaskId, ids: &[&str]) -> Result<Vec<Job>> {
+        self.services.store.jobs_naming(task, ids).await
+    }
+
+    async fn inputs(&self, job: &Job) -> Result<Vec<(Input, Option<Job>)>> {
+        self.services.store.inputs(job).await
+    }
+
+    async fn lineage(&self, job: &Job) -> Result<Lineage> {
+        self.services.store.lineage(job).await
+    }
+
+    async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
+        self.services.store.sparse_metrics(job, points).await
+    }
+
+    async fn job_log(&self, job: &JobId, bytes: u64) -> Result<String> {
+        self.services.jobs.log(job, bytes).await
+    }
+
+    async fn cancel_job(&self, id: &JobId) -> Result<Job> {
+        self.services.jobs.cancel(id).await
+    }
+
+    async fn retry_job(&self, id: &JobId) -> Result<Job> {
+        self.services.jobs.retry(id).await
+    }
+}
+
+#[async_trait]
+impl Deployments for PageBackend {
+    async fn deployment(&self, name: &str) -> Result<Deployment> {
+        self.services.store.deployment(name).await
+    }
+
+    async fn deployments(&self, task: Option<&TaskId>) -> Result<Vec<Deployment>> {
+        self.services.store.deployments(task).await
+    }
+
+    async fn previous_policy(&self, deployment: &str) -> Result<PolicyId> {
+        Ok(self.services.store.before(deployment).await?.0)
+    }
+
+    async fn roll_back(&self, deployment: &str) -> Result<Deployment> {
+        self.services.policies.roll_back(deployment).await
+    }
+
+    fn live(&self) -> Vec<(LiveSession, SessionState)> {
+        self.services.policies.live()
+    }
+
+    async fn live_frame(&self, session: &SessionId, camera: &str) -> Result<(&'static str, Bytes)> {
+        live_frame::read(&self.services, session, camera).await
+    }
+}
+
+/// A run's summary behind the trait of the pages.
+struct Scored(Arc<Summary>);
+
+#[async_trait]
+impl RunSummary for Scored {
+    fn run(&self) -> &ScoreRun {
+        self.0.run()
+    }
+
+    fn mean_q(&self, episode: &EpisodeId) -> Option<f64> {
+        self.0.mean_q(episode)
+    }
+
+    async fn what_if(&self, selection: Selection) -> Result<WhatIf> {
+        self.0.what_if(selection).await
+    }
+
+    async fn histogram(&self, bins: usize) -> Result<Vec<u64>> {
+        self.0.histogram(bins).await
+    }
+
+    async fn best(&self, most: usize) -> Result<Vec<SegmentRef>> {
+        self.0.best(most).await
+    }
+
+    async fn worst(&self, most: usize) -> Result<Vec<SegmentRef>> {
+        self.0.worst(most).await
+    }
+}

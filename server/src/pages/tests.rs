@@ -1,0 +1,10 @@
+//! The pages on a real store, requested without a socket.
+
+mod access;
+mod artifacts;
+mod episode;
+mod episodes;
+mod jobs;
+mod kinds;
+mod overview;
+mod runs;
