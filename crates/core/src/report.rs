@@ -1,10 +1,10 @@
-//! What reading found in a recording: counts, rates and findings, each with the mend.
+//! The report of reading a recording: counts, rates and findings, each with a remedy.
 //!
-//! Pure data. Must not know how findings are made.
+//! Pure data. Must not depend on the checks that make findings.
 
 use serde::{Deserialize, Serialize};
 
-/// What reading found in one recording.
+/// The report of one recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", default)]
 pub struct Report {
@@ -20,7 +20,7 @@ pub struct Report {
     pub rate_hz: f64,
     /// Messages of the clock topic that were dropped: before every stream had begun, or faster than the rate.
     pub dropped_ticks: u64,
-    /// Every topic of the file, by name.
+    /// The findings, worst first.
     pub topics: Vec<TopicReport>,
     /// What was found, worst first.
     pub findings: Vec<Finding>,
@@ -42,19 +42,19 @@ pub struct TopicReport {
     pub used: bool,
 }
 
-/// One thing found in a recording.
+/// One finding in a recording.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub struct Finding {
     /// How bad it is.
     pub severity: Severity,
-    /// What kind of thing it is.
+    /// The kind of the finding.
     pub code: FindingCode,
-    /// What it is about: a topic, a field value such as `joint_position[3]`, or the file.
+    /// The subject: a topic, a field value such as `joint_position[3]`, or the file.
     pub subject: String,
     /// First step concerned, if it concerns single steps.
     pub first_step: Option<u64>,
-    /// What is wrong and the mend.
+    /// What is wrong, and the remedy.
     pub detail: String,
 }
 
@@ -62,11 +62,11 @@ pub struct Finding {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Worth knowing.
+    /// For information.
     Note,
-    /// Look at it; the episode can be used.
+    /// Worth a look; the episode is usable.
     Warning,
-    /// The episode can't be used.
+    /// The episode is not usable.
     Error,
 }
 
@@ -77,9 +77,9 @@ pub enum Severity {
 pub enum FindingCode {
     /// A topic that the mapping names is absent or has no messages.
     MissingTopic,
-    /// A path of the mapping leads nowhere in a message.
+    /// A path of the mapping does not exist in a message.
     MissingField,
-    /// A topic's schema or encoding can't be understood.
+    /// A topic's schema or encoding is not supported.
     BadSchema,
     /// A message does not follow its schema.
     BadMessage,
@@ -89,9 +89,9 @@ pub enum FindingCode {
     NotFinite,
     /// A joint's value stays the same while others move.
     FrozenJoint,
-    /// An image or a field is not of the size the task says.
+    /// An image or a field has another size than the task's spec.
     WrongSize,
-    /// The file ends in the middle; what is whole was read.
+    /// The file ends in the middle; the whole messages before were read.
     Truncated,
     /// An image can't be decoded.
     BrokenImage,
@@ -133,13 +133,13 @@ impl Report {
         self.findings.push(Finding { severity, code, subject: subject.to_owned(), first_step, detail });
     }
 
-    /// The worst findings first; those alike in severity stay in the order in which they were found.
+    /// The worst findings first; findings of equal severity keep their order.
     pub fn sorted(mut self) -> Self {
         self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         self
     }
 
-    /// Whether any finding forbids the episode's use.
+    /// Whether any finding makes the episode unusable.
     pub fn has_errors(&self) -> bool {
         self.findings.iter().any(|finding| finding.severity == Severity::Error)
     }

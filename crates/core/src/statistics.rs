@@ -1,11 +1,11 @@
-//! Statistics of an evaluation: how well scores tell good steps from bad, how sure a success rate is.
+//! Statistics of an evaluation: how well scores separate good steps from bad, and the confidence of a success rate.
 //!
-//! Plain functions over plain numbers; knows no simulator, no server and no tensor.
+//! Plain functions over plain numbers; must not depend on a simulator, a server or tensors.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// How often [`auroc_interval`] draws anew.
+/// Number of resamples of [`auroc_interval`].
 const RESAMPLES: usize = 2_000;
 
 /// Area under the ROC curve: the chance that a random positive scores higher than a random negative, ties
@@ -17,9 +17,9 @@ pub fn auroc(scored: &[(f64, bool)]) -> Option<f64> {
 
 /// The 95 % bootstrap interval of the AUROC over episodes: `(low, high)`.
 ///
-/// Steps of one episode are alike, so whole episodes are drawn with replacement, 2,000 times, and the interval is
-/// from the 2.5 % to the 97.5 % quantile of what comes out. A draw that lacks one of the classes says nothing and is
-/// left out. The same episodes and seed give the same interval. `None` when [`auroc`] of all steps is.
+/// Steps of one episode are alike, so whole episodes are drawn with replacement, 2,000 times, and the interval is from
+/// the 2.5 % to the 97.5 % quantile of the results. A draw that lacks one of the classes is left out. The same episodes
+/// and seed give the same interval. `None` when [`auroc`] of all steps is `None`.
 #[must_use]
 pub fn auroc_interval(episodes: &[Vec<(f64, bool)>], seed: u64) -> Option<(f64, f64)> {
     let ranked = ranked(episodes.iter().map(Vec::as_slice))?;
@@ -34,7 +34,7 @@ pub fn auroc_interval(episodes: &[Vec<(f64, bool)>], seed: u64) -> Option<(f64, 
     };
     let mut areas: Vec<f64> = (0..RESAMPLES).filter_map(draw).collect();
     areas.sort_by(f64::total_cmp);
-    // The ranks that leave one in forty outside at either end.
+    // The ranks with one result in forty beyond each end.
     let outside = areas.len() / 40;
     Some((*areas.get(outside)?, *areas.get(areas.len() - 1 - outside)?))
 }
@@ -56,7 +56,7 @@ fn ranked<'a>(episodes: impl Iterator<Item = &'a [(f64, bool)]>) -> Option<Vec<S
     steps.iter().all(|step| !step.score.is_nan()).then_some(steps)
 }
 
-/// The area under the ROC curve when each episode counts so many times.
+/// The area under the ROC curve when each episode counts as often as `times` states.
 fn area(ranked: &[Step], times: &[f64]) -> Option<f64> {
     let (mut pairs_won, mut negatives, mut positives) = (0.0_f64, 0.0_f64, 0.0_f64);
     for tied in ranked.chunk_by(|a, b| a.score == b.score) {
@@ -71,8 +71,8 @@ fn area(ranked: &[Step], times: &[f64]) -> Option<f64> {
     (negatives > 0.0 && positives > 0.0).then(|| pairs_won / (negatives * positives))
 }
 
-/// Precision and recall of the kept items against the good ones, `None` where nothing is kept or nothing is good.
-/// Items past the shorter list are ignored.
+/// Precision and recall of the kept items against the good ones. Precision is `None` without kept items, recall without
+/// good ones. Items past the shorter list are ignored.
 #[must_use]
 pub fn precision_recall(kept: &[bool], good: &[bool]) -> (Option<f64>, Option<f64>) {
     let (mut both, mut kept_count, mut good_count) = (0_u32, 0_u32, 0_u32);
@@ -85,7 +85,7 @@ pub fn precision_recall(kept: &[bool], good: &[bool]) -> (Option<f64>, Option<f6
     (share(kept_count), share(good_count))
 }
 
-/// The 95 % Wilson score interval of a success rate; `(0, 1)` when nothing was tried.
+/// The 95 % Wilson score interval of a success rate; `(0, 1)` without trials.
 #[must_use]
 pub fn wilson(successes: u32, total: u32) -> (f64, f64) {
     if total == 0 {
@@ -115,7 +115,8 @@ mod tests {
         assert_eq!(auroc(&[(f64::NAN, true), (0.1, false)]), None);
     }
 
-    /// Episodes of 10 steps whose positives score higher by so much, under noise that all steps of an episode share.
+    /// Episodes of 10 steps whose positives score higher by a fixed amount, under noise that all steps of an episode
+    /// share.
     fn episodes(count: usize, seed: u64) -> Vec<Vec<(f64, bool)>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut episode = |_| {

@@ -1,12 +1,12 @@
-//! The task specification: what a step of this task holds and where a recording keeps it.
+//! The task specification: the contents of a step of this task and their location in a recording.
 //!
-//! Pure data; `gleaner-recording` checks it. Must not know how recordings are read.
+//! Pure data; `gleaner-recording` checks it. Must not depend on the reading of recordings.
 
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-/// What one step of a task holds (cameras, proprioception, action, rate) and how each is found in a recording.
+/// The contents of one step of a task (cameras, proprioception, action, rate) and their location in a recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct TaskSpec {
@@ -14,7 +14,7 @@ pub struct TaskSpec {
     pub name: String,
     /// Steps per second.
     pub rate_hz: f64,
-    /// Cameras, in the order in which frames are laid out.
+    /// Cameras, in the order of the frames in memory.
     #[serde(default)]
     pub cameras: Vec<CameraSpec>,
     /// Proprioception fields; their values in this order are the proprioception vector.
@@ -22,14 +22,14 @@ pub struct TaskSpec {
     pub proprioception: Vec<FieldSpec>,
     /// Action fields; their values in this order are the action vector.
     pub action: Vec<FieldSpec>,
-    /// How a step picks one message of each stream.
+    /// How the message of each stream is chosen for a step.
     #[serde(default)]
     pub alignment: Alignment,
     /// Share of a period by which a message may lie after its step and still belong to it.
     /// Streams of one control tick are stamped a few milliseconds apart.
     #[serde(default = "default_tolerance")]
     pub tolerance: f64,
-    /// Where recordings keep all this; one mapping for each way of recording.
+    /// The location of all this in recordings; one mapping for each way of recording.
     #[serde(default)]
     pub mappings: Vec<Mapping>,
 }
@@ -55,11 +55,11 @@ pub struct CameraSpec {
 pub struct FieldSpec {
     /// The field's name, unique within the task.
     pub name: String,
-    /// How many numbers it holds.
+    /// Number of values.
     pub size: u32,
 }
 
-/// How a step picks one message of each stream.
+/// How the message of each stream is chosen for a step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Alignment {
@@ -70,7 +70,7 @@ pub enum Alignment {
     Nearest,
 }
 
-/// Where one way of recording keeps a task's cameras and fields.
+/// The location of a task's cameras and fields in one way of recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct Mapping {
@@ -107,10 +107,10 @@ pub struct FieldSource {
     pub field: String,
     /// Topic of the messages.
     pub topic: String,
-    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are put one after the other.
+    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are concatenated.
     pub paths: Vec<String>,
-    /// When set, each path is an array parallel to the message's `name` array, and its values are picked
-    /// by these names, in this order, whatever the order in the message.
+    /// When set, each path is an array parallel to the message's `name` array, and its values are picked by these
+    /// names, in this order, whatever the order in the message.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub names: Vec<String>,
 }

@@ -1,4 +1,5 @@
-//! Reading single fields of a request: what is missing, empty or out of range is named with its mend.
+//! Reading single fields of a request: a missing, empty or out-of-range value is rejected with the field's name and a
+//! remedy.
 
 use prost_types::Timestamp;
 
@@ -12,7 +13,7 @@ pub fn required<T>(field: &str, value: Option<T>) -> Result<T> {
     value.ok_or_else(|| Error::invalid(field, "must be set"))
 }
 
-/// A text that must not be empty, nor longer than 255 bytes, nor hold control characters.
+/// A text of 1 to 255 bytes without control characters.
 pub fn text(field: &str, value: String) -> Result<String> {
     if value.is_empty() {
         return Err(Error::invalid(field, "must not be empty"));
@@ -20,7 +21,7 @@ pub fn text(field: &str, value: String) -> Result<String> {
     tag(field, value)
 }
 
-/// A text that may be empty, but not longer than 255 bytes, nor hold control characters.
+/// A text of up to 255 bytes without control characters; may be empty.
 pub fn tag(field: &str, value: String) -> Result<String> {
     if value.len() > 255 {
         return Err(Error::invalid(field, "must be at most 255 bytes"));
@@ -31,7 +32,7 @@ pub fn tag(field: &str, value: String) -> Result<String> {
     Ok(value)
 }
 
-/// A page size: 0 means 100, more than 1000 is refused.
+/// A page size: 0 means 100, more than 1000 is rejected.
 pub fn page_size(value: u32) -> Result<u32> {
     match value {
         0 => Ok(100),
