@@ -1,4 +1,4 @@
-//! The one error of the search: input of the wrong shape.
+//! The error of the search: input of the wrong shape.
 
 /// Input that cannot be searched.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

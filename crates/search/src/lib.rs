@@ -5,8 +5,8 @@
 //! comparison with every point in double precision, whatever the tiles, the threads or the processor. [`Neighbours`]
 //! returns the k nearest points of other groups in single precision, for means and other statistics.
 //!
-//! Tensors stay inside; no other crate of the workspace is named here. The tensor library panics when it runs out of
-//! memory, so a caller that must survive that catches the unwind.
+//! Tensors stay inside; no other crate of the workspace is named here. The tensor library panics when memory runs out,
+//! so a caller that must survive this catches the unwind.
 
 mod bound;
 mod codes;
