@@ -1,15 +1,14 @@
-//! The edge of a gRPC server: how many connections are open, how long a peer may be silent or slow, and how many calls
-//! it may make.
-//! The transport limits none of this.
+//! The edge of a gRPC server: limits on open connections, on the time for which a peer may be silent or slow, and on
+//! calls. The transport has none of these limits.
 //!
-//! [`Connections`] holds the limits for every connection of a listener. [`Connections::accept`] returns the connections
-//! that got a permit and shook hands ([`Tls`]), each watched: it ends when its peer makes no first call, reads nothing,
-//! or leaves a response unread for too long. [`Connections::layer`] watches the calls on them: requests and responses
-//! must keep a minimum rate, and unary calls of one client queue behind each other. [`Connections::count`] limits how
-//! many calls a client makes.
+//! [`Connections`] has the limits for every connection of a listener. [`Connections::accept`] returns the connections
+//! that got a permit and completed the handshake ([`Tls`]), each watched: it ends when its peer makes no first call,
+//! reads nothing, or leaves a response unread for too long. [`Connections::layer`] watches the calls on them: requests
+//! and responses must keep a minimum rate, and unary calls of one client queue behind each other.
+//! [`Connections::count`] limits the calls of a client.
 //!
-//! Knows bytes, addresses, tonic and the paths of calls. No other crate of the workspace is named here, and what a call
-//! means or which client a key stands for is the caller's business. Numbers go to the `metrics` crate.
+//! Depends on bytes, addresses, tonic and the paths of calls. No other crate of the workspace is named here; the caller
+//! defines the meaning of a call and the client behind a key. Numbers go to the `metrics` crate.
 
 mod accept;
 mod body;
