@@ -116,7 +116,7 @@ impl StampFile {
     }
 }
 
-/// Writes a stamp and syncs it. The outer error is the disk's, the inner one an [`Error`] of this function.
+/// Writes a stamp and syncs it. The error is `Ok` with one of this crate, or `Err` with the disk's.
 fn write(file: &File, stamp: &Stamp) -> std::result::Result<(), std::result::Result<Error, io::Error>> {
     let line = stamp.line().map_err(Ok)?;
     file.write_all_at(&line, 0).and_then(|()| file.sync_data()).map_err(Err)

@@ -90,7 +90,7 @@ impl Grid {
     }
 }
 
-/// A lower bound of `square` for any rounding and addition, no less accurate below single precision.
+/// A lower bound of `square` for any rounding and addition, also below the range of single precision.
 fn below(square: f64) -> f32 {
     #[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margin")]
     let square = (square * (1.0 - ROUNDING) - UNDERFLOW) as f32;

@@ -109,8 +109,8 @@ impl<'a> Sweep<'a> {
         (0..last).find(pays).unwrap_or(last)
     }
 
-    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the points `from..to`, and pads
-    /// the last group.
+    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the points `from..to`, and
+    /// to a few more that fill the last group.
     fn bound(&mut self, (level, block): (usize, &Block), (from, to): (usize, usize), (open, all): (&[usize], usize)) {
         let (width, count) = ((to - from).next_multiple_of(GROUP), open.len());
         let mut sum = self.sum.narrow(0, 0, int(count * width)).view([int(count), int(width)]);
