@@ -1,10 +1,10 @@
 //! SSDF: pretraining, quality scores and policies, on tensors.
 //!
-//! Plain data goes in and plain data comes out: no tensor leaves this crate, and it knows nothing
-//! of servers, files, recordings or databases. Bytes in, bytes out; whoever calls stores them.
+//! Inputs and outputs are plain data: no tensor leaves this crate, and it must not depend on servers, files, recordings
+//! or databases. Checkpoints are bytes, which the caller stores.
 //!
 //! The three steps of the method are [`pretrain`], [`score`](fn@score) and [`train_policy`];
-//! [`Policy`] runs what they made.
+//! [`Policy`] runs their result.
 
 mod batch;
 mod checkpoint;

@@ -1,18 +1,17 @@
-//! Temporal ensembling: many chunks' opinions on one step become one action. Plain data, kept
-//! beside a session's history; knows nothing of who predicts the chunks.
+//! Temporal ensembling: the predictions of several chunks for one step become one action. Plain data, stored beside a
+//! session's history; must not depend on the policy that predicts the chunks.
 
 use std::collections::VecDeque;
 
 use crate::error::LearnError;
 
-/// How fast a prediction's weight falls with its age rank: `exp(-DECAY * i)`.
+/// The decay of a prediction's weight with its age rank: `exp(-DECAY * i)`.
 const DECAY: f64 = 0.01;
 
-/// The chunks of a session that still have something to say.
+/// The chunks of a session that still cover a coming step.
 ///
-/// Every control step a chunk of k actions is predicted, so up to k chunks foresee each step. The
-/// action for a step is their mean with weights `exp(-0.01 i)`, i = 0 the oldest: a new observation
-/// moves the motion gently and never with a jerk.
+/// A chunk of k actions is predicted at every control step, so up to k chunks cover each step. The action for a step is
+/// their mean with weights `exp(-0.01 i)`, i = 0 the oldest, so that a new observation changes the motion smoothly.
 #[derive(Debug, Clone, Default)]
 pub struct Ensemble {
     /// (the step its first action is for, its actions), oldest first.
@@ -20,14 +19,13 @@ pub struct Ensemble {
 }
 
 impl Ensemble {
-    /// One that holds nothing.
+    /// An ensemble without chunks.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes the chunk predicted at `step`, whose first action is for that step, and gives the
-    /// action for it. Steps that were skipped count: what an older chunk foresaw for `step` is used,
-    /// and chunks that do not reach it are forgotten.
+    /// Adds the chunk predicted at `step`, whose first action is for that step, and returns the action for it. Skipped
+    /// steps count: an older chunk's prediction for `step` is used, and chunks that do not reach it are removed.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if the chunk is empty, its actions differ in length, or `step` is not
@@ -50,7 +48,7 @@ impl Ensemble {
         Ok(sum.into_iter().map(|sum| (sum / weights) as f32).collect())
     }
 
-    /// Forgets everything, for a new episode.
+    /// Removes all chunks, for a new episode.
     pub fn reset(&mut self) {
         self.chunks.clear();
     }
@@ -76,7 +74,7 @@ impl Ensemble {
     }
 }
 
-/// What a chunk from `begin` on says of `step`, if it reaches it.
+/// The action of a chunk starting at `begin` for `step`, if it reaches it.
 fn foreseen(begin: u64, actions: &[Vec<f32>], step: u64) -> Option<&Vec<f32>> {
     actions.get(usize::try_from(step - begin).ok()?)
 }
@@ -99,7 +97,7 @@ mod tests {
         let third = (-0.02f64).exp();
         let expected = (3.0 + second * 6.0 + third * 9.0) / (1.0 + second + third);
         assert!((f64::from(ensemble.push(2, chunk(&[9.0, 9.0, 9.0])).unwrap()[0]) - expected).abs() < 1e-6);
-        // Step 3 was skipped: at 4 only the chunk of step 2 still has a say.
+        // Step 3 was skipped: at 4 only the chunk of step 2 still counts.
         let expected = (9.0 + second) / (1.0 + second);
         assert!((f64::from(ensemble.push(4, chunk(&[1.0])).unwrap()[0]) - expected).abs() < 1e-6);
         assert_eq!(ensemble.chunks.len(), 2);
