@@ -4,22 +4,22 @@ use gleaner_recording::{CameraSpec, TaskSpec, encode_jpeg};
 
 use crate::error::{Error, Result};
 
-/// Good enough to judge a grasp, at a tenth of the bytes.
+/// JPEG quality: sufficient to judge a grasp, at a tenth of the bytes.
 const QUALITY: u8 = 85;
 /// The brightness of the farthest pixel; black is for pixels without a reading.
 const FARTHEST: u32 = 32;
 
-/// The selected image of an episode.
+/// The selection of an episode's image.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct View {
     /// The step, from 0.
     pub(crate) step: u64,
     /// The camera's name in the task.
     pub(crate) camera: String,
-    /// Its depth image instead of colour: from near (light) to far (dark), scaled to this frame; black without a
-    /// reading.
+    /// Whether its depth image is shown instead of colour: from near (light) to far (dark), scaled to this frame; black
+    /// without a reading.
     pub(crate) depth: bool,
-    /// The most pixels in width and height; `None` as recorded. Images are only scaled down.
+    /// Maximum width and height in pixels; `None`: as recorded. Images are only scaled down.
     pub(crate) size: Option<u32>,
 }
 
@@ -30,7 +30,7 @@ struct Picture {
     width: usize,
 }
 
-/// The image of a step's frame, which holds all cameras one after the other, as JPEG.
+/// The image of a step's frame, which has the images of all cameras in sequence, as JPEG.
 pub(super) fn picture(spec: &TaskSpec, frame: &[u8], view: &View) -> Result<Vec<u8>> {
     let (camera, [color, depth]) = images(spec, frame, &view.camera)?;
     let (height, width) = (camera.height as usize, camera.width as usize);
