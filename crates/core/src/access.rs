@@ -4,8 +4,8 @@
 
 use super::{id::TokenId, time::Millis};
 
-/// What a token allows. Viewer, contributor, trainer and admin form a ladder, each including the one before; a robot is
-/// outside it.
+/// The rights of a token. Viewer, contributor, trainer and admin form a ladder, each including the one before; a robot
+/// is outside it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Role {
     /// Reads everything.

@@ -16,9 +16,9 @@ pub struct Attempt {
 pub enum AttemptEnd {
     /// The server stopped it, or crashed: no fault of the job, so the attempt does not count.
     Stopped,
-    /// Another attempt could help, such as after a crash of the worker. Holds what happened.
+    /// Another attempt could help, such as after a crash of the worker. Holds the reason.
     Broken(String),
-    /// No attempt can help, such as with input that cannot be learned from. Holds what is wrong.
+    /// No attempt can help, such as with input that cannot be learned from. Holds the reason.
     Hopeless(String),
 }
 

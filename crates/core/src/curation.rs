@@ -20,9 +20,9 @@ pub struct TaskOverview {
     pub task: Task,
     /// Its episodes by outcome.
     pub outcomes: OutcomeCounts,
-    /// What was recorded, in hours.
+    /// The recorded time, in hours.
     pub hours: f64,
-    /// What the recordings take on disk, in bytes.
+    /// Size of the recordings on disk, in bytes.
     pub bytes: u64,
     /// Number of cohorts of its episodes; no cohort counts as one.
     pub cohorts: u64,
@@ -37,7 +37,7 @@ pub struct Totals {
     pub episodes: u64,
     /// The recorded time, in hours.
     pub hours: f64,
-    /// What the recordings take on disk, in bytes.
+    /// Size of the recordings on disk, in bytes.
     pub bytes: u64,
 }
 
@@ -71,7 +71,7 @@ pub struct TableRow {
     pub labelled_at: Millis,
 }
 
-/// What a table is sorted by.
+/// Sort keys of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SortKey {
     /// Mean q in a score run; episodes without one come last either way.
@@ -238,7 +238,7 @@ pub struct SnapshotUse {
     pub cohort: String,
 }
 
-/// Something that a job's spec names.
+/// An input that a job's spec names.
 #[derive(Debug, Clone)]
 pub enum Input {
     /// A snapshot; no job makes one.
@@ -283,7 +283,7 @@ impl Input {
     }
 }
 
-/// The inputs of a job's result, and what was made from the result.
+/// The inputs of a job's result, and the results made from it.
 #[derive(Debug, Clone)]
 pub struct Lineage {
     /// The results its spec names, each with the job that made it; for a dataset, the job that made its run.

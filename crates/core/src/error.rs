@@ -97,7 +97,7 @@ impl Error {
         Self::new(Kind::Unavailable, message)
     }
 
-    /// A fault of the server; `doing` names what failed. A full or read-only disk is not a fault of the server: the
+    /// A fault of the server; `doing` names what failed. A disk that rejects writes is not a fault of the server: the
     /// error is then Exhausted.
     pub fn internal(doing: impl Into<String>, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
         let (doing, source) = (doing.into(), source.into());
@@ -117,7 +117,7 @@ impl Error {
         Self { kind, message: message.into(), source: None }
     }
 
-    /// What kind of error this is.
+    /// The kind of the error.
     pub fn kind(&self) -> Kind {
         self.kind
     }

@@ -14,7 +14,7 @@ pub struct SeedResult {
     pub episodes: u32,
     /// Attempts that succeeded.
     pub successes: u32,
-    /// Steps of an attempt on average; 0 when not known.
+    /// Steps of an attempt on average; 0 when unknown.
     pub mean_steps: f64,
 }
 

@@ -106,7 +106,7 @@ pub enum JobSpec {
     Pretrain {
         /// D_u = D_e ∪ D_i.
         snapshot_id: SnapshotId,
-        /// Everything else.
+        /// The settings.
         spec: PretrainSpec,
     },
     /// Quality scores of a snapshot's imperfect episodes.
@@ -118,7 +118,7 @@ pub enum JobSpec {
         /// The finished run that this one extends, if any.
         #[serde(default)]
         extends: Option<ScoreRunId>,
-        /// Everything else.
+        /// The settings.
         spec: ScoreSpec,
     },
     /// Weighted behaviour cloning.
@@ -129,19 +129,19 @@ pub enum JobSpec {
         snapshot_id: SnapshotId,
         /// Kept segments; `None` for experts alone.
         dataset_id: Option<DatasetId>,
-        /// Everything else.
+        /// The settings.
         spec: TrainSpec,
     },
     /// Files from a dataset, as MCAP.
     Export {
-        /// What to export.
+        /// The dataset to export.
         dataset_id: DatasetId,
     },
     /// Closed-loop trials in the embedded simulator.
     Evaluate {
-        /// What to evaluate.
+        /// The policy to evaluate.
         policy_id: PolicyId,
-        /// Everything else.
+        /// The settings.
         spec: EvaluateSpec,
     },
 }
@@ -176,7 +176,7 @@ pub struct Job {
     pub id: JobId,
     /// Its task.
     pub task_id: TaskId,
-    /// What to do.
+    /// Its complete specification.
     pub spec: JobSpec,
     /// Its state.
     pub state: JobState,
@@ -186,7 +186,7 @@ pub struct Job {
     pub result_id: String,
     /// Progress, out of `total`.
     pub done: u64,
-    /// What `done` counts up to; 0 while unknown.
+    /// Final value of `done`; 0 while unknown.
     pub total: u64,
     /// Its present activity.
     pub message: String,

@@ -57,7 +57,7 @@ pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec,
 
 #[doc(hidden)]
 pub mod private {
-    //! What [`settings!`](crate::settings) expands to.
+    //! Items used by the expansion of [`settings!`](crate::settings).
     pub use serde::de::Error;
     pub use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

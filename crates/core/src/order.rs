@@ -10,7 +10,7 @@ use super::{
     snapshot::RoleRule,
 };
 
-/// A caller's specification of a job. The server chooses what is left out. Stored with a job that has a key.
+/// A caller's specification of a job. The server fills in parts that are left out. Stored with a job that has a key.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum JobOrder {
@@ -20,7 +20,7 @@ pub enum JobOrder {
         snapshot_id: Option<SnapshotId>,
         /// Roles in a new snapshot.
         rule: RoleRule,
-        /// Everything else.
+        /// The settings.
         spec: PretrainSpec,
     },
     /// Quality scores.
@@ -31,14 +31,14 @@ pub enum JobOrder {
         snapshot_id: Option<SnapshotId>,
         /// A finished run to extend.
         extends: Option<ScoreRunId>,
-        /// Everything else.
+        /// The settings.
         spec: ScoreSpec,
     },
     /// Weighted behaviour cloning.
     Train {
         /// The training data.
         data: TrainData,
-        /// Everything else.
+        /// The settings.
         spec: TrainSpec,
     },
     /// Files from a dataset.
@@ -50,7 +50,7 @@ pub enum JobOrder {
     Evaluate {
         /// The policy to evaluate.
         subject: Subject,
-        /// Everything else; an empty simulation means the task's own name.
+        /// The settings; an empty simulation means the task's own name.
         spec: EvaluateSpec,
     },
 }

@@ -20,9 +20,9 @@ pub struct Report {
     pub rate_hz: f64,
     /// Messages of the clock topic that were dropped: before every stream had begun, or faster than the rate.
     pub dropped_ticks: u64,
-    /// The findings, worst first.
+    /// Every topic of the file, by name.
     pub topics: Vec<TopicReport>,
-    /// What was found, worst first.
+    /// The findings, worst first.
     pub findings: Vec<Finding>,
 }
 

@@ -22,7 +22,7 @@ pub struct PipelineSpec {
     pub pretrain: PretrainSpec,
     /// Whether to score.
     pub score: bool,
-    /// How to score; `None` takes the defaults on the device of pretraining.
+    /// Settings of the scoring; `None` takes the defaults on the device of pretraining.
     #[serde(default)]
     pub scoring: Option<ScoreSpec>,
     /// Makes a dataset of the segments with a higher q; needs `score`.
@@ -108,7 +108,7 @@ pub struct Schedule {
     pub task_id: TaskId,
     /// Its name, unique within the task.
     pub name: String,
-    /// What starts it.
+    /// Its trigger.
     pub trigger: Trigger,
     /// The pipeline to start.
     pub pipeline: PipelineSpec,

@@ -178,7 +178,7 @@ impl Histogram {
         }
     }
 
-    /// Segments in each bin; the last bin holds q = 1 too.
+    /// Segments in each bin; the last bin includes q = 1.
     pub fn counts(&self) -> &[u64] {
         &self.counts
     }

@@ -61,7 +61,7 @@ fn rank(fraction: f64, segments: usize) -> usize {
     ((fraction * segments as f64 * (1.0 - 1e-12)).ceil() as usize).max(1)
 }
 
-/// (q, w) of every segment from best to worst, as [`Filter::new`] takes it.
+/// (q, w) of every segment from best to worst, as an argument of [`Filter::new`].
 pub fn ranked(candidates: &[Candidate]) -> Vec<(f32, f64)> {
     let pairs = candidates.iter().flat_map(|one| one.q.iter().copied().zip(one.w.iter().copied()));
     let mut ranked: Vec<(f32, f64)> = pairs.collect();

@@ -42,7 +42,7 @@ pub trait Words: Sized + Copy + 'static {
 pub struct Word<T> {
     /// The value.
     pub value: T,
-    /// What it means.
+    /// Its meaning.
     pub about: &'static str,
 }
 

@@ -22,7 +22,7 @@ pub struct Inputs {
     pub kept: Vec<KeptInput>,
     /// The encoder's checkpoint; for scoring and training.
     pub encoder: Option<BlobId>,
-    /// What to resume from.
+    /// The checkpoint to resume from.
     pub checkpoint: Option<BlobId>,
     /// l of the encoder; for export.
     pub segment_length: u32,
@@ -76,7 +76,7 @@ pub struct KeptInput {
 pub struct Progress {
     /// Units done, out of `total`.
     pub done: u64,
-    /// What `done` counts up to; 0 while unknown.
+    /// Final value of `done`; 0 while unknown.
     pub total: u64,
     /// Present activity.
     pub message: String,

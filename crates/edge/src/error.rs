@@ -29,7 +29,7 @@ pub enum EdgeError {
         file: TlsFile,
         /// Its path.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault of the file.
         problem: String,
     },
     /// TLS cannot be set up at all.

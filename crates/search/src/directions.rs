@@ -11,7 +11,7 @@ use crate::tensor::int;
 
 /// Narrower rows are not worth projecting.
 const LEAST_WIDTH: usize = 96;
-/// With fewer rows for each direction, the sample says little about the differences of rows, and a full product is
+/// With fewer rows for each direction, the sample shows little of the differences of rows, and a full product is
 /// cheap.
 const ROWS_A_DIRECTION: usize = 16;
 /// Largest accepted stretch; beyond it the directions are not orthonormal enough.

@@ -41,7 +41,7 @@ struct Place {
 }
 
 impl<'a> KeptFeatures<'a> {
-    /// The features of `inputs` under their encoder; `kind` is the rest of what determines them.
+    /// The features of `inputs` under their encoder; `kind` is the rest of their key.
     pub(crate) fn new(data_dir: &Path, blobs: &'a Blobs, inputs: &'a Inputs, kind: &str) -> Self {
         let place = |episode: &'a InputEpisode| {
             let place = place(data_dir, &inputs.task, episode, (inputs.encoder.as_ref()?, kind))?;

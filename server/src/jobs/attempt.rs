@@ -60,9 +60,8 @@ async fn heard(
     let (mut end, mut following) = (pin!(end), pin!(log.follow(said, pass_on)));
     tokio::select! {
         end = &mut end => {
-            // The pipe closes with the worker. If another process still holds it open, the wait ends after
-            // [`LAST_WORDS`].
-            // LAST_WORDS.
+            // The pipe closes with the worker; if another process still holds it open, the wait ends after
+            // `LAST_WORDS`.
             let _ = tokio::time::timeout(LAST_WORDS, following).await;
             end
         }

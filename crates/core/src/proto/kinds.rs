@@ -8,7 +8,7 @@ use crate::{
 };
 use gleaner_proto::v1;
 
-/// Everything that a client may choose.
+/// Every kind that a client may choose.
 pub fn list() -> v1::ListKindsResponse {
     let job = |name: &str, about: &str, settings: Vec<Setting>| v1::Kind {
         name: name.to_owned(),

@@ -94,7 +94,7 @@ pub fn snapshot(snapshot: Snapshot) -> v1::Snapshot {
     }
 }
 
-/// An episode as a snapshot holds it.
+/// An episode as frozen in a snapshot.
 pub fn snapshot_episode(member: SnapshotEpisode) -> v1::SnapshotEpisode {
     let SnapshotEpisode { episode_id, outcome, cohort, role, steps } = member;
     v1::SnapshotEpisode {

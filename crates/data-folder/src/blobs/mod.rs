@@ -112,7 +112,7 @@ impl Blobs {
         let place = self.path(id);
         let folder = place.parent().unwrap_or(&self.root);
         let file = File::open(from).map_err(fault("opening", from))?;
-        // The sweep reads this time: a blob put a moment ago may have no row yet.
+        // The sweep reads this time: a blob stored a moment ago may have no row yet.
         file.set_modified(SystemTime::now()).map_err(fault("dating", from))?;
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");

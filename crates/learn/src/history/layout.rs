@@ -27,7 +27,7 @@ pub(crate) struct Stacked {
     pub(crate) embedded: Tensor,
     /// `[N, M]` in physical units.
     pub(crate) proprioception: Tensor,
-    /// `[N, A]` in physical units; zeros where not known.
+    /// `[N, A]` in physical units; zeros where unknown.
     pub(crate) action: Tensor,
     pub(crate) windows: Windows,
 }
