@@ -58,23 +58,25 @@ const MARKDOWN: [&str; 8] = ["benches", "client", "crates", "docs", "examples", 
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/command/src/experiment/testdata/"];
 
 /// Rust files and folders whose doc comments and help texts follow the list of phrases. Add a folder once it does.
-const SOURCES: [&str; 17] = [
+const SOURCES: [&str; 19] = [
     "benches/",
     "client/command/src/",
     "client/src/",
-    "crates/core/src/",
-    "crates/inspector/src/",
-    "crates/learn/src/objective/",
-    "crates/learn/src/policy/",
-    "crates/recording/",
-    "crates/sim/",
-    "crates/web/src/",
+    "crates/",
     "fuzz/",
     "server/src/access/tls/",
     "server/src/config.rs",
     "server/src/config/",
+    "server/src/curation/",
+    "server/src/jobs/",
+    "server/src/lib.rs",
+    "server/src/main.rs",
+    "server/src/maintenance/",
+    "server/src/model_cache.rs",
     "server/src/pages/",
-    "server/src/store/lab/",
+    "server/src/program.rs",
+    "server/src/shutdown.rs",
+    "server/src/store/",
     "tests/end_to_end/",
 ];
 

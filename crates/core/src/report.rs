@@ -66,7 +66,7 @@ pub enum Severity {
     Note,
     /// The episode can be used after a look at the finding.
     Warning,
-    /// The episode can't be used.
+    /// The episode is not usable.
     Error,
 }
 
@@ -77,9 +77,9 @@ pub enum Severity {
 pub enum FindingCode {
     /// A topic that the mapping names is absent or has no messages.
     MissingTopic,
-    /// A path of the mapping leads nowhere in a message.
+    /// A path of the mapping does not exist in a message.
     MissingField,
-    /// A topic's schema or encoding can't be understood.
+    /// A topic's schema or encoding is not supported.
     BadSchema,
     /// A message does not follow its schema.
     BadMessage,
@@ -91,7 +91,7 @@ pub enum FindingCode {
     FrozenJoint,
     /// An image or a field does not have the size of the task.
     WrongSize,
-    /// The file ends in the middle; what is whole was read.
+    /// The file ends in the middle; the whole messages before were read.
     Truncated,
     /// An image can't be decoded.
     BrokenImage,
@@ -133,13 +133,13 @@ impl Report {
         self.findings.push(Finding { severity, code, subject: subject.to_owned(), first_step, detail });
     }
 
-    /// The worst findings first; those alike in severity stay in the order in which they were found.
+    /// The worst findings first; findings of equal severity keep their order.
     pub fn sorted(mut self) -> Self {
         self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         self
     }
 
-    /// Whether any finding forbids the episode's use.
+    /// Whether any finding makes the episode unusable.
     pub fn has_errors(&self) -> bool {
         self.findings.iter().any(|finding| finding.severity == Severity::Error)
     }

@@ -115,7 +115,8 @@ mod tests {
         assert_eq!(auroc(&[(f64::NAN, true), (0.1, false)]), None);
     }
 
-    /// Episodes of 10 steps whose positives score higher by so much, under noise that all steps of an episode share.
+    /// Episodes of 10 steps whose positives score higher by a fixed amount, under noise that all steps of an episode
+    /// share.
     fn episodes(count: usize, seed: u64) -> Vec<Vec<(f64, bool)>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut episode = |_| {

@@ -14,7 +14,7 @@ pub struct TaskSpec {
     pub name: String,
     /// Steps per second.
     pub rate_hz: f64,
-    /// Cameras, in the order in which frames are laid out.
+    /// Cameras, in the order of the frames in memory.
     #[serde(default)]
     pub cameras: Vec<CameraSpec>,
     /// Proprioception fields; their values in this order are the proprioception vector.
@@ -107,7 +107,7 @@ pub struct FieldSource {
     pub field: String,
     /// Topic of the messages.
     pub topic: String,
-    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are put one after the other.
+    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are concatenated.
     pub paths: Vec<String>,
     /// If set, each path is an array parallel to the message's `name` array, and its values are picked
     /// by these names, in this order, whatever the order in the message.

@@ -6,7 +6,7 @@
 pub struct SearchError {
     /// The argument that is wrong.
     pub field: &'static str,
-    /// What is wrong with it and what would be right.
+    /// The fault of the argument, and its allowed form.
     pub message: String,
 }
 
