@@ -89,20 +89,24 @@ pub struct Acted {
     pub timings: Timings,
 }
 
-/// What a robot says in a session.
+/// The settings of a session, as its robot opens it.
+#[derive(Debug, Clone, Default)]
+pub struct SessionSettings {
+    /// The deployment that acts.
+    pub deployment: String,
+    /// Control steps per second; `None`: the task's rate.
+    pub control_rate_hz: Option<f64>,
+    /// The deadline of observations without one of their own.
+    pub deadline: Option<Duration>,
+    /// The cohort of the recorded episode; `None`: the session is not recorded.
+    pub record: Option<String>,
+}
+
+/// A message of a robot in a session.
 #[derive(Debug, Clone)]
 pub enum SessionInput {
     /// First, and only once.
-    Open {
-        /// The deployment to act for it.
-        deployment: String,
-        /// Steps per second the robot will run at; 0: the task's.
-        control_rate_hz: f64,
-        /// The deadline of observations that name none themselves.
-        deadline: Option<Duration>,
-        /// The cohort of the episode to keep it as; `None`: it is not recorded.
-        record: Option<String>,
-    },
+    Open(SessionSettings),
     /// What it sees now.
     Observation(Observation),
     /// Last.

@@ -152,12 +152,12 @@ impl PolicyService for PoliciesFace {
         let opened = Arc::clone(&metrics);
         let read = move |message: tonic::Result<v1::SessionRequest>| {
             let input = message.map_err(from_peer).and_then(wire::session::session_input)?;
-            if let SessionInput::Open { deployment, record, .. } = &input {
-                caller.uses(deployment)?;
-                if let Some(cohort) = record {
-                    caller.records_as(deployment, cohort)?;
+            if let SessionInput::Open(settings) = &input {
+                caller.uses(&settings.deployment)?;
+                if let Some(cohort) = &settings.record {
+                    caller.records_as(&settings.deployment, cohort)?;
                 }
-                opened.get_or_init(|| SessionMetrics::new(deployment.clone()));
+                opened.get_or_init(|| SessionMetrics::new(settings.deployment.clone()));
             }
             Ok(input)
         };
