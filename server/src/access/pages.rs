@@ -1,6 +1,6 @@
-//! The guard of the pages: who looks, what they may see and change, and what of it the audit log hears.
+//! The guard of the pages: authentication, authorisation and audit of their requests.
 //!
-//! The same tokens, table, log and connections as for calls. Knows no page's content.
+//! Uses the same tokens, table, log and connections as the guard of calls. Must not depend on the content of pages.
 
 use std::sync::Arc;
 
@@ -9,72 +9,73 @@ use gleaner_edge::{Call, ConnectionState};
 use http_body::Body;
 
 use super::{
+    audit,
     authenticator::Authenticator,
     caller::Caller,
     page::Page,
-    refusals::Refusals,
+    refusal_limit::RefusalLimit,
     table::{Need, page_rule},
-    token_cache::{Held, TokenCache},
+    token_cache::{LiveToken, TokenCache},
 };
 use crate::{
     connections::{self, Connections, refused},
-    domain::{access::AuditEntry, client::Client, time::Millis},
+    domain::client::Client,
     error::Result,
     store::Store,
 };
 
-/// Stands before the pages.
+/// The guard; clones share it.
 #[derive(Clone)]
 pub(crate) struct PageGuard {
     authenticator: Authenticator,
     store: Store,
     connections: Connections,
-    refusals: Arc<Refusals>,
+    refusal_limit: Arc<RefusalLimit>,
 }
 
 impl PageGuard {
-    /// `required`: whether who shows no token is sent away.
+    /// `required`: requests without a token are rejected.
     pub(crate) fn new(tokens: TokenCache, store: Store, required: bool, connections: Connections) -> Self {
         Self {
             authenticator: Authenticator::new(tokens, required),
             store,
             connections,
-            refusals: Arc::new(Refusals::new()),
+            refusal_limit: Arc::new(RefusalLimit::new()),
         }
     }
 
-    /// Counts a request for the token with the hash `shown` if that is known, else for the address; and says who it is.
-    /// The request counts as under way until what is given first is dropped.
+    /// Counts a request for the token with this hash if the token is in the cache, else for the address, and
+    /// authenticates its caller. The request counts as running until the returned call is dropped.
     ///
     /// # Errors
-    /// Exhausted when there are too many; Unauthenticated.
+    /// Exhausted above the limits of the client; Unauthenticated.
     pub(crate) async fn admit(
         &self,
-        shown: Option<&str>,
+        hash: Option<&str>,
         connection: &ConnectionState,
     ) -> Result<(Call, Result<Caller>)> {
-        let known: Option<Arc<Held>> = shown.and_then(|hash| self.authenticator.known(hash));
+        let known: Option<Arc<LiveToken>> = hash.and_then(|hash| self.authenticator.known(hash));
         let client = match &known {
-            Some(held) => Client::token(&held.token.id),
+            Some(live) => Client::token(&live.token.id),
             None => connections::client(connection),
         };
         let call = self.connections.count(client).map_err(refused)?;
-        Ok((call, self.authenticator.authenticate(shown, known).await))
+        Ok((call, self.authenticator.authenticate(hash, known).await))
     }
 
-    /// Who it is that shows no token.
+    /// The caller of a request without a token.
     ///
     /// # Errors
-    /// Unauthenticated where one is asked for.
-    pub(crate) async fn nobody(&self) -> Result<Caller> {
+    /// Unauthenticated on a server that requires tokens.
+    pub(crate) async fn anonymous(&self) -> Result<Caller> {
         self.authenticator.authenticate(None, None).await
     }
 
-    /// Who it is that shows the token with this hash.
+    /// The caller with the token of this hash.
     ///
     /// # Errors
-    /// Unauthenticated when it is none of ours.
-    pub(crate) async fn known(&self, hash: &str) -> Result<Caller> {
+    /// Unauthenticated for an unknown token.
+    pub(crate) async fn authenticate(&self, hash: &str) -> Result<Caller> {
         self.authenticator.authenticate(Some(hash), None).await
     }
 
@@ -88,12 +89,12 @@ impl PageGuard {
         self.connections.response(body, connection, call)
     }
 
-    /// Whether the audit log hears of one more refusal.
-    pub(crate) fn tells_of_refusal(&self, caller: &Caller) -> bool {
-        self.refusals.tell_of(caller)
+    /// Counts a refusal by role; returns whether the audit log records it.
+    pub(crate) fn records_refusal(&self, caller: &Caller) -> bool {
+        self.refusal_limit.records(caller)
     }
 
-    /// Lets somebody look at a page, or change something with it.
+    /// Checks that the caller may request a page.
     ///
     /// # Errors
     /// Forbidden, naming the role that is needed.
@@ -101,48 +102,30 @@ impl PageGuard {
         caller.permit(page_rule(page).need)
     }
 
-    /// Whether anybody may have this page, whoever they are.
+    /// Whether this page is public.
     pub(crate) fn is_open(page: Page) -> bool {
         page_rule(page).need == Need::Nothing
     }
 
-    /// Whether a request for this page changes something.
+    /// Whether a request for this page changes something and is audited.
     pub(crate) fn changes(page: Page) -> bool {
         page_rule(page).audited
     }
 
-    /// Writes a change, or one that was refused, to the audit log. Ends when it is on disk, and is written also if nobody
-    /// waits for that. One that cannot be written undoes nothing; the log has it instead.
+    /// Writes a change, or a refused one, to the audit log; completes once the entry is on disk, as [`audit::write`].
     pub(crate) async fn note(&self, caller: &Caller, connection: &ConnectionState, done: Done) {
-        let entry = AuditEntry {
-            at: Millis::now(),
-            token_id: caller.token_id(),
-            who: caller.who().to_owned(),
-            peer: connection.peer().to_string(),
-            rpc: format!("pages/{:?}", done.page),
-            subjects: done.subjects,
-            outcome: done.outcome,
-        };
-        let store = self.store.clone();
-        let writing = tokio::spawn(async move {
-            if let Err(error) = store.insert_audit(&entry).await {
-                tracing::error!(
-                    %error, audit.rpc = entry.rpc, audit.who = entry.who, audit.subjects = ?entry.subjects,
-                    audit.outcome = entry.outcome, "the audit log could not be written"
-                );
-            }
-        });
-        // It fails only with the runtime.
-        let _ = writing.await;
+        let Done { page, subjects, outcome } = done;
+        let peer = connection.peer().to_string();
+        audit::write(self.store.clone(), caller, peer, (format!("pages/{page:?}"), subjects, outcome)).await;
     }
 }
 
-/// What was done with a page.
+/// A change by a page.
 pub(crate) struct Done {
     /// The page.
     pub(crate) page: Page,
-    /// What it was about, as `field=value`.
+    /// The subjects, as `field=value`.
     pub(crate) subjects: Vec<String>,
-    /// `ok`, or what it was refused as.
+    /// `ok`, or the reason of the refusal.
     pub(crate) outcome: String,
 }

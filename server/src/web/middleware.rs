@@ -99,7 +99,7 @@ async fn serve(
     let (call, caller) = identify(state, page, connection, (browser, bearer.as_deref())).await?;
     let changes = PageGuard::changes(page);
     if let Err(error) = PageGuard::permit(&caller, page) {
-        if changes && state.guard.tells_of_refusal(&caller) {
+        if changes && state.guard.records_refusal(&caller) {
             note(state, page, connection, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
         }
         return Err(error);
@@ -127,7 +127,7 @@ async fn serve(
     };
     drop(turn);
     let response = escape::answer(response).await?;
-    let over = if page == Page::EpisodeRecording { caller.over() } else { None };
+    let over = if page == Page::EpisodeRecording { caller.token_end() } else { None };
     Ok(response.map(|body| {
         let body = match over {
             // A download ends when its token expires or is revoked.
@@ -153,7 +153,7 @@ async fn identify(
     if caller.is_err() && remembered.is_some() {
         // The browser's token is no longer valid: the browser is signed out.
         state.signed_in.sign_out(browser);
-        caller = state.guard.nobody().await;
+        caller = state.guard.anonymous().await;
     }
     match caller {
         Err(_) if PageGuard::is_open(page) => Ok((call, Caller::Anyone)),

@@ -65,7 +65,7 @@ pub(super) async fn sign_in(
     Form(Shown { token, next }): Form<Shown>,
 ) -> Answer {
     let hash = token_hash(token.0.reveal().trim());
-    let caller = request.state.guard.known(&hash).await?;
+    let caller = request.state.guard.authenticate(&hash).await?;
     // A token that opens no page is not stored.
     PageGuard::permit(&caller, Page::Overview)?;
     request.state.signed_in.sign_out(&browser);

@@ -1,5 +1,7 @@
 //! The middleware: access to every page, requests from other sites, and headers of every response.
 
+mod audit;
+
 use axum::{
     body::Body,
     http::{

@@ -153,10 +153,11 @@ fn mapping_to(mapping: Mapping) -> v1::Mapping {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    fn spec() -> TaskSpec {
+    /// A valid task.
+    pub(crate) fn spec() -> TaskSpec {
         let source = |field: &str, names: &[&str]| FieldSource {
             field: field.into(),
             topic: "/state".into(),

@@ -82,7 +82,7 @@ pub(in crate::web) async fn label(request: PageRequest, Path(task): Path<String>
 }
 
 async fn given(request: &PageRequest, task: &str, sent: Sent) -> Answer {
-    let (labelled, label) = sent.read(request.caller.who())?;
+    let (labelled, label) = sent.read(request.caller.name())?;
     let services = request.services();
     let task = services.store.task(task).await?;
     belong(&services.store, &task.id, &labelled).await?;
