@@ -50,7 +50,7 @@ const MARKDOWN: [&str; 9] = [".", "benches", "client", "crates", "docs", "exampl
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/src/experiment/testdata/"];
 
 /// Rust files and folders whose doc comments follow the list. Add a folder once it does.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 20] = [
     "client/src/cli.rs",
     "client/src/cmd/",
     "client/src/demo/",
@@ -59,10 +59,17 @@ const SOURCES: [&str; 13] = [
     "crates/inspector/src/recordings.rs",
     "crates/learn/src/objective/",
     "crates/learn/src/policy/",
-    "server/src/access/tls/",
+    "server/src/access/",
     "server/src/config.rs",
     "server/src/config/",
+    "server/src/connections.rs",
+    "server/src/ingest/",
+    "server/src/policies/",
+    "server/src/rollouts/",
+    "server/src/scorers/",
+    "server/src/service/",
     "server/src/store/lab/",
+    "server/src/telemetry/",
     "tests/end_to_end/prose.rs",
 ];
 
