@@ -50,7 +50,7 @@ const MARKDOWN: [&str; 9] = [".", "benches", "client", "crates", "docs", "exampl
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/src/experiment/testdata/"];
 
 /// Rust files and folders whose doc comments follow the list. Add a folder once it does.
-const SOURCES: [&str; 20] = [
+const SOURCES: [&str; 24] = [
     "client/src/cli.rs",
     "client/src/cmd/",
     "client/src/demo/",
@@ -70,6 +70,10 @@ const SOURCES: [&str; 20] = [
     "server/src/service/",
     "server/src/store/lab/",
     "server/src/telemetry/",
+    "server/src/wire/inference/",
+    "server/src/wire/scoring.rs",
+    "server/src/wire/session.rs",
+    "server/src/wire/status.rs",
     "tests/end_to_end/prose.rs",
 ];
 

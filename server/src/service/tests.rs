@@ -26,7 +26,6 @@ use crate::{
     config::{Cli, Command},
     connections::connections,
     domain::{access::AuditEntry, time::Millis},
-    wire::task::{spec_to, tests::spec},
 };
 
 /// An id that no row has.
@@ -65,6 +64,27 @@ impl Server {
         let entry = entries.pop().unwrap();
         assert_eq!(format!("/gleaner.v1.{}", entry.rpc), rpc.path());
         entry
+    }
+}
+
+/// A valid task without cameras.
+fn task_spec() -> v1::TaskSpec {
+    let source = |field: &str| v1::FieldSource {
+        field: field.into(),
+        topic: "/state".into(),
+        paths: vec!["position".into()],
+        names: Vec::new(),
+    };
+    let fields = |name: &str| vec![v1::FieldSpec { name: name.into(), size: 1 }];
+    let mapping =
+        v1::Mapping { name: "ros".into(), fields: vec![source("joint"), source("target")], ..Default::default() };
+    v1::TaskSpec {
+        name: "reach".into(),
+        rate_hz: 10.0,
+        proprioception: fields("joint"),
+        action: fields("target"),
+        mappings: vec![mapping],
+        ..Default::default()
     }
 }
 
@@ -177,7 +197,7 @@ async fn every_rpc_that_changes_something_is_in_the_audit_log_with_its_subjects(
     let (session, submitted) = (v1::session_request::Message::Open(open), v1::job_spec::Spec::Score(score));
     let at = v1::create_schedule_request::Trigger::LabelledEpisodes(5);
     entries! { server, pool, seen, wrong:
-        TaskServiceCreateTask(v1::CreateTaskRequest { spec: Some(spec_to(spec())) }) -> CreateTaskResponse,
+        TaskServiceCreateTask(v1::CreateTaskRequest { spec: Some(task_spec()) }) -> CreateTaskResponse,
             "ok", ["spec.name=reach", "task.id=task_*", "task.spec.name=reach"];
         EpisodeServiceStartUpload(v1::StartUploadRequest { task: task(), file_name: "a.mcap".into(), size_bytes: 9, blake3: "0".repeat(64), outcome: 1, ..Default::default() })
             -> StartUploadResponse, "ok", ["task=reach", "upload_id=up_*"];

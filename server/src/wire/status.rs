@@ -8,7 +8,7 @@ use crate::{
     telemetry::request,
 };
 
-/// Longest message of an error, in bytes.
+/// The longest message of an error, in bytes.
 const MESSAGE_BYTES: usize = 4000;
 
 /// The status of an error for the caller of an rpc. An internal error has a fixed message with an id, by which the log line

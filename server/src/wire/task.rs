@@ -153,11 +153,10 @@ fn mapping_to(mapping: Mapping) -> v1::Mapping {
 }
 
 #[cfg(test)]
-pub(crate) mod tests {
+mod tests {
     use super::*;
 
-    /// A valid task.
-    pub(crate) fn spec() -> TaskSpec {
+    fn spec() -> TaskSpec {
         let source = |field: &str, names: &[&str]| FieldSource {
             field: field.into(),
             topic: "/state".into(),
