@@ -57,11 +57,12 @@ impl AuditDraft {
     /// goes on if that future is dropped.
     pub(crate) fn write(&self, code: Code) -> impl Future<Output = ()> + Send + use<> {
         let draft = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
-        let writing = draft.map(|draft| {
+        let writing = draft.map(|Draft { store, caller, peer, path, subjects }| {
             let outcome = if code == Code::Ok { "ok".to_owned() } else { format!("{code:?}") };
             // `/gleaner.v1.TaskService/CreateTask` becomes `TaskService/CreateTask`.
-            let rpc = draft.path.rsplit_once('.').map_or(draft.path.as_str(), |(_, rpc)| rpc).to_owned();
-            write(draft.store, &draft.caller, draft.peer, (rpc, draft.subjects.into(), outcome))
+            let rpc = path.rsplit_once('.').map_or(path.as_str(), |(_, rpc)| rpc).to_owned();
+            let (at, token_id, who) = (Millis::now(), caller.token_id(), caller.name().to_owned());
+            write(store, AuditEntry { at, token_id, who, peer, rpc, subjects: subjects.into(), outcome })
         });
         async move {
             if let Some(writing) = writing {
@@ -82,18 +83,10 @@ impl Drop for AuditGuard {
     }
 }
 
-/// Writes the entry of a change, or of a refused one: its rpc or page, its subjects and its outcome. The returned future
-/// completes once the entry is on disk; the write goes on if that future is dropped. The change stands if the entry cannot
-/// be written; the server's log then has the entry.
-pub(super) fn write(
-    store: Store,
-    caller: &Caller,
-    peer: String,
-    (rpc, subjects, outcome): (String, Vec<String>, String),
-) -> impl Future<Output = ()> + Send + use<> {
-    let (token_id, who) = (caller.token_id(), caller.name().to_owned());
+/// Writes an entry. The returned future completes once the entry is on disk; the write goes on if that future is dropped.
+/// The change stands if the entry cannot be written; the server's log then has the entry.
+pub(crate) fn write(store: Store, entry: AuditEntry) -> impl Future<Output = ()> + Send + use<> {
     let writing = tokio::spawn(async move {
-        let entry = AuditEntry { at: Millis::now(), token_id, who, peer, rpc, subjects, outcome };
         if let Err(error) = store.insert_audit(&entry).await {
             tracing::error!(
                 %error, audit.rpc = entry.rpc, audit.who = entry.who, audit.subjects = ?entry.subjects,

@@ -19,7 +19,7 @@ use super::{
 };
 use crate::{
     connections::{self, Connections, refused},
-    domain::client::Client,
+    domain::{access::AuditEntry, client::Client, time::Millis},
     error::Result,
     store::Store,
 };
@@ -115,8 +115,16 @@ impl PageGuard {
     /// Writes a change, or a refused one, to the audit log; completes once the entry is on disk, as [`audit::write`].
     pub(crate) async fn note(&self, caller: &Caller, connection: &ConnectionState, done: Done) {
         let Done { page, subjects, outcome } = done;
-        let peer = connection.peer().to_string();
-        audit::write(self.store.clone(), caller, peer, (format!("pages/{page:?}"), subjects, outcome)).await;
+        let entry = AuditEntry {
+            at: Millis::now(),
+            token_id: caller.token_id(),
+            who: caller.name().to_owned(),
+            peer: connection.peer().to_string(),
+            rpc: format!("pages/{page:?}"),
+            subjects,
+            outcome,
+        };
+        audit::write(self.store.clone(), entry).await;
     }
 }
 
