@@ -1,4 +1,4 @@
-//! Transition reconstruction, TR: give back what is not masked.
+//! Transition reconstruction, TR: predict what is not masked.
 //!
 //! L_TR = max_θ E_τ Σ_t (1 − I(e_t)) log P_θ(e_t | M(τ)). Same pass as MTP, the other elements.
 //! Here as a loss to minimise.
