@@ -226,6 +226,21 @@ fn modules_of_these_folders_have_no_cycle() {
     }
 }
 
+/// Helpers are in one room, so that a test file can change or move without another one.
+#[test]
+fn end_to_end_tests_share_the_support_room_only() {
+    let own = ["crate", "::"].concat();
+    let mut broken = Vec::new();
+    for (name, source) in sources().into_iter().filter(|(name, _)| name.starts_with("tests/end_to_end/")) {
+        let used = source.match_indices(&own).map(|(at, path)| &source[at + path.len()..]);
+        broken.extend(used.filter(|path| !path.starts_with("support")).map(|path| {
+            let module: String = path.chars().take_while(|c| c.is_alphanumeric() || *c == '_').collect();
+            format!("{name} uses {module}; move what it needs to tests/end_to_end/support/")
+        }));
+    }
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
 #[test]
 fn every_file_has_a_header() {
     let without: Vec<String> =
