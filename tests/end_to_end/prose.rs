@@ -50,7 +50,7 @@ const MARKDOWN: [&str; 9] = [".", "benches", "client", "crates", "docs", "exampl
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/src/experiment/testdata/"];
 
 /// Rust files and folders whose doc comments follow the list. Add a folder once it does.
-const SOURCES: [&str; 13] = [
+const SOURCES: [&str; 28] = [
     "client/src/cli.rs",
     "client/src/cmd/",
     "client/src/demo/",
@@ -64,6 +64,21 @@ const SOURCES: [&str; 13] = [
     "server/src/config/",
     "server/src/store/lab/",
     "tests/end_to_end/prose.rs",
+    "crates/data-folder/src/",
+    "crates/edge/src/",
+    "crates/learn/src/",
+    "crates/logs/src/",
+    "crates/search/src/",
+    "crates/worker/src/",
+    "server/src/curation/",
+    "server/src/jobs/",
+    "server/src/lib.rs",
+    "server/src/main.rs",
+    "server/src/maintenance/",
+    "server/src/model_cache.rs",
+    "server/src/program.rs",
+    "server/src/shutdown.rs",
+    "server/src/store/",
 ];
 
 fn root() -> &'static Path {
