@@ -14,7 +14,7 @@ pub struct Report {
     pub messages: u64,
     /// Number of aligned steps.
     pub steps: u64,
-    /// From the first to the last step, in nanoseconds.
+    /// Time from the first to the last step, in nanoseconds.
     pub duration_ns: i64,
     /// Measured step rate in hertz; 0 with fewer than two steps.
     pub rate_hz: f64,
@@ -46,7 +46,7 @@ pub struct TopicReport {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub struct Finding {
-    /// How bad it is.
+    /// Its severity.
     pub severity: Severity,
     /// The kind of the finding.
     pub code: FindingCode,
@@ -54,11 +54,11 @@ pub struct Finding {
     pub subject: String,
     /// First step concerned, if it concerns single steps.
     pub first_step: Option<u64>,
-    /// What is wrong, and the remedy.
+    /// The fault and its remedy.
     pub detail: String,
 }
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {

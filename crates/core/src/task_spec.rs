@@ -22,7 +22,7 @@ pub struct TaskSpec {
     pub proprioception: Vec<FieldSpec>,
     /// Action fields; their values in this order are the action vector.
     pub action: Vec<FieldSpec>,
-    /// How the message of each stream is chosen for a step.
+    /// The choice of a step's message from each stream.
     #[serde(default)]
     pub alignment: Alignment,
     /// Share of a period by which a message may lie after its step and still belong to it.
@@ -59,7 +59,7 @@ pub struct FieldSpec {
     pub size: u32,
 }
 
-/// How the message of each stream is chosen for a step.
+/// The choice of a step's message from each stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Alignment {
