@@ -134,7 +134,7 @@ pub enum SessionOutput {
         acted: Acted,
         /// Observations skipped since the last response.
         dropped: u64,
-        /// Of the newest segment that has been scored.
+        /// The score of the newest scored segment.
         score: Option<SegmentScored>,
     },
     /// No action for an observation, because its deadline passed.
