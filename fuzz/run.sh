@@ -1,12 +1,12 @@
 #!/bin/sh
-# Runs fuzz targets one after the other, each for so many seconds or a million inputs, whichever is first:
+# Runs fuzz targets one after the other, each for SECONDS or a million inputs, whichever ends first:
 #   fuzz/run.sh SECONDS [TARGET...]
-# Without targets: all of them. Those that link the server need libtorch (scripts/libtorch.sh). A find is left in
+# Without TARGET: all of them. Those that link the server need libtorch (scripts/libtorch.sh). A finding is written to
 # fuzz/artifacts/TARGET and ends the run. Needs the nightly toolchain and cargo-fuzz.
 #
-# Each target begins with fuzz/corpus/TARGET, which is in the repository, and with what earlier runs left in
-# fuzz/growth/TARGET, which is not. KEEP=1 adds to fuzz/corpus/TARGET the inputs of up to KEEP_BYTES (2048) that reach
-# code no kept one reaches; commit them. The differential suite (`make differential-test CORPUS=…`) adds damaged
+# Each target starts with fuzz/corpus/TARGET, which is in the repository, and with the inputs of earlier runs in
+# fuzz/growth/TARGET, which is not. KEEP=1 adds the inputs of up to KEEP_BYTES (2048) that reach new code to
+# fuzz/corpus/TARGET; commit them. The differential suite (`make differential-test CORPUS=…`) adds damaged
 # recordings to fuzz/corpus/container.
 set -eu
 cd "$(dirname "$0")"
@@ -20,13 +20,13 @@ plain="container foxglove ros2 json path cdr protobuf image"
 linked="checkpoint observation wire"
 [ $# -gt 0 ] || set -- $plain $linked
 export LD_LIBRARY_PATH="$PWD/../.libtorch/lib${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}" OMP_NUM_THREADS=1
-# Recordings are read from files: in memory, where there is such a place.
+# Recordings are read from files, which are in memory where that is possible.
 [ ! -w /dev/shm ] || export TMPDIR=/dev/shm
 features() { case " $linked " in *" $1 "*) echo "--features server" ;; esac; }
 
 for target; do
-    # Safe Rust: panics, time and memory are what is looked for, and the sanitizers would only slow that down.
-    # The target counts an input's processor time and memory itself; these limits stop what never comes back.
+    # The code is safe Rust, so the search is for panics, time and memory, and sanitizers would slow it down. The target
+    # measures the processor time and memory of an input itself; these limits end inputs that never return.
     mkdir -p "growth/$target" "corpus/$target"
     # shellcheck disable=SC2046
     cargo +nightly fuzz run --sanitizer none $(features "$target") "$target" "growth/$target" "corpus/$target" -- \

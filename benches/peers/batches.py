@@ -58,7 +58,7 @@ class Episodes:
             self.depth = [(x[..., 0] + 256 * x[..., 1]).view(size) for x in pairs]
 
     def draw(self, batch: int, stretch: int, window: int, every_window: bool) -> Layout:
-        """Segments in stretches; a stretch that reaches its episode's end goes on at its beginning."""
+        """Segments in stretches; a stretch that reaches the end of its episode continues at the beginning."""
         ends = torch.empty(0, dtype=torch.long)
         while len(ends) < batch:
             anchor = torch.randint(self.count * STEPS, ())

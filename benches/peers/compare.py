@@ -27,7 +27,7 @@ TOLERANCE = 1e-5
 
 @dataclass
 class Worker:
-    """One program that takes steps when asked to."""
+    """A program that takes steps on request."""
 
     process: subprocess.Popen
     parameters: int = 0
@@ -142,7 +142,7 @@ def measure(program: Path, case: dict, threads: int, rounds: int, block: int) ->
 
 def beside(first: Worker, peer: Worker) -> dict:
     """The peer's cost and ours in units of it: by the clock, and by processor time. Each round gives one
-    ratio, of steps taken within seconds of each other; the median is told."""
+    ratio, of steps taken within seconds of each other; the result is the median."""
     clock = [statistics.median(a) / statistics.median(b) for a, b in zip(first.ms, peer.ms)]
     cpu = [a / b for a, b in zip(first.cpu_ms, peer.cpu_ms)]
     return {

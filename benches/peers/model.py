@@ -208,7 +208,7 @@ class Model(nn.Module):
 
 
 def attention_mask(valid: Tensor, causal: bool) -> Tensor:
-    """[W, 1, 3 L, 3 L]: who sees whom. Nobody sees padding, everybody sees itself."""
+    """[W, 1, 3 L, 3 L]: the attention mask. No token attends to padding; each attends to itself."""
     keys = valid.repeat_interleave(MODALITIES, 1)[:, None, None, :]
     count = keys.shape[-1]
     own = torch.eye(count, dtype=torch.bool)

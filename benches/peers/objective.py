@@ -25,7 +25,7 @@ class Learner(nn.Module):
         return torch.stack([o, m, a], 1)
 
     def targets(self, batch: Batch) -> tuple[Tensor, Tensor, Tensor]:
-        """What each head should say, [W, L, ...]."""
+        """The target of each head, [W, L, ...]."""
         statistics = self.statistics
         small = [camera.small(x) for camera, x in zip(statistics.camera, batch.images)]
         parts = torch.cat(small, 1), statistics.proprioception(batch.proprioception), statistics.action(batch.action)

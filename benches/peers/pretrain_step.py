@@ -63,7 +63,7 @@ class Run:
             self.load(load_file(options.share / "checkpoint"), named)
 
     def load(self, stored: dict[str, torch.Tensor], named: dict[str, torch.nn.Parameter]) -> None:
-        """Goes on after the first step of another program: every name and size must be the same."""
+        """Resumes after the first step of another program; every name and size must be equal."""
         state = {name: tensor for name, tensor in stored.items() if not name.startswith("optimizer.")}
         self.learner.load_state_dict(state, strict=True)
         for name, parameter in named.items():

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Builds the server and the load, and measures. Arguments go to bench-serving.
+# Builds the server and the benchmark, and runs it. Arguments are passed to bench-serving.
 #
 # BENCH_PROFILE is cargo's profile (bench).
 set -euo pipefail
@@ -7,13 +7,13 @@ cd "$(dirname "$0")/../.."
 
 profile="${BENCH_PROFILE:-bench}"
 "${CARGO:-cargo}" build --locked --profile "$profile" -p gleaner-server -p gleaner-inspector -p gleaner-worker -p gleaner-bench-serving
-# cargo keeps these two profiles' files in the folders of the profiles they come from.
+# cargo uses the folders of the parent profiles for these two.
 case "$profile" in
   dev) folder=target/debug ;;
   bench) folder=target/release ;;
   *) folder="target/$profile" ;;
 esac
 
-# What else the machine does matters to the clock, less to the ratios.
+# Other load on the machine affects times more than ratios.
 uptime
 exec "$folder/bench-serving" --server-bin "$folder/gleaner-server" "$@"

@@ -1,13 +1,27 @@
-//! The gleaner client: everything that a program needs to call a gleaner server.
+//! The client library of gleaner: connections, uploads, jobs, scores and sessions of a gleaner server.
 //!
-//! [`Client`] is the connection. Plain calls go through the generated service clients that it returns
-//! (`client.tasks()`, `client.jobs()`, ...); calls that need a loop or a rule are methods:
-//! [`Client::upload`] and [`Client::push`], [`Client::watch`] and [`Client::wait`], the downloads,
-//! [`Client::score_recording`] and [`StepScorer`] for unstored data,
-//! [`Client::control`] for robots ([`robot`]), [`Session`] for simulators whose time waits, and [`Client::drive`] for
-//! closed-loop evaluation in the embedded one.
+//! - [`Client`] is the connection; `client.tasks()`, `client.jobs()` and the like return the generated client of each service.
+//! - [`Client::upload`], [`Client::push`] and the downloads transfer recordings; [`find_recordings`] and [`read_labels`]
+//!   find them.
+//! - [`Client::watch`] and [`Client::wait`] follow a job.
+//! - [`Client::score_recording`] and [`StepScorer`] score what is not stored.
+//! - [`Session`] acts in lock step, for simulators; [`Client::control`] runs a robot ([`robot`]) at a fixed rate;
+//!   [`Client::drive`] evaluates a deployment in the embedded simulator.
 //!
-//! Links no libtorch and prints nothing. The command line is the package `gleaner-cli`.
+//! The library links no libtorch and prints nothing.
+//!
+//! ```no_run
+//! use gleaner_client::Client;
+//! use gleaner_proto::v1::ListTasksRequest;
+//!
+//! # async fn list() -> gleaner_client::Result<()> {
+//! let client = Client::connect("http://127.0.0.1:7400", None).await?;
+//! for task in client.tasks().list_tasks(ListTasksRequest {}).await?.into_inner().tasks {
+//!     println!("{}", task.id);
+//! }
+//! # Ok(())
+//! # }
+//! ```
 
 mod connection;
 mod credentials;

@@ -1,19 +1,18 @@
-//! Any bytes as a recording: the container, and everything behind it.
+//! Any bytes as a recording: the container and its content.
 #![no_main]
 
 use gleaner_fuzz::{
-    judge,
-    recording::{mend, read},
-    seeds,
+    recording::{read, salvage},
+    run, seeds,
 };
 use libfuzzer_sys::fuzz_target;
 
-fuzz_target!(init: seeds::write("container"), |bytes: &[u8]| judge(|| container(bytes)));
+fuzz_target!(init: seeds::write("container"), |bytes: &[u8]| run(|| container(bytes)));
 
-/// Mending writes a file, which is slow: one input in eight.
+/// Salvaging writes a file, which is slow, so it runs for one input in eight.
 fn container(bytes: &[u8]) {
     read(bytes);
     if bytes.len() % 8 == 0 {
-        mend(bytes);
+        salvage(bytes);
     }
 }

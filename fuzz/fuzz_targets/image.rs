@@ -1,14 +1,14 @@
 //! Images of every kind, compressed and raw, color and depth.
 #![no_main]
 
-use gleaner_fuzz::{judge, number, seeds, task::SIDE};
+use gleaner_fuzz::{number, run, seeds, task::SIDE};
 use gleaner_recording::{PixelFormat, decode_color, decode_depth, fuzzing::raw_image};
 use libfuzzer_sys::fuzz_target;
 
 const FORMATS: [PixelFormat; 5] =
     [PixelFormat::Auto, PixelFormat::Jpeg, PixelFormat::Png, PixelFormat::Rgb8, PixelFormat::Depth16];
 
-fuzz_target!(init: seeds::write("image"), |bytes: &[u8]| judge(|| image(bytes)));
+fuzz_target!(init: seeds::write("image"), |bytes: &[u8]| run(|| image(bytes)));
 
 fn image(bytes: &[u8]) {
     let mut data = bytes;
@@ -22,7 +22,7 @@ fn image(bytes: &[u8]) {
         }
     } else {
         let [height, width, step] = [(); 3].map(|()| number(&mut data, 4) as u32);
-        // What a message says is checked against the camera first; half of the time they agree.
+        // The size of a message is checked against the camera first; half of the inputs agree.
         let wanted = if kind & 1 == 0 { (height, width) } else { (SIDE, SIDE) };
         raw_image(kind as u8, (height, width, step), wanted, data);
     }

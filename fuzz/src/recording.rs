@@ -1,5 +1,5 @@
-//! Recordings out of an input: the container is right, what is in it is the input's. Chunk checksums would turn nearly
-//! every change of a whole file away.
+//! Recordings with the messages of an input in a valid container. In a whole file, checksums would reject nearly every
+//! change.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -18,7 +18,7 @@ pub struct Channel {
     pub schema: Vec<u8>,
 }
 
-/// How a dialect's messages and schemas are encoded.
+/// The encodings of a dialect's messages and schemas.
 #[derive(Clone, Copy)]
 pub struct Dialect {
     pub message_encoding: &'static str,
@@ -27,9 +27,9 @@ pub struct Dialect {
 
 static TASK: LazyLock<TaskSpec> = LazyLock::new(task::task);
 
-/// One file a process, in memory where the temporary directory is.
+/// One file for each process, in the temporary directory.
 static FILE: LazyLock<PathBuf> = LazyLock::new(|| file_name(""));
-static MENDED: LazyLock<PathBuf> = LazyLock::new(|| file_name("-mended"));
+static REPAIRED: LazyLock<PathBuf> = LazyLock::new(|| file_name("-repaired"));
 
 fn file_name(part: &str) -> PathBuf {
     std::env::temp_dir().join(format!("gleaner-fuzz-{}{part}.mcap", std::process::id()))
@@ -37,16 +37,16 @@ fn file_name(part: &str) -> PathBuf {
 
 /// Reads a whole file as an episode, as an upload is.
 pub fn read(bytes: &[u8]) {
-    std::fs::write(&*FILE, bytes).expect("the temporary directory takes files");
+    std::fs::write(&*FILE, bytes).expect("the temporary directory is writable");
     check(read_episode(&FILE, &TASK));
 }
 
-/// Mends a file, as a torn rollout is. What was mended is whole.
-pub fn mend(bytes: &[u8]) {
-    std::fs::write(&*FILE, bytes).expect("the temporary directory takes files");
-    if salvage(&FILE, &MENDED).is_ok() {
-        let damaged = matches!(read_episode(&MENDED, &TASK), Err(RecordingError::Damaged { .. }));
-        assert!(!damaged, "a mended recording is damaged");
+/// Salvages a file like a damaged rollout; the result is complete.
+pub fn salvage(bytes: &[u8]) {
+    std::fs::write(&*FILE, bytes).expect("the temporary directory is writable");
+    if salvage(&FILE, &REPAIRED).is_ok() {
+        let damaged = matches!(read_episode(&REPAIRED, &TASK), Err(RecordingError::Damaged { .. }));
+        assert!(!damaged, "a salvaged recording is damaged");
     }
 }
 
@@ -63,8 +63,8 @@ fn check(reading: Result<Reading, RecordingError>) {
     }
 }
 
-/// Wraps an input's messages into a file and reads it. A message is a byte of flags (bit 7: with a schema of its own), a
-/// channel, two bytes of milliseconds, and its stretch.
+/// Writes the messages of an input into a file and reads it. A message is a byte of flags (bit 7: with its own schema) and
+/// the channel, two bytes of milliseconds, and a stretch.
 pub fn wrap_and_read(dialect: Dialect, channels: &[Channel], mut input: &[u8]) {
     let options = mcap::WriteOptions::new().compression(None).chunk_size(Some(1 << 12));
     let Ok(mut writer) = options.create(Cursor::new(Vec::new())) else { return };
@@ -102,7 +102,7 @@ fn declare(
     writer.add_channel(schema, channel.topic, dialect.message_encoding, &BTreeMap::new()).ok()
 }
 
-/// The input that [`wrap_and_read`] would take these messages from: (channel, milliseconds after the last, bytes).
+/// The input of [`wrap_and_read`] for these messages: (channel, milliseconds after the previous one, bytes).
 pub fn input(messages: &[(usize, u16, Vec<u8>)]) -> Vec<u8> {
     let mut out = Vec::new();
     for (channel, after, data) in messages {
@@ -117,7 +117,7 @@ pub fn input(messages: &[(usize, u16, Vec<u8>)]) -> Vec<u8> {
 pub mod dialects {
     use super::*;
 
-    /// Written by gleaner itself: the schemas are taken from a recording of its writer.
+    /// The dialect of gleaner's own writer, with the schemas of a recording by it.
     pub fn foxglove() -> (Dialect, Vec<Channel>) {
         let bytes = crate::task::written(2);
         let summary = mcap::Summary::read(&bytes).ok().flatten().expect("the writer's files have a summary");
@@ -175,7 +175,7 @@ pub mod dialects {
     ];
 }
 
-/// An input cut into so many stretches, for targets that need a schema and a message.
+/// The stretches of an input, for targets that need a schema and a message.
 pub fn stretches<const N: usize>(mut input: &[u8]) -> [&[u8]; N] {
     std::array::from_fn(|at| if at + 1 == N { take(&mut input, usize::MAX) } else { stretch(&mut input) })
 }

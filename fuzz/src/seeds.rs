@@ -1,5 +1,5 @@
-//! The inputs that fuzzing begins with: what the writers here write, and small real recordings. They are written into
-//! the growing corpus; the kept one (`corpus/`) is in the repository.
+//! The first inputs of each target: output of the project's writers, and small real recordings. They are written into
+//! `growth/`; the permanent corpus (`corpus/`) is in the repository.
 
 use std::fs;
 use std::path::Path;
@@ -13,12 +13,12 @@ use crate::{append, stretch, take};
 /// Larger files make slow inputs.
 const MOST_BYTES: u64 = 64 << 10;
 
-type Fault = Box<dyn std::error::Error>;
+type Failure = Box<dyn std::error::Error>;
 
-/// Writes a target's first inputs into its corpus, unless they are there.
+/// Writes the first inputs of a target into its folder, unless they exist.
 ///
 /// # Panics
-/// When the corpus takes no files.
+/// If the folder is not writable.
 pub fn write(target: &str) {
     let written = match target {
         "container" => containers(),
@@ -34,17 +34,17 @@ pub fn write(target: &str) {
         "wire" => messages(),
         _ => Ok(()),
     };
-    written.unwrap_or_else(|fault| panic!("writing the first inputs of {target}: {fault}"));
+    written.unwrap_or_else(|error| panic!("writing the first inputs of {target}: {error}"));
 }
 
-fn seed(target: &str, name: &str, bytes: &[u8]) -> Result<(), Fault> {
+fn seed(target: &str, name: &str, bytes: &[u8]) -> Result<(), Failure> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("growth").join(target);
     fs::create_dir_all(&folder)?;
     Ok(fs::write(folder.join(name), bytes)?)
 }
 
-/// Whole files: as written, without compression and checksums, cut, and those that were given.
-fn containers() -> Result<(), Fault> {
+/// Whole files: as written, without compression and checksums, truncated, and the real recordings.
+fn containers() -> Result<(), Failure> {
     let zstd = written(3);
     seed("container", "zstd", &zstd)?;
     seed("container", "cut", &zstd[..zstd.len() * 3 / 4])?;
@@ -71,7 +71,7 @@ fn containers() -> Result<(), Fault> {
     Ok(())
 }
 
-fn foxglove() -> Result<Vec<u8>, Fault> {
+fn foxglove() -> Result<Vec<u8>, Failure> {
     let (_, channels) = dialects::foxglove();
     let mut messages = Vec::new();
     for message in mcap::MessageStream::new(&written(4))? {
@@ -141,7 +141,7 @@ fn ros2() -> Vec<u8> {
     input(&messages)
 }
 
-/// Images are base64 text: depth raw, color once whole and else broken.
+/// Images are base64 text: raw depth, color once valid and otherwise damaged.
 fn json() -> Vec<u8> {
     let depth = format!(r#""encoding":"16UC1","data":"{}","height":8,"width":8,"step":16"#, "AQI".repeat(57));
     let mut messages = Vec::new();
@@ -160,7 +160,7 @@ fn json() -> Vec<u8> {
     input(&messages)
 }
 
-fn paths() -> Result<(), Fault> {
+fn paths() -> Result<(), Failure> {
     let json = br#"{"name":["b","a"],"position":[1,2],"joints":[{"p":{"x":1}},{"p":{"x":2}}],"deep":[[1],[2,3]]}"#;
     for (at, path) in ["position", "position[0:2]", "joints.p.x", "joints[1].p.x", "deep[1][0:1]"].iter().enumerate() {
         let mut bytes = Vec::new();
@@ -172,7 +172,7 @@ fn paths() -> Result<(), Fault> {
 }
 
 /// Each channel's own schema with its first message.
-fn schemas(target: &str, (_, channels): (Dialect, Vec<Channel>), messages: Vec<u8>) -> Result<(), Fault> {
+fn schemas(target: &str, (_, channels): (Dialect, Vec<Channel>), messages: Vec<u8>) -> Result<(), Failure> {
     let mut rest = messages.as_slice();
     for _ in 0..channels.len() {
         let at = usize::from(take(&mut rest, 4)[1]);
@@ -192,7 +192,7 @@ fn jpeg() -> Vec<u8> {
     gleaner_recording::encode_jpeg(&[90, 30, 200].repeat((SIDE * SIDE) as usize), SIDE, SIDE, 80).unwrap_or_default()
 }
 
-fn images() -> Result<(), Fault> {
+fn images() -> Result<(), Failure> {
     seed("image", "jpeg", &[&[1][..], &jpeg()].concat())?;
     let rgb: Vec<u8> = (0..SIDE * SIDE * 3).map(|at| at as u8).collect();
     for (name, color) in
@@ -215,9 +215,11 @@ fn images() -> Result<(), Fault> {
     Ok(())
 }
 
-/// A checkpoint's header with one small tensor: what is read before anything is believed.
-fn checkpoints() -> Result<(), Fault> {
-    for (name, policy) in [("encoder", ""), ("bc", r#","policy":"bc""#), ("act", r#","policy":"act","act":{"chunk_length":2}"#)] {
+/// The header of a checkpoint with one small tensor.
+fn checkpoints() -> Result<(), Failure> {
+    for (name, policy) in
+        [("encoder", ""), ("bc", r#","policy":"bc""#), ("act", r#","policy":"act","act":{"chunk_length":2}"#)]
+    {
         let kind = if policy.is_empty() { "encoder" } else { "policy" };
         let header = format!(
             r#"{{"format_version":1,"kind":"{kind}","step":3,"finished":true,"shape":{{"cameras":[{{"name":"top","height":16,"width":16}}],"proprioception":2,"action":1}},"model":{{"preset":"tiny","segment_length":0}}{policy},"spec":"{{}}"}}"#
@@ -244,7 +246,7 @@ fn field(number: u8, bytes: &[u8]) -> Vec<u8> {
     [&out, bytes].concat()
 }
 
-/// Of the task that the server's doors for the fuzzer have.
+/// An observation of the task that the server's module for fuzzing uses.
 fn observation() -> Vec<u8> {
     const RAW: [u8; 2] = [8, 3];
     let image = |data: &[u8]| [&RAW[..], &field(2, data)].concat();
@@ -254,8 +256,8 @@ fn observation() -> Vec<u8> {
     [vec![8, 1], field(2, &top), field(2, &wrist), field(3, &proprioception)].concat()
 }
 
-/// Of each kind a message of texts, of ids, and of messages.
-fn messages() -> Result<(), Fault> {
+/// For each kind, a message of texts, one of ids, and one of messages.
+fn messages() -> Result<(), Failure> {
     for kind in 0..31_u8 {
         let id = field(1, b"ep_01ARZ3NDEKTSV4RRFFQ69G5FAV");
         let text = [field(1, b"pick_cube"), field(2, b"x"), vec![24, 1], vec![32, 2]].concat();

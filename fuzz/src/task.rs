@@ -1,4 +1,4 @@
-//! One small task that all three dialects are read by.
+//! A small task with mappings for all three dialects.
 
 use std::io::Cursor;
 
@@ -14,13 +14,13 @@ pub const SIDE: u32 = 8;
 pub fn task() -> TaskSpec {
     let mut spec: TaskSpec =
         serde_json::from_str(r#"{"name":"fuzz","rate_hz":10,"action":[{"name":"command","size":2}]}"#)
-            .expect("the task is right");
+            .expect("the task is valid");
     spec.cameras = vec![CameraSpec { name: "front".into(), height: SIDE, width: SIDE, depth: true }];
     spec.proprioception =
         vec![FieldSpec { name: "joints".into(), size: 3 }, FieldSpec { name: "tool".into(), size: 2 }];
     spec.mappings = vec![ros2(), json()];
     spec.mappings.push(written_mapping(&spec));
-    gleaner_recording::validate(&spec).expect("the task is right");
+    gleaner_recording::validate(&spec).expect("the task is valid");
     spec
 }
 
@@ -68,15 +68,15 @@ fn source(field: &str, topic: &str, paths: &[&str]) -> FieldSource {
     }
 }
 
-/// A recording of so many steps by gleaner's own writer.
+/// A recording of gleaner's own writer with this number of steps.
 pub fn written(steps: u16) -> Vec<u8> {
     let spec = task();
-    let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).expect("the task is right");
+    let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).expect("the task is valid");
     for step in 0..steps {
         let value = f32::from(step) / 10.0;
         let frames: Vec<u8> = (0..frame_bytes_per_step(&spec)).map(|at| (at as u8).wrapping_add(step as u8)).collect();
         let values = StepRef { frames: &frames, proprioception: &[value; 5], action: &[value; 2] };
-        writer.step(1_000_000_000 + i64::from(step) * 100_000_000, values).expect("the step is right");
+        writer.step(1_000_000_000 + i64::from(step) * 100_000_000, values).expect("the step is valid");
     }
-    writer.finish().expect("memory takes all").into_inner()
+    writer.finish().expect("memory is writable").into_inner()
 }

@@ -1,7 +1,10 @@
 //! The gRPC services of gleaner, generated from `gleaner/v1/*.proto` and `inference/*.proto` without protoc.
 //!
-//! Holds wire types and nothing else: no conversion, no rule. Clients and the server both link it; the feature
-//! `services` adds the clients and the server traits, and with them tonic.
+//! The crate has wire types only, without conversions or rules. Clients and the server link it; the feature `services` adds
+//! the clients and the server traits, and with them tonic.
+//!
+//! [`v1`] has the services of gleaner; [`inference`] has the Open Inference Protocol; [`Rpc`] names every rpc, and
+//! [`DESCRIPTORS`] describes them for reflection.
 
 /// `gleaner.v1`: the messages, clients and server traits.
 pub mod v1 {
@@ -9,7 +12,7 @@ pub mod v1 {
     include!(concat!(env!("OUT_DIR"), "/gleaner.v1.rs"));
 }
 
-/// `inference`: the Open Inference Protocol, which robots and tools of other servers speak.
+/// `inference`: the Open Inference Protocol, which clients of other inference servers use.
 pub mod inference {
     #![allow(missing_docs, clippy::all, clippy::pedantic, unreachable_pub, reason = "generated code")]
     include!(concat!(env!("OUT_DIR"), "/inference.rs"));

@@ -1,7 +1,8 @@
-//! The gleaner server. `run` builds the services, hands each what it needs, and serves until it is stopped.
+//! The gleaner server. `run` builds the services, passes each its dependencies, and serves until it is stopped.
 //!
-//! Floors: `service` and `wire` over `ingest`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain` and
-//! `error`. Calls go down, never up. `worker` is the other process of this binary: a client of this server.
+//! Floors: `service` and `wire` over `ingest`, `jobs`, `policies` and `scorers` over `store` and `blobs` over `domain`
+//! and `error`. Calls go down, never up. Workers are processes of another program, `crates/worker`, and clients of this
+//! server.
 
 pub mod access;
 pub mod config;
@@ -49,18 +50,18 @@ use crate::{
 #[derive(Debug)]
 pub struct Listeners {
     calls: TcpListener,
-    /// How calls are encrypted, if they are.
+    /// The TLS settings; `None`: calls are not encrypted.
     tls: Option<Arc<Tls>>,
-    /// Where our own workers call, and nobody else: on this machine only, and without a certificate to check.
+    /// The listener for the server's own workers alone: on the loopback address, and without a certificate to check.
     workers: TcpListener,
     pages: Option<TcpListener>,
 }
 
 impl Listeners {
-    /// Binds what the configuration says, and reads the certificate.
+    /// Binds the configured addresses, and reads the certificate.
     ///
     /// # Errors
-    /// Precondition when an address is taken or not ours, or the certificate cannot be used.
+    /// Precondition when an address is taken or not available, or the certificate cannot be used.
     pub async fn bind(config: &ServeConfig) -> Result<Self> {
         let tls = tls::open(&config.access)?;
         let workers = bind((Ipv4Addr::LOCALHOST, 0).into())?;
@@ -71,33 +72,33 @@ impl Listeners {
         Ok(Self { calls: bind(config.listen)?, tls, workers, pages })
     }
 
-    /// Where calls come in.
+    /// The address for calls.
     ///
     /// # Errors
-    /// Internal when the system does not say.
+    /// Internal when the system does not return it.
     pub fn address(&self) -> Result<SocketAddr> {
         self.calls.local_addr().map_err(|error| Error::internal("asking the address", error))
     }
 
-    /// Where calls come in, as clients name it.
+    /// The address for calls, as a URL for clients.
     ///
     /// # Errors
-    /// Internal when the system does not say.
+    /// Internal when the system does not return it.
     pub fn url(&self) -> Result<String> {
         let scheme = if self.tls.is_some() { "https" } else { "http" };
         Ok(format!("{scheme}://{}", self.address()?))
     }
 
-    /// Where the pages are, as browsers name it, if anywhere.
+    /// The address of the pages, as a URL for browsers; `None` without pages.
     ///
     /// # Errors
-    /// Internal when the system does not say.
+    /// Internal when the system does not return it.
     pub fn pages_url(&self) -> Result<Option<String>> {
         let scheme = if self.tls.is_some() { "https" } else { "http" };
         Ok(self.pages()?.map(|pages| format!("{scheme}://{pages}")))
     }
 
-    /// Where our own workers call.
+    /// The address for the server's own workers.
     fn for_workers(&self) -> Result<SocketAddr> {
         self.workers.local_addr().map_err(|error| Error::internal("asking the workers' address", error))
     }
@@ -115,7 +116,7 @@ const BACKLOG: u32 = 4096;
 fn bind(address: SocketAddr) -> Result<TcpListener> {
     let listen = || {
         let socket = if address.is_ipv4() { TcpSocket::new_v4() } else { TcpSocket::new_v6() }?;
-        // A server that starts again need not wait for the connections of the one before.
+        // A restarted server need not wait for the old connections of the previous one.
         socket.set_reuseaddr(true)?;
         socket.bind(address)?;
         socket.listen(BACKLOG)
@@ -123,8 +124,8 @@ fn bind(address: SocketAddr) -> Result<TcpListener> {
     listen().map_err(|error: std::io::Error| Error::precondition(format!("cannot listen on {address}: {error}")))
 }
 
-/// Serves on `listeners` until `stop` ends, then drains: open calls get a while, jobs are stopped to resume later.
-/// `_lock`, of the data directory, is held until the end.
+/// Serves on `listeners` until `stop` completes, then drains: open calls get time to end, and jobs are stopped to
+/// resume later. `_lock`, of the data directory, is held until the end.
 ///
 /// # Errors
 /// When the data directory, the database or a listener cannot be used.
@@ -138,7 +139,7 @@ pub async fn run(
     tracing::info!(server.address = %address, data.dir = %config.data_dir.display(), "starting");
     gleaner_edge::raise_descriptor_limit();
     if listeners.pages.is_some() {
-        // Before anything is counted.
+        // Installed before any metric is counted.
         telemetry::metrics::recorder()?;
     }
     let services = Services::open(config, listeners.for_workers()?).await?;

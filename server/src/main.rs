@@ -1,4 +1,4 @@
-//! The `gleaner-server` binary: parse, start logging, run, exit code. Knows no room's inside.
+//! The `gleaner-server` binary: parse, start logging, run, exit code. Must not depend on the inside of modules.
 
 use std::{
     io::{Stdout, stdout},
@@ -20,13 +20,13 @@ use gleaner_server::{
 };
 use tokio::runtime::Runtime;
 
-/// Exit code for arguments that cannot be parsed, as the parser has it.
+/// Exit code for arguments that cannot be parsed, the same as the parser's.
 const ARGUMENTS: u8 = 2;
 /// Exit code for a wrong configuration, as in sysexits.
 const USAGE: u8 = 64;
-/// What the server may take, above its drain, to end.
+/// Time for the server to end, in addition to its drain.
 const ENDING: Duration = Duration::from_secs(10);
-/// What is left on other threads once the server has ended may take this long.
+/// Time for work on other threads after the server has ended.
 const LEFT_OVER: Duration = Duration::from_secs(1);
 
 #[expect(clippy::print_stderr, reason = "logging may not be up when these are told")]
@@ -35,11 +35,11 @@ fn main() -> ExitCode {
     let cli = match Cli::try_parse() {
         Ok(cli) => cli,
         Err(problem) if problem.use_stderr() => {
-            // The parser's words repeat what was given.
+            // The parser's message quotes the arguments.
             eprint!("{}", Escape::Lines.apply(&problem.render().to_string()));
             return ExitCode::from(ARGUMENTS);
         }
-        // Help or the version.
+        // `--help` or `--version`.
         Err(asked) => asked.exit(),
     };
     let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
@@ -59,7 +59,7 @@ fn main() -> ExitCode {
         },
         Command::Keep(command) => match keep(command) {
             Ok(true) => Ok(()),
-            // What was found is told already.
+            // The problems were printed already.
             Ok(false) => return ExitCode::FAILURE,
             Err(error) => Err(error),
         },
@@ -103,7 +103,7 @@ fn tls(config: &TlsConfig) -> Result<()> {
     gleaner_server::access::tls::command::run(config, &mut output(Escape::Lines))
 }
 
-/// Where commands print. What they print repeats names from recordings and callers.
+/// The output of commands, escaped because it has names from recordings and callers.
 fn output(escape: Escape) -> EscapingWriter<Stdout> {
     EscapingWriter::new(stdout(), escape)
 }
@@ -114,9 +114,9 @@ fn survive_file_limit() {
     }
 }
 
-/// What must be there before anything is said.
+/// The parts that must exist before the first log line.
 struct Stage {
-    /// What serves: it also sends the traces. Other commands have their own.
+    /// The runtime of the server, which also sends the traces. Other commands have their own.
     runtime: Option<Runtime>,
     traces: Traces,
 }
@@ -144,7 +144,7 @@ impl Stage {
     }
 }
 
-/// What carries messages.
+/// The runtime of the server.
 fn threads(config: &ServeConfig) -> std::io::Result<Runtime> {
     tokio::runtime::Builder::new_multi_thread().worker_threads(config.policies.io_threads()).enable_all().build()
 }
@@ -155,7 +155,8 @@ async fn serve(config: ServeConfig) -> Result<()> {
         tracing::warn!(%error, "SIGHUP would end the server");
     }
     survive_file_limit();
-    // Before anything is said: who starts a server must not wait for one that will not serve, and may stop it at once.
+    // Before the first printed line: its reader may stop the server at once, and must not wait for one that cannot
+    // serve.
     let asked = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
     program::all_installed()?;
     let lock = DataLock::take(&config.data_dir)?;

@@ -1,8 +1,8 @@
-//! Models in memory under a budget: least recently used first out, models in use never.
+//! Models in memory under a budget: the least recently used is evicted first, models in use never.
 //!
-//! `policies` and `scorers` share this eviction rule and add what is theirs: names that point at a policy, and loads
+//! `policies` and `scorers` share this eviction rule and add their own parts: names that point at a policy, and loads
 //! that several callers wait for. The cache is used with its owner's lock held, so that the count of a model's holders
-//! cannot rise while it is judged.
+//! cannot rise during the check.
 
 use std::{
     collections::HashMap,
@@ -12,14 +12,14 @@ use std::{
 
 use crate::error::{Error, Result};
 
-/// Loaded models by key. A pinned model stays in memory until the budget needs its place; an unpinned one lives as long
+/// Loaded models by key. A pinned model stays in memory until the budget needs its space; an unpinned one lives as long
 /// as its other holders.
 #[derive(Debug)]
 pub(crate) struct ModelCache<K, M> {
     /// The largest sum of weights, unless models in use exceed it.
     budget: u64,
     entries: HashMap<K, Entry<M>>,
-    /// Counts uses, to order entries by their last one.
+    /// Counter of uses, which orders entries by their last one.
     uses: u64,
     stopped: bool,
 }
@@ -66,7 +66,7 @@ impl<K: Clone + Eq + Hash, M> ModelCache<K, M> {
         Ok(entry.model.upgrade())
     }
 
-    /// Adds a model that has been loaded, unpinned.
+    /// Adds a loaded model, unpinned.
     pub(crate) fn insert(&mut self, key: K, model: &Arc<M>, weight: u64) {
         self.uses += 1;
         self.entries.insert(key, Entry { model: Arc::downgrade(model), pinned: None, weight, used: self.uses });
@@ -115,14 +115,14 @@ impl<K: Clone + Eq + Hash, M> ModelCache<K, M> {
         self.stopped
     }
 
-    /// Removes and returns every loaded model, and refuses later requests.
+    /// Removes and returns every loaded model, and rejects later requests.
     pub(crate) fn stop(&mut self) -> Vec<Arc<M>> {
         self.stopped = true;
         // Upgraded before the entry's own reference is dropped.
         self.entries.drain().filter_map(|(_, entry)| entry.model.upgrade()).collect()
     }
 
-    /// The keys of all loaded models; this counts as no use.
+    /// The keys of all loaded models; this does not count as a use.
     #[cfg(test)]
     pub(crate) fn keys(&self) -> Vec<K> {
         self.entries.iter().filter(|(_, entry)| entry.is_loaded()).map(|(key, _)| key.clone()).collect()

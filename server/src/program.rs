@@ -7,9 +7,9 @@ use crate::error::{Error, Result};
 /// A program that the server starts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Program {
-    /// Reads one recording that may be hostile.
+    /// Reads one recording, which may be hostile.
     Inspector,
-    /// Does one job.
+    /// Runs one job.
     Worker,
 }
 
@@ -21,10 +21,10 @@ impl Program {
         }
     }
 
-    /// Its path beside this program: `gleaner-worker` beside `gleaner-server`, with the same ending.
+    /// Its path beside this program: `gleaner-worker` beside `gleaner-server`, with the same suffix.
     ///
     /// # Errors
-    /// Internal when the system does not name this program's own path.
+    /// Internal when the system does not return this program's own path.
     pub(crate) fn path(self) -> Result<PathBuf> {
         let own = std::env::current_exe().map_err(|error| Error::internal("finding this program", error))?;
         let name = own.file_name().unwrap_or_default().to_string_lossy();
@@ -54,7 +54,7 @@ mod tests {
 
     #[test]
     fn a_missing_program_is_named() {
-        // Beside this test there is none.
+        // The folder of this test has no such program.
         let missing = all_installed().unwrap_err();
         assert!(missing.message().contains("/gleaner-inspector is missing"), "{missing}");
         assert!(Program::Worker.path().unwrap().ends_with("gleaner-worker"));

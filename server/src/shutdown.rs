@@ -32,8 +32,8 @@ pub fn outlive_hangups() -> io::Result<()> {
     signal(SignalKind::hangup()).map(drop)
 }
 
-/// Ends this process within `limit`, whatever its clients, its disk or its threads do, and at once when it is asked to
-/// stop a second time. Acknowledged data is on disk; the rest is recovered at the next start, as after a crash.
+/// Ends this process within `limit`, whatever its clients, its disk or its threads do, and at once on a second request
+/// to stop. Acknowledged data is on disk; the rest is recovered at the next start, as after a crash.
 ///
 /// # Errors
 /// When the thread cannot be started, or the signal handlers cannot be installed.
@@ -44,7 +44,7 @@ pub fn must_end_within(limit: Duration) -> io::Result<()> {
         end("asked to stop a second time")
     });
     let begun = Instant::now();
-    // A thread: the runtime itself may be stuck.
+    // A thread, because the runtime itself may be stuck.
     Builder::new().name("end".to_owned()).spawn(move || {
         while let Some(left) = limit.checked_sub(begun.elapsed()).filter(|left| !left.is_zero()) {
             park_timeout(left);
@@ -54,12 +54,12 @@ pub fn must_end_within(limit: Duration) -> io::Result<()> {
     Ok(())
 }
 
-/// Not by `exit`, whose handlers may wait for a stuck thread.
+/// Ends the process without `exit`, whose handlers may wait for a stuck thread.
 fn end(reason: &str) -> ! {
     tracing::error!(reason, "the server is ending at once");
     if let Err(error) = kill_process(getpid(), Signal::KILL) {
         tracing::error!(%error, "the server cannot kill itself");
     }
-    // The first process of a container cannot be killed from within it, not even by itself.
+    // SIGKILL has no effect on the first process of a container when it comes from within the container.
     std::process::abort();
 }

@@ -1,14 +1,10 @@
-//! Who is let in: tokens, roles, TLS, the audit log, and that no secret is told.
+//! Access: tokens, roles, TLS, the audit log; secrets stay out of logs and files.
 
 mod certificates;
-mod ending;
-mod guarded;
 mod paths;
-mod raw;
 mod reload;
+mod revocation;
 mod workers;
-
-use std::time::Duration;
 
 use gleaner_client::Client;
 use gleaner_proto::{
@@ -18,39 +14,38 @@ use gleaner_proto::{
 };
 use tonic::{Code, Request, transport::Channel};
 
-pub use self::guarded::Guarded;
-use crate::{bad_input::refused, lab, refusals::NOBODY};
+use crate::support::{
+    errors::{ABSENT_ID, expect_error},
+    lab, rpc,
+    secure::SecureServer,
+    wait::within,
+};
 
-/// No event in these tests takes longer.
-const PATIENCE: Duration = Duration::from_secs(120);
-
-/// What lists the tasks, and says how that went.
+/// Lists the tasks; returns the code of the status.
 async fn list(client: &Client) -> Code {
     client.tasks().list_tasks(ListTasksRequest {}).await.map_or_else(|status| status.code(), |_| Code::Ok)
 }
 
 #[tokio::test]
-async fn a_token_is_good_at_once_until_it_is_revoked() {
-    let server = Guarded::start(&["--workers", "0"], &[]).await;
-    let nobody = server.client(None).await;
-    let status = nobody.tasks().list_tasks(ListTasksRequest {}).await.unwrap_err();
-    refused(&status, Code::Unauthenticated, &["--token", "GLEANER_TOKEN", "token create"]);
+async fn token_is_valid_until_it_is_revoked() {
+    let server = SecureServer::start(&["--workers", "0"], &[]).await;
+    let anonymous = server.client(None).await;
+    let status = anonymous.tasks().list_tasks(ListTasksRequest {}).await.unwrap_err();
+    expect_error(&status, Code::Unauthenticated, &["--token", "GLEANER_TOKEN", "token create"]);
     assert_eq!(list(&server.client(Some("gleaner_0000")).await).await, Code::Unauthenticated);
 
     let token = server.token("contributor", &["--name", "anna", "--expires", "1h"]).await;
     let anna = server.client(Some(&token)).await;
-    lab_task(&anna).await;
+    create_task(&anna).await;
     let status = anna.jobs().submit_job(SubmitJobRequest::default()).await.unwrap_err();
-    refused(&status, Code::PermissionDenied, &["trainer", "anna", "contributor"]);
+    expect_error(&status, Code::PermissionDenied, &["trainer", "anna", "contributor"]);
     let listed = server.command(&["token", "list"]).await.unwrap();
     assert!(listed.contains("anna") && listed.contains("live") && !listed.contains(&token), "{listed}");
 
-    // An open stream ends with its token, though nothing is said on it.
-    let (_keep, silent) = tokio::sync::mpsc::channel::<SessionRequest>(1);
-    let requests = tokio_stream::wrappers::ReceiverStream::new(silent);
-    let session = anna.policies().session(requests).await.unwrap().into_inner();
+    // An open stream ends with its token even if it is idle.
+    let session = anna.policies().session(tokio_stream::pending::<SessionRequest>()).await.unwrap().into_inner();
     server.command(&["token", "revoke", "anna"]).await.unwrap();
-    let ended = tokio::time::timeout(PATIENCE, end(session)).await.unwrap();
+    let ended = within("the session ends", end(session)).await;
     assert_eq!(ended, Code::Unauthenticated);
     assert_eq!(list(&anna).await, Code::Unauthenticated);
 
@@ -68,6 +63,7 @@ async fn a_token_is_good_at_once_until_it_is_revoked() {
     assert!(!log.contains(&token) && !log.contains("ListTasks"), "{log}");
 }
 
+/// Reads a session to its end; returns the code of its status.
 async fn end(mut session: tonic::Streaming<SessionResponse>) -> Code {
     loop {
         match session.message().await {
@@ -78,22 +74,18 @@ async fn end(mut session: tonic::Streaming<SessionResponse>) -> Code {
     }
 }
 
-async fn lab_task(client: &Client) {
-    let spec = gleaner_core::proto::task::spec_to_proto(gleaner_sim::task_spec(
-        gleaner_sim::Task::PickCube,
-        &lab::sim_config(),
-    ));
-    client.tasks().create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap();
+async fn create_task(client: &Client) {
+    client.tasks().create_task(CreateTaskRequest { spec: Some(lab::spec_message()) }).await.unwrap();
 }
 
-/// The whole of the table over a real connection, for who has no token; a handful for who has one. (Every rpc with every
-/// role is walked in the guard's own tests.)
+/// Every rpc without a token over a real connection, and a few with one. The guard's own tests call every rpc with every
+/// role.
 #[tokio::test]
-async fn nothing_but_its_health_is_told_to_who_has_no_token() {
-    let server = Guarded::start(&["--workers", "0"], &[]).await;
-    let channel = raw::connect(&server).await;
+async fn callers_without_a_token_reach_health_only() {
+    let server = SecureServer::start(&["--workers", "0"], &[]).await;
+    let channel = rpc::connect(&server).await;
     for rpc in Rpc::ALL {
-        let code = raw::call(&channel, rpc.path(), None, Vec::new()).await;
+        let code = rpc::call(&channel, rpc.path(), None, Vec::new()).await;
         let expected = match rpc.path().rsplit(['/', '.']).next().unwrap() {
             "ServerLive" | "ServerReady" => Code::Ok,
             _ if rpc.path().contains(".WorkerService/") => Code::Unimplemented,
@@ -102,34 +94,34 @@ async fn nothing_but_its_health_is_told_to_who_has_no_token() {
         assert_eq!(code, expected, "{}", rpc.path());
     }
     let health = "/grpc.health.v1.Health/Check";
-    // The message that asks reflection for the list of services.
+    // The message that requests the list of services.
     const LIST_SERVICES: [u8; 2] = [0x3a, 0];
-    assert_eq!(raw::call(&channel, health, None, Vec::new()).await, Code::Ok);
+    assert_eq!(rpc::call(&channel, health, None, Vec::new()).await, Code::Ok);
     let viewer = server.token("viewer", &[]).await;
     for reflection in [
         "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
         "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
     ] {
-        assert_eq!(raw::call(&channel, reflection, None, Vec::new()).await, Code::Unauthenticated, "{reflection}");
+        assert_eq!(rpc::call(&channel, reflection, None, Vec::new()).await, Code::Unauthenticated, "{reflection}");
         assert_eq!(
-            raw::call(&channel, reflection, Some(&viewer), LIST_SERVICES.to_vec()).await,
+            rpc::call(&channel, reflection, Some(&viewer), LIST_SERVICES.to_vec()).await,
             Code::Ok,
             "{reflection}"
         );
     }
     assert_eq!(
-        raw::call(&channel, "/gleaner.v1.TaskService/Nothing", Some(&viewer), Vec::new()).await,
+        rpc::call(&channel, "/gleaner.v1.TaskService/Nothing", Some(&viewer), Vec::new()).await,
         Code::Unimplemented
     );
 }
 
 #[tokio::test]
-async fn a_robot_has_its_own_deployments_and_no_others() {
-    let server = Guarded::start(&["--workers", "0"], &[]).await;
+async fn robot_token_reaches_its_own_deployments_only() {
+    let server = SecureServer::start(&["--workers", "0"], &[]).await;
     let token = server.token("robot", &["--name", "arm", "--deployment", "arm@prod"]).await;
     let robot = server.client(Some(&token)).await;
-    let channel = raw::connect(&server).await;
-    // Nothing is deployed: its own is not found, any other is not its business.
+    let channel = rpc::connect(&server).await;
+    // Neither is deployed: its own is not found, and the other is not permitted.
     for (deployment, code) in [("arm@prod", Code::NotFound), ("leg@prod", Code::PermissionDenied)] {
         let observations = vec![Observation { stamp_ns: 1, ..Default::default() }];
         let act = robot.policies().act(ActRequest { deployment: deployment.into(), observations }).await;
@@ -140,7 +132,7 @@ async fn a_robot_has_its_own_deployments_and_no_others() {
         assert_eq!(end(session).await, code, "{deployment}");
         assert_eq!(infer(&channel, &token, deployment).await, code, "{deployment}");
     }
-    // Its episodes have the cohort of its deployment, so that it cannot put them among the experts.
+    // Its episodes get the cohort of its deployment, so that it cannot add them to the experts.
     let open =
         SessionOpen { deployment: "arm@prod".into(), record: true, cohort: "experts".into(), ..Default::default() };
     let open = SessionRequest { message: Some(session_request::Message::Open(open)) };
@@ -153,12 +145,12 @@ async fn a_robot_has_its_own_deployments_and_no_others() {
 
 #[tokio::test]
 async fn only_an_admin_deletes_by_force() {
-    let server = Guarded::start(&["--workers", "0"], &[]).await;
+    let server = SecureServer::start(&["--workers", "0"], &[]).await;
     for (role, code) in
         [("contributor", Code::PermissionDenied), ("trainer", Code::PermissionDenied), ("admin", Code::NotFound)]
     {
         let client = server.client(Some(&server.token(role, &[]).await)).await;
-        let delete = |force| DeleteEpisodesRequest { episode_ids: vec![format!("ep_{NOBODY}")], force };
+        let delete = |force| DeleteEpisodesRequest { episode_ids: vec![format!("ep_{ABSENT_ID}")], force };
         let forced = client.episodes().delete_episodes(delete(true)).await.unwrap_err();
         assert_eq!(forced.code(), code, "{role}: {forced}");
         let usual = client.episodes().delete_episodes(delete(false)).await.unwrap_err();
@@ -172,22 +164,21 @@ async fn infer(channel: &Channel, token: &str, model: &str) -> Code {
     GrpcInferenceServiceClient::new(channel.clone()).model_infer(request).await.unwrap_err().code()
 }
 
-/// All levels of the log are on.
+/// At every level of the log.
 #[tokio::test]
-async fn no_log_and_no_file_tells_a_token() {
-    let server = Guarded::start(&["--workers", "0"], &[]).await;
-    let (good, gone) = (server.token("admin", &[]).await, server.token("admin", &["--name", "gone"]).await);
-    server.command(&["token", "revoke", "gone"]).await.unwrap();
+async fn tokens_and_keys_appear_in_no_log_and_no_database() {
+    let server = SecureServer::start(&["--workers", "0"], &[]).await;
+    let (good, revoked) = (server.token("admin", &[]).await, server.token("admin", &["--name", "revoked"]).await);
+    server.command(&["token", "revoke", "revoked"]).await.unwrap();
     let unknown = "gleaner_a_token_of_another_server";
-    let channel = raw::connect(&server).await;
-    for token in [good.as_str(), gone.as_str(), unknown] {
+    let channel = rpc::connect(&server).await;
+    for token in [good.as_str(), revoked.as_str(), unknown] {
         for rpc in [Rpc::TaskServiceListTasks, Rpc::TaskServiceCreateTask, Rpc::WorkerServiceGetAssignment] {
-            raw::call(&channel, rpc.path(), Some(token), Vec::new()).await;
+            rpc::call(&channel, rpc.path(), Some(token), Vec::new()).await;
         }
     }
     assert_eq!(list(&server.client(Some(&good)).await).await, Code::Ok);
-    let log = server.log();
-    assert!(log.contains("ListTasks") && log.contains("TRACE"), "the log was not at its most talkative");
-    let key = std::fs::read_to_string(server.data_dir().parent().unwrap().join("key")).unwrap();
-    server.tells_nobody([good.as_str(), gone.as_str(), unknown, key.lines().nth(1).unwrap()]);
+    assert!(server.log().contains("ListTasks"));
+    let key = std::fs::read_to_string(server.folder().join("key")).unwrap();
+    server.expect_no_secret([good.as_str(), revoked.as_str(), unknown, key.lines().nth(1).unwrap()]);
 }

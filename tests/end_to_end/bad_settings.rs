@@ -1,17 +1,17 @@
-//! Settings that are wrong: each is refused by its path, with the mend, before anything is queued.
+//! Invalid settings: each is rejected with its path and the fix before a job is queued.
 
 use gleaner_proto::v1::*;
 use serde_json::json;
 use tonic::Code;
 
-use crate::{
-    bad_input::{quiet_lab, refused},
+use crate::support::{
+    errors::expect_error,
     lab::{self, RECORDINGS},
 };
 
 #[tokio::test]
-async fn thresholds_outside_the_unit_interval() {
-    let (_server, mut api) = quiet_lab().await;
+async fn thresholds_outside_the_unit_interval_are_rejected() {
+    let (_server, mut api) = lab::idle().await;
     for recording in [&RECORDINGS[0], &RECORDINGS[6]] {
         lab::push(&mut api, lab::TASK, recording).await.unwrap();
     }
@@ -19,41 +19,40 @@ async fn thresholds_outside_the_unit_interval() {
     let run = api.submit(lab::TASK, lab::score(&pretrain.result_id)).await.unwrap().result_id;
     for beta in [-0.1, 1.1, f64::NAN, f64::INFINITY] {
         let request = CreateDatasetRequest { score_run_id: run.clone(), selection: Some(lab::above(beta)) };
-        refused(&api.datasets.create_dataset(request).await.unwrap_err(), Code::InvalidArgument, &["beta"]);
+        expect_error(&api.datasets.create_dataset(request).await.unwrap_err(), Code::InvalidArgument, &["beta"]);
     }
     for fraction in [0.0, 1.1, f64::NAN] {
         let request = CreateDatasetRequest { score_run_id: run.clone(), selection: Some(lab::top(fraction)) };
         let error = api.datasets.create_dataset(request).await.unwrap_err();
-        refused(&error, Code::InvalidArgument, &["selection.top_fraction"]);
+        expect_error(&error, Code::InvalidArgument, &["selection.top_fraction"]);
     }
     let request = CreateDatasetRequest { score_run_id: run.clone(), selection: None };
-    refused(&api.datasets.create_dataset(request).await.unwrap_err(), Code::InvalidArgument, &["selection"]);
+    expect_error(&api.datasets.create_dataset(request).await.unwrap_err(), Code::InvalidArgument, &["selection"]);
     for (selections, words) in [
         (vec![], ["selections", "between 1 and 100"]),
         (vec![lab::above(0.5); 101], ["selections", "between 1 and 100"]),
         (vec![lab::above(0.5), lab::above(2.0)], ["selections[1].beta", "between 0 and 1"]),
     ] {
         let request = CountKeptRequest { score_run_id: run.clone(), selections, per_episode: false };
-        refused(&api.scores.count_kept(request).await.unwrap_err(), Code::InvalidArgument, &words);
+        expect_error(&api.scores.count_kept(request).await.unwrap_err(), Code::InvalidArgument, &words);
     }
     let request = CountKeptRequest { score_run_id: run.clone(), selections: vec![lab::above(0.5)], per_episode: false };
-    refused(&api.scores.count_kept(request).await.unwrap_err(), Code::FailedPrecondition, &["job"]);
+    expect_error(&api.scores.count_kept(request).await.unwrap_err(), Code::FailedPrecondition, &["job"]);
     let request = GetHistogramRequest { score_run_id: run.clone(), bins: 0, betas: vec![2.0] };
-    refused(&api.scores.get_histogram(request).await.unwrap_err(), Code::InvalidArgument, &["betas"]);
+    expect_error(&api.scores.get_histogram(request).await.unwrap_err(), Code::InvalidArgument, &["betas"]);
     let request = GetHistogramRequest { score_run_id: run.clone(), bins: 0, betas: vec![] };
-    refused(&api.scores.get_histogram(request).await.unwrap_err(), Code::FailedPrecondition, &["job"]);
-    // The view may exist before the run; what it shows may not.
+    expect_error(&api.scores.get_histogram(request).await.unwrap_err(), Code::FailedPrecondition, &["job"]);
+    // A dataset can be created before its run has ended; its segments cannot be read.
     let request = CreateDatasetRequest { score_run_id: run, selection: Some(lab::above(0.9)) };
     let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
     assert_eq!(dataset.kept_segments, None);
     let request = StreamSegmentsRequest { dataset_id: dataset.id, ..StreamSegmentsRequest::default() };
-    refused(&api.datasets.stream_segments(request).await.unwrap_err(), Code::FailedPrecondition, &[]);
+    expect_error(&api.datasets.stream_segments(request).await.unwrap_err(), Code::FailedPrecondition, &[]);
 }
 
-/// Every setting of the method that came after the first version names itself when it is wrong.
 #[tokio::test]
-async fn settings_that_cannot_be() {
-    let (_server, mut api) = quiet_lab().await;
+async fn invalid_settings_are_rejected_with_their_path() {
+    let (_server, mut api) = lab::idle().await;
     for recording in [&RECORDINGS[0], &RECORDINGS[6]] {
         lab::push(&mut api, lab::TASK, recording).await.unwrap();
     }
@@ -92,10 +91,10 @@ async fn settings_that_cannot_be() {
         (evaluate(json!({"seeds": [1, 1]})), "spec.evaluate.settings.seeds"),
         (evaluate(json!({"simulation": "stack_cube"})), "spec.evaluate.settings.simulation"),
     ] {
-        refused(&api.submit(lab::TASK, spec).await.unwrap_err(), Code::InvalidArgument, &[&format!("{field}: ")]);
+        expect_error(&api.submit(lab::TASK, spec).await.unwrap_err(), Code::InvalidArgument, &[&format!("{field}: ")]);
     }
     let unknown = api.submit(lab::TASK, evaluate(json!({}))).await.unwrap_err();
-    refused(&unknown, Code::NotFound, &["pol_01ARZ3NDEKTSV4RRFFQ69G5FAV"]);
+    expect_error(&unknown, Code::NotFound, &["pol_01ARZ3NDEKTSV4RRFFQ69G5FAV"]);
     let extension = extends(&base);
-    refused(&api.submit(lab::TASK, extension).await.unwrap_err(), Code::FailedPrecondition, &[&base, "queued"]);
+    expect_error(&api.submit(lab::TASK, extension).await.unwrap_err(), Code::FailedPrecondition, &[&base, "queued"]);
 }

@@ -1,10 +1,10 @@
-//! Evaluations: jobs in the embedded simulator, and reports from elsewhere.
+//! Evaluations: jobs in the embedded simulator, and reports of other simulators.
 
 use gleaner_proto::v1::*;
 use serde_json::json;
 use tonic::Code;
 
-use crate::{
+use crate::support::{
     api::Api,
     lab,
     shared::{NAME, shared},
@@ -25,7 +25,7 @@ impl Api {
 }
 
 #[tokio::test]
-async fn an_evaluation_is_repeatable_and_says_how_sure_it_is() {
+async fn evaluation_is_repeatable_and_has_an_interval() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let mut made = Vec::new();
@@ -54,7 +54,7 @@ async fn an_evaluation_is_repeatable_and_says_how_sure_it_is() {
 }
 
 #[tokio::test]
-async fn trials_from_elsewhere_are_kept_with_the_policy() {
+async fn reported_evaluation_is_stored_with_its_policy() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let seed = SeedResult { seed: 3, episodes: 50, successes: 41, mean_steps: 0.0 };
@@ -72,14 +72,14 @@ async fn trials_from_elsewhere_are_kept_with_the_policy() {
     let wrong = ReportEvaluationRequest { seeds: vec![many], ..report.clone() };
     let error = api.policies.report_evaluation(wrong).await.unwrap_err();
     assert!(error.code() == Code::InvalidArgument && error.message().contains("seeds[0].successes"), "{error}");
-    let nobody = ReportEvaluationRequest { policy_id: "pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into(), ..report };
-    assert_eq!(api.policies.report_evaluation(nobody).await.unwrap_err().code(), Code::NotFound);
-    let nothing = GetEvaluationRequest { evaluation_id: "eval_01ARZ3NDEKTSV4RRFFQ69G5FAV".into() };
-    assert_eq!(api.policies.get_evaluation(nothing).await.unwrap_err().code(), Code::NotFound);
+    let unknown = ReportEvaluationRequest { policy_id: "pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into(), ..report };
+    assert_eq!(api.policies.report_evaluation(unknown).await.unwrap_err().code(), Code::NotFound);
+    let unknown = GetEvaluationRequest { evaluation_id: "eval_01ARZ3NDEKTSV4RRFFQ69G5FAV".into() };
+    assert_eq!(api.policies.get_evaluation(unknown).await.unwrap_err().code(), Code::NotFound);
 }
 
 #[tokio::test]
-async fn an_evaluation_can_be_cancelled() {
+async fn evaluation_can_be_cancelled() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let subject = evaluate_spec::Subject::PolicyId(shared.policy.clone());

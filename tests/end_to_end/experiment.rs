@@ -1,11 +1,10 @@
-//! `gleaner experiment` against a real server: a grid from a file, its report, and a second run that does nothing.
+//! `gleaner experiment` against a real server: a grid from a file, its report, and a second run without new jobs.
 
-use std::{path::Path, process::Stdio};
+use std::path::Path;
 
 use gleaner_proto::v1::*;
-use tokio::process::Command;
 
-use crate::{api::Api, server::TestServer};
+use crate::support::{api::Api, command::gleaner, server::TestServer};
 
 const FILE: &str = r#"
 name = "smallest"
@@ -34,24 +33,14 @@ axes = { scorer = ["ssdf", "raw"] }
 "#;
 
 async fn run(server: &TestServer, file: &Path, out: &Path) {
-    let (ok, said) = experiment(server, file, out, &[]).await;
-    assert!(ok, "{said}");
+    let (success, text) = experiment(server, file, out, &[]).await;
+    assert!(success, "{text}");
 }
 
 async fn experiment(server: &TestServer, file: &Path, out: &Path, flags: &[&str]) -> (bool, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_gleaner-under-test"))
-        .args(["--server", server.url(), "experiment"])
-        .arg(file)
-        .arg("--out")
-        .arg(out)
-        .args(flags)
-        .stdin(Stdio::null())
-        .kill_on_drop(true)
-        .output()
-        .await
-        .unwrap();
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (output.status.success(), format!("{}\n{}", text(&output.stdout), text(&output.stderr)))
+    let (file, out) = (file.to_str().unwrap(), out.to_str().unwrap());
+    let output = gleaner(server.url(), &[&["experiment", file, "--out", out], flags].concat()).await;
+    (output.success, output.text())
 }
 
 async fn jobs(server: &TestServer) -> Vec<Job> {
@@ -60,7 +49,7 @@ async fn jobs(server: &TestServer) -> Vec<Job> {
 }
 
 #[tokio::test]
-async fn an_experiment_shares_stages_reports_and_goes_on() {
+async fn experiment_shares_stages_and_resumes() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = (dir.path().join("smallest.toml"), dir.path().join("out"));
@@ -79,41 +68,44 @@ async fn an_experiment_shares_stages_reports_and_goes_on() {
     assert!(numbers.is_object());
 
     run(&server, &file, &out).await;
-    assert_eq!(jobs(&server).await.len(), made.len(), "what is done is not done twice");
+    assert_eq!(jobs(&server).await.len(), made.len(), "finished cells are not repeated");
 
-    // A grid that has grown: the report of what is there asks for nothing, and says what is missing.
+    // A larger grid: the report covers the finished cells, lists the others, and needs no server.
     std::fs::write(&file, FILE.replace("\"ssdf\", \"raw\"]", "\"ssdf\", \"raw\", \"classifier\"]")).unwrap();
-    let (ok, said) = experiment(&server, &file, &out, &["--report"]).await;
-    assert!(ok && said.contains("Unfinished: 4 of 5 cells") && said.contains("classifier (0 of 1 seeds)"), "{said}");
+    let (success, text) = experiment(&server, &file, &out, &["--report"]).await;
+    assert!(
+        success && text.contains("Unfinished: 4 of 5 cells") && text.contains("classifier (0 of 1 seeds)"),
+        "{text}"
+    );
     assert!(std::fs::read_to_string(out.join("report.md")).unwrap().contains("Unfinished: 4 of 5 cells"));
-    assert_eq!(jobs(&server).await.len(), made.len(), "a report makes no job");
-    let (ok, said) = experiment(&server, &file, &dir.path().join("new"), &["--report"]).await;
-    assert!(!ok && said.contains("without --report"), "{said}");
+    assert_eq!(jobs(&server).await.len(), made.len(), "a report submits no job");
+    let (success, text) = experiment(&server, &file, &dir.path().join("new"), &["--report"]).await;
+    assert!(!success && text.contains("without --report"), "{text}");
 }
 
-/// Who looks while it runs finds what is finished.
+/// The report lists the finished cells while others run.
 #[tokio::test]
-async fn a_report_is_there_before_the_end() {
+async fn report_is_written_before_the_experiment_ends() {
     let server = TestServer::start().await;
     let dir = tempfile::tempdir().unwrap();
     let (file, out) = (dir.path().join("smallest.toml"), dir.path().join("out"));
-    // The second cell's jobs can't be done: 10^9 steps.
+    // The jobs of the second cell never end: 10^9 steps.
     let cells = r#"cells = [{ label = "short" }, { label = "long", set = { train = { steps = 1000000000 } } }]"#;
     let study = "\n[[study]]\ntable = \"cells\"\n";
     let head = FILE.split("\n[[study]]").next().unwrap();
     std::fs::write(&file, format!("{head}{study}{cells}\n")).unwrap();
     let running = experiment(&server, &file, &out, &[]);
     let report = async {
-        let mut look = tokio::time::interval(std::time::Duration::from_millis(50));
+        let mut ticks = tokio::time::interval(std::time::Duration::from_millis(50));
         loop {
-            look.tick().await;
+            ticks.tick().await;
             if let Ok(report) = std::fs::read_to_string(out.join("report.md")) {
                 return report;
             }
         }
     };
     tokio::select! {
-        (_, said) = running => panic!("it can't be finished: {said}"),
+        (_, text) = running => panic!("the experiment ended: {text}"),
         report = report => {
             assert!(report.contains("Unfinished: 1 of 2 cells") && report.contains("long (0 of 1 seeds)"), "{report}");
         }

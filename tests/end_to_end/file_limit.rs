@@ -1,17 +1,17 @@
-//! A server whose process may write files up to a size only (`ulimit -f`): it names the limit, and goes on.
+//! A limit on the size of files (`ulimit -f`): errors name it, and the server continues.
 
-use gleaner_proto::v1::*;
 use tonic::Code;
 
-use crate::{
+use crate::support::{
     api::Api,
-    bad_input::refused,
-    full_disk,
+    command::expect_sound,
+    disk::{label, label_until_rejected},
+    errors::expect_error,
     lab::{self, RECORDINGS, Recording},
     server::TestServer,
 };
 
-/// The database's log has room below it: it grows to 4 MiB.
+/// Above the write-ahead log of the database, which grows to 4 MiB.
 const LIMIT: usize = 6 << 20;
 
 fn of_size(bytes: usize) -> Recording {
@@ -19,40 +19,36 @@ fn of_size(bytes: usize) -> Recording {
 }
 
 #[tokio::test]
-async fn a_recording_above_the_file_size_limit_is_refused_with_the_reason() {
+async fn recording_above_the_file_size_limit_is_rejected() {
     let server = TestServer::start_with_file_limit(LIMIT as u64, &["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     lab::create_task(&mut api).await;
     let status = lab::start(&mut api, lab::TASK, &of_size(LIMIT + 1)).await.unwrap_err();
-    refused(&status, Code::ResourceExhausted, &["size_bytes: ", "6291456 bytes", "ulimit -f", "LimitFSIZE"]);
+    expect_error(&status, Code::ResourceExhausted, &["size_bytes: ", "6291456 bytes", "ulimit -f", "LimitFSIZE"]);
     lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
 }
 
 #[tokio::test]
 async fn writes_beyond_the_file_size_limit_name_it_and_resume_once_it_is_raised() {
-    let server = TestServer::start_with(&["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::create_task(&mut api).await;
+    let (server, mut api) = lab::idle().await;
     let episode = lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
     let large = of_size(LIMIT);
     let upload = lab::start(&mut api, lab::TASK, &large).await.unwrap().upload_id;
 
     server.limit_files(Some(3 << 20));
     let status = lab::write(&mut api, &upload, 0, large.bytes.clone()).await.unwrap_err();
-    refused(&status, Code::ResourceExhausted, &["largest file", "ulimit -f", "LimitFSIZE"]);
-    // The database's log reaches the limit too.
-    let status = full_disk::refused(&mut api, &episode.id).await;
-    refused(&status, Code::ResourceExhausted, &["file size limit", "ulimit -f", "LimitFSIZE"]);
-    let request = ListEpisodesRequest { task: lab::TASK.into(), ..Default::default() };
-    assert_eq!(api.episodes.list_episodes(request).await.unwrap().into_inner().episodes.len(), 1, "reads go on");
+    expect_error(&status, Code::ResourceExhausted, &["largest file", "ulimit -f", "LimitFSIZE"]);
+    // The write-ahead log reaches the limit too.
+    let status = label_until_rejected(&mut api, &episode.id).await;
+    expect_error(&status, Code::ResourceExhausted, &["file size limit", "ulimit -f", "LimitFSIZE"]);
+    assert_eq!(api.episodes().await.len(), 1, "reads continue");
 
     server.limit_files(None);
-    full_disk::label(&mut api, &episode.id).await.unwrap();
-    let request = GetUploadRequest { upload_id: upload.clone() };
-    let committed = api.episodes.get_upload(request).await.unwrap().into_inner().committed_size;
+    label(&mut api, &episode.id).await.unwrap();
+    let committed = api.committed_size(&upload).await.unwrap();
     assert!((1..=3 << 20).contains(&committed), "{committed}");
     let rest = large.bytes.slice(usize::try_from(committed).unwrap()..);
     assert_eq!(lab::write(&mut api, &upload, committed, rest).await.unwrap(), LIMIT as u64);
     lab::push(&mut api, lab::TASK, &RECORDINGS[1]).await.unwrap();
-    full_disk::sound(server.data_dir()).await;
+    expect_sound(server.data_dir()).await;
 }

@@ -1,92 +1,54 @@
-//! Names from recordings, files and callers that carry terminal escapes and bidirectional controls: no command, page or
-//! log shows them raw, and all show them escaped.
+//! Names with terminal escapes and bidirectional controls in recordings, files and requests: every command, page and log
+//! shows them escaped, and none shows them raw.
 
-use std::{path::Path, process::Stdio};
+use std::path::Path;
 
 use gleaner_recording::{
     TaskSpec,
     printable::{Escape, is_printable},
 };
 use serde_json::{Value, json};
-use tempfile::TempDir;
-use tokio::{
-    io::{AsyncReadExt as _, AsyncWriteExt as _},
-    net::TcpStream,
-    process::{Child, Command},
+
+use crate::support::{
+    command::{self, gleaner},
+    http,
+    server::TestServer,
 };
 
-use crate::{command::gleaner, server::listening};
-
-const SERVER: &str = env!("CARGO_BIN_EXE_gleaner-server-under-test");
-/// Sets a terminal's title, clears its screen, and turns what follows around.
+/// Sets the title of a terminal, clears its screen, and reverses the text that follows.
 const ESCAPES: &str = "\u{1b}]0;x\u{7}\u{1b}[2J\u{202e}";
-/// The part of it that a topic, a schema or a cohort can have: control characters are refused there.
+/// The characters that a topic, a schema or a cohort can have: control characters are rejected there.
 const BIDI: &str = "\u{202e}\u{2066}\u{200f}";
 const BIDI_SHOWN: &str = "\\u{202e}\\u{2066}\\u{200f}";
 
-/// A server whose log goes to a file.
-struct Server {
-    folder: TempDir,
-    url: String,
-    pages: String,
-    _child: Child,
+async fn start(flags: &[&str]) -> TestServer {
+    let flags = [&["--workers", "0", "--web-listen", "127.0.0.1:0"], flags].concat();
+    TestServer::start_logged(&flags, "debug,h2=info,hyper=info").await
 }
 
-impl Server {
-    async fn start(flags: &[&str]) -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let log = std::fs::File::create(folder.path().join("log")).unwrap();
-        let mut child = Command::new(SERVER)
-            .args(["serve", "--listen", "127.0.0.1:0", "--web-listen", "127.0.0.1:0", "--workers", "0", "--data-dir"])
-            .arg(folder.path().join("data"))
-            .args(flags)
-            .env("GLEANER_LOG", "debug,h2=info,hyper=info")
-            .stdout(Stdio::piped())
-            .stderr(log)
-            .kill_on_drop(true)
-            .spawn()
-            .unwrap();
-        let (url, pages) = listening(&mut child).await.expect("the server ended before it listened");
-        Self { folder, url, pages: pages.unwrap(), _child: child }
-    }
-
-    fn log(&self) -> String {
-        String::from_utf8(std::fs::read(self.folder.path().join("log")).unwrap()).unwrap()
-    }
-
-    /// `gleaner-server` beside it: all it printed.
-    async fn command(&self, words: &[&str]) -> String {
-        let data = self.folder.path().join("data");
-        let output = Command::new(SERVER).args(words).arg("--data-dir").arg(data).output().await.unwrap();
-        String::from_utf8([output.stdout, output.stderr].concat()).unwrap()
-    }
-
-    /// A page, with its headers.
-    async fn page(&self, path: &str) -> String {
-        let address = self.pages.strip_prefix("http://").unwrap();
-        let mut stream = TcpStream::connect(address).await.unwrap();
-        let head = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nAccept: text/html\r\nConnection: close\r\n\r\n");
-        stream.write_all(head.as_bytes()).await.unwrap();
-        let mut page = Vec::new();
-        stream.read_to_end(&mut page).await.unwrap();
-        String::from_utf8(page).unwrap().replace("\r\n", "\n")
-    }
+/// Runs a command of `gleaner-server` on the data folder of a server; returns everything that it printed.
+async fn server_command(server: &TestServer, words: &[&str]) -> String {
+    command::server_text(words, server.data_dir()).await.1
 }
 
-/// Runs `gleaner`; all it printed.
-async fn told(server: &Server, words: &[&str]) -> String {
-    let (_, out, errors) = gleaner(&server.url, words).await;
-    clean(&format!("gleaner {words:?}"), out + &errors)
+/// Requests a page; returns it with its headers.
+async fn page(server: &TestServer, path: &str) -> String {
+    http::get(&format!("{}{path}", server.pages())).await.replace("\r\n", "\n")
 }
 
-/// The text, in which nothing is raw.
-fn clean(what: &str, text: String) -> String {
+/// Runs `gleaner`; returns everything that it printed, which is escaped.
+async fn client(server: &TestServer, words: &[&str]) -> String {
+    expect_escaped(&format!("gleaner {words:?}"), gleaner(server.url(), words).await.text())
+}
+
+/// Returns the text, which has no raw control character.
+fn expect_escaped(what: &str, text: String) -> String {
     let raw = text.chars().find(|&character| !is_printable(character) && !matches!(character, '\n' | '\t'));
     assert_eq!(raw, None, "{what}: {}", Escape::Lines.apply(&text));
     text
 }
 
-/// A task whose topics, and what its mapping is called, are hostile.
+/// A task with hostile topics.
 fn task() -> TaskSpec {
     let field = |name: &str, topic: String| json!({ "field": name, "topic": topic, "paths": ["values"] });
     let spec = json!({
@@ -101,8 +63,8 @@ fn task() -> TaskSpec {
     serde_json::from_value(spec).unwrap()
 }
 
-/// A small recording (MCAP, not chunked) of JSON messages, whose topics, schemas and frames have hostile names. With a
-/// gap, so that its report has a finding; with `odd`, a field that the task looks for is not there.
+/// A small recording (MCAP, not chunked) of JSON messages, whose topics, schemas and frames have hostile names. A gap causes
+/// a finding in its report. With `odd`, a field that the task requires is missing.
 fn recording(odd: bool) -> Vec<u8> {
     let text = |text: &str| [&u32::try_from(text.len()).unwrap().to_le_bytes()[..], text.as_bytes()].concat();
     let record = |kind: u8, content: &[u8]| {
@@ -144,19 +106,19 @@ fn write(dir: &Path) {
 }
 
 #[tokio::test]
-async fn names_with_escapes_and_bidirectional_controls_are_shown_escaped_everywhere() {
-    let (server, dir) = (Server::start(&[]).await, tempfile::tempdir().unwrap());
+async fn names_with_escapes_and_bidirectional_controls_are_shown_escaped() {
+    let (server, dir) = (start(&[]).await, tempfile::tempdir().unwrap());
     write(dir.path());
     let at = |name: &str| dir.path().join(name).to_str().unwrap().to_owned();
-    told(&server, &["task", "create", &at("task.json")]).await;
+    client(&server, &["task", "create", &at("task.json")]).await;
     let cohort = format!("weak{BIDI}");
 
-    // The command line: what is taken, what is not, and what is wrong.
-    let pushed = told(&server, &["push", &at("good"), "--outcome", "success", "--cohort", &cohort]).await;
+    // The command line: accepted files, rejected files, invalid arguments.
+    let pushed = client(&server, &["push", &at("good"), "--outcome", "success", "--cohort", &cohort]).await;
     assert!(pushed.contains("1 recordings pushed"), "{pushed}");
     let odd = at(&format!("odd{ESCAPES}.mcap"));
-    let refused = told(&server, &["push", &odd]).await;
-    assert!(refused.contains("odd\\u{1b}]0;x\\u{7}\\u{1b}[2J\\u{202e}.mcap"), "{refused}");
+    let rejected = client(&server, &["push", &odd]).await;
+    assert!(rejected.contains("odd\\u{1b}]0;x\\u{7}\\u{1b}[2J\\u{202e}.mcap"), "{rejected}");
     for words in [
         &["push", &odd, "--cohort", ESCAPES][..],
         &["episode", ESCAPES],
@@ -165,23 +127,23 @@ async fn names_with_escapes_and_bidirectional_controls_are_shown_escaped_everywh
         &["push", &at(ESCAPES)],
         &["task", "show", ESCAPES],
     ] {
-        let said = told(&server, words).await;
-        assert!(said.contains("\\u{202e}"), "{words:?}: {said}");
+        let text = client(&server, words).await;
+        assert!(text.contains("\\u{202e}"), "{words:?}: {text}");
     }
-    let listed = told(&server, &["episodes"]).await;
+    let listed = client(&server, &["episodes"]).await;
     assert!(listed.contains(&format!("weak{BIDI_SHOWN}")) && listed.contains("a\\u{1b}]0;x"), "{listed}");
-    let episodes: Value = serde_json::from_str(&told(&server, &["--json", "episodes"]).await).unwrap();
-    assert_eq!(episodes["episodes"][0]["cohort"], cohort, "JSON reads back as it was");
+    let episodes: Value = serde_json::from_str(&client(&server, &["--json", "episodes"]).await).unwrap();
+    assert_eq!(episodes["episodes"][0]["cohort"], cohort, "JSON parses to the original text");
     let id = episodes["episodes"][0]["id"].as_str().unwrap();
-    told(&server, &["label", id, "--outcome", "failure", "--reason", BIDI]).await;
+    client(&server, &["label", id, "--outcome", "failure", "--reason", BIDI]).await;
     for words in [&["episode", id][..], &["--json", "episode", id], &["labels", id], &["--json", "task", "show", "arm"]]
     {
-        assert!(told(&server, words).await.contains("202e"), "{words:?}");
+        assert!(client(&server, words).await.contains("202e"), "{words:?}");
     }
 
-    // The pages, also those of what is not there.
+    // The pages, also those of unknown objects.
     for path in ["/", "/tasks/arm/episodes", &format!("/episodes/{id}"), "/jobs"] {
-        let page = clean(path, server.page(path).await);
+        let page = expect_escaped(path, page(&server, path).await);
         assert!(page.starts_with("HTTP/1.1 200"), "{page}");
         assert!(!path.contains("episodes") || page.contains(BIDI_SHOWN), "{page}");
     }
@@ -194,16 +156,17 @@ async fn names_with_escapes_and_bidirectional_controls_are_shown_escaped_everywh
         "/tasks/arm/episodes?format=csv".to_owned(),
         format!("/episodes/{id}?format=csv"),
     ] {
-        clean(&path, server.page(&path).await);
+        expect_escaped(&path, page(&server, &path).await);
     }
-    let data = clean("JSON", server.page("/tasks/arm/episodes?format=json").await);
+    let data = expect_escaped("JSON", page(&server, "/tasks/arm/episodes?format=json").await);
     assert!(data.contains("weak\\u202e"), "{data}");
 
-    // The server's own commands. What lies about among the blobs is named by `check`.
-    std::fs::write(server.folder.path().join("data/blobs").join(ESCAPES), b"x").unwrap();
-    clean(
+    // The commands of the server. `check` names a stray file among the blobs.
+    std::fs::write(server.data_dir().join("blobs").join(ESCAPES), b"x").unwrap();
+    expect_escaped(
         "token create",
-        server.command(&["token", "create", "--role", "robot", "--name", &cohort, "--deployment", "arm"]).await,
+        server_command(&server, &["token", "create", "--role", "robot", "--name", &cohort, "--deployment", "arm"])
+            .await,
     );
     for (words, part) in [
         (&["token", "list"][..], BIDI_SHOWN),
@@ -211,20 +174,20 @@ async fn names_with_escapes_and_bidirectional_controls_are_shown_escaped_everywh
         (&["check"], "\\u{1b}[2J\\u{202e}"),
         (&["check", "--json"], "\\u001b[2J\\u202e"),
     ] {
-        let said = clean(&format!("{words:?}"), server.command(words).await);
-        assert!(said.contains(part), "{words:?}: {said}");
+        let text = expect_escaped(&format!("{words:?}"), server_command(&server, words).await);
+        assert!(text.contains(part), "{words:?}: {text}");
     }
 
-    let log = clean("the log", server.log());
-    assert!(log.contains("202e"), "nothing hostile was logged: {log}");
+    let log = expect_escaped("the log", server.log());
+    assert!(log.contains("202e"), "no hostile name was logged: {log}");
 }
 
 #[tokio::test]
-async fn a_log_of_json_lines_is_clean_and_reads_back() {
-    let server = Server::start(&["--log-json"]).await;
-    told(&server, &["episode", ESCAPES]).await;
-    told(&server, &["task", "show", ESCAPES]).await;
-    let log = clean("the log", server.log());
+async fn log_of_json_lines_is_escaped_and_parses() {
+    let server = start(&["--log-json"]).await;
+    client(&server, &["episode", ESCAPES]).await;
+    client(&server, &["task", "show", ESCAPES]).await;
+    let log = expect_escaped("the log", server.log());
     let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     assert!(
         lines.iter().any(|line| line.to_string().contains("202e") || line.to_string().contains('\u{202e}')),

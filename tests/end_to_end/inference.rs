@@ -1,4 +1,4 @@
-//! The Open Inference Protocol: the shared policy, asked in every form, and what its clients can get wrong.
+//! The Open Inference Protocol: the shared policy with every form of request, and invalid requests.
 
 use std::collections::HashMap;
 
@@ -14,9 +14,9 @@ use gleaner_proto::{
 };
 use tonic::{Code, Status, transport::Channel};
 
-use crate::{
+use crate::support::{
     api::Api,
-    live::{observe, start_sim},
+    robot::{close, observe, start_sim},
     server::TestServer,
     shared::{NAME, shared},
 };
@@ -49,7 +49,7 @@ fn request(observation: &Observation) -> ModelInferRequest {
     request
 }
 
-/// The same request, at its place in a sequence.
+/// The same request as a part of a sequence.
 fn at(mut request: ModelInferRequest, id: ParameterChoice, start: bool, end: bool) -> ModelInferRequest {
     let flags = [("sequence_start", start), ("sequence_end", end)];
     let choices = flags.map(|(name, value)| (name, ParameterChoice::BoolParam(value)));
@@ -59,7 +59,7 @@ fn at(mut request: ModelInferRequest, id: ParameterChoice, start: bool, end: boo
     request
 }
 
-/// The one action of a reply, whose form is checked.
+/// The action of a response with a valid form.
 fn action(response: ModelInferResponse) -> Vec<f32> {
     let [output] = response.outputs.as_slice() else { panic!("{response:?}") };
     assert_eq!((output.name.as_str(), output.datatype.as_str()), ("action", "FP32"));
@@ -74,13 +74,8 @@ async fn infer(client: &mut Client, request: ModelInferRequest) -> Result<Vec<f3
     Ok(action(client.model_infer(request).await?.into_inner()))
 }
 
-/// The size of a batch changes the last digits.
-fn close(a: &[f32], b: &[f32]) -> bool {
-    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-4)
-}
-
 #[tokio::test]
-async fn a_server_and_its_models_describe_themselves() {
+async fn server_and_models_have_metadata() {
     let shared = shared().await;
     let mut client = connect(&shared.server).await;
     assert!(client.server_live(ServerLiveRequest {}).await.unwrap().into_inner().live);
@@ -93,7 +88,7 @@ async fn a_server_and_its_models_describe_themselves() {
         (NAME, "", true),
         (NAME, current.as_str(), true),
         (NAME, "pol_01ARZ3NDEKTSV4RRFFQ69G5FAV", false),
-        ("nobody", "", false),
+        ("absent", "", false),
     ] {
         let request = ModelReadyRequest { name: name.into(), version: version.into() };
         assert_eq!(client.model_ready(request).await.unwrap().into_inner().ready, ready, "{name} {version}");
@@ -112,7 +107,7 @@ async fn a_server_and_its_models_describe_themselves() {
 }
 
 #[tokio::test]
-async fn one_request_sees_one_observation_as_act_does() {
+async fn single_request_equals_act() {
     let shared = shared().await;
     let (mut client, mut api) = (connect(&shared.server).await, Api::connect(&shared.server).await);
     let observation = observe(&start_sim());
@@ -142,7 +137,7 @@ async fn one_request_sees_one_observation_as_act_does() {
 }
 
 #[tokio::test]
-async fn a_sequence_sees_its_history_and_no_other() {
+async fn sequence_uses_its_own_history_only() {
     let shared = shared().await;
     let (mut client, mut api) = (connect(&shared.server).await, Api::connect(&shared.server).await);
     let mut sim = start_sim();
@@ -165,16 +160,16 @@ async fn a_sequence_sees_its_history_and_no_other() {
     assert!(ended.message().starts_with("parameters.sequence_id: "), "{ended}");
 }
 
-type Spoil = fn(&mut ModelInferRequest);
+type Change = fn(&mut ModelInferRequest);
 
 #[tokio::test]
-async fn requests_that_are_wrong() {
+async fn invalid_inference_requests_are_rejected() {
     let shared = shared().await;
     let mut client = connect(&shared.server).await;
     let good = request(&observe(&start_sim()));
     assert_eq!(good.inputs.len(), 5, "the cases below count on it");
-    let cases: [(Code, &str, Spoil); 12] = [
-        (Code::NotFound, "nobody", |r| r.model_name = "nobody".into()),
+    let cases: [(Code, &str, Change); 12] = [
+        (Code::NotFound, "absent", |r| r.model_name = "absent".into()),
         (Code::NotFound, NAME, |r| r.model_version = "pol_01ARZ3NDEKTSV4RRFFQ69G5FAV".into()),
         (Code::InvalidArgument, "model_version: ", |r| r.model_version = "1".into()),
         (Code::InvalidArgument, "inputs[0].name: ", |r| r.inputs[0].name = "ceiling".into()),
@@ -201,9 +196,9 @@ async fn requests_that_are_wrong() {
             r.parameters.insert("priority".into(), InferParameter::default());
         }),
     ];
-    for (code, words, spoil) in cases {
+    for (code, words, change) in cases {
         let mut request = good.clone();
-        spoil(&mut request);
+        change(&mut request);
         let status = infer(&mut client, request).await.unwrap_err();
         assert_eq!(status.code(), code, "{status}");
         assert!(status.message().contains(words), "{words:?} is not in {:?}", status.message());

@@ -1,6 +1,7 @@
 //! End to end: real server processes on port 0, real workers, real clients, recordings of the embedded simulator.
 //!
-//! One binary, because each one links libtorch. Nothing here sleeps: every wait is for an event.
+//! One binary, because each one links libtorch. Test files hold tests; their helpers are in `support/`. No test sleeps:
+//! every wait is for an event.
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,
@@ -12,25 +13,23 @@
     reason = "tests"
 )]
 
+mod support;
+
 mod access;
-mod api;
 mod bad_input;
 mod bad_settings;
 mod command;
 mod connections;
 mod crash;
+mod deadlines;
+mod discovery;
 mod drain;
 mod evaluations;
 mod experiment;
-mod face;
 mod file_limit;
 mod full_disk;
-mod happy;
 mod hostile_text;
-mod in_time;
 mod inference;
-mod lab;
-mod live;
 mod load;
 mod maintenance;
 mod method;
@@ -44,8 +43,7 @@ mod rollouts;
 mod schedules;
 mod scoring;
 mod selection;
-mod server;
-mod shared;
-mod skipped;
+mod serving;
+mod stages;
 mod telemetry;
 mod tidy;

@@ -1,35 +1,20 @@
-//! What a lab has recorded is kept: checked, backed up beside a running server, deleted in two steps, and safe when the
-//! disk is full.
-
-use std::{path::Path, time::Duration};
+//! Maintenance: checks, backups of a running server, deletion in two steps, and a disk that is nearly full.
 
 use gleaner_proto::v1::*;
-use tokio::process::Command;
 use tonic::Code;
 
-use crate::{
+use crate::support::{
     api::Api,
+    command::{expect_sound, server_text},
+    errors::expect_error,
+    files,
     lab::{self, RECORDINGS},
     server::TestServer,
+    wait::until,
 };
 
-/// Runs a command of the server's program; gives back whether it said that all is well, and what it said.
-pub async fn command(words: &[&str], data_dir: &Path) -> (bool, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_gleaner-server-under-test"))
-        .args(words)
-        .arg("--data-dir")
-        .arg(data_dir)
-        .env("GLEANER_LOG", "warn")
-        .kill_on_drop(true)
-        .output()
-        .await
-        .unwrap();
-    let said = String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap();
-    (output.status.success(), said)
-}
-
-/// Two experts and a failure; what each test here needs.
-async fn a_few(api: &mut Api) -> Vec<Episode> {
+/// Pushes two experts and a failure.
+async fn push_some(api: &mut Api) -> Vec<Episode> {
     lab::create_task(api).await;
     let mut episodes = Vec::new();
     for recording in [&RECORDINGS[0], &RECORDINGS[1], &RECORDINGS[6]] {
@@ -44,61 +29,50 @@ async fn listed(api: &mut Api, deleted: bool) -> Vec<Episode> {
 }
 
 #[tokio::test]
-async fn a_lab_is_backed_up_while_it_runs_and_goes_on_from_the_copy() {
+async fn backup_of_a_running_server_can_be_restored() {
     let server = TestServer::start_with(&["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
-    let episodes = a_few(&mut api).await;
+    let episodes = push_some(&mut api).await;
     let places = tempfile::tempdir().unwrap();
     let (backup, new) = (places.path().join("backup"), places.path().join("new"));
     let target = backup.to_str().unwrap();
 
-    let (sound, said) = command(&["check"], server.data_dir()).await;
-    assert!(sound, "{said}");
-    let (sound, said) = command(&["backup", target], server.data_dir()).await;
-    assert!(sound && said.contains(&format!("{} of them new", episodes.len())), "{said}");
-    let (sound, said) = command(&["backup", target], server.data_dir()).await;
-    assert!(sound && said.contains(" 0 of them new"), "{said}");
-    let (sound, said) = command(&["restore", target], server.data_dir()).await;
-    assert!(!sound && said.contains("not empty"), "{said}");
-    let (sound, said) = command(&["restore", target], &new).await;
-    assert!(sound, "{said}");
+    expect_sound(server.data_dir()).await;
+    let (sound, text) = server_text(&["backup", target], server.data_dir()).await;
+    assert!(sound && text.contains(&format!("{} of them new", episodes.len())), "{text}");
+    let (sound, text) = server_text(&["backup", target], server.data_dir()).await;
+    assert!(sound && text.contains(" 0 of them new"), "{text}");
+    let (sound, text) = server_text(&["restore", target], server.data_dir()).await;
+    assert!(!sound && text.contains("not empty"), "{text}");
+    let (sound, text) = server_text(&["restore", target], &new).await;
+    assert!(sound, "{text}");
 
     let restored = TestServer::start_over(&new, &["--workers", "0"]).await;
     let mut other = Api::connect(&restored).await;
     assert_eq!(listed(&mut other, false).await, listed(&mut api, false).await);
-    let request = DownloadEpisodeRequest { episode_id: episodes[0].id.clone() };
-    let mut chunks = other.episodes.download_episode(request).await.unwrap().into_inner();
-    let mut bytes = Vec::new();
-    while let Some(chunk) = chunks.message().await.unwrap() {
-        bytes.extend_from_slice(&chunk.data);
-    }
-    assert!(bytes == RECORDINGS[0].bytes);
+    assert!(other.download(&episodes[0].id).await == RECORDINGS[0].bytes);
 
-    // Bit rot is found, and named with the episode that has it.
-    let rotten = blob(&new, &episodes[0].blake3);
+    // A changed bit is found and named with its episode.
+    let rotten = files::blob(&new, &episodes[0].blake3);
     let mut content = std::fs::read(&rotten).unwrap();
     content[100] ^= 1;
     std::fs::write(&rotten, content).unwrap();
-    assert!(command(&["check", "--fast"], &new).await.0);
-    let (sound, said) = command(&["check"], &new).await;
-    assert!(!sound && said.contains(&episodes[0].blake3) && said.contains(&episodes[0].id), "{said}");
-}
-
-fn blob(data_dir: &Path, blake3: &str) -> std::path::PathBuf {
-    data_dir.join("blobs").join(&blake3[..2]).join(&blake3[2..])
+    assert!(server_text(&["check", "--fast"], &new).await.0);
+    let (sound, text) = server_text(&["check"], &new).await;
+    assert!(!sound && text.contains(&episodes[0].blake3) && text.contains(&episodes[0].id), "{text}");
 }
 
 #[tokio::test]
-async fn an_episode_goes_in_two_steps() {
+async fn deleted_episode_can_be_restored_until_the_sweep() {
     let mut server = TestServer::start_with(&["--workers", "0", "--trash-days", "0"]).await;
     let mut api = Api::connect(&server).await;
-    let episodes = a_few(&mut api).await;
+    let episodes = push_some(&mut api).await;
     let (first, second) = (&episodes[0], &episodes[1]);
     let delete = |id: &str, force| DeleteEpisodesRequest { episode_ids: vec![id.into()], force };
     let undelete = |id: &str| UndeleteEpisodesRequest { episode_ids: vec![id.into()] };
 
-    api.episodes.delete_episodes(delete(&first.id, false)).await.unwrap();
-    api.episodes.delete_episodes(delete(&second.id, false)).await.unwrap();
+    api.delete(&first.id).await;
+    api.delete(&second.id).await;
     assert_eq!(listed(&mut api, false).await, episodes[2..]);
     assert_eq!(listed(&mut api, true).await.len(), 2);
     let again = lab::start(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap_err();
@@ -117,46 +91,30 @@ async fn an_episode_goes_in_two_steps() {
         assert_eq!(api.episodes.undelete_episodes(request).await.unwrap_err().code(), code);
     }
 
-    // A server sweeps when it starts; stopping waits for the sweep that it has begun.
+    // A server sweeps when it starts, and a stop waits for its sweep.
     assert!(server.stop().await);
     server.start_again().await;
     let mut api = Api::connect(&server).await;
-    let gone = GetEpisodeRequest { episode_id: first.id.clone() };
-    let swept = async {
-        while api.episodes.get_episode(gone.clone()).await.is_ok() {
-            tokio::task::yield_now().await;
-        }
-    };
-    tokio::time::timeout(Duration::from_secs(60), swept).await.expect("the sweep takes too long");
+    let removed = GetEpisodeRequest { episode_id: first.id.clone() };
+    until("the sweep removes the episode", async || api.episodes.get_episode(removed.clone()).await.err()).await;
     assert_eq!(api.episodes.undelete_episodes(undelete(&first.id)).await.unwrap_err().code(), Code::NotFound);
-    let (sound, said) = command(&["check"], server.data_dir()).await;
-    assert!(sound, "{said}");
+    expect_sound(server.data_dir()).await;
     lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap();
-    assert_eq!(listed(&mut api, false).await.len(), episodes.len(), "it can be pushed again");
+    assert_eq!(listed(&mut api, false).await.len(), episodes.len(), "the recording is a new episode");
 }
 
-/// A mark that no disk comes up to: what is large is refused, all else goes on.
+/// `--min-free-bytes` beyond any disk: uploads and jobs are rejected, and other calls succeed.
 #[tokio::test]
-async fn a_disk_that_is_nearly_full_takes_nothing_large() {
-    let mut server = TestServer::start_with(&["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::create_task(&mut api).await;
+async fn nearly_full_disk_rejects_uploads_and_jobs() {
+    let (mut server, mut api) = lab::idle().await;
     let episodes = vec![lab::push(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap()];
     assert!(server.stop().await);
-    let mark = u64::MAX.to_string();
-    let full = TestServer::start_over(server.data_dir(), &["--workers", "0", "--min-free-bytes", &mark]).await;
+    let free = u64::MAX.to_string();
+    let full = TestServer::start_over(server.data_dir(), &["--workers", "0", "--min-free-bytes", &free]).await;
     let mut api = Api::connect(&full).await;
-    let refused = |status: tonic::Status| {
-        assert_eq!(status.code(), Code::ResourceExhausted, "{status}");
-        assert!(status.message().contains("nearly full"), "{status}");
-    };
-    refused(lab::start(&mut api, lab::TASK, &RECORDINGS[7]).await.unwrap_err());
-    refused(api.submit(lab::TASK, lab::pretrain(4)).await.unwrap_err());
+    let rejected = |status: tonic::Status| expect_error(&status, Code::ResourceExhausted, &["nearly full"]);
+    rejected(lab::start(&mut api, lab::TASK, &RECORDINGS[7]).await.unwrap_err());
+    rejected(api.submit(lab::TASK, lab::pretrain(4)).await.unwrap_err());
     assert_eq!(listed(&mut api, false).await, episodes);
-    let label = LabelEpisodesRequest {
-        episode_ids: vec![episodes[0].id.clone()],
-        outcome: Outcome::Unknown.into(),
-        ..Default::default()
-    };
-    api.episodes.label_episodes(label).await.unwrap();
+    api.label(&episodes[0].id, Outcome::Unknown).await.unwrap();
 }

@@ -1,16 +1,16 @@
-//! The method's choices as jobs: objectives, policies, and where they run.
+//! The settings of the method as jobs: objectives, policies, scorers, devices.
 
 use gleaner_proto::v1::*;
 use serde_json::json;
 
-use crate::{
+use crate::support::{
     api::Api,
     lab,
-    live::{Robot, observe, start_sim},
+    robot::{Robot, observe, start_sim},
     shared::shared,
 };
 
-/// Each job reports the losses of its own objectives and no other.
+/// Each job reports the losses of its own objectives only.
 #[tokio::test]
 async fn objectives_are_chosen_by_the_spec() {
     let shared = shared().await;
@@ -29,8 +29,8 @@ async fn objectives_are_chosen_by_the_spec() {
     }
 }
 
-/// Every policy that the server lists trains and acts in sessions. Those from scratch train on experts alone; ACT's chunk
-/// is as long as its settings say.
+/// Every policy that the server lists trains and acts in sessions. Policies from scratch train on experts alone; the chunks
+/// of ACT have the length of their setting.
 #[tokio::test]
 async fn every_policy_trains_and_is_served() {
     let shared = shared().await;
@@ -58,21 +58,21 @@ async fn every_policy_trains_and_is_served() {
         assert_eq!((&policy.kind, policy.encoder_id.is_empty()), (&kind.name, !kind.needs_encoder));
 
         let name = format!("{}@test", kind.name);
-        api.policies.deploy(DeployRequest { name: name.clone(), policy_id: id, ..Default::default() }).await.unwrap();
-        acts(&mut api, &name, chunk).await;
+        api.deploy(&name, &id).await;
+        expect_ensemble(&mut api, &name, chunk).await;
     }
 }
 
-/// A session's first action is the ensemble of the chunks that the policy gave so far, as `Act` gives them one by one.
-async fn acts(api: &mut Api, name: &str, chunk: usize) {
+/// The first action of a session is the ensemble of the policy's chunks so far, which `Act` returns one by one.
+async fn expect_ensemble(api: &mut Api, name: &str, chunk: usize) {
     let mut robot = Robot::open(api, name).await.unwrap();
     let mut sim = start_sim();
     let mut window: Vec<Observation> = Vec::new();
     let mut chunks: Vec<Vec<ActionStep>> = Vec::new();
     for step in 0..3 {
         let mut observation = observe(&sim);
-        if let Some(given) = chunks.last() {
-            observation.executed_action.clone_from(&given[0].values);
+        if let Some(last) = chunks.last() {
+            observation.executed_action.clone_from(&last[0].values);
         }
         window.push(observation.clone());
         let request = ActRequest { deployment: name.into(), observations: window.clone() };
@@ -80,10 +80,10 @@ async fn acts(api: &mut Api, name: &str, chunk: usize) {
         let actions = robot.act(observation).await.unwrap().actions;
         assert_eq!(actions.len(), chunk);
         for (axis, &value) in actions[0].values.iter().enumerate() {
-            let foreseen = chunks.iter().enumerate().filter_map(|(from, chunk)| chunk.get(step - from));
+            let predictions = chunks.iter().enumerate().filter_map(|(from, chunk)| chunk.get(step - from));
             let (mut sum, mut weights, mut weight) = (0.0, 0.0, 1.0);
-            for opinion in foreseen {
-                sum += weight * f64::from(opinion.values[axis]);
+            for prediction in predictions {
+                sum += weight * f64::from(prediction.values[axis]);
                 weights += weight;
                 weight *= (-0.01_f64).exp();
             }
@@ -93,18 +93,18 @@ async fn acts(api: &mut Api, name: &str, chunk: usize) {
     }
 }
 
-/// The baselines give scores too. The classifier matches no expert, and its segments say so wherever they are used.
+/// The classifier matches no expert, so its segments have no match.
 #[tokio::test]
-async fn baselines_score_like_the_method() {
+async fn baseline_scorers_produce_scores() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    for (word, matches) in [("raw", true), ("classifier", false)] {
-        let spec = lab::with(lab::score(&shared.encoder), json!({"scorer": word, "normaliser": "quantile"}));
+    for (scorer, matches) in [("raw", true), ("classifier", false)] {
+        let spec = lab::with(lab::score(&shared.encoder), json!({"scorer": scorer, "normaliser": "quantile"}));
         let run = api.succeed(lab::TASK, spec).await.result_id;
         let request = GetScoreRunRequest { score_run_id: run.clone() };
         let described = api.scores.get_score_run(request).await.unwrap().into_inner().score_run.unwrap();
         let settings = lab::given(&described.settings);
-        assert_eq!((&settings["scorer"], &settings["normaliser"]), (&json!(word), &json!("quantile")));
+        assert_eq!((&settings["scorer"], &settings["normaliser"]), (&json!(scorer), &json!("quantile")));
         for episode in &shared.episodes {
             let scores = api.episode_scores(&run, &episode.id).await;
             assert_eq!(scores.q.len() as u64, episode.steps);
@@ -120,9 +120,9 @@ async fn baselines_score_like_the_method() {
     }
 }
 
-/// The processor build of the tensor library has no CUDA: the job says so at once and is not tried again.
+/// The CPU build of the tensor library has no CUDA.
 #[tokio::test]
-async fn a_device_that_is_not_there() {
+async fn missing_device_fails_the_job_without_a_retry() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let spec = lab::with(lab::score(&shared.encoder), json!({"device": "cuda"}));

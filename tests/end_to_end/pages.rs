@@ -1,18 +1,16 @@
-//! The pages in a real browser: the main ways through them, with pictures kept for people to look at.
-//!
-//! Who may see what is tested beside the pages; here is what only a browser can tell.
+//! The pages in a real browser, with a picture of each for people. Access rules are tested beside the pages; these tests
+//! cover scripts and layout.
 
-mod browser;
 mod signed_in;
 
 use gleaner_proto::v1::*;
 use serde_json::json;
 
-use self::browser::Browser;
-use crate::{
+use crate::support::{
     api::Api,
+    browser::Browser,
     lab,
-    live::{Robot, observe, start_sim},
+    robot::{Robot, observe, start_sim},
     server::TestServer,
     shared::{Shared, shared},
 };
@@ -23,21 +21,19 @@ const EPISODES: &str = "/tasks/pick_cube/episodes";
 const OUTCOMES: &str =
     "return [...document.querySelectorAll('#episodes tbody tr')].map((row) => row.dataset.outcome).join(' ')";
 
-/// A lab of its own, because labels change.
-async fn lab() -> (TestServer, Api) {
-    let server = TestServer::start_with(&["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+/// A server of its own, because labels change.
+async fn own_lab() -> (TestServer, Api) {
+    let (server, api, _) = lab::with_episodes(&["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
     (server, api)
 }
 
 #[tokio::test]
-async fn ten_episodes_are_labelled_by_keyboard_and_the_last_is_taken_back() {
+async fn ten_episodes_are_labelled_by_keyboard_and_the_last_is_undone() {
     let Some(browser) = Browser::start().await else { return };
-    let (server, mut api) = lab().await;
+    let (server, mut api) = own_lab().await;
     browser.open(&format!("{}{EPISODES}", server.pages())).await;
     let before = browser.run(OUTCOMES).await;
-    // A key that is held down repeats itself, and that labels nothing.
+    // Repeated events of a held key label nothing.
     let held = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key: 'u', repeat: true, bubbles: true }))";
     for _ in 0..3 {
         browser.run(held).await;
@@ -53,15 +49,9 @@ async fn ten_episodes_are_labelled_by_keyboard_and_the_last_is_taken_back() {
     let was = before.as_str().unwrap().split(' ').nth(9).unwrap().to_owned();
     browser.until("the tenth is as before", &format!("{tenth} === '{was}'")).await;
 
-    let listed = api
-        .episodes
-        .list_episodes(ListEpisodesRequest { task: lab::TASK.into(), page_size: 100, ..Default::default() })
-        .await
-        .unwrap()
-        .into_inner()
-        .episodes;
+    let listed = api.episodes().await;
     let count = |outcome: Outcome| listed.iter().filter(|episode| episode.outcome() == outcome).count();
-    assert_eq!(count(Outcome::Unknown), 5, "what the page shows is what is kept");
+    assert_eq!(count(Outcome::Unknown), 5, "the page shows the stored labels");
     let id = browser.run("return document.querySelector('#episodes tbody tr').dataset.id").await;
     let id = id.as_str().unwrap().to_owned();
     let labels = api.episodes.list_labels(ListLabelsRequest { episode_id: id }).await.unwrap().into_inner().labels;
@@ -80,16 +70,16 @@ async fn label_as_ada(api: &mut Api, id: &str, outcome: Outcome) {
 }
 
 #[tokio::test]
-async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
+async fn conflicting_label_is_shown_before_it_is_overwritten() {
     let Some(browser) = Browser::start().await else { return };
-    let (server, mut api) = lab().await;
+    let (server, mut api) = own_lab().await;
     browser.open(&format!("{}{EPISODES}", server.pages())).await;
     let id = browser.run("return document.querySelector('#episodes tbody tr').dataset.id").await;
     let id = id.as_str().unwrap().to_owned();
     label_as_ada(&mut api, &id, Outcome::Success).await;
     browser.keys("u").await;
-    let said = browser.text("#message .note.bad p").await;
-    assert!(said.contains("ada") && said.contains("success") && said.contains("Nothing was changed"), "{said}");
+    let text = browser.text("#message .note.bad p").await;
+    assert!(text.contains("ada") && text.contains("success") && text.contains("Nothing was changed"), "{text}");
     browser.keep("conflict").await;
     let newest = async |api: &mut Api| {
         let request = ListLabelsRequest { episode_id: id.clone() };
@@ -98,7 +88,7 @@ async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
     };
     assert_eq!(newest(&mut api).await, ("ada".to_owned(), Outcome::Success));
     browser.keys("a").await;
-    browser.until("labelled all the same", &format!("{OUTCOMES}.startsWith('unknown')")).await;
+    browser.until("the label is overwritten", &format!("{OUTCOMES}.startsWith('unknown')")).await;
     assert_eq!(newest(&mut api).await, ("anyone".to_owned(), Outcome::Unknown));
 
     // The same on the episode's own page.
@@ -106,14 +96,14 @@ async fn of_two_people_the_later_sees_what_the_earlier_said_and_decides() {
     browser.find("#labels").await;
     label_as_ada(&mut api, &id, Outcome::Failure).await;
     browser.keys("s").await;
-    let said = browser.text("#message .note.bad p").await;
-    assert!(said.contains("ada") && said.contains("failure") && said.contains("Nothing was changed"), "{said}");
+    let text = browser.text("#message .note.bad p").await;
+    assert!(text.contains("ada") && text.contains("failure") && text.contains("Nothing was changed"), "{text}");
     assert_eq!(newest(&mut api).await, ("ada".to_owned(), Outcome::Failure));
     browser.close().await;
 }
 
 #[tokio::test]
-async fn the_counts_follow_beta_and_a_step_leads_to_its_expert() {
+async fn counts_follow_beta_and_steps_link_to_their_match() {
     let Some(browser) = Browser::start().await else { return };
     let shared = shared().await;
     let Shared { server, run, episodes, .. } = &*shared;
@@ -153,18 +143,18 @@ async fn the_counts_follow_beta_and_a_step_leads_to_its_expert() {
 }
 
 #[tokio::test]
-async fn a_job_is_watched_until_it_has_ended() {
+async fn page_of_a_job_follows_it_to_its_end() {
     let Some(browser) = Browser::start().await else { return };
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let job = api.submit(lab::TASK, lab::pretrain(4)).await.unwrap();
     browser.open(&format!("{}/jobs/{}", shared.server.pages(), job.id)).await;
     browser.until("it has ended", "return document.querySelector('#course')?.dataset.state === 'succeeded'").await;
-    assert!(!browser.all("svg.plot path.line").await.is_empty(), "its losses are drawn");
-    let said = "const said = document.querySelector('#log').textContent; \
-                const at = ['attempt 1 of', 'pretraining', 'handing the result over', 'is succeeded'].map((part) => said.indexOf(part)); \
+    assert!(!browser.all("svg.plot path.line").await.is_empty(), "the losses are drawn");
+    let script = "const text = document.querySelector('#log').textContent; \
+                const at = ['attempt 1 of', 'pretraining', 'handing the result over', 'is succeeded'].map((part) => text.indexOf(part)); \
                 return at.every((place, i) => place > (at[i - 1] ?? -1))";
-    browser.until("what was said is there, in its order", said).await;
+    browser.until("the log is there, in its order", script).await;
     browser.keep("job").await;
     browser.open(&format!("{}/jobs", shared.server.pages())).await;
     assert!(browser.text("main").await.contains("pretrain"));
@@ -173,7 +163,7 @@ async fn a_job_is_watched_until_it_has_ended() {
 }
 
 #[tokio::test]
-async fn a_deployment_is_rolled_back() {
+async fn deployment_is_rolled_back_on_its_page() {
     let Some(browser) = Browser::start().await else { return };
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
@@ -185,7 +175,14 @@ async fn a_deployment_is_rolled_back() {
     browser.open(&format!("{}/deployments", shared.server.pages())).await;
     let scored = async || {
         let request = ListDeploymentsRequest::default();
-        let all = shared_api(&shared).await.policies.list_deployments(request).await.unwrap().into_inner().deployments;
+        let all = Api::connect(&shared.server)
+            .await
+            .policies
+            .list_deployments(request)
+            .await
+            .unwrap()
+            .into_inner()
+            .deployments;
         all.into_iter().find(|deployment| deployment.name == name).unwrap().score_run_id
     };
     assert_eq!(scored().await, shared.run);
@@ -199,7 +196,7 @@ async fn a_deployment_is_rolled_back() {
 }
 
 #[tokio::test]
-async fn what_a_robot_sees_is_seen_while_it_runs() {
+async fn page_of_a_deployment_shows_live_images() {
     let Some(browser) = Browser::start().await else { return };
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
@@ -222,13 +219,9 @@ async fn what_a_robot_sees_is_seen_while_it_runs() {
     browser.close().await;
 }
 
-async fn shared_api(shared: &Shared) -> Api {
-    Api::connect(&shared.server).await
-}
-
-/// Nothing is wider than the window, and the browser's console has no word of complaint, such as of the page's policy.
+/// No page is wider than the window, and the console has no warning, such as about the security policy of a page.
 #[tokio::test]
-async fn every_page_fits_a_telephone() {
+async fn every_page_fits_a_width_of_390_pixels() {
     let Some(browser) = Browser::start().await else { return };
     let shared = shared().await;
     let Shared { server, run, episodes, policy, snapshot, encoder, .. } = &*shared;
@@ -245,7 +238,7 @@ async fn every_page_fits_a_telephone() {
         ("deployments", "/deployments".to_owned()),
         ("kinds", "/kinds".to_owned()),
     ];
-    // Chromium makes no window narrower than 500; a frame in a page of ours may be none, so the page itself is told.
+    // Chromium has no window narrower than 500 pixels, and the security policy forbids frames, so a telephone is emulated.
     browser.narrow(390).await;
     for (name, path) in pages {
         browser.open(&format!("{}{path}", server.pages())).await;
@@ -254,6 +247,6 @@ async fn every_page_fits_a_telephone() {
         assert!(width.as_u64() <= json!(390).as_u64(), "{name} is {width} wide");
         browser.keep(&format!("{name}-390")).await;
     }
-    assert_eq!(browser.complaints().await, Vec::<String>::new());
+    assert_eq!(browser.console().await, Vec::<String>::new());
     browser.close().await;
 }

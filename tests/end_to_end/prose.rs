@@ -1,7 +1,9 @@
-//! The word list of the project's prose, applied to Markdown and to the doc comments (which include help texts) of the
-//! folders that follow it; and the sources that Markdown names. CONTRIBUTING.md has the rules behind the list.
+//! The word lists of the project's prose and names, applied to Markdown, to doc comments (which include help texts) and to
+//! names of the folders that follow them; and the sources that Markdown names. CONTRIBUTING.md has the rules behind them.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+
+use crate::support::files::{root, source, sources};
 
 /// A phrase that the prose avoids, and what to write in its place.
 type Phrase = (&'static str, &'static str);
@@ -43,45 +45,58 @@ const PHRASES: [Phrase; 34] = [
     ("holds nothing up", "does not delay others"),
 ];
 
-/// Folders with Markdown.
-const MARKDOWN: [&str; 9] = [".", "benches", "client", "crates", "docs", "examples", "proto", "server", "tests"];
+/// Words that no name has as a part between underscores: functions do not speak, and subjects are nouns.
+const NAMES: [&str; 16] = [
+    "asks", "hears", "house", "knows", "learns", "mend", "mended", "nobody", "said", "says", "somebody", "tells",
+    "told", "who", "whoever", "wishes",
+];
+
+/// Folders with Markdown, beside the root.
+const MARKDOWN: [&str; 8] = ["benches", "client", "crates", "docs", "examples", "proto", "server", "tests"];
 
 /// Reports that `gleaner experiment` wrote; their text is in its sources.
 const REPORTS: [&str; 2] = ["docs/experiments/", "client/command/src/experiment/testdata/"];
 
-/// Rust files and folders whose doc comments follow the list. Add a folder once it does.
-const SOURCES: [&str; 13] = [
+/// Rust files and folders whose doc comments and help texts follow the list of phrases. Add a folder once it does.
+const SOURCES: [&str; 19] = [
+    "benches/",
     "client/command/src/",
     "client/src/",
-    "crates/core/src/",
-    "crates/inspector/src/recordings.rs",
-    "crates/learn/src/objective/",
-    "crates/learn/src/policy/",
-    "crates/web/src/",
+    "crates/",
+    "fuzz/",
     "server/src/access/tls/",
     "server/src/config.rs",
     "server/src/config/",
+    "server/src/curation/",
+    "server/src/jobs/",
+    "server/src/lib.rs",
+    "server/src/main.rs",
+    "server/src/maintenance/",
+    "server/src/model_cache.rs",
     "server/src/pages/",
-    "server/src/store/lab/",
-    "tests/end_to_end/prose.rs",
+    "server/src/program.rs",
+    "server/src/shutdown.rs",
+    "server/src/store/",
+    "tests/end_to_end/",
 ];
 
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
+/// Folders whose names follow the list of names too. Add a folder once it does.
+const NAMED: [&str; 6] =
+    ["benches/", "crates/inspector/src/", "crates/recording/", "crates/sim/", "fuzz/", "tests/end_to_end/"];
+
+/// Every Markdown file of the project.
+fn markdown() -> Vec<(String, String)> {
+    let at_root = sources("", "md").into_iter().filter(|path| path.parent() == Some(root()));
+    let paths: Vec<PathBuf> = at_root.chain(MARKDOWN.iter().flat_map(|folder| sources(folder, "md"))).collect();
+    assert!(paths.len() > 35, "the walk found too little: {}", paths.len());
+    paths.iter().map(|path| source(path)).collect()
 }
 
-fn files(folder: &Path, deep: bool, extension: &str, into: &mut Vec<PathBuf>) {
-    for entry in folder.read_dir().unwrap() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_str().unwrap();
-        // Build outputs, environments and caches.
-        let made = name.starts_with('.') || matches!(name, "target" | "node_modules" | "build" | "dist");
-        if path.is_dir() && deep && !made {
-            files(&path, deep, extension, into);
-        } else if path.extension().is_some_and(|found| found == extension) {
-            into.push(path);
-        }
-    }
+/// Every Rust file of these folders.
+fn rust_files(folders: &[&str]) -> Vec<(String, String)> {
+    let paths: Vec<PathBuf> = folders.iter().flat_map(|folder| sources(folder, "rs")).collect();
+    assert!(paths.len() > 35, "the walk found too little: {}", paths.len());
+    paths.iter().map(|path| source(path)).collect()
 }
 
 /// A line without its code spans.
@@ -110,20 +125,9 @@ fn found(name: &str, text: &str, is_prose: impl Fn(&str) -> bool) -> Vec<String>
         .collect()
 }
 
-fn read(path: &Path) -> (String, String) {
-    let name = path.strip_prefix(root()).unwrap().to_str().unwrap().trim_start_matches("./");
-    (name.to_owned(), std::fs::read_to_string(path).unwrap())
-}
-
 #[test]
 fn markdown_avoids_the_phrases_of_the_list() {
-    let mut paths = Vec::new();
-    for folder in MARKDOWN {
-        files(&root().join(folder), folder != ".", "md", &mut paths);
-    }
-    assert!(paths.len() > 35, "the walk found too little: {}", paths.len());
-    let texts = paths.iter().map(|path| read(path));
-    let texts = texts.filter(|(name, _)| !REPORTS.iter().any(|report| name.starts_with(report)));
+    let texts = markdown().into_iter().filter(|(name, _)| !REPORTS.iter().any(|report| name.starts_with(report)));
     let broken: Vec<String> = texts.flat_map(|(name, text)| found(&name, &text, |_| true)).collect();
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
@@ -138,16 +142,10 @@ fn sources_named(text: &str) -> impl Iterator<Item = &str> {
 
 #[test]
 fn sources_named_in_markdown_exist() {
-    let mut sources = Vec::new();
-    for extension in ["rs", "proto", "sql", "py", "sh"] {
-        files(root(), true, extension, &mut sources);
-    }
-    let mut paths = Vec::new();
-    for folder in MARKDOWN {
-        files(&root().join(folder), folder != ".", "md", &mut paths);
-    }
+    let sources: Vec<PathBuf> =
+        ["rs", "proto", "sql", "py", "sh"].iter().flat_map(|extension| sources("", extension)).collect();
     let mut missing = Vec::new();
-    for (name, text) in paths.iter().map(|path| read(path)) {
+    for (name, text) in markdown() {
         // `Path::ends_with` compares whole names, so `routes.rs` does not match `my_routes.rs`.
         let gone = sources_named(&text).filter(|source| !sources.iter().any(|path| path.ends_with(source)));
         missing.extend(gone.map(|source| format!("{name}: {source} does not exist")));
@@ -155,17 +153,50 @@ fn sources_named_in_markdown_exist() {
     assert!(missing.is_empty(), "{}", missing.join("\n"));
 }
 
+/// The modules and tests that a text names, such as `ingest::tests` and `end_to_end restart::`.
+fn tests_named(text: &str) -> impl Iterator<Item = &str> {
+    let spans = text.split('`').skip(1).step_by(2).map(|span| span.trim_start_matches("end_to_end "));
+    let is_name = |part: &str| part.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_');
+    spans.filter(move |span| span.contains("::") && span.split("::").all(is_name))
+}
+
+#[test]
+fn modules_and_tests_named_in_reliability_exist() {
+    let code: Vec<(String, String)> = sources("", "rs").iter().map(|path| source(path)).collect();
+    let exists = |name: &str| {
+        let declared = [format!("fn {name}("), format!("mod {name};"), format!("mod {name} {{")];
+        code.iter().any(|(_, text)| declared.iter().any(|item| text.contains(item)))
+    };
+    let (name, text) = source(&root().join("docs/reliability.md"));
+    let last = |path: &str| path.trim_end_matches("::").rsplit("::").next().unwrap_or_default().to_owned();
+    let missing: Vec<&str> = tests_named(&text).filter(|path| !exists(&last(path))).collect();
+    assert!(missing.is_empty(), "{name} names what does not exist: {missing:?}");
+}
+
 #[test]
 fn doc_comments_of_clean_folders_avoid_the_phrases_of_the_list() {
-    let mut paths = Vec::new();
-    for source in SOURCES {
-        let path = root().join(source);
-        if path.is_dir() { files(&path, true, "rs", &mut paths) } else { paths.push(path) }
-    }
-    assert!(paths.len() > 35, "the walk found too little: {}", paths.len());
     let is_doc = |line: &str| line.trim_start().starts_with("///") || line.trim_start().starts_with("//!");
-    let texts = paths.iter().map(|path| read(path));
-    let broken: Vec<String> = texts.flat_map(|(name, text)| found(&name, &text, is_doc)).collect();
+    let broken: Vec<String> = rust_files(&SOURCES).iter().flat_map(|(name, text)| found(name, text, is_doc)).collect();
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
+}
+
+/// The names in a line of code that have a word of the list. Comments and texts are not code.
+fn names_found(line: &str) -> Vec<String> {
+    let line = line.replace("\\\"", "");
+    let code = line.split("//").next().unwrap_or_default().split('"').step_by(2);
+    let names = code.flat_map(|part| part.split(|c: char| !c.is_alphanumeric() && c != '_'));
+    let broken = names.filter(|name| name.split('_').any(|word| NAMES.contains(&word.to_lowercase().as_str())));
+    broken.map(str::to_owned).collect()
+}
+
+#[test]
+fn names_of_clean_folders_avoid_the_words_of_the_list() {
+    let mut broken = Vec::new();
+    for (file, text) in rust_files(&NAMED) {
+        for (at, line) in text.lines().enumerate() {
+            broken.extend(names_found(line).into_iter().map(|name| format!("{file}:{}: {name}", at + 1)));
+        }
+    }
     assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
@@ -175,4 +206,5 @@ fn a_phrase_is_found_as_words_outside_of_code() {
     let lines = found("x.md", text, |_| true);
     assert_eq!(lines.len(), 2, "{lines:?}");
     assert!(lines[0].starts_with("x.md:1: \"nobody\": ") && lines[1].starts_with("x.md:3: \"mend\": "), "{lines:?}");
+    assert_eq!(names_found("let who_calls = is_told(\"said\"); // says"), ["who_calls", "is_told"]);
 }

@@ -1,19 +1,21 @@
-//! Real recordings of a simulator lab, in both dialects, through the whole way; skipped where they are not at hand.
+//! Real recordings of a simulator in both dialects through every stage; skipped without a folder of them.
 
 use std::path::PathBuf;
 
 use gleaner_proto::v1::*;
 use gleaner_recording::TaskSpec;
 
-use crate::{
+use crate::support::{
     api::Api,
+    files::root,
     lab::{self, Recording},
     server::TestServer,
+    skipped::skipped,
 };
 
 /// The folder of recordings: `GLEANER_EPISODES`, or `shared/episodes` beside the checkout.
 fn folder() -> Option<PathBuf> {
-    let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../shared/episodes");
+    let beside = root().join("../shared/episodes");
     let folder = std::env::var_os("GLEANER_EPISODES").map_or(beside, PathBuf::from);
     folder.is_dir().then_some(folder)
 }
@@ -42,16 +44,14 @@ fn some(dialect: &str, wanted: &[(&str, usize)]) -> Vec<Recording> {
 }
 
 #[tokio::test]
-async fn both_dialects_are_one_task() {
+async fn recordings_of_both_dialects_fit_one_task() {
     if folder().is_none() {
-        eprintln!("skipped: no folder of real recordings (GLEANER_EPISODES)");
-        return;
+        return skipped("no folder of real recordings (GLEANER_EPISODES)");
     }
     let server = TestServer::start().await;
     let mut api = Api::connect(&server).await;
-    let text =
-        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/pick_cube_maniskill.toml")).unwrap();
-    let spec: gleaner_recording::TaskSpec = toml::from_str(&text).unwrap();
+    let text = std::fs::read_to_string(root().join("examples/pick_cube_maniskill.toml")).unwrap();
+    let spec: TaskSpec = toml::from_str(&text).unwrap();
     let task = spec.name.clone();
     let created = CreateTaskRequest { spec: Some(gleaner_core::proto::task::spec_to_proto(spec.clone())) };
     api.tasks.create_task(created).await.unwrap();
@@ -72,17 +72,14 @@ async fn both_dialects_are_one_task() {
     assert!(api.scores.get_histogram(request).await.unwrap().into_inner().segments > 100);
 
     let policy = api.succeed(&task, lab::train(train_spec::Data::ExpertsOf(encoder), 2)).await.result_id;
-    api.policies
-        .deploy(DeployRequest { name: "real@test".into(), policy_id: policy, ..Default::default() })
-        .await
-        .unwrap();
+    api.deploy("real@test", &policy).await;
     let request = ActRequest { deployment: "real@test".into(), observations: replayed(&spec) };
     let acted = api.policies.act(request).await.unwrap().into_inner();
     assert_eq!(acted.actions[0].values.len(), 7);
     assert!(acted.actions[0].values.iter().all(|value| value.is_finite()));
 }
 
-/// The first steps of a recording, as a robot would have sent them.
+/// The first steps of a recording as the observations of a robot.
 fn replayed(spec: &TaskSpec) -> Vec<Observation> {
     let recording = folder().unwrap().join("ros2").join(&some("ros2", &[("expert", 1)])[0].name);
     let episode = gleaner_recording::read_episode(&recording, spec).unwrap().episode;

@@ -1,44 +1,33 @@
-//! Crashes: what was acknowledged is there afterwards, and a killed job ends as if nothing had happened.
+//! Restarts after a kill or a stop: acknowledged changes exist, uploads resume, jobs end with the same result.
 
 use gleaner_proto::v1::*;
 use tonic::Code;
 
-use crate::{
+use crate::support::{
     api::Api,
+    command,
     lab::{self, RECORDINGS},
-    server::TestServer,
+    server::{TestServer, serve},
 };
 
 #[tokio::test]
-async fn what_was_acknowledged_survives_a_kill() {
-    let mut server = TestServer::start_with(&["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    let episodes = lab::set_up(&mut api).await;
+async fn acknowledged_changes_survive_a_kill() {
+    let (mut server, mut api, episodes) = lab::with_episodes(&["--workers", "0"]).await;
     let job = api.submit(lab::TASK, lab::pretrain(4)).await.unwrap();
     server.kill().await;
     server.start_again().await;
 
     let mut api = Api::connect(&server).await;
-    let request = ListEpisodesRequest { task: lab::TASK.into(), ..ListEpisodesRequest::default() };
-    let listed = api.episodes.list_episodes(request).await.unwrap().into_inner().episodes;
-    assert_eq!(listed, episodes);
+    assert_eq!(api.episodes().await, episodes);
     let request = GetJobRequest { job_id: job.id.clone() };
     assert_eq!(api.jobs.get_job(request).await.unwrap().into_inner().job.unwrap(), job);
-    let request = DownloadEpisodeRequest { episode_id: episodes[0].id.clone() };
-    let mut chunks = api.episodes.download_episode(request).await.unwrap().into_inner();
-    let mut bytes = Vec::new();
-    while let Some(chunk) = chunks.message().await.unwrap() {
-        bytes.extend_from_slice(&chunk.data);
-    }
-    assert!(bytes == RECORDINGS[0].bytes, "the recording is the one that was pushed");
+    assert!(api.download(&episodes[0].id).await == RECORDINGS[0].bytes, "the recording differs");
 }
 
-/// A caller that was interrupted submits again under its key and gets its own job back.
+/// A second submission with the same key returns the existing job.
 #[tokio::test]
-async fn a_key_is_one_job_across_a_restart() {
-    let mut server = TestServer::start_with(&["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+async fn job_key_is_one_job_across_a_restart() {
+    let (mut server, mut api, _) = lab::with_episodes(&["--workers", "0"]).await;
     let request = |steps| SubmitJobRequest {
         task: lab::TASK.into(),
         spec: Some(JobSpec { spec: Some(lab::pretrain(steps)) }),
@@ -60,10 +49,8 @@ async fn a_key_is_one_job_across_a_restart() {
 }
 
 #[tokio::test]
-async fn an_upload_goes_on_where_it_stopped() {
-    let mut server = TestServer::start_with(&["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::create_task(&mut api).await;
+async fn upload_resumes_after_a_kill() {
+    let (mut server, mut api) = lab::idle().await;
     let recording = &RECORDINGS[0];
     let half = recording.bytes.len() / 2;
     let upload = lab::start(&mut api, lab::TASK, recording).await.unwrap().upload_id;
@@ -76,31 +63,25 @@ async fn an_upload_goes_on_where_it_stopped() {
     server.start_again().await;
 
     let mut api = Api::connect(&server).await;
-    let request = GetUploadRequest { upload_id: upload.clone() };
-    assert_eq!(api.episodes.get_upload(request).await.unwrap().into_inner().committed_size, committed);
+    assert_eq!(api.committed_size(&upload).await.unwrap(), committed);
     let gap = lab::write(&mut api, &upload, committed + 1, recording.bytes.slice(half + 1..)).await.unwrap_err();
     assert_eq!(gap.code(), Code::InvalidArgument, "{gap}");
     lab::write(&mut api, &upload, committed, recording.bytes.slice(half..)).await.unwrap();
     assert!(lab::finish(&mut api, &upload).await.unwrap().steps > 0);
 }
 
-/// Kills the worker and then the server in the middle of pretraining; the losses and the scores that come out
-/// are those of a straight run, bit for bit.
+/// The worker and then the server are killed during pretraining; losses and scores equal those of an uninterrupted run, bit
+/// for bit.
 #[tokio::test]
-async fn a_killed_job_ends_as_a_straight_one() {
+async fn killed_job_equals_an_uninterrupted_one() {
     const STEPS: u32 = 40;
-    let mut server = TestServer::start().await;
-    let mut api = Api::connect(&server).await;
-    let episodes = lab::set_up(&mut api).await;
+    let (mut server, mut api, episodes) = lab::with_episodes(&[]).await;
 
-    let straight = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
+    let uninterrupted = api.succeed(lab::TASK, lab::pretrain(STEPS)).await;
 
     let killed = api.submit(lab::TASK, lab::pretrain(STEPS)).await.unwrap();
     api.watch_until(&killed.id, |job| job.done >= 7).await;
-    for worker in server.workers() {
-        let pid = rustix::process::Pid::from_raw(i32::try_from(worker).unwrap()).unwrap();
-        rustix::process::kill_process(pid, rustix::process::Signal::KILL).unwrap();
-    }
+    server.kill_workers();
     let second = api.watch_until(&killed.id, |job| job.attempt == 2 && job.done >= 13).await;
     assert!(second.done < u64::from(STEPS), "the test needs a job that is still running");
     server.kill().await;
@@ -109,28 +90,26 @@ async fn a_killed_job_ends_as_a_straight_one() {
     let mut api = Api::connect(&server).await;
     let ended = api.watch(&killed.id).await;
     assert_eq!(ended.state(), JobState::Succeeded, "{}", ended.error);
-    let losses = api.metric(&straight.id, "loss").await;
+    let losses = api.metric(&uninterrupted.id, "loss").await;
     assert_eq!(last_of_each_step(api.metric(&killed.id, "loss").await), losses);
 
-    let straight_run = api.succeed(lab::TASK, lab::score(&straight.result_id)).await.result_id;
+    let expected_run = api.succeed(lab::TASK, lab::score(&uninterrupted.result_id)).await.result_id;
     let killed_run = api.succeed(lab::TASK, lab::score(&killed.result_id)).await.result_id;
     for episode in &episodes {
-        let expected = api.episode_scores(&straight_run, &episode.id).await;
+        let expected = api.episode_scores(&expected_run, &episode.id).await;
         assert_eq!(api.episode_scores(&killed_run, &episode.id).await, expected);
     }
 }
 
-/// Steps after the last checkpoint are done again, and reported again: the later report counts.
+/// Steps after the last checkpoint run and are reported again; the last report counts.
 fn last_of_each_step(values: Vec<(u64, f64)>) -> Vec<(u64, f64)> {
     let by_step: std::collections::BTreeMap<u64, f64> = values.into_iter().collect();
     by_step.into_iter().collect()
 }
 
 #[tokio::test]
-async fn a_cancelled_job_stops_and_takes_its_dependents_along() {
-    let server = TestServer::start().await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+async fn cancelling_a_job_cancels_its_dependents() {
+    let (_server, mut api, _) = lab::with_episodes(&[]).await;
     let pretrain = api.submit(lab::TASK, lab::pretrain(100_000)).await.unwrap();
     let score = api.submit(lab::TASK, lab::score(&pretrain.result_id)).await.unwrap();
     assert_eq!(score.needs, std::slice::from_ref(&pretrain.id));
@@ -144,10 +123,8 @@ async fn a_cancelled_job_stops_and_takes_its_dependents_along() {
 }
 
 #[tokio::test]
-async fn a_stop_lets_a_running_job_resume_later() {
-    let mut server = TestServer::start().await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+async fn stopped_job_resumes_without_repeating_a_step() {
+    let (mut server, mut api, _) = lab::with_episodes(&[]).await;
     let job = api.submit(lab::TASK, lab::pretrain(30)).await.unwrap();
     api.watch_until(&job.id, |job| job.done >= 6).await;
     assert!(server.stop().await, "a stop on request is a success");
@@ -155,26 +132,20 @@ async fn a_stop_lets_a_running_job_resume_later() {
 
     let mut api = Api::connect(&server).await;
     let ended = api.watch(&job.id).await;
-    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "a stop burns no attempt");
+    assert_eq!((ended.state(), ended.attempt), (JobState::Succeeded, 1), "a stop is not an attempt");
     let steps: Vec<u64> = api.metric(&job.id, "loss").await.into_iter().map(|(step, _)| step).collect();
-    assert_eq!(steps, (1..=30).collect::<Vec<_>>(), "a stop loses no step: none is done twice");
+    assert_eq!(steps, (1..=30).collect::<Vec<_>>(), "no step is lost or repeated");
 }
 
-/// Two servers on one folder would run the same jobs twice.
+/// Two servers on one data folder would run the same jobs.
 #[tokio::test]
-async fn a_second_server_on_the_same_folder_says_so_and_ends() {
+async fn second_server_on_a_data_folder_is_rejected() {
     let server = TestServer::start_with(&["--workers", "0"]).await;
-    let second = tokio::process::Command::new(env!("CARGO_BIN_EXE_gleaner-server-under-test"))
-        .args(["serve", "--listen", "127.0.0.1:0", "--data-dir"])
-        .arg(server.data_dir())
-        .stdin(std::process::Stdio::null())
-        .kill_on_drop(true)
-        .output()
-        .await
-        .unwrap();
-    let said = String::from_utf8_lossy(&[second.stdout, second.stderr].concat()).into_owned();
-    assert!(!second.status.success() && said.contains(&server.data_dir().display().to_string()), "{said}");
-    assert!(!said.contains("listening"), "{said}");
-    // The first serves on.
+    let mut second = serve(server.data_dir(), &[""; 0], "127.0.0.1:0");
+    let output = command::run(&mut second).await;
+    let text = output.text();
+    assert!(!output.success && text.contains(&server.data_dir().display().to_string()), "{text}");
+    assert!(!text.contains("listening"), "{text}");
+    // The first server continues.
     Api::connect(&server).await.jobs.list_jobs(ListJobsRequest::default()).await.unwrap();
 }

@@ -1,38 +1,36 @@
-//! Rollouts are data: recorded sessions, however they end, are episodes that read back as what was sent.
-
-mod field;
+//! Recorded sessions become episodes with the data that was sent, in whatever way they end.
 
 use gleaner_client::{Client, DrivePlan, Recorded, Session};
-use gleaner_proto::v1::{session_request::Message as Say, session_response::Message as Hear, *};
+use gleaner_proto::v1::{session_request::Message as SessionMessage, session_response::Message as SessionReply, *};
 use gleaner_recording::encode_jpeg;
 use gleaner_sim::{Sim, Task as SimTask};
 use tonic::Code;
 
-use self::field::{NAME, PATIENCE, Sent, endless, episodes, field, messages, read, recorded, step, tear};
-use crate::{
+use crate::support::{
     api::Api,
     lab,
-    live::{Robot, observe, start_sim},
-    server::TestServer,
+    robot::{Robot, observe, start_sim},
+    rollouts::{NAME, Sent, endless, episodes, messages, read, recorded, scored_deployment, step, tear},
+    wait::within,
 };
 
 #[tokio::test]
-async fn what_was_sent_reads_back_labelled_and_scored_and_the_next_snapshot_counts_it() {
-    let field = field().await;
-    let mut api = Api::connect(&field.server).await;
-    let client = Client::connect(field.server.url(), None).await.unwrap();
+async fn recorded_session_reads_back_with_label_and_scores() {
+    let shared = scored_deployment().await;
+    let mut api = Api::connect(&shared.server).await;
+    let client = Client::connect(shared.server.url(), None).await.unwrap();
     let mut session = Session::open_with(&client, recorded("read back")).await.unwrap();
     let (mut sim, mut sent) = (endless(), Sent::default());
     let scored = async {
         loop {
-            let answer = step(&mut session, &mut sim, &mut sent).await;
-            if let Some(score) = answer.score.filter(|_| sent.stamps.len() >= 6) {
+            let reply = step(&mut session, &mut sim, &mut sent).await;
+            if let Some(score) = reply.score.filter(|_| sent.stamps.len() >= 6) {
                 return score;
             }
         }
     };
-    let score = tokio::time::timeout(PATIENCE, scored).await.expect("a reply with a score");
-    assert!(score.w <= 0.0 && (0.0..=1.0).contains(&score.q) && field.experts.contains(&score.match_episode_id));
+    let score = within("a reply has a score", scored).await;
+    assert!(score.w <= 0.0 && (0.0..=1.0).contains(&score.q) && shared.experts.contains(&score.match_episode_id));
     assert!(sent.stamps.contains(&score.observation_stamp_ns));
     let closed = session.close_as(Outcome::Failure).await.unwrap();
     let request = CreateSnapshotRequest { task: lab::TASK.into(), rule: None };
@@ -46,22 +44,22 @@ async fn what_was_sent_reads_back_labelled_and_scored_and_the_next_snapshot_coun
     assert_eq!((&episode.id, episode.outcome()), (&closed.episode_id, Outcome::Failure));
     assert_eq!((episode.steps, episode.warnings), (u64::try_from(sent.stamps.len()).unwrap(), 0));
     let reading = read(&mut api, &episode.id).await;
-    sent.equals(&reading);
+    sent.expect_equal(&reading);
     assert_eq!(messages(&reading, "/policy/action"), episode.steps);
-    // Where the machine was too busy, segments went unscored.
+    // On a busy machine some segments have no score.
     assert!((1..=episode.steps).contains(&messages(&reading, "/policy/score")));
 }
 
-/// JPEG is kept byte for byte; what the robot says it did counts, not what it was told; one that vanishes is kept.
+/// JPEG images are stored byte for byte, and the executed action replaces the policy's action.
 #[tokio::test]
-async fn a_robot_that_vanishes_in_the_middle_is_kept() {
-    let field = field().await;
-    let mut api = Api::connect(&field.server).await;
-    let spec = gleaner_sim::task_spec(SimTask::PickCube, &lab::sim_config());
+async fn rollout_of_a_disconnected_robot_is_stored() {
+    let shared = scored_deployment().await;
+    let mut api = Api::connect(&shared.server).await;
+    let spec = lab::spec();
     let (height, width) = (spec.cameras[0].height, spec.cameras[0].width);
-    let mut robot = Robot::dial(&mut api).await;
-    robot.say(Say::Open(recorded("vanished"))).await;
-    let Hear::Opened(opened) = robot.hear().await.unwrap() else { panic!("not opened") };
+    let mut robot = Robot::connect(&mut api).await;
+    robot.send(SessionMessage::Open(recorded("vanished"))).await;
+    let SessionReply::Opened(opened) = robot.receive().await.unwrap() else { panic!("not opened") };
     let mut sim = start_sim();
     for step in 0..4_u8 {
         let mut observation = observe(&sim);
@@ -83,10 +81,10 @@ async fn a_robot_that_vanishes_in_the_middle_is_kept() {
 }
 
 #[tokio::test]
-async fn sessions_are_recorded_apart_and_without_a_word_nobody_knows_how_they_went() {
-    let field = field().await;
-    let mut api = Api::connect(&field.server).await;
-    let client = Client::connect(field.server.url(), None).await.unwrap();
+async fn concurrent_sessions_are_recorded_separately() {
+    let shared = scored_deployment().await;
+    let mut api = Api::connect(&shared.server).await;
+    let client = Client::connect(shared.server.url(), None).await.unwrap();
     let mut runs = Vec::new();
     for seed in [3, 4] {
         let sim = Sim::new(SimTask::PickCube, lab::sim_config(), seed);
@@ -99,12 +97,12 @@ async fn sessions_are_recorded_apart_and_without_a_word_nobody_knows_how_they_we
     }
     for (session, _, sent) in runs {
         let id = session.close().await.unwrap().episode_id;
-        sent.equals(&read(&mut api, &id).await);
+        sent.expect_equal(&read(&mut api, &id).await);
         let listed = episodes(&mut api, NAME, 1).await;
         let episode = listed.iter().find(|episode| episode.id == id).unwrap();
         assert_eq!(episode.outcome(), Outcome::Unknown);
     }
-    // One that does not ask for it, and one too short for an episode.
+    // A session without recording, and one that is too short for an episode.
     for open in [SessionOpen { deployment: NAME.into(), ..Default::default() }, recorded("too short")] {
         let mut session = Session::open_with(&client, open).await.unwrap();
         session.act(observe(&start_sim())).await.unwrap();
@@ -113,17 +111,17 @@ async fn sessions_are_recorded_apart_and_without_a_word_nobody_knows_how_they_we
 }
 
 #[tokio::test]
-async fn what_a_recording_cannot_hold_is_refused() {
-    let field = field().await;
-    let mut api = Api::connect(&field.server).await;
-    let mut robot = Robot::dial(&mut api).await;
-    robot.say(Say::Open(SessionOpen { record: false, ..recorded("no record") })).await;
-    assert!(robot.hear().await.unwrap_err().message().starts_with("open.cohort: "));
+async fn invalid_recorded_sessions_are_rejected() {
+    let shared = scored_deployment().await;
+    let mut api = Api::connect(&shared.server).await;
+    let mut robot = Robot::connect(&mut api).await;
+    robot.send(SessionMessage::Open(SessionOpen { record: false, ..recorded("no record") })).await;
+    assert!(robot.receive().await.unwrap_err().message().starts_with("open.cohort: "));
     let mut same = Vec::new();
     for (first, second) in [(5, 5), (-5, 5)] {
-        let mut robot = Robot::dial(&mut api).await;
-        robot.say(Say::Open(recorded("bad stamps"))).await;
-        robot.hear().await.unwrap();
+        let mut robot = Robot::connect(&mut api).await;
+        robot.send(SessionMessage::Open(recorded("bad stamps"))).await;
+        robot.receive().await.unwrap();
         let stamped = |stamp_ns| Observation { stamp_ns, ..observe(&start_sim()) };
         let error = match robot.act(stamped(first)).await {
             Err(error) => error,
@@ -135,12 +133,12 @@ async fn what_a_recording_cannot_hold_is_refused() {
     assert_eq!(same, [true, true]);
 }
 
-/// The simulator's verdict labels its runs, in lock step and in real time, and the lowest score is told.
+/// The result of the simulator labels the episodes, in lock step and in real time.
 #[tokio::test]
-async fn drive_records_what_it_drives() {
-    let field = field().await;
-    let mut api = Api::connect(&field.server).await;
-    let client = Client::connect(field.server.url(), None).await.unwrap();
+async fn drive_records_its_episodes() {
+    let shared = scored_deployment().await;
+    let mut api = Api::connect(&shared.server).await;
+    let client = Client::connect(shared.server.url(), None).await.unwrap();
     let plan = DrivePlan {
         deployment: NAME.into(),
         task: SimTask::PickCube,
@@ -156,8 +154,8 @@ async fn drive_records_what_it_drives() {
     let listed = episodes(&mut api, "driven", 2).await;
     for run in &driven.episodes {
         let episode = listed.iter().find(|episode| run.episode_ids == [episode.id.clone()]).unwrap();
-        let verdict = if run.success { Outcome::Success } else { Outcome::Failure };
-        assert_eq!((episode.outcome(), episode.steps), (verdict, u64::from(run.steps)));
+        let outcome = if run.success { Outcome::Success } else { Outcome::Failure };
+        assert_eq!((episode.outcome(), episode.steps), (outcome, u64::from(run.steps)));
     }
 
     // Slower than the simulator's own rate, for machines that are busy with other tests.
@@ -169,23 +167,19 @@ async fn drive_records_what_it_drives() {
     assert_eq!((report.episode_ids.as_slice(), episode.outcome()), ([episode.id].as_slice(), Outcome::Failure));
 }
 
-/// Killed with −9 in the middle, and stopped in the middle: what came before is an episode after the next start.
+/// After a kill or a stop during a session, the recorded steps are an episode once the server has started again.
 #[tokio::test]
-async fn a_server_that_dies_or_stops_keeps_what_it_recorded() {
-    let mut server = TestServer::start_with(&["--drain-seconds", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
-    let encoder = api.succeed(lab::TASK, lab::pretrain(1)).await.result_id;
-    let policy_id = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder), 1)).await.result_id;
-    let deploy = DeployRequest { name: NAME.into(), policy_id, ..DeployRequest::default() };
-    api.policies.deploy(deploy).await.unwrap();
+async fn rollouts_survive_a_kill_and_a_stop() {
+    let (mut server, mut api, _) = lab::with_episodes(&["--drain-seconds", "0"]).await;
+    let (_, policy_id) = api.train_policy(1).await;
+    api.deploy(NAME, &policy_id).await;
 
     let client = Client::connect(server.url(), None).await.unwrap();
     let mut session = Session::open_with(&client, recorded("killed")).await.unwrap();
     let rollouts = server.data_dir().join("rollouts");
     let file = rollouts.join(format!("{}.mcap", session.opened().session_id));
     let (mut sim, mut sent) = (endless(), Sent::default());
-    // It is on the disk from time to time; the first time there is only its beginning.
+    // The file is written from time to time; the first write is its header.
     let (mut size, mut grown) = (0, 0);
     let running = async {
         while grown < 3 {
@@ -195,10 +189,10 @@ async fn a_server_that_dies_or_stops_keeps_what_it_recorded() {
             size = now;
         }
     };
-    tokio::time::timeout(PATIENCE, running).await.expect("it comes to the disk");
+    within("steps are written to the disk", running).await;
     server.kill().await;
     tear(&file);
-    std::fs::write(rollouts.join("ses_spoilt.mcap"), b"what some other program left").unwrap();
+    std::fs::write(rollouts.join("ses_unusable.mcap"), b"a file of another program").unwrap();
     server.start_again().await;
 
     let mut api = Api::connect(&server).await;
@@ -209,7 +203,7 @@ async fn a_server_that_dies_or_stops_keeps_what_it_recorded() {
     assert!((2..=sent.stamps.len()).contains(&steps), "{steps} of {}", sent.stamps.len());
     assert_eq!(reading.episode.stamps(), &sent.stamps[..steps]);
     assert!(reading.episode.frames().as_ref() == &sent.frames[..sent.frames.len() / sent.stamps.len() * steps]);
-    assert!(!file.exists(), "it is a blob now");
+    assert!(!file.exists(), "the rollout is not a blob");
 
     let client = Client::connect(server.url(), None).await.unwrap();
     let mut session = Session::open_with(&client, recorded("stopped")).await.unwrap();
@@ -222,5 +216,5 @@ async fn a_server_that_dies_or_stops_keeps_what_it_recorded() {
     let mut api = Api::connect(&server).await;
     let episode = episodes(&mut api, "stopped", 1).await.remove(0);
     assert_eq!((episode.outcome(), episode.steps), (Outcome::Unknown, 3));
-    assert!(rollouts.join("unusable").join("ses_spoilt.mcap").exists(), "in nobody's way");
+    assert!(rollouts.join("unusable").join("ses_unusable.mcap").exists(), "the unusable file is not set aside");
 }

@@ -1,12 +1,12 @@
-//! Schedules: a pipeline that starts by itself once enough episodes are labelled; cron with its next run.
+//! Schedules: a pipeline that starts once enough episodes are labelled, and cron expressions.
 
 use gleaner_proto::v1::*;
 use tonic::Code;
 
-use crate::{
+use crate::support::{
     api::Api,
     lab::{self, RECORDINGS},
-    server::TestServer,
+    wait::until,
 };
 
 fn create(name: &str, trigger: create_schedule_request::Trigger) -> CreateScheduleRequest {
@@ -25,9 +25,7 @@ async fn schedules(api: &mut Api) -> Vec<Schedule> {
 
 #[tokio::test]
 async fn new_labels_start_a_pipeline() {
-    let server = TestServer::start().await;
-    let mut api = Api::connect(&server).await;
-    lab::create_task(&mut api).await;
+    let (_server, mut api) = lab::with_task(&[]).await;
     let request = create("often", create_schedule_request::Trigger::LabelledEpisodes(3));
     api.schedules.create_schedule(request).await.unwrap();
 
@@ -43,25 +41,18 @@ async fn new_labels_start_a_pipeline() {
     assert!(after[0].last_run_time.is_some());
 }
 
-/// The start follows the label by an event inside the server, so it may be a moment away.
+/// Waits for the first job, which an event inside the server starts after the label.
 async fn first_job(api: &mut Api) -> Job {
-    let started = async {
-        loop {
-            let request = ListJobsRequest { task: lab::TASK.into(), ..ListJobsRequest::default() };
-            if let Some(job) = api.jobs.list_jobs(request).await.unwrap().into_inner().jobs.pop() {
-                return job;
-            }
-            tokio::task::yield_now().await;
-        }
-    };
-    tokio::time::timeout(std::time::Duration::from_secs(60), started).await.expect("no job was started")
+    until("a job starts", async || {
+        let request = ListJobsRequest { task: lab::TASK.into(), ..ListJobsRequest::default() };
+        api.jobs.list_jobs(request).await.unwrap().into_inner().jobs.pop()
+    })
+    .await
 }
 
 #[tokio::test]
-async fn cron_shows_its_next_run_and_pauses() {
-    let server = TestServer::start_with(&["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::create_task(&mut api).await;
+async fn cron_schedule_has_a_next_run_and_pauses() {
+    let (_server, mut api) = lab::idle().await;
     let nightly = create("nightly", create_schedule_request::Trigger::Cron("30 2 * * *".into()));
     let schedule = api.schedules.create_schedule(nightly.clone()).await.unwrap().into_inner().schedule.unwrap();
     let next = schedule.next_run_time.unwrap().seconds;

@@ -1,20 +1,23 @@
-//! Scores of what is not stored: as the run scored its own, live or in one piece, and nothing is left of it.
+//! Scores of recordings and steps that are not stored: equal to those of stored episodes, and nothing is stored.
 
-use std::{io::Cursor, path::Path};
+use std::{
+    io::Cursor,
+    path::{Path, PathBuf},
+};
 
 use gleaner_client::{Client, ClientError, StepScorer};
 use gleaner_proto::v1::{
-    score_recording_request::Message as Part, score_steps_request::Message as Say,
-    score_steps_response::Message as Hear, *,
+    score_recording_request::Message as Part, score_steps_request::Message as StepMessage,
+    score_steps_response::Message as StepReply, *,
 };
 use gleaner_recording::{EpisodeWriter, read_episode};
-use gleaner_sim::Task as SimTask;
 use tonic::{Code, Status};
 
-use crate::{
+use crate::support::{
     api::Api,
-    bad_input::refused,
     command,
+    errors::{absent_id, expect_error},
+    files,
     lab::{self, RECORDINGS},
     server::TestServer,
     shared::shared,
@@ -22,21 +25,16 @@ use crate::{
 
 /// The first failure: imperfect in the shared run.
 const FAILURE: usize = 6;
-const NO_RUN: &str = "run_01ARZ3NDEKTSV4RRFFQ69G5FAV";
 
-fn task_spec() -> gleaner_recording::TaskSpec {
-    gleaner_sim::task_spec(SimTask::PickCube, &lab::sim_config())
-}
-
-fn recording_file(folder: &Path, bytes: &[u8]) -> std::path::PathBuf {
+fn recording_file(folder: &Path, bytes: &[u8]) -> PathBuf {
     let path = folder.join("attempt.mcap");
     std::fs::write(&path, bytes).unwrap();
     path
 }
 
-/// The steps of a recording, as a robot would have sent them.
+/// The steps of a recording as the observations and actions of a robot.
 fn steps(folder: &Path, bytes: &[u8]) -> Vec<(Observation, Vec<f32>)> {
-    let spec = task_spec();
+    let spec = lab::spec();
     let episode = read_episode(&recording_file(folder, bytes), &spec).unwrap().episode;
     let (all, size) = (episode.frames(), gleaner_recording::frame_bytes_per_step(&spec));
     let (proprioception, action) = (episode.proprioception(), episode.action());
@@ -56,7 +54,7 @@ async fn raw_run(api: &mut Api, encoder: &str) -> String {
 }
 
 #[tokio::test]
-async fn a_recording_scores_bit_for_bit_as_the_stored_one() {
+async fn unstored_recording_scores_like_the_stored_one() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let client = Client::connect(shared.server.url(), None).await.unwrap();
@@ -73,7 +71,7 @@ async fn a_recording_scores_bit_for_bit_as_the_stored_one() {
 }
 
 #[tokio::test]
-async fn an_episode_scores_step_by_step_as_the_stored_one() {
+async fn steps_score_like_the_stored_episode() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let client = Client::connect(shared.server.url(), None).await.unwrap();
@@ -98,7 +96,7 @@ async fn an_episode_scores_step_by_step_as_the_stored_one() {
 }
 
 #[tokio::test]
-async fn a_deployment_names_a_run_and_rolling_back_brings_the_one_before() {
+async fn rollback_restores_the_previous_score_run() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let request = |run: &str| DeployRequest {
@@ -111,16 +109,17 @@ async fn a_deployment_names_a_run_and_rolling_back_brings_the_one_before() {
     assert_eq!((&deployed.score_run_id, deployed.history.len()), (&shared.run, 2));
 
     let raw = raw_run(&mut api, &shared.encoder).await;
+    let absent = absent_id("run");
     for (run, code, words) in [
-        (NO_RUN, Code::NotFound, ["no score run", NO_RUN]),
+        (absent.as_str(), Code::NotFound, ["no score run", absent.as_str()]),
         ("run", Code::InvalidArgument, ["score_run_id", "run_"]),
         (&raw, Code::FailedPrecondition, ["raw", "such as ssdf"]),
     ] {
-        refused(&api.policies.deploy(request(run)).await.unwrap_err(), code, &words);
+        expect_error(&api.policies.deploy(request(run)).await.unwrap_err(), code, &words);
     }
     let back = RollBackRequest { name: "scored@test".into() };
     let back = api.policies.roll_back(back).await.unwrap().into_inner().deployment.unwrap();
-    assert_eq!((back.score_run_id.as_str(), back.history.len()), ("", 3), "what was refused left nothing");
+    assert_eq!((back.score_run_id.as_str(), back.history.len()), ("", 3), "a rejected deployment changed the history");
     let listed = api.policies.list_deployments(ListDeploymentsRequest::default()).await.unwrap().into_inner();
     let listed = listed.deployments.into_iter().find(|one| one.name == "scored@test").unwrap();
     assert_eq!(listed, back);
@@ -137,77 +136,77 @@ fn open(run: &str, size_bytes: u64) -> Part {
 }
 
 #[tokio::test]
-async fn recordings_that_cannot_be_scored() {
+async fn invalid_recordings_are_not_scored() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let run = shared.run.as_str();
     let raw = raw_run(&mut api, &shared.encoder).await;
     let whole = || Part::Data(RECORDINGS[FAILURE].bytes.clone());
-    let empty = EpisodeWriter::create(Cursor::new(Vec::new()), &task_spec()).unwrap().finish().unwrap().into_inner();
+    let no_steps = EpisodeWriter::create(Cursor::new(Vec::new()), &lab::spec()).unwrap().finish().unwrap().into_inner();
     let cases: [(Vec<Part>, Code, &[&str]); 11] = [
         (vec![], Code::InvalidArgument, &["open: "]),
         (vec![whole()], Code::InvalidArgument, &["open: "]),
         (vec![open("x", 0)], Code::InvalidArgument, &["open.score_run_id: "]),
-        (vec![open(NO_RUN, 0)], Code::NotFound, &[NO_RUN]),
+        (vec![open(&absent_id("run"), 0)], Code::NotFound, &[&absent_id("run")]),
         (vec![open(&raw, 0), whole()], Code::FailedPrecondition, &["raw", "ssdf"]),
         (vec![open(run, 0), open(run, 0)], Code::InvalidArgument, &["open: ", "already"]),
         (vec![open(run, 0)], Code::InvalidArgument, &["attempt.mcap", "empty"]),
         (vec![open(run, 7), whole()], Code::InvalidArgument, &["open.size_bytes: ", "more"]),
         (vec![open(run, 1 << 60), whole()], Code::ResourceExhausted, &["--max-upload-bytes"]),
         (vec![open(run, 0), Part::Data("ply\nformat ascii".repeat(50).into())], Code::InvalidArgument, &["MCAP"]),
-        (vec![open(run, 0), Part::Data(empty.into())], Code::InvalidArgument, &["recording: "]),
+        (vec![open(run, 0), Part::Data(no_steps.into())], Code::InvalidArgument, &["recording: "]),
     ];
     for (parts, code, words) in cases {
-        refused(&send(&mut api, parts).await.unwrap_err(), code, words);
+        expect_error(&send(&mut api, parts).await.unwrap_err(), code, words);
     }
-    let nowhere = ScoreRecordingRequest { message: None };
-    let said = api.scores.score_recording(tokio_stream::iter([nowhere])).await.unwrap_err();
-    refused(&said, Code::InvalidArgument, &["open: "]);
+    let empty = ScoreRecordingRequest { message: None };
+    let status = api.scores.score_recording(tokio_stream::iter([empty])).await.unwrap_err();
+    expect_error(&status, Code::InvalidArgument, &["open: "]);
 }
 
-async fn hear(api: &mut Api, says: Vec<Say>) -> Result<Vec<LiveScore>, Status> {
-    let requests: Vec<_> = says.into_iter().map(|say| ScoreStepsRequest { message: Some(say) }).collect();
-    let mut answers = api.scores.score_steps(tokio_stream::iter(requests)).await?.into_inner();
+async fn score_steps(api: &mut Api, messages: Vec<StepMessage>) -> Result<Vec<LiveScore>, Status> {
+    let requests: Vec<_> = messages.into_iter().map(|message| ScoreStepsRequest { message: Some(message) }).collect();
+    let mut responses = api.scores.score_steps(tokio_stream::iter(requests)).await?.into_inner();
     let mut scores = Vec::new();
-    while let Some(answer) = answers.message().await? {
-        match answer.message.unwrap() {
-            Hear::Score(score) => scores.push(score),
-            Hear::Draining(draining) => panic!("{draining:?}"),
+    while let Some(response) = responses.message().await? {
+        match response.message.unwrap() {
+            StepReply::Score(score) => scores.push(score),
+            StepReply::Draining(draining) => panic!("{draining:?}"),
         }
     }
     Ok(scores)
 }
 
 #[tokio::test]
-async fn steps_that_cannot_be_scored() {
+async fn invalid_steps_are_not_scored() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let folder = tempfile::tempdir().unwrap();
     let good = steps(folder.path(), &RECORDINGS[FAILURE].bytes).swap_remove(0);
-    let open = |run: &str| Say::Open(ScoreStepsOpen { score_run_id: run.into() });
-    let step = |spoil: fn(&mut ScoreStep)| {
+    let open = |run: &str| StepMessage::Open(ScoreStepsOpen { score_run_id: run.into() });
+    let step = |change: fn(&mut ScoreStep)| {
         let (seen, action) = good.clone();
         let mut step = ScoreStep { observation: Some(seen), action };
-        spoil(&mut step);
-        Say::Step(step)
+        change(&mut step);
+        StepMessage::Step(step)
     };
     fn seen(step: &mut ScoreStep) -> &mut Observation {
         step.observation.as_mut().unwrap()
     }
-    let right = || step(|_| {});
-    assert_eq!(hear(&mut api, vec![open(&shared.run), right(), right()]).await.unwrap().len(), 2);
+    let valid = || step(|_| {});
+    assert_eq!(score_steps(&mut api, vec![open(&shared.run), valid(), valid()]).await.unwrap().len(), 2);
 
-    for (says, code, words) in [
+    for (messages, code, words) in [
         (vec![], Code::InvalidArgument, "open: "),
-        (vec![right()], Code::InvalidArgument, "open: "),
-        (vec![open(NO_RUN), right()], Code::NotFound, NO_RUN),
+        (vec![valid()], Code::InvalidArgument, "open: "),
+        (vec![open(&absent_id("run")), valid()], Code::NotFound, &absent_id("run")),
         (vec![open(&shared.run), open(&shared.run)], Code::InvalidArgument, "open: "),
         (vec![open(&shared.run)], Code::InvalidArgument, "step: at least one is required"),
     ] {
-        refused(&hear(&mut api, says).await.unwrap_err(), code, &[words]);
+        expect_error(&score_steps(&mut api, messages).await.unwrap_err(), code, &[words]);
     }
-    type Spoil = fn(&mut ScoreStep);
-    let spoiled: [(Spoil, &str); 9] = [
+    type Change = fn(&mut ScoreStep);
+    let cases: [(Change, &str); 9] = [
         (|step| step.observation = None, "step.observation: "),
         (|step| step.action.truncate(1), "step.action: "),
         (|step| step.action[0] = f32::NAN, "step.action[0]: "),
@@ -224,34 +223,22 @@ async fn steps_that_cannot_be_scored() {
             "step.observation.cameras[0].color: ",
         ),
     ];
-    for (spoil, field) in spoiled {
-        let says = vec![open(&shared.run), right(), step(spoil)];
-        refused(&hear(&mut api, says).await.unwrap_err(), Code::InvalidArgument, &[field]);
+    for (change, field) in cases {
+        let messages = vec![open(&shared.run), valid(), step(change)];
+        expect_error(&score_steps(&mut api, messages).await.unwrap_err(), Code::InvalidArgument, &[field]);
     }
 }
 
-/// Every file in the data directory.
-fn kept(server: &TestServer) -> Vec<std::path::PathBuf> {
-    let mut waiting = vec![server.data_dir().to_owned()];
-    let mut files = Vec::new();
-    while let Some(path) = waiting.pop() {
-        match path.is_dir() {
-            true => waiting.extend(path.read_dir().unwrap().map(|entry| entry.unwrap().path())),
-            false => files.push(path),
-        }
-    }
-    // The description of a result is written in the background.
-    files.retain(|path| !path.to_string_lossy().contains(".enc_"));
-    files.sort();
-    files
+/// Every file in the data folder, except the description of a result, which is written in the background.
+fn stored_files(server: &TestServer) -> Vec<PathBuf> {
+    let files = files::files(server.data_dir()).into_iter();
+    files.filter(|path| !path.to_string_lossy().contains(".enc_")).collect()
 }
 
-/// On a server of its own, so that nobody else adds anything. The command line, too.
+/// On a server of its own, because the list of its files must not change.
 #[tokio::test]
-async fn nothing_is_kept_of_what_is_scored() {
-    let server = TestServer::start().await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+async fn scoring_stores_nothing() {
+    let (server, mut api, _) = lab::with_episodes(&[]).await;
     let encoder = api.succeed(lab::TASK, lab::pretrain(1)).await.result_id;
     let run = api.succeed(lab::TASK, lab::score(&encoder)).await.result_id;
     let client = Client::connect(server.url(), None).await.unwrap();
@@ -259,13 +246,14 @@ async fn nothing_is_kept_of_what_is_scored() {
     let folder = tempfile::tempdir().unwrap();
     let path = recording_file(folder.path(), &fresh.bytes);
     let listing = ListEpisodesRequest { task: lab::TASK.into(), ..ListEpisodesRequest::default() };
-    let (files, episodes) = (kept(&server), api.episodes.list_episodes(listing.clone()).await.unwrap().into_inner());
+    let (files, episodes) =
+        (stored_files(&server), api.episodes.list_episodes(listing.clone()).await.unwrap().into_inner());
 
     let reply = client.score_recording(&run, &path, |_| {}).await.unwrap();
     let scores = reply.scores.unwrap();
-    let said = command::json(server.url(), &["score-recording", &run, path.to_str().unwrap()]).await;
-    assert_eq!(said["scores"]["w"].as_array().unwrap().len(), scores.w.len());
-    assert_eq!(said["scores"]["w"][0].as_f64(), Some(scores.w[0]));
+    let json = command::json(server.url(), &["score-recording", &run, path.to_str().unwrap()]).await;
+    assert_eq!(json["scores"]["w"].as_array().unwrap().len(), scores.w.len());
+    assert_eq!(json["scores"]["w"][0].as_f64(), Some(scores.w[0]));
     let mut live = StepScorer::open(&client, &run).await.unwrap();
     for (seen, action) in steps(folder.path(), &fresh.bytes) {
         live.score(seen, action).await.unwrap();
@@ -275,7 +263,7 @@ async fn nothing_is_kept_of_what_is_scored() {
     let error = client.score_recording(&run, &broken, |_| {}).await.unwrap_err();
     assert!(matches!(error, ClientError::Rejected(_)), "{error}");
 
-    assert_eq!(kept(&server), files);
+    assert_eq!(stored_files(&server), files);
     assert_eq!(api.episodes.list_episodes(listing).await.unwrap().into_inner(), episodes);
     assert!(!scores.q.is_empty() && scores.q.iter().all(|q| (0.0..=1.0).contains(q)));
 }

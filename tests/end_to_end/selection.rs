@@ -1,11 +1,11 @@
-//! What selections keep, counted ahead of time and as datasets; limits of snapshots; runs that go on from others.
+//! Selections: counts of kept segments, datasets, limits of snapshots, and score runs that extend others.
 
 use std::{collections::BTreeMap, path::Path};
 
 use gleaner_proto::v1::*;
 use serde_json::json;
 
-use crate::{
+use crate::support::{
     api::Api,
     lab,
     shared::{Shared, shared},
@@ -25,9 +25,9 @@ async fn imperfect(api: &mut Api, shared: &Shared) -> Vec<Scored> {
     all
 }
 
-/// Counting ahead equals counting by hand and what the dataset then streams.
+/// `CountKept` equals a count by hand and the segments of the dataset.
 #[tokio::test]
-async fn counts_are_what_datasets_hold() {
+async fn counts_equal_the_datasets() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let all = imperfect(&mut api, &shared).await;
@@ -62,7 +62,7 @@ async fn counts_are_what_datasets_hold() {
         let dataset = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
         let request = CreateDatasetRequest { score_run_id: shared.run.clone(), selection: Some(*selection) };
         let again = api.datasets.create_dataset(request).await.unwrap().into_inner().dataset.unwrap();
-        assert_eq!(again, dataset, "asked for twice, one dataset");
+        assert_eq!(again, dataset, "one selection of a run is one dataset");
         assert_eq!((dataset.kept_segments, dataset.kept_episodes), (Some(total.segments), Some(total.episodes)));
         assert_eq!(streamed(&mut api, &dataset.id).await, expected(&kept));
     }
@@ -105,7 +105,7 @@ fn limits(max_experts: u32, imperfect_per_expert: f64) -> RoleRule {
 }
 
 #[tokio::test]
-async fn limits_of_snapshots_nest() {
+async fn smaller_limits_of_snapshots_select_subsets() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let mut before: Vec<String> = Vec::new();
@@ -119,16 +119,16 @@ async fn limits_of_snapshots_nest() {
     }
 }
 
-/// Removes the features that score jobs have kept, which a sweep or a person may at any time; says of how many episodes.
-fn forget_features(data_dir: &Path) -> usize {
+/// Removes the kept features of score jobs, as a sweep may at any time; returns of how many episodes.
+fn remove_features(data_dir: &Path) -> usize {
     let files = data_dir.join("cache").read_dir().unwrap().map(|entry| entry.unwrap().path());
     let features = files.filter(|path| path.extension().is_some_and(|extension| extension == "features"));
     features.map(|path| std::fs::remove_file(path).unwrap()).count()
 }
 
-/// A run that goes on from a smaller one has the scores of a full run bit for bit, under the smaller one's normaliser.
+/// A run that extends a smaller one has the scores of a full run, bit for bit, with the normaliser of the smaller one.
 #[tokio::test]
-async fn a_run_that_goes_on_equals_a_full_one() {
+async fn extended_run_equals_a_full_one() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let (small, _) = api.snapshot(limits(3, 1.0)).await;
@@ -143,10 +143,13 @@ async fn a_run_that_goes_on_equals_a_full_one() {
                 .and_then(lab::settings),
         })
     };
-    forget_features(shared.server.data_dir());
+    remove_features(shared.server.data_dir());
     let base = api.succeed(lab::TASK, score(&small, "")).await.result_id;
     let grown = api.succeed(lab::TASK, score(&shared.snapshot, &base)).await.result_id;
-    assert!(forget_features(shared.server.data_dir()) >= shared.episodes.len(), "of every episode, for the next run");
+    assert!(
+        remove_features(shared.server.data_dir()) >= shared.episodes.len(),
+        "the features of every episode are kept"
+    );
     let full = api.succeed(lab::TASK, score(&shared.snapshot, "")).await.result_id;
 
     let (base, grown) = (api.run(&base).await, api.run(&grown).await);

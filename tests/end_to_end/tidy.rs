@@ -1,37 +1,20 @@
-//! The house's own rules, read off the sources: which crate is named where, and that every file says what it is.
+//! The rules of ARCHITECTURE.md, checked on the sources: which crate is named where, which crate depends on which, and the
+//! header of every file.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
 
-/// Every Rust source of the workspace with its path from the root.
+use crate::support::files;
+
+/// Every Rust source of the workspace, with its path from the root.
 fn sources() -> Vec<(String, String)> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-    let mut files = Vec::new();
-    for room in ["proto", "crates", "server", "client", "tests", "benches"] {
-        collect(&root.join(room), &mut files);
-    }
-    assert!(files.len() > 60, "the walk found too little");
-    files
-        .into_iter()
-        .map(|path| {
-            let name = path.strip_prefix(root).unwrap().to_str().unwrap().to_owned();
-            (name, std::fs::read_to_string(path).unwrap())
-        })
-        .collect()
+    let folders = ["proto", "crates", "server", "client", "tests", "benches"];
+    let paths = folders.iter().flat_map(|folder| files::sources(folder, "rs"));
+    let found: Vec<_> = paths.map(|path| files::source(&path)).collect();
+    assert!(found.len() > 60, "the walk found too little");
+    found
 }
 
-fn collect(dir: &Path, files: &mut Vec<PathBuf>) {
-    for entry in dir.read_dir().unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
-            collect(&path, files);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            files.push(path);
-        }
-    }
-}
-
-/// Lines of code that name `word` as a path's first part.
+/// Whether a line of code names `word` as the first part of a path.
 fn names(source: &str, word: &str) -> bool {
     source.lines().map(str::trim_start).filter(|line| !line.starts_with("//")).any(|line| {
         line.match_indices(word).any(|(at, _)| {
@@ -42,7 +25,7 @@ fn names(source: &str, word: &str) -> bool {
 }
 
 #[test]
-fn each_crate_is_named_in_its_room_only() {
+fn crates_are_named_in_their_place_only() {
     let rules: [(&str, &[&str]); 12] = [
         ("tch", &["crates/learn/", "crates/search/"]),
         ("sqlx", &["server/src/store/"]),
@@ -133,8 +116,8 @@ const CRATES: [(&str, &[&str]); 15] = [
 ];
 
 #[test]
-fn each_crate_depends_only_on_the_crates_it_may() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+fn crates_depend_downwards_only() {
+    let root = files::root();
     let mut folders: Vec<String> = ["proto", "client", "client/command", "server"].map(str::to_owned).to_vec();
     for entry in root.join("crates").read_dir().unwrap() {
         folders.push(format!("crates/{}", entry.unwrap().file_name().to_str().unwrap()));
@@ -159,7 +142,7 @@ fn each_crate_depends_only_on_the_crates_it_may() {
 
 #[test]
 fn the_client_library_needs_nothing_of_a_command_line() {
-    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().join("client/Cargo.toml");
+    let manifest = files::root().join("client/Cargo.toml");
     let manifest: toml::Table = std::fs::read_to_string(manifest).unwrap().parse().unwrap();
     for name in ["clap", "comfy-table", "indicatif", "jiff", "plotters", "prost-reflect", "statrs", "toml"] {
         assert!(!manifest["dependencies"].as_table().unwrap().contains_key(name), "client/Cargo.toml has {name}");
@@ -167,7 +150,7 @@ fn the_client_library_needs_nothing_of_a_command_line() {
 }
 
 #[test]
-fn modules_whose_circle_was_cut_stay_apart() {
+fn removed_module_cycles_do_not_return() {
     let rules: [(&str, &[&str]); 6] = [
         ("server/src/access/", &["gleaner_web"]),
         ("server/src/access/issue.rs", &["command"]),
@@ -182,7 +165,7 @@ fn modules_whose_circle_was_cut_stay_apart() {
             let planner = name == "crates/recording/src/planner.rs";
             if name.starts_with(from) && !planner {
                 let named = to.iter().filter(|word| names(&source, word));
-                broken.extend(named.map(|word| format!("{name} names {word}, which names it")));
+                broken.extend(named.map(|word| format!("{name} names {word}, which leads back to it")));
             }
         }
     }
@@ -199,7 +182,7 @@ fn reachable<'a>(graph: &BTreeMap<&'a str, Vec<&'a str>>, from: &str, found: &mu
 }
 
 #[test]
-fn modules_of_these_folders_have_no_circle() {
+fn modules_of_these_folders_have_no_cycle() {
     let sources = sources();
     for folder in [
         "crates/edge/src/",
@@ -232,14 +215,14 @@ fn modules_of_these_folders_have_no_circle() {
 }
 
 #[test]
-fn every_file_says_what_it_is() {
-    let silent: Vec<String> =
+fn every_file_has_a_header() {
+    let without: Vec<String> =
         sources().into_iter().filter(|(_, source)| !source.starts_with("//!")).map(|(name, _)| name).collect();
-    assert!(silent.is_empty(), "no //! header: {silent:?}");
+    assert!(without.is_empty(), "no //! header: {without:?}");
 }
 
 #[test]
-fn no_stub_and_no_sleep() {
+fn no_stubs_and_no_sleeps() {
     // Built here, so that this file does not name them.
     let marks = [
         ["to", "do!("].concat(),
@@ -250,7 +233,7 @@ fn no_stub_and_no_sleep() {
     let found: Vec<String> = sources()
         .into_iter()
         .filter(|(name, source)| {
-            // Elsewhere a server paces its own tasks.
+            // The server's own tasks have intervals.
             let waits = name.starts_with("tests/") && source.contains(&["time::sl", "eep("].concat());
             waits || marks.iter().any(|mark| source.contains(mark.as_str()))
         })

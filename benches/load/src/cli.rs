@@ -6,62 +6,62 @@ use std::time::Duration;
 use clap::Parser;
 use serde::Serialize;
 
-/// Loads a server with many clients, good and hostile, and says whether it holds.
+/// Loads a server with well-behaved and hostile clients and checks the targets.
 #[derive(Debug, Clone, Parser, Serialize)]
 pub struct Options {
     /// The gleaner-server to load.
     #[arg(long, default_value = "target/release/gleaner-server")]
     pub server_bin: PathBuf,
-    /// Seconds for which all clients are at work. What hostile clients do is measured for a quarter of it, what holders
-    /// of connections do for a tenth, but for ten seconds at least.
+    /// Duration of the load in seconds. Hostile clients run for a quarter of it in addition, held connections for a tenth,
+    /// but at least for ten seconds.
     #[arg(long, default_value_t = 600)]
     pub seconds: u64,
     /// Clients that upload.
     #[arg(long, default_value_t = 40)]
     pub uploaders: u32,
-    /// Clients that ask.
+    /// Clients that query.
     #[arg(long, default_value_t = 140)]
-    pub askers: u32,
+    pub queriers: u32,
     /// Robots with a session.
     #[arg(long, default_value_t = 20)]
     pub robots: u32,
-    /// Seconds from one upload of a client to its next.
+    /// Seconds between two uploads of a client.
     #[arg(long, default_value_t = 20.0)]
     pub upload_every: f64,
-    /// Seconds from one question of a client to its next.
+    /// Seconds between two queries of a client.
     #[arg(long, default_value_t = 0.5)]
-    pub ask_every: f64,
-    /// Seconds from one observation of a robot to its next.
+    pub query_every: f64,
+    /// Seconds between two observations of a robot.
     #[arg(long, default_value_t = 0.2)]
     pub observe_every: f64,
-    /// Connections that say nothing, and as many that greet by half.
+    /// Silent connections, and as many that send half a greeting.
     #[arg(long, default_value_t = 1000)]
     pub silent: u32,
-    /// Uploads that drip.
+    /// Uploads below the minimum rate.
     #[arg(long, default_value_t = 200)]
-    pub dripping: u32,
+    pub slow_uploads: u32,
     /// Further flags of the server.
     #[arg(long = "server-flag", value_name = "FLAG", allow_hyphen_values = true)]
     pub server_flags: Vec<String>,
-    /// Where to write everything as JSON.
+    /// Write the results to this file as JSON.
     #[arg(long)]
     pub out: Option<PathBuf>,
 }
 
 impl Options {
-    /// How long all clients are at work.
-    pub(crate) fn crowded(&self) -> Duration {
+    /// The duration of the load.
+    pub(crate) fn duration(&self) -> Duration {
         Duration::from_secs(self.seconds)
     }
 
-    /// How long each of the times with a hostile client, and those without between them, lasts.
-    pub(crate) fn turn(&self) -> Duration {
-        self.crowded() / 16
+    /// The duration of each phase with, and of each phase without, a hostile client.
+    pub(crate) fn phase(&self) -> Duration {
+        self.duration() / 16
     }
 
-    /// How long one robot alone is looked at, and beside holders of connections.
+    /// The duration of the phases with one robot, alone and beside held connections.
     pub(crate) fn alone(&self) -> Duration {
-        (self.crowded() / 10).max(Duration::from_secs(10).min(self.crowded()))
+        (self.duration() / 10).max(Duration::from_secs(10).min(self.duration()))
     }
 }
 
@@ -71,7 +71,7 @@ mod tests {
     use clap::CommandFactory as _;
 
     #[test]
-    fn the_definition_is_sound() {
+    fn command_line_is_valid() {
         Options::command().debug_assert();
     }
 }

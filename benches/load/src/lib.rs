@@ -1,21 +1,21 @@
-//! Many clients at once on a real server in a process of its own: good ones that upload, ask and act, one that is hostile,
-//! and thousands that hold connections for nothing. Knows the server only as clients do, and as a process.
+//! A load test: many well-behaved clients, a hostile one, and thousands of held connections on a real server in a process of
+//! its own. It depends on the server's protocol only, not on its code.
 
 mod cli;
-mod crowd;
+mod clients;
 mod hostile;
 mod report;
-mod tally;
+mod stats;
 
 use std::path::Path;
 use std::time::Duration;
 
 use gleaner_bench_serving::{
     Failure, Result,
-    door::Door,
-    prepare::{Prepared, furnish},
+    connection::Connection,
+    prepare::{Prepared, set_up},
     process::{Program, allow_open_files},
-    report::say,
+    report::progress,
 };
 use gleaner_core::Preset;
 use gleaner_proto::v1::ListEpisodesRequest;
@@ -27,47 +27,47 @@ use tokio_util::sync::CancellationToken;
 pub use self::cli::Options;
 pub use self::report::Report;
 use self::{
-    hostile::{Held, Target, apart, besiege, harass},
-    tally::{Part, Tally},
+    hostile::{Held, Target, attack, hold_all, on_idle_thread},
+    stats::{Phase, Stats},
 };
 
-/// Times without and with a hostile client.
-const TURNS: u32 = 4;
-/// Of the robot that is looked at alone.
+/// Alternating phases without and with a hostile client.
+const HOSTILE_PHASES: u32 = 4;
+/// The period of the single robot.
 const RATE: Duration = Duration::from_millis(50);
 
 /// Loads a server.
 ///
 /// # Errors
-/// When the load itself cannot be made. Calls that the server fails are in the report.
+/// If the load cannot be started. Failed calls are in the report.
 pub async fn run(options: &Options) -> Result<Report> {
     allow_open_files()?;
     let folder = tempfile::tempdir()?;
     let server = serve(options, folder.path()).await?;
-    let prepared = furnish(&server, Preset::Tiny, folder.path()).await?;
+    let prepared = set_up(&server, Preset::Tiny, folder.path()).await?;
     let target = target(&server, &prepared).await?;
-    let tally = Tally::default();
+    let stats = Stats::default();
 
-    say("one robot alone ...");
-    let robot = robot(&prepared, &tally).await?;
-    measure(&tally, Part::Alone, options.alone()).await;
-    say("one robot beside those who hold connections ...");
-    let held = siege(options, &target, &tally).await?;
+    progress("one robot alone ...");
+    let robot = robot(&prepared, &stats).await?;
+    measure(&stats, Phase::Alone, options.alone()).await;
+    progress("one robot beside held connections ...");
+    let held = hold_connections(options, &target, &stats).await?;
     drop(robot);
 
-    say("all clients at work ...");
-    let crowd = crowd::gather(options, server.url(), &prepared, folder.path(), &tally).await?;
-    tally.begin(Part::Crowd);
-    let memory = watch(&server, options.crowded()).await?;
-    say("and a hostile one, now and then ...");
+    progress("all clients ...");
+    let clients = clients::start(options, server.url(), &prepared, folder.path(), &stats).await?;
+    stats.begin(Phase::Load);
+    let memory = watch(&server, options.duration()).await?;
+    progress("all clients, alternately with and without a hostile one ...");
     let mut flood = 0;
-    for _ in 0..TURNS / 2 {
-        measure(&tally, Part::Peaceful, options.turn()).await;
-        flood += hostile_turn(options, &target, &tally).await?;
+    for _ in 0..HOSTILE_PHASES / 2 {
+        measure(&stats, Phase::Baseline, options.phase()).await;
+        flood += hostile_phase(options, &target, &stats).await?;
     }
-    drop(crowd);
+    drop(clients);
     server.stop().await?;
-    Ok(Report::new(options, &tally, memory, (held, flood)))
+    Ok(Report::new(options, &stats, memory, (held, flood)))
 }
 
 async fn serve(options: &Options, folder: &Path) -> Result<Program> {
@@ -88,10 +88,10 @@ async fn target(server: &Program, prepared: &Prepared) -> Result<Target> {
     Ok(Target { url: server.url().to_owned(), task: prepared.spec.name.clone(), episode })
 }
 
-/// A robot at its rate, until it is dropped.
-async fn robot(prepared: &Prepared, tally: &Tally) -> Result<Robot> {
-    let door = Door::open(&prepared.address).await?;
-    Ok(Robot(tokio::spawn(crowd::act(door, crowd::scene(prepared)?, interval(RATE), tally.clone()))))
+/// Starts a robot, which stops on drop.
+async fn robot(prepared: &Prepared, stats: &Stats) -> Result<Robot> {
+    let connection = Connection::open(&prepared.address).await?;
+    Ok(Robot(tokio::spawn(clients::act(connection, clients::scene(prepared)?, interval(RATE), stats.clone()))))
 }
 
 struct Robot(JoinHandle<()>);
@@ -102,39 +102,39 @@ impl Drop for Robot {
     }
 }
 
-/// Counts what is done for so long under a part of the test.
-async fn measure(tally: &Tally, part: Part, time: Duration) {
-    tally.begin(part);
+/// Attributes the calls of this duration to a phase.
+async fn measure(stats: &Stats, phase: Phase, time: Duration) {
+    stats.begin(phase);
     tokio::time::sleep(time).await;
-    tally.begin(Part::Between);
+    stats.begin(Phase::Between);
 }
 
-/// Holds connections until the server has ended all, and then for as long as the robot was alone.
-async fn siege(options: &Options, target: &Target, tally: &Tally) -> Result<Held> {
-    let (target, silent, dripping) = (target.clone(), options.silent, options.dripping);
-    tally.begin(Part::Besieged);
+/// Holds connections until the server has closed all, again and again for the duration of the robot's phase.
+async fn hold_connections(options: &Options, target: &Target, stats: &Stats) -> Result<Held> {
+    let (target, silent, slow_uploads) = (target.clone(), options.silent, options.slow_uploads);
+    stats.begin(Phase::Held);
     let until = Instant::now() + options.alone();
-    let mut worst: Option<Held> = None;
-    while worst.is_none() || Instant::now() < until {
+    let mut longest: Option<Held> = None;
+    while longest.is_none() || Instant::now() < until {
         let target = target.clone();
-        let held = apart(move || besiege(target, silent, dripping)).await?;
-        worst = Some(worst.map_or(held, |worst| worst.or(held)));
+        let held = on_idle_thread(move || hold_all(target, silent, slow_uploads)).await?;
+        longest = Some(longest.map_or(held, |longest| longest.max(held)));
     }
-    tally.begin(Part::Between);
-    Ok(worst.unwrap_or_default())
+    stats.begin(Phase::Between);
+    Ok(longest.unwrap_or_default())
 }
 
-/// How many calls the hostile client got an answer to.
-async fn hostile_turn(options: &Options, target: &Target, tally: &Tally) -> Result<u64> {
+/// Runs a phase with a hostile client; returns the number of its calls that received a response.
+async fn hostile_phase(options: &Options, target: &Target, stats: &Stats) -> Result<u64> {
     let (target, stop) = (target.clone(), CancellationToken::new());
     let stopping = stop.clone();
-    let hostile = tokio::spawn(apart(move || harass(target, stopping)));
-    measure(tally, Part::Hostile, options.turn()).await;
+    let hostile = tokio::spawn(on_idle_thread(move || attack(target, stopping)));
+    measure(stats, Phase::Hostile, options.phase()).await;
     stop.cancel();
     hostile.await.map_err(Failure::from)?
 }
 
-/// The server's memory, once a second.
+/// Measures the memory of the server once a second.
 async fn watch(server: &Program, time: Duration) -> Result<Vec<u64>> {
     let (until, mut ticks) = (Instant::now() + time, interval(Duration::from_secs(1)));
     let mut memory = Vec::new();

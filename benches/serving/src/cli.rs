@@ -7,13 +7,13 @@ use clap::{Parser, ValueEnum};
 use gleaner_core::Preset;
 use serde::Serialize;
 
-/// Loads a server from this process and says what serving costs.
+/// Loads a server from this process and measures the cost of serving.
 #[derive(Debug, Parser)]
 pub struct Options {
     /// The gleaner-server to measure.
     #[arg(long, default_value = "target/release/gleaner-server")]
     pub server_bin: PathBuf,
-    /// What to measure.
+    /// The parts to measure.
     #[arg(long, value_delimiter = ',', default_value = "load,training,limits")]
     pub parts: Vec<Part>,
     /// Size of the policy.
@@ -22,28 +22,28 @@ pub struct Options {
     /// Sessions at a time. Targets need 1 and 16.
     #[arg(long, value_delimiter = ',', default_value = "1,4,16,64")]
     pub sessions: Vec<usize>,
-    /// How often each measurement is taken; what is compared takes turns.
+    /// Rounds of measurements; compared programs alternate.
     #[arg(long, default_value_t = 5)]
     pub rounds: u32,
     /// Seconds of one measurement, after a warm-up of a quarter of it.
     #[arg(long, default_value_t = 2.0)]
     seconds: f64,
-    /// Idle sessions to open.
+    /// Number of idle sessions.
     #[arg(long, default_value_t = 1000)]
     pub idle_sessions: u32,
-    /// Threads of the training job that runs beside.
+    /// Threads of the concurrent training job.
     #[arg(long, default_value_t = 2)]
     pub worker_threads: u32,
-    /// A Python with what benches/peers/requirements.lock lists, for the peers.
+    /// Python interpreter with the packages of benches/peers/requirements.lock, for the peers.
     #[arg(long, default_value = "python3")]
     pub python: PathBuf,
-    /// Folder of the peers' programs.
+    /// Folder of the programs of the peers.
     #[arg(long, default_value = "benches/peers")]
     pub peers: PathBuf,
-    /// Folder of the Python code that was generated from the server's own .proto files.
+    /// Folder of the Python code that is generated from the .proto files of the server.
     #[arg(long, default_value = "target/peers")]
     pub peers_generated: PathBuf,
-    /// Where to write everything as JSON.
+    /// Write the results to this file as JSON.
     #[arg(long)]
     pub out: Option<PathBuf>,
 }
@@ -52,13 +52,13 @@ pub struct Options {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Part {
-    /// Sessions in a closed loop, JPEG and raw, beside the model alone.
+    /// Sessions in a closed loop, JPEG and raw, and the model alone.
     Load,
     /// One session while a training job runs.
     Training,
     /// Idle sessions, and a client that does not read.
     Limits,
-    /// The same network served by others.
+    /// The same network on other servers.
     Peers,
 }
 
@@ -76,7 +76,7 @@ impl Options {
         self.parts.contains(&part)
     }
 
-    /// How long one measurement takes after its warm-up.
+    /// The duration of one measurement after its warm-up.
     pub fn slice(&self) -> Duration {
         Duration::try_from_secs_f64(self.seconds).unwrap_or(Duration::from_secs(1))
     }
@@ -98,7 +98,7 @@ mod tests {
     use clap::CommandFactory as _;
 
     #[test]
-    fn the_definition_is_sound() {
+    fn command_line_is_valid() {
         Options::command().debug_assert();
     }
 }

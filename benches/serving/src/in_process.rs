@@ -1,5 +1,5 @@
-//! The model alone, in this process, on the very checkpoint that the server serves: what a request would cost if
-//! serving it cost nothing. Raw images are there already; JPEG must be decoded here too.
+//! The model alone, in this process, on the same checkpoint: the cost of a request without serving. JPEG images are decoded
+//! here too.
 
 use std::time::{Duration, Instant};
 
@@ -20,7 +20,7 @@ pub struct InProcess {
 }
 
 impl InProcess {
-    /// Loads it on this thread, with one thread for its tensors, as the server does.
+    /// Loads the policy with one thread for its tensors, like the server.
     pub fn load(prepared: &Prepared) -> Result<Self> {
         set_threads(1);
         let policy = Policy::load(&prepared.checkpoint)?;
@@ -28,7 +28,7 @@ impl InProcess {
         Ok(Self { policy, history, taken: Vec::new() })
     }
 
-    /// Answers requests for `slice`, after a quarter of it to warm up: `steps`, which are sent as `scene`.
+    /// Runs `steps`, whose observations are `scene`, for `slice` after a warm-up of a quarter of it.
     pub fn add(&mut self, steps: &[Step], (images, scene): (Images, &[Observation]), slice: Duration) -> Result<()> {
         let from = Instant::now() + slice / 4;
         for (step, observation) in steps.iter().zip(scene).cycle() {
@@ -37,8 +37,8 @@ impl InProcess {
                 break;
             }
             match images {
-                Images::Raw => self.answer(step, &step.frames)?,
-                Images::Jpeg => self.answer(step, &decode(observation)?)?,
+                Images::Raw => self.reply(step, &step.frames)?,
+                Images::Jpeg => self.reply(step, &decode(observation)?)?,
             }
             if begun >= from {
                 self.taken.push(begun.elapsed());
@@ -47,13 +47,13 @@ impl InProcess {
         Ok(())
     }
 
-    /// What [`InProcess::add`] measured since the last call: the median, in milliseconds.
+    /// The median time of the requests since the last call, in milliseconds.
     pub fn take_median(&mut self) -> f64 {
         quantile(&times(std::mem::take(&mut self.taken).into_iter()), 0.5)
     }
 
     /// One request: its frame is encoded, then one pass over the history.
-    fn answer(&mut self, step: &Step, frames: &[u8]) -> Result<()> {
+    fn reply(&mut self, step: &Step, frames: &[u8]) -> Result<()> {
         let embedding = self.policy.embed(&[frames])?.pop().ok_or("no embedding")?;
         self.history.push(embedding, step.proprioception.clone())?;
         let action = self.policy.act(&[&self.history])?.pop().and_then(|chunk| chunk.into_iter().next());

@@ -1,9 +1,9 @@
-//! What serving a policy costs: load from a process of its own, beside the model alone, beside a training job, and
-//! beside the servers that others would write. Knows the server only as a robot does, and as a process.
+//! The cost of serving a policy: load from another process, compared with the model alone, with a concurrent training job,
+//! and with typical Python servers. It depends on the server's protocol only, not on its code.
 #![allow(missing_docs, unreachable_pub, reason = "the inside of benches")]
 
 pub mod cli;
-pub mod door;
+pub mod connection;
 pub mod in_process;
 pub mod limits;
 pub mod load;
@@ -22,11 +22,11 @@ use self::{
     report::Report,
 };
 
-/// What can go wrong in a bench: it only ever ends it.
+/// An error of a bench, which ends it.
 pub type Failure = Box<dyn std::error::Error + Send + Sync>;
 pub type Result<T> = std::result::Result<T, Failure>;
 
-/// Measures what was asked for; says whether every target was met.
+/// Runs the selected measurements; returns whether every target was met.
 pub async fn run(options: &Options) -> Result<bool> {
     process::allow_open_files()?;
     let folder = tempfile::tempdir()?;

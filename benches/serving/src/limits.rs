@@ -1,4 +1,4 @@
-//! What many do that ask for nothing, and what one does that does not read.
+//! The memory of idle sessions, and of a session that does not read.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -14,53 +14,53 @@ use tonic::{Code, Status};
 
 use crate::Result;
 use crate::cli::Options;
-use crate::door::{Address, Door};
+use crate::connection::{Address, Connection};
 use crate::prepare::{self, Prepared, serve};
 use crate::process::Program;
-use crate::report::{Asked, Report, say};
+use crate::report::{Bound, Report, progress};
 use crate::scene::{Images, observe};
 
 const MEGABYTE: f64 = 1e6;
-/// Of the server, for all idle sessions, in megabytes.
+/// The largest memory of all idle sessions, in megabytes.
 const IDLE: f64 = 100.0;
-/// What an unread session may hold: a few observations on their way, within HTTP/2's windows.
+/// The largest memory of an unread session, in megabytes: a few observations within the windows of HTTP/2.
 const UNREAD: f64 = 32.0;
-/// Seconds that the server in question waits for a silent robot.
-const PATIENCE: u64 = 2;
-/// HTTP/2's own default; with a larger window more answers wait unread on this side.
+/// The time after which the server closes a silent session, in seconds.
+const TIMEOUT: u64 = 2;
+/// The default of HTTP/2; with a larger window more replies are buffered on this side.
 const WINDOW: u32 = 65_535;
 
-/// Opens sessions, each on a connection of its own, that then say nothing.
+/// Opens sessions on separate connections and leaves them idle.
 pub async fn idle(options: &Options, server: &Program, prepared: &Prepared, report: &mut Report) -> Result<()> {
     let count = options.idle_sessions;
     let before = server.memory()?;
-    let doors = Door::open_many(&prepared.address, usize::try_from(count)?).await?;
+    let connections = Connection::open_many(&prepared.address, usize::try_from(count)?).await?;
     let grown = megabytes(server.memory()?, before);
-    say(&format!("{} idle sessions: {grown:.1} MB", doors.len()));
-    report.target(Asked::most(&format!("MB of {count} idle sessions"), IDLE), grown);
+    progress(&format!("{} idle sessions: {grown:.1} MB", connections.len()));
+    report.target(Bound::at_most(&format!("MB of {count} idle sessions"), IDLE), grown);
     Ok(())
 }
 
-/// Asks and asks and reads nothing, on a server with little patience.
+/// Sends observations and reads nothing, on a server with a short timeout.
 pub async fn unread(options: &Options, folder: &Path, prepared: &Prepared, report: &mut Report) -> Result<()> {
-    let server = serve(options, folder, &["--session-idle-seconds", &PATIENCE.to_string()]).await?;
+    let server = serve(options, folder, &["--session-idle-seconds", &TIMEOUT.to_string()]).await?;
     let address = prepare::address(server.url());
-    // Loads the policy, so that its memory is not counted.
+    // The first action loads the policy, whose memory is not counted.
     let observation = observe(&prepared.spec, prepared.steps.first().ok_or("no step")?, Images::Raw)?;
-    Door::open(&address).await?.act(&observation).await?;
+    Connection::open(&address).await?.act(&observation).await?;
     let before = server.memory()?;
     let (ended, most) = flood(&address, &observation, &server).await?;
     let grown = megabytes(most, before);
-    say(&format!("an unread session held {grown:.1} MB at most and ended: {}", ended.message()));
+    progress(&format!("an unread session held {grown:.1} MB at most and ended: {}", ended.message()));
     if ended.code() != Code::DeadlineExceeded {
         return Err(format!("the unread session ended as {:?}, not as DeadlineExceeded", ended.code()).into());
     }
-    report.target(Asked::most("MB of a session that is not read", UNREAD), grown);
+    report.target(Bound::at_most("MB of a session that is not read", UNREAD), grown);
     server.stop().await
 }
 
-/// Sends one observation after the other until the server takes no more, gives it more time than its patience is long,
-/// and only then reads; how the session had ended, and the most memory the server held.
+/// Sends observations until the server accepts no more, waits longer than its timeout, and then reads; returns the status
+/// of the session and the largest memory of the server.
 async fn flood(address: &Address, observation: &Observation, server: &Program) -> Result<(Status, u64)> {
     let Address::Session { url, deployment } = address else { return Err("not a session".into()) };
     let endpoint = Endpoint::from_shared(url.clone())?.initial_stream_window_size(WINDOW);
@@ -78,7 +78,7 @@ async fn flood(address: &Address, observation: &Observation, server: &Program) -
         match tokio::time::timeout(Duration::from_millis(100), next).await {
             Ok(Ok(())) => taken = Instant::now(),
             Ok(Err(_)) => break,
-            Err(_) if taken.elapsed() > Duration::from_secs(2 * PATIENCE) => break,
+            Err(_) if taken.elapsed() > Duration::from_secs(2 * TIMEOUT) => break,
             Err(_) => {}
         }
     }

@@ -1,5 +1,4 @@
-//! A closed loop: each session sends its next observation when the reply to the one before is there. And what came of
-//! it, in numbers.
+//! A closed loop, in which each session sends its next observation after the reply, and its times in numbers.
 
 use std::time::{Duration, Instant};
 
@@ -8,9 +7,9 @@ use gleaner_proto::v1::{Observation, Timings};
 use serde::Serialize;
 
 use crate::Result;
-use crate::door::Door;
+use crate::connection::Connection;
 
-/// What was measured, round after round.
+/// The measurements of all rounds.
 #[derive(Default)]
 pub struct Load {
     samples: Vec<Sample>,
@@ -32,10 +31,10 @@ pub struct Summary {
     pub served: Option<Served>,
 }
 
-/// What only a server that tells its timings lets one know.
+/// Numbers that require the timings of the server.
 #[derive(Debug, Clone, Serialize)]
 pub struct Served {
-    /// Part of all round trips' time in which the model ran.
+    /// The share of all round trips' time in which the model ran.
     pub model_share: f64,
     pub model_p50: f64,
     pub decode_p50: f64,
@@ -48,11 +47,14 @@ pub struct Served {
 }
 
 impl Load {
-    /// Adds one measurement: every door at once, for `slice`, after a quarter of it to warm up.
-    pub async fn add(&mut self, doors: &mut [Door], scene: &[Observation], slice: Duration) -> Result<()> {
+    /// Adds one measurement: every connection for `slice` after a warm-up of a quarter of it.
+    pub async fn add(&mut self, connections: &mut [Connection], scene: &[Observation], slice: Duration) -> Result<()> {
         let from = Instant::now() + slice / 4;
         let until = from + slice;
-        let every = doors.iter_mut().enumerate().map(|(at, door)| keep_asking(door, scene, at, (from, until)));
+        let every = connections
+            .iter_mut()
+            .enumerate()
+            .map(|(at, connection)| run_session(connection, scene, at, (from, until)));
         self.samples.extend(try_join_all(every).await?.into_iter().flatten());
         self.wall += slice;
         Ok(())
@@ -70,15 +72,15 @@ impl Load {
     }
 
     fn served(&self) -> Option<Served> {
-        let told: Vec<(Duration, Timings)> =
+        let timed: Vec<(Duration, Timings)> =
             self.samples.iter().filter_map(|sample| Some((sample.round_trip, sample.timings?))).collect();
-        let stage = |of: fn(&Timings) -> u64| times(told.iter().map(|(_, told)| Duration::from_micros(of(told))));
+        let stage = |of: fn(&Timings) -> u64| times(timed.iter().map(|(_, timed)| Duration::from_micros(of(timed))));
         let model = stage(|timings| timings.model_us);
-        let round_trips: f64 = told.iter().map(|(round_trip, _)| milliseconds(*round_trip)).sum();
-        let without = told.iter().map(|(all, told)| all.saturating_sub(Duration::from_micros(told.model_us)));
+        let round_trips: f64 = timed.iter().map(|(round_trip, _)| milliseconds(*round_trip)).sum();
+        let without = timed.iter().map(|(all, timed)| all.saturating_sub(Duration::from_micros(timed.model_us)));
         let extra = times(without);
-        let batches: f64 = told.iter().map(|(_, timings)| f64::from(timings.batch_size)).sum();
-        (!told.is_empty()).then(|| Served {
+        let batches: f64 = timed.iter().map(|(_, timings)| f64::from(timings.batch_size)).sum();
+        (!timed.is_empty()).then(|| Served {
             model_share: model.iter().sum::<f64>() / round_trips,
             model_p50: quantile(&model, 0.5),
             decode_p50: quantile(&stage(|timings| timings.decode_us), 0.5),
@@ -86,14 +88,14 @@ impl Load {
             gather_p50: quantile(&stage(|timings| timings.batch_us), 0.5),
             extra_p50: quantile(&extra, 0.5),
             extra_p99: quantile(&extra, 0.99),
-            mean_batch: batches / count(told.len()),
+            mean_batch: batches / count(timed.len()),
         })
     }
 }
 
-/// One session's requests that began within the time.
-async fn keep_asking(
-    door: &mut Door,
+/// Runs a session; returns the requests that started within the time.
+async fn run_session(
+    connection: &mut Connection,
     scene: &[Observation],
     first: usize,
     (from, until): (Instant, Instant),
@@ -104,22 +106,22 @@ async fn keep_asking(
         if begun >= until {
             break;
         }
-        let answer = door.act(observation).await?;
+        let reply = connection.act(observation).await?;
         if begun >= from {
-            samples.push(Sample { round_trip: answer.round_trip, timings: answer.timings });
+            samples.push(Sample { round_trip: reply.round_trip, timings: reply.timings });
         }
     }
     Ok(samples)
 }
 
-/// In milliseconds, sorted.
+/// Times in milliseconds, sorted.
 pub fn times(all: impl Iterator<Item = Duration>) -> Vec<f64> {
     let mut times: Vec<f64> = all.map(milliseconds).collect();
     times.sort_by(f64::total_cmp);
     times
 }
 
-/// Of sorted times: the smallest that at least this part is not above. Not a number when there are none.
+/// The quantile of sorted times: the smallest one that is not below this part of them. NaN without times.
 pub fn quantile(sorted: &[f64], part: f64) -> f64 {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place in a list, not below 0")]
     let place = (count(sorted.len()) * part).ceil() as usize;
@@ -149,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_the_model_is_extra() {
+    fn time_outside_the_model_is_extra() {
         let timings = Timings { model_us: 600, batch_size: 2, decode_us: 50, ..Timings::default() };
         let sample = || Sample { round_trip: Duration::from_millis(1), timings: Some(timings) };
         let load = Load { samples: vec![sample(), sample()], wall: Duration::from_secs(1) };

@@ -5,14 +5,14 @@ use std::process::ExitCode;
 use clap::Parser as _;
 use gleaner_bench_serving::{cli::Options, report, run};
 
-/// One thread: the load must not take more of the machine than it needs.
+/// One thread, so that the load uses little of the machine.
 #[tokio::main(flavor = "current_thread")]
 async fn main() -> ExitCode {
     match run(&Options::parse()).await {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {
-            report::say(&format!("bench-serving: {error}"));
+            report::progress(&format!("bench-serving: {error}"));
             ExitCode::FAILURE
         }
     }

@@ -1,5 +1,5 @@
-//! The same network on the same weights behind other servers, in turns with ours: first that all give the same
-//! actions, then what each costs.
+//! The same network with the same weights on other servers, alternately with gleaner: first a check that all return the
+//! same actions, then the cost of each.
 
 use std::path::Path;
 
@@ -8,33 +8,33 @@ use tokio::process::Command;
 
 use crate::Result;
 use crate::cli::Options;
-use crate::door::{Address, Door};
+use crate::connection::{Address, Connection};
 use crate::load::Load;
 use crate::prepare::Prepared;
 use crate::process::Program;
-use crate::report::{Asked, PeerRow, Report, say};
+use crate::report::{Bound, PeerRow, Report, progress};
 use crate::scene::{Images, observe};
 
 const OURS: &str = "gleaner";
 /// A peer's name and program.
 const PEERS: [(&str, &str); 2] = [("grpc.aio", "serve_grpc.py"), ("WebSocket", "serve_websocket.py")];
-/// What two actions may differ by.
+/// The largest difference of two actions.
 const TOLERANCE: f32 = 1e-4;
 /// Sessions at a time: one for latency, many for throughput.
 const MANY: usize = 16;
-/// A peer's median in ours with one session; our throughput in a peer's with many.
+/// The smallest ratio of a peer's median to gleaner's with one session, and of the throughputs with many.
 const FASTER: f64 = 3.0;
 const MORE: f64 = 4.0;
 
-/// One server with its sessions and what they took.
+/// A server with its sessions and their times.
 struct Contender {
     name: &'static str,
-    doors: Vec<Door>,
+    connections: Vec<Connection>,
     one: Load,
     many: Load,
 }
 
-/// Measures ours and each peer in turns, on raw images.
+/// Measures gleaner and each peer alternately, with raw images.
 pub async fn beside_peers(options: &Options, prepared: &Prepared, folder: &Path, report: &mut Report) -> Result<()> {
     let checkpoint = folder.join("policy.safetensors");
     std::fs::write(&checkpoint, &prepared.checkpoint)?;
@@ -57,14 +57,14 @@ pub async fn beside_peers(options: &Options, prepared: &Prepared, folder: &Path,
     let scene =
         prepared.steps.iter().map(|step| observe(&prepared.spec, step, Images::Raw)).collect::<Result<Vec<_>>>()?;
     let worst = compare(&mut contenders, &scene).await?;
-    say(&format!("every server gives the same actions within {worst:.0e}"));
+    progress(&format!("every server gives the same actions within {worst:.0e}"));
     for _ in 0..options.rounds {
-        for Contender { doors, one, many, .. } in &mut contenders {
-            one.add(&mut doors[..1], &scene, options.slice()).await?;
-            many.add(doors, &scene, options.slice()).await?;
+        for Contender { connections, one, many, .. } in &mut contenders {
+            one.add(&mut connections[..1], &scene, options.slice()).await?;
+            many.add(connections, &scene, options.slice()).await?;
         }
     }
-    tell(&contenders, report);
+    add_rows(&contenders, report);
     drop(contenders);
     for program in programs {
         program.stop().await?;
@@ -74,22 +74,22 @@ pub async fn beside_peers(options: &Options, prepared: &Prepared, folder: &Path,
 
 impl Contender {
     async fn open(name: &'static str, address: &Address) -> Result<Self> {
-        let doors = Door::open_many(address, MANY).await?;
-        Ok(Self { name, doors, one: Load::default(), many: Load::default() })
+        let connections = Connection::open_many(address, MANY).await?;
+        Ok(Self { name, connections, one: Load::default(), many: Load::default() })
     }
 }
 
-/// Has all answer the same observations, each on top of those before; the largest difference of any value to ours.
+/// Sends the same sequence of observations to every server; returns the largest difference of any value to gleaner's.
 async fn compare(contenders: &mut [Contender], scene: &[Observation]) -> Result<f32> {
     let mut worst = 0.0f32;
     for observation in scene {
         let mut ours: Option<Vec<f32>> = None;
-        for Contender { name, doors, .. } in &mut *contenders {
-            let action = doors.first_mut().ok_or("no session")?.act(observation).await?.action;
+        for Contender { name, connections, .. } in &mut *contenders {
+            let action = connections.first_mut().ok_or("no session")?.act(observation).await?.action;
             let ours = ours.get_or_insert_with(|| action.clone());
             let differences = || ours.iter().zip(&action).map(|(a, b)| (a - b).abs());
             if action.len() != ours.len() || !differences().all(|difference| difference <= TOLERANCE) {
-                return Err(format!("{name} serves another policy: it says {action:?}, ours {ours:?}").into());
+                return Err(format!("{name} returns another action: {action:?}, gleaner {ours:?}").into());
             }
             worst = differences().fold(worst, f32::max);
         }
@@ -97,14 +97,14 @@ async fn compare(contenders: &mut [Contender], scene: &[Observation]) -> Result<
     Ok(worst)
 }
 
-fn tell(contenders: &[Contender], report: &mut Report) {
+fn add_rows(contenders: &[Contender], report: &mut Report) {
     let rows: Vec<_> = contenders.iter().map(|each| (each.name, each.one.summary(), each.many.summary())).collect();
     if let Some(((_, one, many), peers)) = rows.split_first() {
         for (name, peer_one, peer_many) in peers {
-            let asked = Asked::least(&format!("p50 of {name} / ours, 1 session"), FASTER);
-            report.target(asked, peer_one.p50 / one.p50);
-            let asked = Asked::least(&format!("our throughput / that of {name}, {MANY} sessions"), MORE);
-            report.target(asked, many.actions_per_second / peer_many.actions_per_second);
+            let bound = Bound::at_least(&format!("p50 of {name} / gleaner, 1 session"), FASTER);
+            report.target(bound, peer_one.p50 / one.p50);
+            let bound = Bound::at_least(&format!("throughput of gleaner / {name}, {MANY} sessions"), MORE);
+            report.target(bound, many.actions_per_second / peer_many.actions_per_second);
         }
     }
     for (server, one, many) in rows {

@@ -1,4 +1,4 @@
-//! A server with a deployed policy, made as anybody would: a task, recordings, a pretraining, a training.
+//! A server with a deployed policy, created through the public API: a task, recordings, a pretraining, a training.
 
 use std::fs::File;
 use std::path::Path;
@@ -13,35 +13,35 @@ use gleaner_recording::{EpisodeWriter, StepRef, TaskSpec};
 use tokio::process::Command;
 
 use crate::cli::Options;
-use crate::door::Address;
+use crate::connection::Address;
 use crate::process::Program;
 use crate::scene::{self, Step};
 use crate::train::{self, settings, submit};
 use crate::{Result, report};
 
 const DEPLOYMENT: &str = "serving@bench";
-/// Of each outcome.
+/// Recordings of each outcome.
 const EPISODES: u64 = 2;
 const STEPS: usize = 30;
-/// Enough for weights that are not those of the beginning; what an inference costs does not depend on them.
+/// The weights differ from the initial ones; the cost of an inference does not depend on them.
 const OPTIMISER_STEPS: u32 = 4;
-/// The first recorded stamp: some time after 1970.
+/// The stamp of the first step.
 const BEGIN_NS: i64 = 1_700_000_000_000_000_000;
 
-/// What there is to measure.
+/// The objects of the measurements.
 pub struct Prepared {
     pub spec: TaskSpec,
-    /// Steps as they are sent, over and over.
+    /// The steps that are sent, in a cycle.
     pub steps: Vec<Step>,
     pub client: Client,
-    /// Where sessions of the policy are opened.
+    /// The address of the policy's sessions.
     pub address: Address,
     pub preset: Preset,
-    /// The policy's checkpoint.
+    /// The checkpoint of the policy.
     pub checkpoint: Vec<u8>,
 }
 
-/// Starts a server on a data folder, with further flags.
+/// Starts a server on a data folder with these flags.
 pub async fn serve(options: &Options, folder: &Path, flags: &[&str]) -> Result<Program> {
     let mut command = Command::new(&options.server_bin);
     command
@@ -53,7 +53,7 @@ pub async fn serve(options: &Options, folder: &Path, flags: &[&str]) -> Result<P
     Program::start(command, &folder.join("server.log")).await
 }
 
-/// Where a server has sessions of the policy that was deployed.
+/// The address of sessions with the deployed policy.
 pub fn address(url: &str) -> Address {
     Address::Session { url: url.to_owned(), deployment: DEPLOYMENT.to_owned() }
 }
@@ -61,12 +61,12 @@ pub fn address(url: &str) -> Address {
 /// A server with a policy deployed.
 pub async fn prepare(options: &Options, folder: &Path) -> Result<(Program, Prepared)> {
     let server = serve(options, folder, &[]).await?;
-    let prepared = furnish(&server, options.preset.into(), folder).await?;
+    let prepared = set_up(&server, options.preset.into(), folder).await?;
     Ok((server, prepared))
 }
 
-/// Has a server that has nothing yet train a policy and deploy it; its data are in `folder`.
-pub async fn furnish(server: &Program, preset: Preset, folder: &Path) -> Result<Prepared> {
+/// Trains and deploys a policy on an empty server, whose data are in `folder`.
+pub async fn set_up(server: &Program, preset: Preset, folder: &Path) -> Result<Prepared> {
     let client = Client::connect(server.url(), None).await?;
     let spec = scene::task();
     client
@@ -97,7 +97,7 @@ async fn push(client: &Client, spec: &TaskSpec, folder: &Path) -> Result<()> {
     }
 }
 
-/// Writes a recording of steps.
+/// Writes steps as a recording.
 pub fn record(spec: &TaskSpec, steps: &[Step], path: &Path) -> Result<()> {
     let mut writer = EpisodeWriter::create(File::create(path)?, spec)?;
     for (stamp, step) in (BEGIN_NS..).step_by(50_000_000).zip(steps) {
@@ -115,18 +115,18 @@ fn finetuning(encoder: String) -> Spec {
     })
 }
 
-/// Runs a job and gives what it made.
+/// Runs a job; returns the id of its result.
 async fn succeed(client: &Client, task: &TaskSpec, spec: Spec) -> Result<String> {
     let Job { id, kind, .. } = submit(client, task, spec).await?;
-    report::say(&format!("running job {id} of kind {kind} ..."));
+    report::progress(&format!("running job {id} of kind {kind} ..."));
     Ok(client.wait(&id, |_| ()).await?.result_id)
 }
 
-/// The one policy among the blobs.
+/// The only policy among the blobs.
 fn checkpoint(blobs: &Path) -> Result<Vec<u8>> {
     for folder in blobs.read_dir()? {
         let folder = folder?.path();
-        // Beside the folders lies the stamp.
+        // The stamp is beside the folders.
         if !folder.is_dir() {
             continue;
         }
@@ -137,5 +137,5 @@ fn checkpoint(blobs: &Path) -> Result<Vec<u8>> {
             }
         }
     }
-    Err("the server keeps no policy".into())
+    Err("the server has no policy".into())
 }

@@ -1,5 +1,4 @@
-//! A server in a process of its own, ours or a peer's: where it listens, what memory it holds, and its end. Knows
-//! nothing of what it serves.
+//! A server in a process of its own: its start, address, memory and end. This module does not depend on what it serves.
 
 use std::path::Path;
 use std::process::Stdio;
@@ -11,19 +10,19 @@ use tokio::process::{Child, Command};
 
 use crate::Result;
 
-/// What each of them prints once it can be reached.
+/// The beginning of the line that a server prints once it listens.
 const READY: &str = "listening on ";
-/// PyTorch takes long to load on a busy machine.
-const PATIENCE: Duration = Duration::from_secs(120);
+/// The longest time to start or stop; PyTorch loads slowly on a busy machine.
+const LIMIT: Duration = Duration::from_secs(120);
 
-/// A running server; dropped, it is killed.
+/// A running server; killed on drop.
 pub struct Program {
     child: Child,
     url: String,
 }
 
 impl Program {
-    /// Starts it and waits until it listens. What it logs goes to a file.
+    /// Starts a server with its log in a file; returns once it listens.
     pub async fn start(mut command: Command, log: &Path) -> Result<Self> {
         let mut child = command
             .stdin(Stdio::null())
@@ -39,11 +38,11 @@ impl Program {
                     return Result::Ok(url.to_owned());
                 }
             }
-            let said = std::fs::read_to_string(log).unwrap_or_default();
-            Err(format!("{} ended before it listened:\n{said}", command.as_std().get_program().display()).into())
+            let text = std::fs::read_to_string(log).unwrap_or_default();
+            Err(format!("{} ended before it listened:\n{text}", command.as_std().get_program().display()).into())
         };
-        let url = tokio::time::timeout(PATIENCE, ready).await.map_err(|_| "a program did not listen in time")??;
-        // What else it prints must not fill the pipe.
+        let url = tokio::time::timeout(LIMIT, ready).await.map_err(|_| "a program did not listen in time")??;
+        // The server blocks if the pipe is full.
         tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
         Ok(Self { child, url })
     }
@@ -52,7 +51,7 @@ impl Program {
         &self.url
     }
 
-    /// Bytes of memory it holds now.
+    /// Its memory in bytes.
     pub fn memory(&self) -> Result<u64> {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id().ok_or("it has ended")?))?;
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).ok_or("no VmRSS")?;
@@ -60,18 +59,16 @@ impl Program {
         Ok(kilobytes * 1024)
     }
 
-    /// Asks it to end and waits until it has.
+    /// Stops it with SIGTERM and waits for its end.
     pub async fn stop(mut self) -> Result<()> {
         let pid = self.child.id().and_then(|id| i32::try_from(id).ok()).and_then(Pid::from_raw);
-        kill_process(pid.ok_or("it has ended by itself")?, Signal::TERM)?;
-        tokio::time::timeout(PATIENCE, self.child.wait())
-            .await
-            .map_err(|_| "a program did not end when asked to")??;
+        kill_process(pid.ok_or("the program has ended")?, Signal::TERM)?;
+        tokio::time::timeout(LIMIT, self.child.wait()).await.map_err(|_| "a program did not stop in time")??;
         Ok(())
     }
 }
 
-/// A thousand connections are a thousand files, here and in the server, which inherits the limit.
+/// Raises the limit on open files for thousands of connections, here and in the server, which inherits it.
 pub fn allow_open_files() -> Result<()> {
     let Rlimit { maximum, .. } = getrlimit(Resource::Nofile);
     Ok(setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum })?)

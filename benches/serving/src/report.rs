@@ -1,4 +1,4 @@
-//! What was found: rows of loads, targets met or missed, as a table and as JSON.
+//! Results of the serving benchmark: loads and targets as tables and as JSON.
 #![expect(clippy::print_stdout, reason = "a command's output")]
 
 use std::path::Path;
@@ -10,10 +10,10 @@ use crate::Result;
 use crate::cli::{Options, Part, Size};
 use crate::load::Summary;
 use crate::scene::Images;
-pub use crate::targets::Asked;
+pub use crate::targets::Bound;
 use crate::targets::{Targets, time};
 
-/// Everything that was found.
+/// The results.
 #[derive(Debug, Serialize)]
 pub struct Report {
     conditions: Conditions,
@@ -22,27 +22,27 @@ pub struct Report {
     targets: Targets,
 }
 
-/// On what it was measured.
+/// The conditions of the measurements.
 #[derive(Debug, Serialize)]
 struct Conditions {
     preset: Size,
     parts: Vec<Part>,
     processors: usize,
-    /// Of one model, ours and each peer's alike.
+    /// Threads of each model.
     model_threads: u32,
     load_threads: u32,
-    /// Of the training job beside.
+    /// Threads of the concurrent training job.
     worker_threads: u32,
     load_average: String,
 }
 
-/// One load on our server; times in milliseconds.
+/// A load on gleaner; times in milliseconds.
 #[derive(Debug, Serialize)]
 pub struct Row {
     pub images: Images,
     pub sessions: usize,
     pub beside_training: bool,
-    /// Median of the same request on the same weights in this process: the model, and for JPEG the decoding.
+    /// Median of the same request with the same weights in this process: the model, and the decoding of JPEG.
     pub alone: f64,
     pub load: Summary,
 }
@@ -70,12 +70,12 @@ impl Report {
         Self { conditions, rows: Vec::new(), peers: Vec::new(), targets: Targets::default() }
     }
 
-    /// Holds a figure against what is asked.
-    pub fn target(&mut self, asked: Asked, found: f64) {
-        self.targets.hold(asked, found);
+    /// Compares a figure with its target.
+    pub fn target(&mut self, bound: Bound, found: f64) {
+        self.targets.hold(bound, found);
     }
 
-    /// Prints the tables and writes the file; says whether every target was met.
+    /// Prints the tables and writes the file; returns whether every target was met.
     pub fn finish(&self, out: Option<&Path>) -> Result<bool> {
         let Conditions { preset, processors, worker_threads, load_average, .. } = &self.conditions;
         println!(
@@ -142,8 +142,8 @@ impl Report {
     }
 }
 
-/// What goes on, for who waits.
-pub fn say(line: &str) {
+/// Prints a line of progress.
+pub fn progress(line: &str) {
     println!("{line}");
 }
 

@@ -1,5 +1,5 @@
-//! What the cameras see and the robot feels: a task of two 128 × 128 colour cameras, and steps of it that look like
-//! something, with noise, so that JPEG has as much to do as on a real picture.
+//! The scene: a task with two 128 × 128 colour cameras, and steps with shapes and noise, so that JPEG takes as long as on a
+//! real picture.
 
 use gleaner_client::observation;
 use gleaner_proto::v1::{CameraFrame, Image, ImageFormat, Observation};
@@ -7,7 +7,7 @@ use gleaner_recording::{Alignment, CameraSpec, FieldSpec, TaskSpec, encode_jpeg,
 
 use crate::Result;
 
-/// Pixels a side.
+/// The side of an image in pixels.
 pub const SIDE: u32 = 128;
 const CAMERAS: [&str; 2] = ["top", "hand"];
 const PROPRIOCEPTION: u32 = 38;
@@ -23,7 +23,7 @@ pub struct Step {
     pub action: Vec<f32>,
 }
 
-/// How images travel.
+/// The format of sent images.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Images {
@@ -48,7 +48,7 @@ pub fn task() -> TaskSpec {
     spec
 }
 
-/// Steps of one episode; every seed has others.
+/// The steps of an episode, which the seed determines.
 pub fn steps(seed: u64, count: usize) -> Vec<Step> {
     let mut random = Random(seed * 2 + 1);
     (0..count).map(|step| one(&mut random, step)).collect()
@@ -72,7 +72,7 @@ fn one(random: &mut Random, step: usize) -> Step {
     Step { frames, proprioception: values(PROPRIOCEPTION), action: values(ACTION) }
 }
 
-/// A step as it is sent.
+/// A step as an observation.
 pub fn observe(spec: &TaskSpec, step: &Step, images: Images) -> Result<Observation> {
     if images == Images::Raw {
         return Ok(observation(spec, 0, step.frames.clone(), step.proprioception.clone())?);
@@ -87,7 +87,7 @@ pub fn observe(spec: &TaskSpec, step: &Step, images: Images) -> Result<Observati
     Ok(Observation { cameras, proprioception: step.proprioception.clone(), ..Observation::default() })
 }
 
-/// Numbers that repeat from run to run.
+/// Reproducible random numbers.
 struct Random(u64);
 
 impl Random {
@@ -103,7 +103,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_fit_their_task_and_no_two_are_alike() {
+    fn steps_fit_their_task_and_differ() {
         let (spec, made) = (task(), steps(3, 3));
         gleaner_recording::validate(&spec).unwrap();
         assert_eq!(made[0].frames.len(), gleaner_recording::frame_bytes_per_step(&spec));

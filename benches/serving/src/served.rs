@@ -1,48 +1,48 @@
-//! Our server under load: sessions of raw and of JPEG images in turns with the model alone, on an idle machine and
-//! beside a training job.
+//! Gleaner under load: sessions with raw and JPEG images, alternately with the model alone, on an idle machine and beside a
+//! training job.
 
 use crate::Result;
 use crate::cli::Options;
-use crate::door::Door;
+use crate::connection::Connection;
 use crate::in_process::InProcess;
 use crate::load::Load;
 use crate::prepare::Prepared;
-use crate::report::{Asked, Report, Row};
+use crate::report::{Bound, Report, Row};
 use crate::scene::{Images, observe};
 use crate::train::Busy;
 
-/// Round trip's median with one session, in medians of the same request in process.
+/// The largest ratio of the median round trip with one session to the same request in process.
 const ROUND_TRIP: f64 = 1.25;
-/// What all but the model may add for one session of raw images, in milliseconds.
+/// The largest time outside the model for one session with raw images, in milliseconds.
 const EXTRA: f64 = 0.5;
-/// Throughput of 16 sessions, in those of one; and their 99th percentile, in medians.
+/// The smallest ratio of the throughputs of 16 sessions and one, and the largest of their 99th percentile and median.
 const THROUGHPUT: f64 = 2.0;
 const TAIL: f64 = 3.0;
 
-/// Every number of sessions, raw and JPEG.
+/// Measures every number of sessions, with raw and JPEG images.
 pub async fn alone(options: &Options, prepared: &Prepared, model: &mut InProcess, report: &mut Report) -> Result<()> {
     for images in [Images::Raw, Images::Jpeg] {
         let rows = take_turns(options, prepared, model, (images, &options.sessions)).await?;
         let of = |sessions: usize| rows.iter().find(|row| row.sessions == sessions);
         if let Some(one) = of(1) {
             let ratio = one.load.p50 / one.alone;
-            report.target(Asked::most(&name("round trip p50 / alone, 1 session", images), ROUND_TRIP), ratio);
+            report.target(Bound::at_most(&name("round trip p50 / alone, 1 session", images), ROUND_TRIP), ratio);
         }
         if let (Images::Raw, Some(served)) = (images, of(1).and_then(|row| row.load.served.as_ref())) {
-            report.target(Asked::most("p99 of what is not the model, ms, raw, 1 session", EXTRA), served.extra_p99);
+            report.target(Bound::at_most("p99 outside the model, ms, raw, 1 session", EXTRA), served.extra_p99);
         }
         if let (Some(one), Some(many)) = (of(1), of(16)) {
             let gain = many.load.actions_per_second / one.load.actions_per_second;
-            report.target(Asked::least(&name("throughput of 16 sessions / of 1", images), THROUGHPUT), gain);
+            report.target(Bound::at_least(&name("throughput of 16 sessions / of 1", images), THROUGHPUT), gain);
             let tail = many.load.p99 / many.load.p50;
-            report.target(Asked::most(&name("p99 / p50, 16 sessions", images), TAIL), tail);
+            report.target(Bound::at_most(&name("p99 / p50, 16 sessions", images), TAIL), tail);
         }
         report.rows.extend(rows);
     }
     Ok(())
 }
 
-/// One session of raw images while a training job runs.
+/// Measures one session with raw images while a training job runs.
 pub async fn beside_training(
     options: &Options,
     prepared: &Prepared,
@@ -55,13 +55,13 @@ pub async fn beside_training(
     let trained = busy.done().await?.saturating_sub(before);
     busy.end().await?;
     if trained == 0 {
-        return Err("the training job beside took no step: nothing was measured; try longer --seconds".into());
+        return Err("the concurrent training job took no step, so nothing was measured; increase --seconds".into());
     }
     for mut row in rows {
         row.beside_training = true;
         if let Some(served) = &row.load.served {
-            let asked = Asked::most("p99 of what is not the model, ms, raw, 1 session, beside training", EXTRA);
-            report.target(asked, served.extra_p99);
+            let bound = Bound::at_most("p99 outside the model, ms, raw, 1 session, beside training", EXTRA);
+            report.target(bound, served.extra_p99);
         }
         report.rows.push(row);
     }
@@ -78,18 +78,18 @@ async fn take_turns(
     let scene = prepared.steps.iter().map(|step| observe(&prepared.spec, step, images)).collect::<Result<Vec<_>>>()?;
     let mut loads = Vec::new();
     for &count in sessions {
-        loads.push((Door::open_many(&prepared.address, count).await?, Load::default()));
+        loads.push((Connection::open_many(&prepared.address, count).await?, Load::default()));
     }
     for _ in 0..options.rounds {
         model.add(&prepared.steps, (images, &scene), options.slice() / 2)?;
-        for (doors, load) in &mut loads {
-            load.add(doors, &scene, options.slice()).await?;
+        for (connections, load) in &mut loads {
+            load.add(connections, &scene, options.slice()).await?;
         }
     }
     let alone = model.take_median();
-    let row = |(doors, load): (Vec<Door>, Load)| Row {
+    let row = |(connections, load): (Vec<Connection>, Load)| Row {
         images,
-        sessions: doors.len(),
+        sessions: connections.len(),
         beside_training: false,
         alone,
         load: load.summary(),

@@ -1,61 +1,61 @@
-//! Figures that are asked for, and what was found.
+//! Targets: figures, their bounds, and whether they are met.
 
 use comfy_table::{Table, presets::ASCII_MARKDOWN};
 use serde::Serialize;
 
-/// A figure that is asked for.
+/// The bound of a figure.
 #[derive(Debug, Serialize)]
-pub struct Asked {
+pub struct Bound {
     what: String,
-    bound: f64,
+    value: f64,
     at_least: bool,
 }
 
 #[derive(Debug, Serialize)]
 struct Target {
-    asked: Asked,
+    bound: Bound,
     found: f64,
     met: bool,
 }
 
-/// What was asked and what was found.
+/// Targets in the order of their measurement.
 #[derive(Debug, Default, Serialize)]
 pub struct Targets(Vec<Target>);
 
-impl Asked {
-    pub fn most(what: &str, bound: f64) -> Self {
-        Self { what: what.to_owned(), bound, at_least: false }
+impl Bound {
+    pub fn at_most(what: &str, value: f64) -> Self {
+        Self { what: what.to_owned(), value, at_least: false }
     }
 
-    pub fn least(what: &str, bound: f64) -> Self {
-        Self { what: what.to_owned(), bound, at_least: true }
+    pub fn at_least(what: &str, value: f64) -> Self {
+        Self { what: what.to_owned(), value, at_least: true }
     }
 }
 
 impl Targets {
-    /// Holds a figure against what is asked. What is no number misses.
-    pub fn hold(&mut self, asked: Asked, found: f64) {
-        let met = if asked.at_least { found >= asked.bound } else { found <= asked.bound };
-        self.0.push(Target { asked, found, met });
+    /// Compares a figure with its bound. NaN misses every target.
+    pub fn hold(&mut self, bound: Bound, found: f64) {
+        let met = if bound.at_least { found >= bound.value } else { found <= bound.value };
+        self.0.push(Target { bound, found, met });
     }
 
-    /// Whether every one was met.
+    /// Whether every target is met.
     pub fn met(&self) -> bool {
         self.0.iter().all(|target| target.met)
     }
 
     pub fn table(&self) -> Table {
         let mut table = Table::new();
-        table.load_style(ASCII_MARKDOWN).set_header(["target", "asked", "found", ""]);
-        for Target { asked: Asked { what, bound, at_least }, found, met } in &self.0 {
-            let asked = format!("{} {bound}", if *at_least { "at least" } else { "at most" });
-            table.add_row([what.as_str(), &asked, &time(*found), if *met { "met" } else { "MISSED" }]);
+        table.load_style(ASCII_MARKDOWN).set_header(["quantity", "target", "found", ""]);
+        for Target { bound: Bound { what, value, at_least }, found, met } in &self.0 {
+            let target = format!("{} {value}", if *at_least { "at least" } else { "at most" });
+            table.add_row([what.as_str(), &target, &time(*found), if *met { "met" } else { "MISSED" }]);
         }
         table
     }
 }
 
-/// A figure as it is shown.
+/// A time or a ratio with two digits.
 pub fn time(milliseconds: f64) -> String {
     format!("{milliseconds:.2}")
 }

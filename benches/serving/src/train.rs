@@ -1,4 +1,4 @@
-//! Training jobs: the short ones that make a policy, and one without end that keeps the machine busy.
+//! Training jobs: short ones for the policy, and an endless one that keeps the machine busy.
 
 use gleaner_client::Client;
 use gleaner_core::{Preset, Words as _};
@@ -8,10 +8,10 @@ use gleaner_recording::TaskSpec;
 
 use crate::Result;
 
-/// More steps than any measurement lasts.
+/// More steps than fit into any measurement.
 const ENDLESS: u32 = 1_000_000;
 
-/// Settings of a job; what is left out takes its default.
+/// Settings of a job; missing ones have their default.
 pub fn settings(given: &[(&str, serde_json::Value)]) -> Option<prost_types::Struct> {
     let values = given.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
     Some(gleaner_core::proto::to_struct(&values))
@@ -33,14 +33,14 @@ pub async fn submit(client: &Client, task: &TaskSpec, spec: Spec) -> Result<Job>
     client.jobs().submit_job(request).await?.into_inner().job.ok_or_else(|| "the reply has no job".into())
 }
 
-/// A training job that runs until it is told to stop.
+/// A training job that runs until it is stopped.
 pub struct Busy<'a> {
     client: &'a Client,
     job: String,
 }
 
 impl<'a> Busy<'a> {
-    /// Begins one and waits until it has taken a step.
+    /// Starts the job; returns once it has taken a step.
     pub async fn begin(client: &'a Client, task: &TaskSpec, preset: Preset) -> Result<Self> {
         let job = submit(client, task, pretraining(preset, ENDLESS)).await?.id;
         let mut events = client.jobs().watch_job(WatchJobRequest { job_id: job.clone() }).await?.into_inner();
@@ -52,7 +52,7 @@ impl<'a> Busy<'a> {
         Err("the training job ended before its first step".into())
     }
 
-    /// Steps it has taken.
+    /// The number of its steps so far.
     pub async fn done(&self) -> Result<u64> {
         let request = gleaner_proto::v1::GetJobRequest { job_id: self.job.clone() };
         Ok(self.client.jobs().get_job(request).await?.into_inner().job.map_or(0, |job| job.done))

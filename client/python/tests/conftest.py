@@ -43,7 +43,7 @@ def certificates(data: Path, *command: str) -> None:
 
 
 class Server:
-    """A server process of its own; `start` and `stop` may be called again and again over the same folder."""
+    """A server process; `start` and `stop` can be called repeatedly over the same folder."""
 
     def __init__(self, data: Path, *flags: str) -> None:
         self.data, self.flags, self.listen = data, flags, "127.0.0.1:0"
@@ -64,16 +64,16 @@ class Server:
             line = self.process.stdout.readline()
         assert line.startswith("listening on "), f"the server ended before it listened: {line!r}"
         self.address = line.removeprefix("listening on ").strip()
-        # Whoever is connected finds it again when it comes back.
+        # Clients reconnect to the same port after a restart.
         self.listen = self.address.rpartition("//")[2]
 
     def kill(self) -> None:
-        """As a power cut would."""
+        """Kills it, as a power cut would."""
         self.process.kill()
         self.process.wait()
 
     def stop(self) -> None:
-        """Asks it to stop and waits until it has."""
+        """Stops it with SIGTERM and waits for its end."""
         self.process.terminate()
         try:
             self.process.wait(20)
@@ -82,7 +82,7 @@ class Server:
 
 
 def half_an_upload(client: gleaner.Client, task: str, path: Path) -> Upload:
-    """An upload whose first half is with the server; `run` does the rest."""
+    """An upload whose first half is on the server; `run` completes it."""
     start = episode_pb2.StartUploadRequest(
         task=task,
         file_name=path.name,
@@ -100,7 +100,7 @@ def half_an_upload(client: gleaner.Client, task: str, path: Path) -> Upload:
 
 @dataclass(frozen=True)
 class Lab:
-    """What the shared server holds once everything was made."""
+    """The objects of the shared server."""
 
     experts: tuple[str, ...]  # episode ids
     failures: tuple[str, ...]
@@ -166,7 +166,7 @@ def task(client: gleaner.Client, server: str) -> str:
 
 @pytest.fixture(scope="session")
 def lab(client: gleaner.Client, task: str, recordings: dict[str, list[Path]]) -> Lab:
-    """The whole way once: push, pretrain, score, train, deploy. Tiny and untaught, but real."""
+    """Every stage once, with few steps: push, pretrain, score, train, deploy."""
     push = client.episodes.push
     experts = [push(path, task=task, outcome="success", cohort="expert") for path in recordings["expert"]]
     failures = [push(path, task=task, outcome="failure", cohort="wrong_goal") for path in recordings["wrong_goal"]]

@@ -1,4 +1,4 @@
-"""A server that encrypts and asks for tokens: this client, the command line and tritonclient, against the real one."""
+"""This client, the command line and tritonclient against a real server with TLS and tokens."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from test_tritonclient import observation, tensors
 
 @dataclass(frozen=True)
 class Guarded:
-    """A server with TLS and tokens, and who may call it."""
+    """A server with TLS and tokens, and the credentials of its clients."""
 
     server: Server
     ca: Path
@@ -37,7 +37,7 @@ class Guarded:
 
 
 def token(data: Path, *flags: str) -> str:
-    """Makes a token, as who runs the server does."""
+    """Creates a token, as the operator of the server does."""
     command = [binary("gleaner-server"), "token", "create", "--data-dir", str(data), *flags]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout.strip()
 
@@ -47,7 +47,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory, running: Server, lab: Lab)
     del lab  # it is all there, and nothing is under way
     data = tmp_path_factory.mktemp("guarded") / "data"
     shutil.copytree(running.data, data)
-    # As SECURITY.md has it: all certificates here are those of `gleaner-server tls`.
+    # All certificates are made by `gleaner-server tls`, as SECURITY.md describes.
     certificates(data, "init")
     certificates(data, "client", "robot@lab")
     names = ("ca.pem", "server.pem", "server.key", "client-robot@lab.pem", "client-robot@lab.key")

@@ -1,4 +1,4 @@
-"""The connection: what happens without a server, with a wrong address, and when the server comes back."""
+"""Connections without a server, with a wrong address, and after a restart of the server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said when server and client do not trust each other, or only one encrypts: with real servers, in seconds."""
+"""Errors of failed handshakes with real servers: no trust, or encryption on one side only."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ DAY = datetime(2020, 1, 1, tzinfo=timezone.utc)
 
 @contextmanager
 def fails(*words: str) -> Iterator[None]:
-    """Something ends in seconds, though the time limit is half a minute, with an error that has these words."""
+    """Checks that a block fails within seconds, below its time limit of half a minute, with these words."""
     begun = time.monotonic()
     with pytest.raises(gleaner.HandshakeFailed) as caught:
         yield
@@ -65,7 +65,7 @@ def encrypted(tls: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[S
 
 @pytest.fixture(scope="module")
 def demanding(tls: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """A server that asks for a certificate of the client's own."""
+    """A server that requires a client certificate."""
     data = tmp_path_factory.mktemp("demanding")
     server = encrypting(data, tls / "server.pem", tls / "server.key", "--client-ca", str(tls / "ca.pem"))
     yield server
@@ -187,7 +187,7 @@ def test_the_address_of_the_pages_is_said(tls: Path, tmp_path: Path) -> None:
 
 
 def test_calls_of_a_client_that_is_connected_end_in_seconds_too(tls: Path, tmp_path: Path) -> None:
-    """The server comes back with a certificate that the client does not trust."""
+    """The server restarts with a certificate that the client does not trust."""
     server = encrypting(tmp_path / "data", tls / "server.pem", tls / "server.key")
     try:
         with gleaner.connect(server.address, ca=tls / "ca.pem") as client:

@@ -1,4 +1,4 @@
-"""A deployed policy, called as a robot or a simulator calls it, against a real server."""
+"""A deployed policy against a real server, as robots and simulators use it."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ def test_a_server_that_stops_says_so_and_lets_the_episode_finish(
         finally:
             running.stop()
             running.start()
-        # The same client finds the server again, and its deployment.
+        # The same client reconnects to the server and its deployment.
         assert policy(seen).shape == (size(policy.spec.action),)
         assert not policy.draining
 
@@ -240,7 +240,7 @@ def test_an_evaluation_runs_in_any_environment_and_is_kept(client: gleaner.Clien
     kept = trials.report(client, "reach-v0")
     assert kept.id in [evaluation.id for evaluation in client.policies.evaluations(lab.policy)]
     assert (kept.simulation, kept.episodes, kept.successes, kept.seeds[0].seed) == ("reach-v0", 4, 2, 10)
-    # The server and we agree on the interval.
+    # The server calculates the same interval.
     assert (kept.low, kept.high) == pytest.approx(trials.interval)
     assert client.policies.evaluation(kept.id).seeds[0].mean_steps == 4.0
 

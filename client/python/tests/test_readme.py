@@ -1,4 +1,4 @@
-"""The README's programs, as they stand there, against a real server."""
+"""The programs of the README against a real server."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ README = Path(__file__).parents[1] / "README.md"
 
 
 def block(beginning: str, server: str, deployment: str) -> str:
-    """The README's first program that has this in it, made to run here and shorter."""
+    """The first program of the README that contains a text, adapted to the test and shortened."""
     blocks = re.findall(r"```python\n(.*?)```", README.read_text(), re.DOTALL)
     code: str = next(code for code in blocks if beginning in code)
     return code.replace("127.0.0.1:7400", server).replace("pick_cube@prod", deployment).replace("=50", "=2")
@@ -39,7 +39,7 @@ def test_the_five_lines_work(
 
 
 class MySim(gymnasium.Env[Any, NDArray[np.float32]]):
-    """Keeps its cameras and its feelings as the README's simulator does; solved on the fourth step of an even seed."""
+    """Has cameras and proprioception like the simulator of the README; solved on the fourth step of an even seed."""
 
     def __init__(self, fields: dict[str, int], actions: int) -> None:
         self.fields = fields

@@ -1,4 +1,4 @@
-"""Rollouts that come back as data, scored while they run, against a real server."""
+"""Recorded and scored rollouts against a real server."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_session_is_scored_as_the_steps_without_it(client: gleaner.Client, wat
             if policy.score is not None:
                 scores[policy.score.stamp_ns] = policy.score
         period_ns = round(1e9 / policy.spec.rate_hz)
-    # A score may be finished just after an answer has gone: some come with a later one, the last with none.
+    # A score can be finished just after its reply was sent, so some come with a later reply, and the last with none.
     assert scores
     alone = client.score_steps(lab.run, zip(seen, done, strict=True))
     for stamp_ns, score in scores.items():

@@ -1,4 +1,4 @@
-"""A policy whose server is late, stops or breaks: played by a server of our own, since a real one cannot be told to."""
+"""A policy whose server is late, stops or breaks: a fake server, because a real one cannot be made to do so."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Answer = Callable[[int, pb.Observation], pb.SessionResponse]
 
 @dataclass
 class Play:
-    """A server with one deployment of a task of one value each; `answer` says what comes for the n-th observation."""
+    """A server with one deployment of a task with one value each; `answer` is the reply to the n-th observation."""
 
     answer: Answer
     opened: list[pb.SessionOpen] = field(default_factory=list)
@@ -125,7 +125,7 @@ def test_a_missed_step_is_answered_from_the_chunk_that_reaches_it(play: Start) -
         assert policy.missed == 2
     assert (shown.opened[0].deadline_us, shown.opened[0].control_rate_hz) == (50_000, 20.0)
     assert [seen.stamp_ns for seen in shown.heard] == [0, 50_000_000, 100_000_000]
-    # What really was executed is told, also when it came out of an older chunk.
+    # The executed action is sent, also if it comes from an older chunk.
     assert [list(seen.executed_action) for seen in shown.heard] == [[], [1.0], [2.0]]
 
 

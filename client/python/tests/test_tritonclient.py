@@ -1,4 +1,4 @@
-"""The Open Inference Protocol with the client that its users have: tritonclient, unchanged."""
+"""The Open Inference Protocol with an unchanged tritonclient."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def infer_client(server: str, deployment: str) -> Iterator[triton.InferenceServe
 
 @pytest.fixture
 def specs(infer_client: triton.InferenceServerClient, deployment: str) -> dict[str, Any]:
-    """The tensors that the deployment says it takes."""
+    """The input tensors of the deployment's metadata."""
     return {tensor.name: tensor for tensor in infer_client.get_model_metadata(deployment).inputs}
 
 

@@ -1,31 +1,31 @@
-//! Who may do what: roles, tokens as they are kept, and entries of the audit log.
+//! Access: roles, stored tokens, and entries of the audit log.
 //!
-//! Knows no rpc: `access::table` says which role each one needs.
+//! Must not depend on rpcs: `access::table` has the role that each one needs.
 
 use super::{id::TokenId, time::Millis};
 use crate::error::{Error, Result};
 
-/// What a token allows. The first four are a ladder in the order viewer, contributor, trainer, admin; a robot stands
-/// beside it.
+/// The rights of a token. Viewer, contributor, trainer and admin form a ladder, each including the one before; a robot
+/// is outside it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Role {
     /// Reads everything.
     Viewer,
-    /// And adds episodes and labels, and asks policies for actions.
+    /// Also adds episodes and labels, and requests actions from policies.
     Contributor,
-    /// And runs jobs, makes datasets and moves deployments.
+    /// Also runs jobs, makes datasets and moves deployments.
     Trainer,
-    /// Asks its own deployments for actions, and nothing else.
+    /// Requests actions from its own deployments, and nothing else.
     Robot,
-    /// Everything.
+    /// Every right.
     Admin,
 }
 
 impl Role {
-    /// All of them.
+    /// Every role.
     pub const ALL: [Self; 5] = [Self::Viewer, Self::Contributor, Self::Trainer, Self::Robot, Self::Admin];
 
-    /// The word for it.
+    /// The word stored for the role.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Viewer => "viewer",
@@ -36,12 +36,12 @@ impl Role {
         }
     }
 
-    /// The role of a word.
+    /// The role of a stored word.
     pub fn from_word(word: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|role| role.as_str() == word)
     }
 
-    /// Whether it allows what `least` allows. A robot is on no rung.
+    /// Whether the role includes the rights of `least`. A robot's role includes no other role.
     pub const fn reaches(self, least: Self) -> bool {
         matches!((self.rung(), least.rung()), (Some(own), Some(needed)) if own >= needed)
     }
@@ -57,20 +57,20 @@ impl Role {
     }
 }
 
-/// A token as it is kept: everything but itself.
+/// A token as it is stored: every value but the secret itself.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Token {
     /// Its id, which may be shown.
     pub id: TokenId,
-    /// Whose it is, in words; may be empty.
+    /// Label for people; may be empty.
     pub name: String,
-    /// What it allows.
+    /// The token's role.
     pub role: Role,
     /// A robot's deployments; empty for other roles.
     pub deployments: Vec<String>,
     /// When it was made.
     pub created_at: Millis,
-    /// When it ends by itself; `None`: never.
+    /// When the token expires; `None`: never.
     pub expires_at: Option<Millis>,
     /// When it was revoked.
     pub revoked_at: Option<Millis>,
@@ -79,12 +79,12 @@ pub struct Token {
 }
 
 impl Token {
-    /// Whether it lets anybody in at this time.
+    /// Whether the token is valid at this time.
     pub fn is_live(&self, now: Millis) -> bool {
         self.revoked_at.is_none() && self.expires_at.is_none_or(|end| now < end)
     }
 
-    /// How it is in words: live, expired or revoked.
+    /// The state of the token in words: live, expired or revoked.
     pub fn standing(&self, now: Millis) -> &'static str {
         if self.revoked_at.is_some() {
             "revoked"
@@ -118,22 +118,22 @@ impl Token {
     }
 }
 
-/// Something that was changed, or that somebody tried to change.
+/// A change, or a rejected attempt at one.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct AuditEntry {
-    /// When it was answered.
+    /// When the response was sent.
     pub at: Millis,
-    /// The token it was asked with, if one was.
+    /// The caller's token, if the call had one.
     pub token_id: Option<TokenId>,
-    /// The token's name, or where the caller sits.
+    /// The token's name, or the caller's address.
     pub who: String,
     /// The caller's address; empty when unknown.
     pub peer: String,
     /// The rpc, as `Service/Method`, or the command.
     pub rpc: String,
-    /// What it was about, as `field=value`.
+    /// The objects of the call, as `field=value`.
     pub subjects: Vec<String>,
-    /// `ok`, or the status it was refused with.
+    /// `ok`, or the status of the rejection.
     pub outcome: String,
 }
 

@@ -9,22 +9,22 @@ use serde_json::Value;
 use crate::schema::{Setting, Shape, Values};
 use crate::spec::schema_of;
 
-/// Other names of options, for typing.
+/// Other names of options, short to type.
 const ALIASES: [(&str, &str); 3] = [("learning_rate", "lr"), ("objectives", "objective"), ("seeds", "trial-seeds")];
 
-/// A setting, and the kinds that alone have it.
+/// A setting, and the kinds that it is limited to.
 type Of = (Setting, Vec<&'static str>);
 
 /// A set of options.
 pub trait Options {
-    /// The settings, and what the names of their options begin with.
+    /// The settings, and the prefix of their options' names.
     fn settings() -> Vec<(Of, &'static str)>;
 }
 
-/// The settings that were given on the command line, by option.
+/// The settings given on the command line, by option.
 #[derive(Debug, Clone)]
 pub struct Given<O> {
-    /// The given settings; what is left out takes the server's default. An option with a prefix keeps it, as in
+    /// The given settings; one that is left out takes the server's default. An option with a prefix keeps it, as in
     /// `train_steps`.
     pub values: Values,
     options: PhantomData<O>,
@@ -65,11 +65,12 @@ options! {
     Evaluate = "evaluate";
 }
 
-/// Those of a pipeline: of all its stages. The optimiser's are those of pretraining; the training's begin with `train`.
+/// The settings of all stages of a pipeline. Optimiser settings are those of pretraining; those of training start with
+/// `train`.
 #[derive(Debug, Clone, Copy)]
 pub struct Pipeline;
 
-/// What the options of a pipeline's training begin with.
+/// Prefix of the options of a pipeline's training.
 pub const TRAIN: &str = "train_";
 
 impl Options for Pipeline {

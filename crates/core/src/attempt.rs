@@ -1,8 +1,8 @@
-//! Attempts of a job: who makes one, how it ends, and what follows.
+//! Attempts of a job: the credentials of one, its end, and the state that follows.
 
 use super::{id::JobId, job::JobState};
 
-/// One attempt of a job, as its worker proves to be it.
+/// One attempt of a job, and the proof that its worker presents.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Attempt {
     /// The job.
@@ -14,37 +14,37 @@ pub struct Attempt {
 /// How an attempt ended without a result.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum AttemptEnd {
-    /// The server stopped it, or died with it: no fault of the job, so the attempt does not count.
+    /// The server stopped it, or crashed: no fault of the job, so the attempt does not count.
     Stopped,
-    /// Another attempt could help, such as after a crash of the worker. Says what happened.
+    /// Another attempt could help, such as after a crash of the worker. Holds the reason.
     Broken(String),
-    /// No attempt can help, such as with input that cannot be learned from. Says what is wrong.
+    /// No attempt can help, such as with input that cannot be learned from. Holds the reason.
     Hopeless(String),
 }
 
-/// What of a job decides how it goes on.
+/// The values of a job that decide its next state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Standing {
     /// The attempt that ended, from 1.
     pub attempt: u32,
-    /// How many it gets.
+    /// Most attempts of the job.
     pub max_attempts: u32,
-    /// Where the next attempt would resume.
+    /// The step from which the next attempt would resume.
     pub checkpoint_step: Option<u64>,
-    /// Somebody asked it to stop.
+    /// Whether a cancellation was requested.
     pub cancel_requested: bool,
 }
 
-/// How a job goes on.
+/// A job's state after an attempt.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Next {
     /// Queued, failed or cancelled.
     pub state: JobState,
     /// Attempts used so far.
     pub attempt: u32,
-    /// What to tell.
+    /// Progress message of the job.
     pub message: String,
-    /// Why it failed; empty if it did not.
+    /// Reason for the failure; empty if the job did not fail.
     pub error: String,
 }
 
@@ -127,7 +127,8 @@ mod tests {
     }
 
     proptest! {
-        /// However attempts end, one after the other: each move is legal, and no job gets more than it may have.
+        /// For any sequence of attempt ends, each move is legal and the number of attempts stays within the job's
+        /// limit.
         #[test]
         fn a_job_never_gets_more_attempts_than_it_may(
             max_attempts in 1..6_u32,

@@ -21,7 +21,7 @@ impl Client {
         Self::Token(id.as_str().into())
     }
 
-    /// Reads the text that rows keep, which is what [`fmt::Display`] writes.
+    /// Reads the text stored in rows, which [`fmt::Display`] writes.
     pub fn parse(text: &str) -> Option<Self> {
         match text.split_once(':') {
             Some(("token", id)) => Some(Self::Token(id.into())),

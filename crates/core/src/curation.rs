@@ -20,28 +20,28 @@ pub struct TaskOverview {
     pub task: Task,
     /// Its episodes by outcome.
     pub outcomes: OutcomeCounts,
-    /// What was recorded, in hours.
+    /// The recorded time, in hours.
     pub hours: f64,
-    /// What the recordings take on disk, in bytes.
+    /// Size of the recordings on disk, in bytes.
     pub bytes: u64,
-    /// How many cohorts its episodes are of; no cohort counts as one.
+    /// Number of cohorts of its episodes; no cohort counts as one.
     pub cohorts: u64,
 }
 
-/// All tasks in sum; the trash is left out.
+/// Sums over all tasks; the trash is left out.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Totals {
-    /// The tasks there are.
+    /// Number of tasks.
     pub tasks: u64,
-    /// Their episodes.
+    /// Number of their episodes.
     pub episodes: u64,
     /// The recorded time, in hours.
     pub hours: f64,
-    /// What the recordings take on disk, in bytes.
+    /// Size of the recordings on disk, in bytes.
     pub bytes: u64,
 }
 
-/// Which of a task's episodes a table shows; the trash never.
+/// Filter of a task's episode table; episodes in the trash are never part of it.
 #[derive(Debug, Clone, Default)]
 pub struct TableFilter {
     /// Only with this outcome.
@@ -54,7 +54,7 @@ pub struct TableFilter {
     pub before: Option<Millis>,
     /// Only those whose report has warnings, or only those whose report has none.
     pub warnings: Option<bool>,
-    /// Only those with this text in their file name or id, whatever its case (of ASCII letters).
+    /// Only those with this text in their file name or id, ignoring the case of ASCII letters.
     pub text: Option<String>,
 }
 
@@ -63,15 +63,15 @@ pub struct TableFilter {
 pub struct TableRow {
     /// The episode.
     pub episode: Episode,
-    /// Grows with each label of the episode: who labels says which one they saw.
+    /// Increases with each label of the episode; a caller that labels names the version it has read.
     pub label_version: i64,
-    /// Who labelled it last.
+    /// The author of the newest label.
     pub labelled_by: String,
-    /// When.
+    /// When the newest label was made.
     pub labelled_at: Millis,
 }
 
-/// What a table is sorted by.
+/// Sort keys of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SortKey {
     /// Mean q in a score run; episodes without one come last either way.
@@ -135,23 +135,23 @@ pub fn sort(rows: &mut Vec<TableRow>, key: SortKey, descending: bool, mean_q: im
     rows.extend(keyed.into_iter().map(|(_, row)| row));
 }
 
-/// How labelling ended for one who said which labels they saw.
+/// Result of labelling by a caller that names the label versions it has read.
 #[derive(Debug, Clone)]
 pub enum Labelled {
     /// All episodes have the label, each now at this version.
     Done(Vec<(Episode, i64)>),
-    /// Somebody labelled these meanwhile; nothing was labelled.
+    /// Others labelled these episodes in the meantime; no episode was labelled.
     Changed(Vec<Overtaken>),
 }
 
-/// An episode that somebody else labelled first.
+/// An episode with a newer label than the caller named.
 #[derive(Debug, Clone)]
 pub struct Overtaken {
     /// The episode.
     pub episode_id: EpisodeId,
-    /// The version to name if one labels it all the same.
+    /// The version to name in order to label it nevertheless.
     pub label_version: i64,
-    /// Who said what when.
+    /// The newer label.
     pub label: Label,
 }
 
@@ -166,25 +166,25 @@ pub struct SegmentRef {
     pub q: f32,
 }
 
-/// What a label says, and which one it is.
+/// A label as an entry of the history, with its version.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LabelSeen {
     /// How the attempt ended.
     pub outcome: Outcome,
     /// Its cohort.
     pub cohort: String,
-    /// The label's version; `None` where the history does not tell it.
+    /// The label's version; `None` where the history does not contain it.
     pub version: Option<i64>,
 }
 
-/// Whether an episode can still be looked at.
+/// Whether an episode is still available.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
-    /// It can.
+    /// Available.
     Present,
-    /// It can, and it can be taken back.
+    /// In the trash: available, and restorable.
     InTrash,
-    /// Its recording was deleted for good; nothing can be learned from it any more.
+    /// Its recording was deleted for good, so no job can use the episode.
     Deleted,
 }
 
@@ -199,7 +199,7 @@ impl Standing {
     }
 }
 
-/// An episode as a snapshot holds it, beside what it is now.
+/// An episode as frozen in a snapshot, beside its present state.
 #[derive(Debug, Clone)]
 pub struct FrozenEpisode {
     /// The episode.
@@ -212,18 +212,18 @@ pub struct FrozenEpisode {
     pub then: LabelSeen,
     /// Its label now.
     pub now: LabelSeen,
-    /// What is left of it.
+    /// Its present availability.
     pub standing: Standing,
 }
 
 impl FrozenEpisode {
-    /// Whether its label says something else now.
+    /// Whether its present label differs from the frozen one.
     pub fn relabelled(&self) -> bool {
         self.then.outcome != self.now.outcome || self.then.cohort != self.now.cohort
     }
 }
 
-/// A snapshot that holds an episode.
+/// A snapshot that contains an episode.
 #[derive(Debug, Clone)]
 pub struct SnapshotUse {
     /// The snapshot.
@@ -238,7 +238,7 @@ pub struct SnapshotUse {
     pub cohort: String,
 }
 
-/// Something that a job's spec names.
+/// An input that a job's spec names.
 #[derive(Debug, Clone)]
 pub enum Input {
     /// A snapshot; no job makes one.
@@ -247,14 +247,14 @@ pub enum Input {
     Encoder(EncoderId),
     /// A score run.
     ScoreRun(ScoreRunId),
-    /// A dataset: what it selects of which run.
+    /// A dataset: its run and its selection.
     Dataset(Dataset),
     /// A policy.
     Policy(PolicyId),
 }
 
 impl Input {
-    /// What a spec names, but for a dataset, whose id comes second: that is to be looked up.
+    /// The results that a spec names. A dataset's id comes second, because the dataset has to be looked up.
     pub fn named(spec: &JobSpec) -> (Vec<Self>, Option<&DatasetId>) {
         match spec {
             JobSpec::Pretrain { snapshot_id, .. } => (vec![Self::Snapshot(snapshot_id.clone())], None),
@@ -271,7 +271,7 @@ impl Input {
         }
     }
 
-    /// The result that a job made for this to be there; `None` for a snapshot.
+    /// The result that a job made as this input; `None` for a snapshot.
     pub fn result_id(&self) -> Option<&str> {
         match self {
             Self::Snapshot(_) => None,
@@ -283,16 +283,16 @@ impl Input {
     }
 }
 
-/// Where a job's result comes from, and what came of it.
+/// The inputs of a job's result, and the results made from it.
 #[derive(Debug, Clone)]
 pub struct Lineage {
-    /// What its spec names, each with the job that made it; of a dataset the one that made its run.
+    /// The results its spec names, each with the job that made it; for a dataset, the job that made its run.
     pub inputs: Vec<(Input, Option<Job>)>,
     /// Jobs whose specs name its result, or a dataset of its result; oldest first.
     pub jobs: Vec<Job>,
     /// Datasets of its result, if that is a score run; newest first.
     pub datasets: Vec<Dataset>,
-    /// Deployments that now point at its result, as the policy that acts or the run that scores.
+    /// Deployments in force for its result, as the policy that acts or the run that scores.
     pub deployments: Vec<Deployment>,
 }
 

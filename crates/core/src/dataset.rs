@@ -1,4 +1,4 @@
-//! Datasets: a score run seen through a selection; exports: files made from one.
+//! Datasets, each a selection from a score run, and exports, the files made from a dataset.
 
 use super::{
     id::{BlobId, DatasetId, EncoderId, EpisodeId, ScoreRunId, SnapshotId, TaskId},
@@ -7,7 +7,7 @@ use super::{
     time::Millis,
 };
 
-/// A filtered, weighted view of a score run. Never a copy.
+/// A filtered, weighted view of a score run. It copies nothing.
 #[derive(Debug, Clone)]
 pub struct Dataset {
     /// Its id.
@@ -33,7 +33,7 @@ pub struct ExportFile {
     pub size_bytes: u64,
 }
 
-/// How much a dataset holds.
+/// Size of a dataset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DatasetCounts {
     /// Imperfect segments kept.
@@ -44,7 +44,7 @@ pub struct DatasetCounts {
     pub expert_segments: u64,
 }
 
-/// What a dataset holds, by reference to episodes and their steps.
+/// Contents of a dataset, by reference to episodes and their steps.
 #[derive(Debug, Clone)]
 pub struct DatasetContents {
     /// The dataset.
@@ -77,7 +77,7 @@ pub struct KeptSegment {
     pub end_step: u32,
     /// Its q.
     pub weight: f32,
-    /// The expert segment that is nearest; `None` when the scorer matches nothing.
+    /// The nearest expert segment; `None` when the scorer matches nothing.
     pub nearest: Option<Nearest>,
 }
 

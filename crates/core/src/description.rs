@@ -16,13 +16,13 @@ use crate::error::{Error, Result};
 #[serde(tag = "kind", rename_all = "snake_case")]
 #[expect(missing_docs, reason = "the fields are those of the row that each variant describes")]
 pub enum Description {
-    /// A task, which stands on no blob.
+    /// A task, which belongs to no blob.
     Task { id: TaskId, spec: Box<TaskSpec>, created_at: Millis },
-    /// An episode on its recording.
+    /// An episode, beside its recording.
     Recording(Box<Recording>),
-    /// An encoder on its checkpoint. Its job and its snapshot are lost with the database.
+    /// An encoder, beside its checkpoint. Its job and its snapshot are lost with the database.
     Encoder { id: EncoderId, task_id: TaskId, job_id: JobId, created_at: Millis },
-    /// A policy on its checkpoint. Its job is lost with the database.
+    /// A policy, beside its checkpoint. Its job is lost with the database.
     Policy { id: PolicyId, task_id: TaskId, job_id: JobId, policy: String, created_at: Millis },
 }
 
@@ -54,7 +54,7 @@ impl Description {
     /// The description as the content of a sidecar.
     ///
     /// # Errors
-    /// Internal; it never happens with values that came from JSON.
+    /// Internal; impossible for values that were read from JSON.
     pub fn to_json(&self) -> Result<Vec<u8>> {
         serde_json::to_vec(self).map_err(|error| Error::internal("describing a row", error))
     }
@@ -64,7 +64,7 @@ impl Description {
         serde_json::from_slice(json).ok()
     }
 
-    /// Whether this is a recording that a person has deleted.
+    /// Whether this is a recording that a user has deleted.
     pub fn is_deleted_recording(&self) -> bool {
         matches!(self, Self::Recording(recording) if recording.episode.deleted_at.is_some())
     }

@@ -11,16 +11,16 @@ use crate::{Report, Severity};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// The task was done.
+    /// The task was completed.
     Success,
-    /// It was not.
+    /// The task was not completed.
     Failure,
-    /// Nobody has said.
+    /// No outcome was given.
     Unknown,
 }
 
 impl Outcome {
-    /// The word kept in rows.
+    /// The word stored in rows.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Success => "success",
@@ -29,7 +29,7 @@ impl Outcome {
         }
     }
 
-    /// Reads the word kept in rows.
+    /// Reads the word stored in rows.
     pub fn from_word(word: &str) -> Option<Self> {
         [Self::Success, Self::Failure, Self::Unknown].into_iter().find(|outcome| outcome.as_str() == word)
     }
@@ -52,7 +52,7 @@ pub struct Episode {
     pub steps: u64,
     /// From the first step to the last, in seconds.
     pub duration_s: f64,
-    /// Which of the task's mappings fitted.
+    /// The task's mapping that was used.
     pub mapping: String,
     /// How many findings of its report are warnings.
     pub warnings: u64,
@@ -62,11 +62,11 @@ pub struct Episode {
     pub cohort: String,
     /// When it became visible.
     pub created_at: Millis,
-    /// Since when it is in the trash, if it is.
+    /// When it was moved to the trash; `None`: it is not there.
     pub deleted_at: Option<Millis>,
 }
 
-/// An episode with what its inspection found.
+/// An episode with the report of its inspection.
 #[derive(Debug, Clone)]
 pub struct InspectedEpisode {
     /// The episode.
@@ -75,35 +75,35 @@ pub struct InspectedEpisode {
     pub report: Report,
 }
 
-/// A label: who said when how an episode ended, and why.
+/// A label: an outcome with its author, time and reason.
 #[derive(Debug, Clone)]
 pub struct Label {
-    /// How it ended.
+    /// Outcome of the episode.
     pub outcome: Outcome,
-    /// The cohort as it was with this label.
+    /// The cohort at the time of this label.
     pub cohort: String,
-    /// Who said so.
+    /// The author.
     pub author: String,
-    /// Why; may be empty.
+    /// Reason; may be empty.
     pub reason: String,
-    /// When.
+    /// When the label was made.
     pub created_at: Millis,
 }
 
 /// A label to be given to episodes.
 #[derive(Debug, Clone)]
 pub struct NewLabel {
-    /// How they ended.
+    /// Outcome of the episodes.
     pub outcome: Outcome,
     /// Their cohort; `None` keeps each one's own.
     pub cohort: Option<String>,
-    /// Who says so.
+    /// The author.
     pub author: String,
-    /// Why; may be empty.
+    /// Reason; may be empty.
     pub reason: String,
 }
 
-/// Which of a task's episodes are meant.
+/// Filter of a task's episodes.
 #[derive(Debug, Clone)]
 pub struct EpisodeFilter {
     /// The task.
@@ -112,7 +112,7 @@ pub struct EpisodeFilter {
     pub outcome: Option<Outcome>,
     /// Only of this cohort.
     pub cohort: Option<String>,
-    /// Those in the trash, and no others.
+    /// Only episodes in the trash; otherwise only episodes outside it.
     pub deleted: bool,
 }
 
@@ -156,14 +156,14 @@ pub struct Upload {
     pub outcome: Outcome,
     /// The cohort the episode will have.
     pub cohort: String,
-    /// Who labels.
+    /// The author of the label.
     pub author: String,
-    /// The client that opened it, which its inspection is counted for too.
+    /// The client that opened the upload; its inspection is counted for the same client.
     pub client: Client,
 }
 
 impl NewUpload {
-    /// The upload that this opens, under a new id, with no byte written.
+    /// The open upload of this declaration, under a new id and without content.
     pub fn open(self) -> Upload {
         let Self { task_id, file_name, size_bytes, blake3, outcome, cohort, author, client } = self;
         let id = UploadId::new();
@@ -172,12 +172,12 @@ impl NewUpload {
 }
 
 impl Upload {
-    /// Whether one upload may take the bytes sent for another: equal content and label.
+    /// Whether the bytes sent for one upload may serve for the other: equal content and label.
     pub fn is_like(&self, other: &Self) -> bool {
         self.size_bytes == other.size_bytes && self.outcome == other.outcome && self.cohort == other.cohort
     }
 
-    /// The episode that the finished upload becomes, with what its inspection found.
+    /// The episode that the finished upload becomes, given the report of its inspection.
     pub fn become_episode(&self, report: &Report) -> Episode {
         let warnings = report.findings.iter().filter(|f| f.severity == Severity::Warning).count();
         Episode {

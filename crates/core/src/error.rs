@@ -1,6 +1,6 @@
-//! The one error of the server: what kind, what to tell, what caused it.
+//! The error of the server: its kind, a message for the caller, and its cause for the log.
 //!
-//! Knows no status code: `wire::status` holds that table. A message is for the caller; a source is for the log.
+//! Must not depend on status codes: `wire::status` has that table.
 
 use std::{
     error::Error as StdError,
@@ -8,30 +8,30 @@ use std::{
     panic::{AssertUnwindSafe, catch_unwind},
 };
 
-/// What a caller can do about an error. One row each in `wire::status`.
+/// Kinds of errors, by the caller's remedy. `wire::status` has one row for each.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// The request is wrong: mend the named field.
+    /// The request is wrong; its named field has to be fixed.
     Invalid,
-    /// Nobody knows who asks: no token, or none that is good.
+    /// The caller is not authenticated: its token is missing or invalid.
     Unauthenticated,
-    /// Who asks may not.
+    /// The caller's role does not allow the call.
     Forbidden,
-    /// What the request names is not there.
+    /// The request names something that does not exist.
     NotFound,
-    /// What the request would make is there already.
+    /// The request would make something that already exists.
     Exists,
-    /// The request is right but comes at the wrong time.
+    /// The request is valid, but not in the present state.
     Precondition,
     /// A limit is reached.
     Exhausted,
-    /// The caller or the server gave up on purpose.
+    /// The caller or the server cancelled the call.
     Cancelled,
-    /// It did not come in time.
+    /// The deadline passed.
     Late,
-    /// Something is not ready or going away: try again.
+    /// A resource is not ready or is going away; the caller may retry.
     Unavailable,
-    /// Our fault. The message stays in the log.
+    /// A fault of the server. Its message is logged, not sent.
     Internal,
 }
 
@@ -43,36 +43,36 @@ pub struct Error {
     source: Option<Box<dyn StdError + Send + Sync>>,
 }
 
-/// What every fallible call of the server returns.
+/// The result of every fallible function of the server.
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// The request is wrong. `field` is its path in the request; `mend` says what is wrong and what to do.
+    /// The request is wrong. `field` is its path in the request; `mend` is what is wrong and what to do.
     pub fn invalid(field: &str, mend: impl std::fmt::Display) -> Self {
         Self::new(Kind::Invalid, format!("{field}: {mend}"))
     }
 
-    /// Nobody knows who asks; the message says how to tell.
+    /// The caller is not authenticated; the message names the remedy.
     pub fn unauthenticated(message: impl Into<String>) -> Self {
         Self::new(Kind::Unauthenticated, message)
     }
 
-    /// Who asks may not; the message says what is needed.
+    /// The caller's role does not allow the call; the message names what is needed.
     pub fn forbidden(message: impl Into<String>) -> Self {
         Self::new(Kind::Forbidden, message)
     }
 
-    /// Nothing called `what` has this name or id.
+    /// No object of type `what` has this name or id.
     pub fn not_found(what: &str, id: impl std::fmt::Display) -> Self {
         Self::new(Kind::NotFound, format!("no {what} {id}"))
     }
 
-    /// It is there already; the message says where and what to do.
+    /// The object already exists; the message names it and the remedy.
     pub fn exists(message: impl Into<String>) -> Self {
         Self::new(Kind::Exists, message)
     }
 
-    /// Not now; the message says what must come first.
+    /// The request does not fit the present state; the message names what must come first.
     pub fn precondition(message: impl Into<String>) -> Self {
         Self::new(Kind::Precondition, message)
     }
@@ -82,23 +82,23 @@ impl Error {
         Self::new(Kind::Exhausted, message)
     }
 
-    /// Given up on purpose.
+    /// The call was cancelled.
     pub fn cancelled(message: impl Into<String>) -> Self {
         Self::new(Kind::Cancelled, message)
     }
 
-    /// Not in time; the message says what was waited for.
+    /// The deadline passed; the message names what was waited for.
     pub fn late(message: impl Into<String>) -> Self {
         Self::new(Kind::Late, message)
     }
 
-    /// Not ready, or going away.
+    /// A resource is not ready, or is going away.
     pub fn unavailable(message: impl Into<String>) -> Self {
         Self::new(Kind::Unavailable, message)
     }
 
-    /// Our fault. `doing` says what was being done. A disk that takes nothing more is nobody's fault: then it is a limit
-    /// that is reached.
+    /// A fault of the server; `doing` names what failed. A disk that rejects writes is not a fault of the server: the
+    /// error is then Exhausted.
     pub fn internal(doing: impl Into<String>, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
         let (doing, source) = (doing.into(), source.into());
         match refusal(source.as_ref()) {
@@ -107,7 +107,7 @@ impl Error {
         }
     }
 
-    /// The disk takes nothing more: `why`, for the caller; `doing` and the source are for the log.
+    /// The disk rejects writes: `why` is for the caller; `doing` and the source are for the log.
     pub fn refused_by_disk(why: &str, doing: &str, source: impl Into<Box<dyn StdError + Send + Sync>>) -> Self {
         let source: Box<dyn StdError + Send + Sync> = source.into();
         Self { kind: Kind::Exhausted, message: why.to_owned(), source: Some(format!("{doing}: {source}").into()) }
@@ -117,12 +117,12 @@ impl Error {
         Self { kind, message: message.into(), source: None }
     }
 
-    /// What kind of error this is.
+    /// The kind of the error.
     pub fn kind(&self) -> Kind {
         self.kind
     }
 
-    /// The message, as the caller sees it (unless internal).
+    /// The message, as the caller receives it (unless internal).
     pub fn message(&self) -> &str {
         &self.message
     }
@@ -144,10 +144,10 @@ impl StdError for Error {
     }
 }
 
-/// What the caller hears of a disk that is full or cannot be written.
+/// The caller's message when a disk is full or cannot be written.
 pub const DISK_FULL: &str =
     "the server's disk is full: nothing was kept of this request. Free some space there, then try again";
-/// Likewise of one that is read-only.
+/// The caller's message when a disk is read-only.
 pub const DISK_READ_ONLY: &str =
     "the server's disk cannot be written: nothing was kept of this request. Once that is mended, try again";
 
@@ -156,7 +156,7 @@ pub const FILE_TOO_LARGE: &str = "a file of the server has reached the largest s
      system allows: nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or use \
      another file system, then try again";
 
-/// Whether the disk refused, somewhere down the causes of an error.
+/// The message for a disk that rejected a write, if such an error is among the causes.
 fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static str> {
     let mut cause: Option<&(dyn StdError + 'static)> = Some(error);
     while let Some(error) = cause {
@@ -164,7 +164,7 @@ fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static st
             Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded) => return Some(DISK_FULL),
             Some(ErrorKind::FileTooLarge) => return Some(FILE_TOO_LARGE),
             Some(ErrorKind::ReadOnlyFilesystem) => return Some(DISK_READ_ONLY),
-            // One that carries another says its own cause.
+            // An io::Error that wraps another one has the cause further down.
             Some(_) | None => cause = error.source(),
         }
     }
@@ -174,9 +174,9 @@ fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static st
 /// Runs `work` and turns a panic into an error: a fault of one call must not end the thread that serves all.
 ///
 /// # Errors
-/// What `work` says; Internal when it panics.
+/// The error of `work`; Internal when it panics.
 pub fn guarded<T>(doing: &str, work: impl FnOnce() -> Result<T>) -> Result<T> {
-    // What the work had borrowed is only read, so nothing half-written is seen after a panic.
+    // The values that `work` borrows are only read, so a panic leaves none of them half written.
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let text = panic
             .downcast_ref::<String>()
@@ -193,7 +193,7 @@ mod tests {
 
     use super::*;
 
-    /// As an error of another crate carries one.
+    /// An error of another crate with an io::Error as its source.
     #[derive(Debug, thiserror::Error)]
     #[error("writing the episode")]
     struct Outer(#[source] io::Error);

@@ -1,4 +1,4 @@
-//! Evaluations: closed-loop trials of a policy, and how sure their success rate is.
+//! Evaluations: closed-loop trials of a policy, and the confidence interval of their success rate.
 
 use super::{
     id::{EvaluationId, JobId, PolicyId},
@@ -14,7 +14,7 @@ pub struct SeedResult {
     pub episodes: u32,
     /// Attempts that succeeded.
     pub successes: u32,
-    /// Steps of an attempt on average; 0 when not known.
+    /// Steps of an attempt on average; 0 when unknown.
     pub mean_steps: f64,
 }
 
@@ -27,11 +27,11 @@ pub struct Evaluation {
     pub policy_id: PolicyId,
     /// The job that made it; `None` when reported from outside.
     pub job_id: Option<JobId>,
-    /// Where: the embedded simulator's task, or the reporter's own name.
+    /// Where the trials ran: the embedded simulator's task, or the reporter's own name.
     pub simulation: String,
-    /// What came of each seed.
+    /// Results of each seed.
     pub seeds: Vec<SeedResult>,
-    /// When it was kept.
+    /// When it was stored.
     pub created_at: Millis,
 }
 
@@ -42,7 +42,7 @@ pub struct Success {
     pub episodes: u32,
     /// Attempts that succeeded.
     pub successes: u32,
-    /// Their share; 0 when nothing was tried.
+    /// Their share; 0 without attempts.
     pub rate: f64,
     /// Wilson 95 % interval of the rate.
     pub interval: (f64, f64),

@@ -1,17 +1,18 @@
-//! Identifiers: a ULID behind a prefix that says what it names, such as `ep_01J…`.
+//! Identifiers: a ULID behind a prefix that names its type, such as `ep_01J…`.
 //!
-//! Every id that reaches another room has been parsed here, so no string of a client becomes a path or a key.
+//! Every id that reaches another module has been parsed here, so no string of a client becomes a path or a key.
 
 use std::sync::{Mutex, PoisonError};
 
 use crate::error::{Error, Result};
 
-/// Ids of one millisecond sort by their order too, so that lists and pages by id are lists by age.
+/// Ids of one millisecond also sort in order of creation, so lists and pages by id are lists by age.
 static GENERATOR: Mutex<ulid::Generator> = Mutex::new(ulid::Generator::new());
 
 fn next() -> ulid::Ulid {
     let mut generator = GENERATOR.lock().unwrap_or_else(PoisonError::into_inner);
-    // Fails only when the 80 random bits of one millisecond run over; then order within it is lost, nothing else.
+    // Fails only when the 80 random bits of one millisecond overflow; the only loss is the order within that
+    // millisecond.
     generator.generate().unwrap_or_else(|_| ulid::Ulid::generate())
 }
 
@@ -23,7 +24,7 @@ macro_rules! ids {
         pub struct $name(String);
 
         impl $name {
-            /// What this id names, in words.
+            /// The named type, in words.
             pub const WHAT: &'static str = $what;
 
             /// A new id; later ones sort after earlier ones.
@@ -101,7 +102,7 @@ ids! {
     ScheduleId, "sch", "a schedule";
     /// Names a session.
     SessionId, "ses", "a session";
-    /// Names a token; it may be shown, the token not.
+    /// Names a token; the id may be shown, the token itself not.
     TokenId, "tok", "a token";
 }
 
@@ -170,7 +171,7 @@ mod tests {
     }
 
     proptest! {
-        /// What is let in comes out as it was, and could be a file's name and nothing more.
+        /// An accepted text round-trips, and is usable as a file name but not as a path.
         #[test]
         fn any_text_is_refused_or_comes_back(prefix in "(ep|task|EP|)", rest in "(_[0-9A-Za-z]{26}|\\PC{0,40}|_[0-7][0-9A-HJKMNP-TV-Z]{25})") {
             let text = format!("{prefix}{rest}");

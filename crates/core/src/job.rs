@@ -1,4 +1,4 @@
-//! Jobs: their kinds, specs and legal moves.
+//! Jobs: their kinds, specs and legal transitions.
 
 use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
 
@@ -7,7 +7,7 @@ use super::{
     time::Millis,
 };
 
-/// What a job does.
+/// The kinds of jobs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JobKind {
     /// Makes an encoder.
@@ -26,12 +26,12 @@ impl JobKind {
     /// Every kind.
     pub const ALL: [Self; 5] = [Self::Pretrain, Self::Score, Self::Train, Self::Export, Self::Evaluate];
 
-    /// Reads the word kept in rows.
+    /// Reads the word stored in rows.
     pub fn from_word(word: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|kind| kind.as_str() == word)
     }
 
-    /// The word kept in rows.
+    /// The word stored in rows.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Pretrain => "pretrain",
@@ -43,18 +43,18 @@ impl JobKind {
     }
 }
 
-/// Where a job stands.
+/// State of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JobState {
     /// Waits for its dependencies or for a worker.
     Queued,
-    /// A worker has it.
+    /// Runs in a worker.
     Running,
-    /// Its result is there.
+    /// Ended with a result.
     Succeeded,
-    /// It gave up; its error says why.
+    /// Ended without a result; its error has the reason.
     Failed,
-    /// Somebody cancelled it.
+    /// Cancelled by a caller.
     Cancelled,
 }
 
@@ -62,7 +62,7 @@ impl JobState {
     /// Every state.
     pub const ALL: [Self; 5] = [Self::Queued, Self::Running, Self::Succeeded, Self::Failed, Self::Cancelled];
 
-    /// The word kept in rows.
+    /// The word stored in rows.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Queued => "queued",
@@ -73,12 +73,12 @@ impl JobState {
         }
     }
 
-    /// Reads the word kept in rows.
+    /// Reads the word stored in rows.
     pub fn from_word(word: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|state| state.as_str() == word)
     }
 
-    /// Whether nothing can follow.
+    /// Whether the state is final.
     pub fn ended(self) -> bool {
         match self {
             Self::Succeeded | Self::Failed | Self::Cancelled => true,
@@ -86,7 +86,7 @@ impl JobState {
         }
     }
 
-    /// The one place that knows the legal moves. A running job goes back to queued for another attempt.
+    /// Whether a job may change from this state to `next`. A running job becomes queued again for another attempt.
     pub fn may_become(self, next: Self) -> bool {
         match (self, next) {
             (Self::Queued, Self::Running | Self::Cancelled | Self::Failed)
@@ -98,7 +98,7 @@ impl JobState {
     }
 }
 
-/// What a job is to do, complete: kept in its row as JSON.
+/// The complete description of a job's work, stored in its row as JSON.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum JobSpec {
@@ -106,19 +106,19 @@ pub enum JobSpec {
     Pretrain {
         /// D_u = D_e ∪ D_i.
         snapshot_id: SnapshotId,
-        /// Everything else.
+        /// The settings.
         spec: PretrainSpec,
     },
     /// Quality scores of a snapshot's imperfect episodes.
     Score {
-        /// Whose features are compared.
+        /// The encoder whose features are compared.
         encoder_id: EncoderId,
         /// Experts and imperfect episodes.
         snapshot_id: SnapshotId,
-        /// The finished run it goes on from, if any.
+        /// The finished run that this one extends, if any.
         #[serde(default)]
         extends: Option<ScoreRunId>,
-        /// Everything else.
+        /// The settings.
         spec: ScoreSpec,
     },
     /// Weighted behaviour cloning.
@@ -129,25 +129,25 @@ pub enum JobSpec {
         snapshot_id: SnapshotId,
         /// Kept segments; `None` for experts alone.
         dataset_id: Option<DatasetId>,
-        /// Everything else.
+        /// The settings.
         spec: TrainSpec,
     },
     /// Files from a dataset, as MCAP.
     Export {
-        /// What to export.
+        /// The dataset to export.
         dataset_id: DatasetId,
     },
     /// Closed-loop trials in the embedded simulator.
     Evaluate {
-        /// What to evaluate.
+        /// The policy to evaluate.
         policy_id: PolicyId,
-        /// Everything else.
+        /// The settings.
         spec: EvaluateSpec,
     },
 }
 
 impl JobSpec {
-    /// What this spec makes.
+    /// The kind of job that has this spec.
     pub fn kind(&self) -> JobKind {
         match self {
             Self::Pretrain { .. } => JobKind::Pretrain,
@@ -158,7 +158,7 @@ impl JobSpec {
         }
     }
 
-    /// The snapshot it names, if it does.
+    /// The snapshot that the spec names, if any.
     pub fn snapshot_id(&self) -> Option<&SnapshotId> {
         match self {
             Self::Pretrain { snapshot_id, .. } | Self::Score { snapshot_id, .. } | Self::Train { snapshot_id, .. } => {
@@ -176,27 +176,27 @@ pub struct Job {
     pub id: JobId,
     /// Its task.
     pub task_id: TaskId,
-    /// What to do.
+    /// Its complete specification.
     pub spec: JobSpec,
-    /// Where it stands.
+    /// Its state.
     pub state: JobState,
-    /// Higher runs first.
+    /// Jobs with higher values run first.
     pub priority: i32,
     /// The id its result has or will have (encoder, score run, policy, export or evaluation).
     pub result_id: String,
     /// Progress, out of `total`.
     pub done: u64,
-    /// What `done` counts up to; 0 while unknown.
+    /// Final value of `done`; 0 while unknown.
     pub total: u64,
-    /// What it is doing.
+    /// Its present activity.
     pub message: String,
-    /// Why it failed.
+    /// Reason for its failure; empty if it did not fail.
     pub error: String,
-    /// Which attempt this is; 0 before the first.
+    /// Number of the present attempt; 0 before the first.
     pub attempt: u32,
-    /// How many attempts it gets.
+    /// Most attempts of the job.
     pub max_attempts: u32,
-    /// Somebody asked it to stop.
+    /// Whether a cancellation was requested.
     pub cancel_requested: bool,
     /// Blob to resume from.
     pub checkpoint: Option<BlobId>,
@@ -204,7 +204,7 @@ pub struct Job {
     pub checkpoint_step: Option<u64>,
     /// Most memory its worker has held, in bytes.
     pub peak_memory_bytes: u64,
-    /// The jobs it waits for.
+    /// The jobs whose results it waits for.
     pub needs: Vec<JobId>,
     /// The caller's own name for it, or empty.
     pub key: String,
@@ -219,7 +219,7 @@ pub struct Job {
 /// One value that a job reported.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Metric {
-    /// Order of arrival; `watch` goes on after it.
+    /// Order of arrival; `watch` resumes after it.
     pub sequence: i64,
     /// The job's step.
     pub step: u64,

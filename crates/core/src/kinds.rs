@@ -1,7 +1,7 @@
-//! The kinds of each family: policies, objectives and scorers, with the settings that only they have.
+//! The kinds of each family: policies, objectives and scorers, with the settings of their own.
 //!
-//! A kind is written in one file of the learning crate, which cannot be linked by clients. `kinds.json` repeats what its
-//! files state (`make kinds` writes it, a test there compares), so that client and server know every kind as data.
+//! A kind is written in one file of the learning crate, which cannot be linked by clients. `kinds.json` repeats what
+//! its files state (`make kinds` writes it, a test there compares), so that client and server have every kind as data.
 
 use std::sync::LazyLock;
 
@@ -15,11 +15,11 @@ use crate::{
 /// Every kind of every family.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Kinds {
-    /// What a training makes.
+    /// Kinds of policies, the results of training.
     pub policies: Vec<Kind>,
-    /// What a pretraining adds up.
+    /// Kinds of objectives, whose losses a pretraining adds up.
     pub objectives: Vec<Kind>,
-    /// What gives segments their scores.
+    /// Kinds of scorers, which compute the scores of segments.
     pub scorers: Vec<Kind>,
 }
 
@@ -30,9 +30,9 @@ pub struct Kind {
     pub name: String,
     /// Its name for people, such as `TF-BC`.
     pub title: String,
-    /// What it is, in one sentence.
+    /// Description in one sentence.
     pub about: String,
-    /// What it cannot do without.
+    /// Requirements of the kind.
     #[serde(default, skip_serializing_if = "Needs::is_none")]
     pub needs: Needs,
     /// The settings that it has besides those of its job.
@@ -40,7 +40,7 @@ pub struct Kind {
     pub settings: Vec<Setting>,
 }
 
-/// What a kind cannot do without.
+/// Requirements of a kind.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Needs {
@@ -60,19 +60,19 @@ impl Needs {
     }
 }
 
-/// A group of kinds of which a job chooses.
+/// A family of kinds, of which a job chooses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Family {
-    /// What a training makes.
+    /// The results of training.
     Policy,
-    /// What a pretraining adds up.
+    /// Losses that a pretraining adds up.
     Objective,
-    /// What gives segments their scores.
+    /// Scoring methods of segments.
     Scorer,
 }
 
 impl Family {
-    /// Its word, which is also the setting that chooses a kind.
+    /// The family's word, which is also the setting that chooses a kind.
     #[must_use]
     pub fn as_str(self) -> &'static str {
         match self {
@@ -125,7 +125,7 @@ impl Family {
         self.kinds().iter().map(word).collect()
     }
 
-    /// Every setting of its kinds, once, with the names of the kinds that have it.
+    /// Every setting of its kinds, once, with the names of the kinds that it is limited to.
     #[must_use]
     pub fn settings(self) -> Vec<(Setting, Vec<&'static str>)> {
         let mut all: Vec<(Setting, Vec<&'static str>)> = Vec::new();
@@ -160,7 +160,7 @@ pub fn jobs() -> Vec<Kind> {
 }
 
 static KINDS: LazyLock<Kinds> = LazyLock::new(|| {
-    // A test reads the same text, so what is built in is sound.
+    // A test reads the same text, so the built-in text is valid.
     serde_json::from_str(include_str!("../kinds.json")).unwrap_or_default()
 });
 

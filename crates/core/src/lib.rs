@@ -1,12 +1,34 @@
-//! The values that client, server, worker and learning share: the settings of every kind of job, each defined once with
-//! its default, its allowed range and its documentation.
+//! The values that client, server, worker and learning share, with their rules: ids, tasks, episodes, jobs, scores and
+//! selections, the settings of every kind of job, and the one [`Error`].
 //!
-//! A job's settings are data: a flat map from names to JSON values, checked against a schema ([`schema`]). Typed
-//! structs ([`settings!`]) are the same settings for code that uses them. Policies, objectives and scorers bring
-//! settings of their own; [`kinds`] lists them. [`ensemble`] makes one action of overlapping chunks, on the server and on
-//! robots.
+//! Settings are data: a flat map from names to JSON values, which a schema checks. Typed structs are the same settings for
+//! code that uses them.
 //!
-//! Must not depend on tensors, gRPC, SQL or an async runtime.
+//! - [`TaskSpec`] is what a step holds and where recordings keep it; [`episode`], [`snapshot`], [`score`], [`selection`]
+//!   and [`policy`] are what is stored of it; [`id`] has their ids.
+//! - [`job`], [`order`] and [`work`] are what is queued, asked for, and given to a worker.
+//! - [`statistics`] and [`ensemble`] compute what the server and its clients must compute alike.
+//! - [`schema`] defines a setting and checks a map of settings.
+//! - [`PretrainSpec`], [`ScoreSpec`], [`TrainSpec`] and [`EvaluateSpec`] are the settings of each kind of job, typed;
+//!   [`settings!`] and [`words!`] declare such structs and their choices.
+//! - [`kinds`] lists the policies, objectives and scorers with the settings that only they have.
+//! - `proto` (feature `proto`) converts values to the messages of the API; `arguments` (feature `clap`) turns settings into
+//!   options.
+//!
+//! The crate depends on no tensors, gRPC, SQL, files or async runtime, and on no other crate of the workspace but the
+//! messages of the API.
+//!
+//! ```
+//! use gleaner_core::{PretrainSpec, Values};
+//! use serde_json::json;
+//!
+//! let values = |value: serde_json::Value| -> Values { serde_json::from_value(value).unwrap() };
+//! let spec = PretrainSpec::from_values(&values(json!({ "steps": 200 }))).unwrap();
+//! assert_eq!(spec.values()["steps"], 200);
+//!
+//! let problem = PretrainSpec::from_values(&values(json!({ "steps": -1 }))).unwrap_err();
+//! assert_eq!(problem.field, "steps");
+//! ```
 
 pub mod access;
 pub mod attempt;
@@ -63,7 +85,7 @@ pub use task_spec::{Alignment, CameraSource, CameraSpec, FieldSource, FieldSpec,
 
 #[doc(hidden)]
 pub mod private {
-    //! What [`settings!`](crate::settings) expands to.
+    //! Functions and traits in the expansion of [`settings!`](crate::settings).
     pub use serde::de::Error;
     pub use serde::{Deserialize, Deserializer, Serialize, Serializer};
 

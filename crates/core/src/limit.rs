@@ -1,4 +1,4 @@
-//! Limits: which episodes a snapshot takes when its rule lets it take only so many.
+//! Limits: the choice of a snapshot's episodes when its rule limits their number.
 
 use std::collections::{BTreeMap, HashSet, VecDeque};
 
@@ -20,11 +20,11 @@ pub struct Member {
     pub role: Role,
 }
 
-/// The members that the rule's limits leave in, in their own order.
+/// The members within the rule's limits, in their original order.
 ///
-/// Each role's episodes stand in one fixed sequence: round and round over the cohorts by name, within a cohort in
-/// the order of a hash of (seed, recording). A limit takes the first of that sequence, so cohorts come evenly, a
-/// smaller limit gives a subset of what a larger one gives, and the same recordings give the same on every server.
+/// Each role's episodes have one fixed sequence: round-robin over the cohorts by name, and within a cohort in the order
+/// of a hash of (seed, recording). A limit keeps the start of that sequence. So cohorts are evenly represented, a
+/// smaller limit selects a subset of a larger one, and the same recordings give the same choice on every server.
 pub fn limited(members: Vec<Member>, rule: &RoleRule) -> Vec<Member> {
     let experts = sequence(&members, Role::Expert, rule.seed);
     let experts = first(&experts, usize::try_from(rule.max_experts).unwrap_or(usize::MAX));
@@ -38,7 +38,7 @@ pub fn limited(members: Vec<Member>, rule: &RoleRule) -> Vec<Member> {
     members.into_iter().filter(|member| taken.contains(&member.episode_id)).collect()
 }
 
-/// ⌊ratio · experts⌋, but for what the product's rounding takes away: 0.29 of 100 is 29.
+/// ⌊ratio · experts⌋, corrected for the rounding of the product: 0.29 of 100 is 29.
 #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 episodes")]
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a float cast saturates; it is above 0")]
 fn most(ratio: f64, experts: usize) -> usize {
@@ -49,7 +49,7 @@ fn first_at_most<'a, 'b>(sequence: &'b [&'a EpisodeId], count: usize) -> &'b [&'
     &sequence[..count.min(sequence.len())]
 }
 
-/// As [`first_at_most`]; 0 is all of them.
+/// Like [`first_at_most`]; a count of 0 keeps all.
 fn first<'a, 'b>(sequence: &'b [&'a EpisodeId], count: usize) -> &'b [&'a EpisodeId] {
     if count == 0 { sequence } else { first_at_most(sequence, count) }
 }
@@ -118,7 +118,7 @@ mod tests {
             taken.sort();
             taken
         };
-        // Every call has other episode ids.
+        // The episode ids differ between calls.
         assert_eq!(recordings(), recordings());
         assert_eq!(recordings().len(), 9);
     }

@@ -1,6 +1,6 @@
-//! What robots send and get back: observations, actions, and where the time went.
+//! Inputs and outputs of robots: observations, actions, and timings.
 //!
-//! Observations are as they came: not yet checked against a task, images not yet decoded.
+//! Observations are raw: not yet checked against a task, and with encoded images.
 
 use std::time::Duration;
 
@@ -11,10 +11,10 @@ use super::{
     time::Millis,
 };
 
-/// How an image's bytes are to be read.
+/// Encoding of an image.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ImageFormat {
-    /// Told from the first bytes: JPEG or PNG.
+    /// Detected from the first bytes: JPEG or PNG.
     Any,
     /// JPEG.
     Jpeg,
@@ -24,16 +24,16 @@ pub enum ImageFormat {
     Raw,
 }
 
-/// One image as it came.
+/// One encoded image.
 #[derive(Debug, Clone)]
 pub struct Image {
-    /// How to read it.
+    /// The encoding.
     pub format: ImageFormat,
     /// Its bytes.
     pub data: bytes::Bytes,
 }
 
-/// What one camera saw.
+/// The images of one camera.
 #[derive(Debug, Clone)]
 pub struct CameraFrame {
     /// The task's name for the camera.
@@ -44,82 +44,82 @@ pub struct CameraFrame {
     pub depth: Option<Image>,
 }
 
-/// What a robot sees and feels at one step.
+/// A robot's measurements at one step.
 #[derive(Debug, Clone)]
 pub struct Observation {
-    /// The robot's clock, in nanoseconds; comes back with the actions.
+    /// The robot's clock, in nanoseconds; returned with the actions.
     pub stamp_ns: i64,
     /// One frame for each of the task's cameras, in any order.
     pub cameras: Vec<CameraFrame>,
     /// The proprioception vector, in physical units.
     pub proprioception: Vec<f32>,
-    /// The action executed since the observation before; empty: the one the policy gave.
+    /// The action executed since the observation before; empty: the action of the policy.
     pub executed_action: Vec<f32>,
-    /// How long after its arrival an answer is of use; `None`: as the session says.
+    /// Time from the arrival of the observation until its response is useless; `None`: the session's deadline.
     pub deadline: Option<Duration>,
 }
 
-/// Where the time of one request went, in microseconds.
+/// Time spent in each stage of one request, in microseconds.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Timings {
     /// Checking and decoding.
     pub decode_us: u64,
-    /// Waiting for the model.
+    /// In the queue of the model.
     pub queue_us: u64,
-    /// Waiting, with a free model, for others to share its batch.
+    /// Waiting, while the model is idle, for other requests of the same batch.
     pub batch_us: u64,
-    /// In the model, with everything that was batched.
+    /// In the model, for the whole batch.
     pub model_us: u64,
-    /// From arrival to answer.
+    /// From arrival to response.
     pub total_us: u64,
-    /// Requests that went through the model together; 0: it did not come so far.
+    /// Requests in the same batch; 0 for a request that did not reach the model.
     pub batch_size: u32,
 }
 
-/// The answer to one observation.
+/// The response to one observation.
 #[derive(Debug, Clone)]
 pub struct Acted {
-    /// The stamp of the observation that was answered.
+    /// The stamp of the observation.
     pub stamp_ns: i64,
-    /// Actions in physical units, one a control period.
+    /// Actions in physical units, one for each control period.
     pub actions: Vec<Vec<f32>>,
-    /// The policy that answered.
+    /// The policy that computed the actions.
     pub policy_id: PolicyId,
-    /// Where the time went.
+    /// Time spent in each stage.
     pub timings: Timings,
 }
 
-/// What a robot says in a session.
+/// Messages from a robot in a session.
 #[derive(Debug, Clone)]
 pub enum SessionInput {
-    /// First, and only once.
+    /// The first message, sent once.
     Open {
-        /// The deployment to act for it.
+        /// The deployment whose policy acts.
         deployment: String,
-        /// Steps per second the robot will run at; 0: the task's.
+        /// Steps per second the robot will run at; 0: the task's rate.
         control_rate_hz: f64,
-        /// The deadline of observations that name none themselves.
+        /// The deadline of observations without one of their own.
         deadline: Option<Duration>,
-        /// The cohort of the episode to keep it as; `None`: it is not recorded.
+        /// The cohort of the recorded episode; `None`: the session is not recorded.
         record: Option<String>,
     },
-    /// What it sees now.
+    /// A new observation.
     Observation(Observation),
-    /// Last.
+    /// The last message.
     Close {
-        /// How it ended, for the recorded episode.
+        /// Outcome of the recorded episode.
         outcome: Outcome,
     },
 }
 
-/// What a session answers.
+/// Messages to a robot in a session.
 #[derive(Debug, Clone)]
 pub enum SessionOutput {
-    /// The session is there; its policy will not change.
+    /// The session is open; its policy is fixed.
     Opened {
         /// Its id.
         session_id: SessionId,
-        /// The policy it keeps.
+        /// The policy of the session.
         policy_id: PolicyId,
         /// The task.
         task_id: TaskId,
@@ -128,34 +128,34 @@ pub enum SessionOutput {
     Action {
         /// The actions.
         acted: Acted,
-        /// Observations passed over since the last answer.
+        /// Observations skipped since the last response.
         dropped: u64,
         /// Of the newest segment that has been scored.
         score: Option<SegmentScored>,
     },
-    /// No action for an observation: it would have come too late.
+    /// No action for an observation, because its deadline passed.
     Missed {
         /// The stamp of the observation.
         stamp_ns: i64,
-        /// Observations passed over since the last answer.
+        /// Observations skipped since the last response.
         dropped: u64,
-        /// Where the time went until its deadline.
+        /// Time spent in each stage until the deadline.
         timings: Timings,
     },
-    /// The server is stopping and will end the session then.
+    /// The server is stopping, and ends the session at `close_at`.
     Draining {
-        /// When.
+        /// When the session ends.
         close_at: Millis,
     },
-    /// The session is over.
+    /// The session has ended.
     Closed {
         /// Observations answered.
         observations: u64,
-        /// Observations passed over.
+        /// Observations skipped.
         dropped: u64,
-        /// Observations that could not be answered in time.
+        /// Observations whose deadline passed.
         missed: u64,
-        /// What was recorded.
+        /// The recorded episode, if any.
         episode_id: Option<EpisodeId>,
     },
 }

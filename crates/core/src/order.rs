@@ -1,4 +1,4 @@
-//! Orders: what a caller asks for, before the server has chosen inputs and ids.
+//! Orders: a caller's specification of a job, before the server has chosen inputs and ids.
 
 use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 
@@ -10,52 +10,52 @@ use super::{
     snapshot::RoleRule,
 };
 
-/// What a caller asks a job to do. What is left out the server chooses. Kept beside a job that has a key.
+/// A caller's specification of a job. The server fills in parts that are left out. Stored with a job that has a key.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum JobOrder {
     /// Self-supervised pretraining.
     Pretrain {
-        /// What to learn from; `None` takes a new snapshot under `rule`.
+        /// The episodes for pretraining; `None` takes a new snapshot under `rule`.
         snapshot_id: Option<SnapshotId>,
         /// Roles in a new snapshot.
         rule: RoleRule,
-        /// Everything else.
+        /// The settings.
         spec: PretrainSpec,
     },
     /// Quality scores.
     Score {
-        /// Whose features are compared; `None` only with `extends`, for that run's.
+        /// The encoder whose features are compared; `None` only with `extends`: the encoder of that run.
         encoder_id: Option<EncoderId>,
-        /// What to score; `None` takes the encoder's own.
+        /// The episodes to score; `None` takes the encoder's own snapshot.
         snapshot_id: Option<SnapshotId>,
-        /// A finished run to go on from.
+        /// A finished run to extend.
         extends: Option<ScoreRunId>,
-        /// Everything else.
+        /// The settings.
         spec: ScoreSpec,
     },
     /// Weighted behaviour cloning.
     Train {
-        /// What to train on.
+        /// The training data.
         data: TrainData,
-        /// Everything else.
+        /// The settings.
         spec: TrainSpec,
     },
     /// Files from a dataset.
     Export {
-        /// What to export.
+        /// The dataset to export.
         dataset_id: DatasetId,
     },
     /// Closed-loop trials in the embedded simulator.
     Evaluate {
-        /// What to evaluate.
+        /// The policy to evaluate.
         subject: Subject,
-        /// Everything else; an empty simulation is the task's own name.
+        /// The settings; an empty simulation means the task's own name.
         spec: EvaluateSpec,
     },
 }
 
-/// What one would order to have the same done again: with the same inputs, of which none is chosen anew.
+/// The order that repeats a job with the same inputs, none of which is chosen again.
 impl From<JobSpec> for JobOrder {
     fn from(spec: JobSpec) -> Self {
         match spec {
@@ -79,17 +79,17 @@ impl From<JobSpec> for JobOrder {
     }
 }
 
-/// Which policy is evaluated.
+/// The policy to evaluate.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Subject {
-    /// This one.
+    /// The policy with this id.
     Policy(PolicyId),
-    /// The one that this name points at when the job is submitted.
+    /// The policy that this deployment points at when the job is submitted.
     Deployment(String),
 }
 
-/// What a policy is trained on.
+/// The data of a training.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TrainData {
@@ -101,7 +101,7 @@ pub enum TrainData {
     ExpertsIn(SnapshotId),
 }
 
-/// Whether the policy of a training starts from a pretrained encoder.
+/// Whether a training starts from a pretrained encoder.
 pub fn needs_encoder(spec: &TrainSpec) -> bool {
     Family::Policy.find(&spec.policy.name).is_some_and(|kind| kind.needs.encoder)
 }
@@ -109,34 +109,34 @@ pub fn needs_encoder(spec: &TrainSpec) -> bool {
 /// How an ordered job is queued.
 #[derive(Debug, Clone, Default)]
 pub struct Queueing {
-    /// Higher runs first.
+    /// Jobs with higher values run first.
     pub priority: i32,
-    /// Jobs to wait for, besides those that make its inputs.
+    /// Jobs to wait for, in addition to those that make its inputs.
     pub needs: Vec<JobId>,
-    /// How many attempts it gets; `None` takes the default.
+    /// Most attempts of the job; `None` takes the default.
     pub max_attempts: Option<u32>,
-    /// The caller's own name for the work, or empty. One key is one job, unless that failed or was cancelled.
+    /// The caller's own name for the work, or empty. One key names one job, unless that job failed or was cancelled.
     pub key: String,
 }
 
-/// A job that is about to be queued.
+/// A job to be queued.
 #[derive(Debug, Clone)]
 pub struct NewJob {
     /// Its id.
     pub id: JobId,
     /// Its task.
     pub task_id: TaskId,
-    /// What to do, complete.
+    /// The complete specification.
     pub spec: JobSpec,
     /// The id its result will have.
     pub result_id: String,
-    /// Higher runs first.
+    /// Jobs with higher values run first.
     pub priority: i32,
-    /// How many attempts it gets, at least 1.
+    /// Most attempts of the job, at least 1.
     pub max_attempts: u32,
-    /// The jobs it waits for.
+    /// The jobs whose results it waits for.
     pub needs: Vec<JobId>,
-    /// The caller's own name for it and what was asked for under that name, if it has one.
+    /// The caller's own name for the job and the order given with it, if there is one.
     pub keyed: Option<Keyed>,
 }
 
@@ -145,24 +145,24 @@ pub struct NewJob {
 pub struct Keyed {
     /// The name.
     pub key: String,
-    /// What was asked for: the same key must mean the same order.
+    /// The order given with the name: one key stands for one order.
     pub order: JobOrder,
 }
 
-/// Jobs that are queued together, or not at all.
+/// Jobs that are queued in one transaction.
 #[derive(Debug, Clone, Default)]
 pub struct Plan {
-    /// In an order in which each comes after those it waits for.
+    /// Each job comes after those it waits for.
     pub jobs: Vec<NewJob>,
     /// Datasets between scoring and training.
     pub datasets: Vec<Dataset>,
-    /// The schedule that moves on by this.
+    /// The start of the schedule that this plan belongs to, if any.
     pub start: Option<ScheduleStart>,
-    /// Refused when a job of the task that has not ended is to do the very same as the first of these.
+    /// Whether the plan is rejected while an unfinished job of the task has the same specification as its first job.
     pub once: bool,
 }
 
-/// Which jobs are meant.
+/// Filter of jobs.
 #[derive(Debug, Clone, Default)]
 pub struct JobFilter {
     /// Only this task's.

@@ -16,9 +16,9 @@ pub struct Policy {
     pub job_id: JobId,
     /// For example `finetune`.
     pub kind: String,
-    /// The encoder it began from; `None` when it began from scratch.
+    /// The encoder its training started from; `None` when it started from scratch.
     pub encoder_id: Option<EncoderId>,
-    /// What it was trained on besides experts; `None` for experts alone.
+    /// Its training data besides experts; `None` for experts alone.
     pub dataset_id: Option<DatasetId>,
     /// Blob of its checkpoint.
     pub checkpoint: BlobId,
@@ -26,25 +26,25 @@ pub struct Policy {
     pub created_at: Millis,
 }
 
-/// What a name pointed at from some time on.
+/// An entry in the history of a deployment.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DeploymentChange {
     /// The policy that acts.
     pub policy_id: PolicyId,
-    /// The run that scores what it does, if any.
+    /// The run whose scorer scores its sessions, if any.
     pub score_run_id: Option<ScoreRunId>,
-    /// From when on.
+    /// When the change took effect.
     pub since: Millis,
 }
 
-/// A name that points at a policy, with history (oldest first, never empty).
+/// A name for a policy, with its history (oldest first, never empty).
 #[derive(Debug, Clone)]
 pub struct Deployment {
     /// The name robots use.
     pub name: String,
     /// The task all its policies share.
     pub task_id: TaskId,
-    /// What it pointed at; the last one is in force.
+    /// Changes; the last one is in force.
     pub history: Vec<DeploymentChange>,
 }
 
@@ -54,7 +54,7 @@ impl Deployment {
         self.history.last().map(|change| &change.policy_id)
     }
 
-    /// The score run in force: what its sessions are scored by.
+    /// The score run in force, whose scorer scores the sessions.
     pub fn score_run_id(&self) -> Option<&ScoreRunId> {
         self.history.last().and_then(|change| change.score_run_id.as_ref())
     }

@@ -1,7 +1,7 @@
 //! Conversions between values and the messages of the API, and nothing else: one module for each noun.
 //!
 //! Every message is taken apart field by field, so that a new field breaks the build rather than being lost. A wrong
-//! field is named by its path in the request. Must not know calls, status codes or streams.
+//! field is named by its path in the request. Must not depend on calls, status codes or streams.
 
 pub mod dataset;
 pub mod episode;

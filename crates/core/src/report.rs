@@ -1,10 +1,10 @@
-//! What reading found in a recording: counts, rates and findings, each with the mend.
+//! The report on a recording: counts, rates and findings, each with its fix.
 //!
-//! Pure data. Must not know how findings are made.
+//! Plain data, which does not depend on how findings are made.
 
 use serde::{Deserialize, Serialize};
 
-/// What reading found in one recording.
+/// The report on one recording.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", default)]
 pub struct Report {
@@ -22,7 +22,7 @@ pub struct Report {
     pub dropped_ticks: u64,
     /// Every topic of the file, by name.
     pub topics: Vec<TopicReport>,
-    /// What was found, worst first.
+    /// The findings, worst first.
     pub findings: Vec<Finding>,
 }
 
@@ -42,31 +42,31 @@ pub struct TopicReport {
     pub used: bool,
 }
 
-/// One thing found in a recording.
+/// A finding in a recording.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub struct Finding {
-    /// How bad it is.
+    /// Its severity.
     pub severity: Severity,
-    /// What kind of thing it is.
+    /// Its kind.
     pub code: FindingCode,
-    /// What it is about: a topic, a field value such as `joint_position[3]`, or the file.
+    /// The subject: a topic, a field value such as `joint_position[3]`, or the file.
     pub subject: String,
     /// First step concerned, if it concerns single steps.
     pub first_step: Option<u64>,
-    /// What is wrong and the mend.
+    /// The reason and the fix.
     pub detail: String,
 }
 
-/// How bad a finding is.
+/// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// Worth knowing.
+    /// For information.
     Note,
-    /// Look at it; the episode can be used.
+    /// The episode can be used after a look at the finding.
     Warning,
-    /// The episode can't be used.
+    /// The episode is not usable.
     Error,
 }
 
@@ -77,9 +77,9 @@ pub enum Severity {
 pub enum FindingCode {
     /// A topic that the mapping names is absent or has no messages.
     MissingTopic,
-    /// A path of the mapping leads nowhere in a message.
+    /// A path of the mapping does not exist in a message.
     MissingField,
-    /// A topic's schema or encoding can't be understood.
+    /// A topic's schema or encoding is not supported.
     BadSchema,
     /// A message does not follow its schema.
     BadMessage,
@@ -89,9 +89,9 @@ pub enum FindingCode {
     NotFinite,
     /// A joint's value stays the same while others move.
     FrozenJoint,
-    /// An image or a field is not of the size the task says.
+    /// An image or a field does not have the size of the task.
     WrongSize,
-    /// The file ends in the middle; what is whole was read.
+    /// The file ends in the middle; the whole messages before were read.
     Truncated,
     /// An image can't be decoded.
     BrokenImage,
@@ -133,13 +133,13 @@ impl Report {
         self.findings.push(Finding { severity, code, subject: subject.to_owned(), first_step, detail });
     }
 
-    /// The worst findings first; those alike in severity stay in the order in which they were found.
+    /// The worst findings first; findings of equal severity keep their order.
     pub fn sorted(mut self) -> Self {
         self.findings.sort_by_key(|finding| std::cmp::Reverse(finding.severity));
         self
     }
 
-    /// Whether any finding forbids the episode's use.
+    /// Whether any finding makes the episode unusable.
     pub fn has_errors(&self) -> bool {
         self.findings.iter().any(|finding| finding.severity == Severity::Error)
     }

@@ -1,4 +1,4 @@
-//! Schedules: pipelines that start by themselves.
+//! Schedules: pipelines that start automatically.
 
 use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec};
 use croner::parser::{CronParser, Seconds, Year};
@@ -14,20 +14,20 @@ use crate::error::{Error, Result};
 /// A chain of jobs: pretrain, then score, then a dataset, then train, then evaluate. Later stages are optional.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PipelineSpec {
-    /// The snapshot to learn from; `None` takes a new one at each start.
+    /// The snapshot of the pipeline; `None` takes a new one at each start.
     pub snapshot_id: Option<SnapshotId>,
-    /// Which episodes play which role in a new snapshot.
+    /// The rule of a new snapshot's roles.
     pub rule: RoleRule,
     /// The first stage.
     pub pretrain: PretrainSpec,
     /// Whether to score.
     pub score: bool,
-    /// How to score; `None` takes the defaults on the device of pretraining.
+    /// Settings of the scoring; `None` takes the defaults on the device of pretraining.
     #[serde(default)]
     pub scoring: Option<ScoreSpec>,
-    /// Makes a dataset of what has a higher q; needs `score`.
+    /// Makes a dataset of the segments with a higher q; needs `score`.
     pub beta: Option<f64>,
-    /// Makes a dataset of so large a part, the best, instead; needs `score`.
+    /// Makes a dataset of this best part of the segments instead; needs `score`.
     #[serde(default)]
     pub top_fraction: Option<f64>,
     /// Trains a policy on it; needs a dataset.
@@ -38,26 +38,26 @@ pub struct PipelineSpec {
 }
 
 impl PipelineSpec {
-    /// What the dataset keeps; `None` when none is made.
+    /// The selection of the dataset; `None` when none is made.
     pub fn selection(&self) -> Option<Selection> {
         self.beta.map(Selection::Beta).or(self.top_fraction.map(Selection::TopFraction))
     }
 }
 
-/// What starts a schedule.
+/// The trigger of a schedule.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Trigger {
     /// A cron expression of five fields, in UTC.
     Cron(String),
-    /// So many newly labelled episodes of the task.
+    /// Number of newly labelled episodes of the task.
     LabelledEpisodes(u32),
 }
 
 impl Trigger {
-    /// When it starts something next, after `now`; `None` for triggers that time does not move.
+    /// The next start after `now`; `None` for triggers that do not depend on time.
     ///
     /// # Errors
-    /// Invalid, under `field`, when the cron expression is wrong or names no day that ever comes.
+    /// Invalid, under `field`, when the cron expression is wrong or no date matches it.
     pub fn next_run(&self, field: &str, now: Millis) -> Result<Option<Millis>> {
         match self {
             Self::LabelledEpisodes(_) => Ok(None),
@@ -86,7 +86,7 @@ fn next_by_cron(expression: &str, now: Millis) -> std::result::Result<Millis, St
     Ok(Millis(next.timestamp().as_millisecond()))
 }
 
-/// Where a schedule stands once it has started.
+/// The state of a schedule after a start.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ScheduleStart {
     /// The schedule.
@@ -95,11 +95,11 @@ pub struct ScheduleStart {
     pub at: Millis,
     /// When cron starts it next.
     pub next_run_at: Option<Millis>,
-    /// The newest label now counted.
+    /// The newest label that is counted.
     pub label_mark: i64,
 }
 
-/// A pipeline with what starts it.
+/// A pipeline with its trigger.
 #[derive(Debug, Clone)]
 pub struct Schedule {
     /// Its id.
@@ -108,21 +108,21 @@ pub struct Schedule {
     pub task_id: TaskId,
     /// Its name, unique within the task.
     pub name: String,
-    /// What starts it.
+    /// Its trigger.
     pub trigger: Trigger,
-    /// What is started.
+    /// The pipeline to start.
     pub pipeline: PipelineSpec,
-    /// Whether it stands still.
+    /// Whether the schedule is paused.
     pub paused: bool,
     /// When cron starts it next.
     pub next_run_at: Option<Millis>,
     /// When it last started.
     pub last_run_at: Option<Millis>,
-    /// The newest label already counted.
+    /// The newest label that is already counted.
     pub label_mark: i64,
     /// Episodes labelled since then.
     pub labelled_since: u32,
-    /// Why the last start failed; empty when it did not.
+    /// Reason why the last start failed; empty when it succeeded.
     pub last_error: String,
 }
 

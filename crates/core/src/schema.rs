@@ -1,4 +1,4 @@
-//! What a setting is: its name, documentation, allowed values and default; and the check of a map of settings.
+//! The schema of a setting: its name, documentation, allowed values and default; and the check of a map of settings.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Number, Value};
@@ -8,10 +8,10 @@ pub type Values = Map<String, Value>;
 
 /// Largest integer that the wire carries: every integer up to it has an exact double.
 pub const LARGEST: u64 = (1 << 53) - 1;
-/// Characters of a rejected value that an error repeats.
+/// Characters of a rejected value that an error quotes.
 const SHOWN: usize = 80;
 
-/// A setting that cannot be used: its name, what is wrong, and what would be right.
+/// A setting with a wrong value: its name, what is wrong, and what would be right.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{field}: {message}")]
 pub struct Problem {
@@ -33,15 +33,15 @@ impl Problem {
 pub struct Setting {
     /// Its name, in snake case; unique among all settings of one kind of job.
     pub name: String,
-    /// What it does, its unit, its trade-off.
+    /// Its effect, unit and trade-off.
     pub about: String,
-    /// Which values are allowed.
+    /// Its allowed values.
     pub shape: Shape,
     /// Its value when it is left out.
     pub default: Value,
 }
 
-/// Which values a setting may have.
+/// Allowed values of a setting.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "snake_case")]
 pub enum Shape {
@@ -66,37 +66,37 @@ pub enum Shape {
         /// The words.
         words: Vec<WordAbout>,
     },
-    /// Several of several words, each at most once, at least one.
+    /// A list of words, each at most once, at least one.
     Words {
         /// The words.
         words: Vec<WordAbout>,
     },
-    /// As many numbers as there are names, not all of them zero.
+    /// One number for each name, not all of them zero.
     Numbers {
-        /// What each number is for.
+        /// The meaning of each number.
         names: Vec<String>,
         /// The smallest allowed.
         least: f64,
         /// The largest allowed.
         most: f64,
     },
-    /// Whole numbers, each at most once, at least one.
+    /// A list of whole numbers, each at most once, at least one.
     Integers {
         /// The largest allowed.
         most: u64,
-        /// How many are allowed.
+        /// Most numbers in the list.
         count: usize,
     },
     /// A text.
     Text,
 }
 
-/// A word that a setting may have.
+/// A word that is an allowed value of a setting.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct WordAbout {
     /// The word.
     pub word: String,
-    /// What it means.
+    /// Its meaning.
     pub about: String,
 }
 
@@ -137,7 +137,7 @@ impl Shape {
         }
     }
 
-    /// The words it chooses from; empty for other shapes.
+    /// The words that may be chosen; empty for other shapes.
     #[must_use]
     pub fn words(&self) -> &[WordAbout] {
         match self {
@@ -225,7 +225,7 @@ fn expected(value: &Value, what: &str) -> String {
     format!("expected {what}, got {}", brief(value))
 }
 
-/// A value as an error repeats it: its beginning, since a caller may send any length.
+/// The start of a value for an error's text, since a caller's value may have any length.
 pub(crate) fn brief(value: &Value) -> String {
     shortened(&value.to_string())
 }
@@ -238,7 +238,7 @@ fn shortened(text: &str) -> String {
 }
 
 /// The settings of `schema`, complete: each value checked, defaults filled in. `others` names settings that exist
-/// elsewhere, for the error text alone: what has them.
+/// elsewhere, and their owners, for the error text alone.
 ///
 /// # Errors
 /// An unknown setting, or a value that its setting does not allow.

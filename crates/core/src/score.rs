@@ -9,7 +9,7 @@ use super::{
     time::Millis,
 };
 
-/// A pretrained encoder: where its checkpoint is and what it saw.
+/// A pretrained encoder: its checkpoint and the snapshot it was trained on.
 #[derive(Debug, Clone)]
 pub struct Encoder {
     /// Its id.
@@ -18,7 +18,7 @@ pub struct Encoder {
     pub task_id: TaskId,
     /// The job that made it.
     pub job_id: JobId,
-    /// What it was pretrained on.
+    /// The snapshot it was pretrained on.
     pub snapshot_id: SnapshotId,
     /// Blob of its checkpoint.
     pub checkpoint: super::id::BlobId,
@@ -26,7 +26,7 @@ pub struct Encoder {
     pub created_at: Millis,
 }
 
-/// What a score run was made with and found.
+/// A score run: its inputs, its settings, and the frozen values of its normaliser.
 #[derive(Debug, Clone)]
 pub struct ScoreRun {
     /// Its id.
@@ -47,16 +47,16 @@ pub struct ScoreRun {
     pub hi: f64,
     /// Likewise at evenly spaced quantiles, low to high, frozen; for the quantile normaliser only.
     pub quantiles: Vec<f64>,
-    /// The run it went on from, if any.
+    /// The run that it extends, if any.
     pub extends: Option<ScoreRunId>,
-    /// What `match_episode` counts in.
+    /// The experts, which `match_episode` counts.
     pub expert_ids: Vec<EpisodeId>,
     /// When it was finished.
     pub created_at: Millis,
 }
 
-/// One episode's scores; every list has one entry a step (the segment that ends there). A scorer that matches
-/// nothing leaves the last three empty. Learning knows episodes by names, which for stored ones are their ids.
+/// One episode's scores; every list has one entry for each step (the segment that ends there). A scorer without matches
+/// leaves the last three empty. Within learning, episodes have names, which for stored ones are their ids.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EpisodeScores<Id = EpisodeId> {
     /// The episode.
@@ -90,7 +90,7 @@ pub struct SegmentScored {
     pub match_step: u32,
 }
 
-/// What one threshold keeps.
+/// The counts of segments and episodes that one threshold keeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct KeptCount {
     /// The threshold; q > β is kept.
@@ -102,7 +102,7 @@ pub struct KeptCount {
 }
 
 impl<Id> EpisodeScores<Id> {
-    /// The same scores under what `rename` makes of the episode's id.
+    /// The same scores under a new episode id, the result of `rename`.
     ///
     /// # Errors
     /// Those of `rename`.
@@ -114,7 +114,7 @@ impl<Id> EpisodeScores<Id> {
         Ok(EpisodeScores { episode_id: rename(episode_id)?, role, w, q, match_episode, match_step, distances })
     }
 
-    /// Whether the lists fit together: one entry a step, or no match at all.
+    /// Whether the lists have fitting lengths: one entry for each step, or an empty list where there are no matches.
     pub fn fit(&self) -> bool {
         let steps = self.w.len();
         let matches = [self.match_episode.len(), self.match_step.len(), self.distances.len()];
@@ -122,28 +122,28 @@ impl<Id> EpisodeScores<Id> {
     }
 }
 
-/// How much a score run covers.
+/// Coverage of a score run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct RunCounts {
     /// Imperfect episodes that were scored.
     pub imperfect_episodes: u64,
-    /// Their segments, one a step.
+    /// Their segments, one for each step.
     pub imperfect_segments: u64,
-    /// Segments of the experts they were compared with.
+    /// Segments of the experts that were compared.
     pub expert_segments: u64,
 }
 
-/// The distribution of q over a run's imperfect segments, and what thresholds keep: filled episode by episode
+/// The distribution of q over a run's imperfect segments, and the counts kept by thresholds: filled episode by episode
 /// in one pass.
 #[derive(Debug, Clone)]
 pub struct Histogram {
     counts: Vec<u64>,
     segments: u64,
-    /// Thresholds from low to high, each with its place in the caller's order.
+    /// Thresholds from low to high, each with its index in the caller's order.
     ordered: Vec<(f64, usize)>,
-    /// Segments that exactly the first so many of `ordered` keep.
+    /// At index n, the segments that exactly the first n of `ordered` keep.
     kept_segments: Vec<u64>,
-    /// Episodes whose best segment exactly the first so many of `ordered` keep.
+    /// At index n, the episodes whose best segment exactly the first n of `ordered` keep.
     kept_episodes: Vec<u64>,
 }
 
@@ -178,17 +178,17 @@ impl Histogram {
         }
     }
 
-    /// Segments in each bin; the last bin holds q = 1 too.
+    /// Segments in each bin; the last bin includes q = 1.
     pub fn counts(&self) -> &[u64] {
         &self.counts
     }
 
-    /// Segments in all.
+    /// Number of segments.
     pub fn segments(&self) -> u64 {
         self.segments
     }
 
-    /// What each threshold keeps, in the caller's order.
+    /// The counts kept by each threshold, in the caller's order.
     pub fn kept(&self) -> Vec<KeptCount> {
         let mut kept = vec![KeptCount { beta: 0.0, segments: 0, episodes: 0 }; self.ordered.len()];
         let (mut segments, mut episodes) = (0, 0);
@@ -200,7 +200,7 @@ impl Histogram {
         kept
     }
 
-    /// How many of the ordered thresholds keep this q: those below it, which come first.
+    /// The number of ordered thresholds that keep this q: those below it, which come first.
     fn keeping(&self, q: f32) -> usize {
         self.ordered.partition_point(|&(beta, _)| Filter::Above(beta).keeps(0.0, q))
     }
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn counts_what_each_threshold_keeps_strictly() {
-        // A threshold that is no binary fraction, met exactly: 0.6 as f32 lies above 0.6 as f64.
+        // A threshold without an exact binary form, met exactly: 0.6 as f32 lies above 0.6 as f64.
         let mut histogram = Histogram::new(4, &[0.9, 0.0, 0.6, 1.0, 0.6]);
         histogram.add([0.0, 0.6, 0.25, 1.0].into_iter());
         histogram.add([0.6, 0.1].into_iter());

@@ -1,11 +1,11 @@
-//! Secrets: text that no log and no debug output may show.
+//! Secrets: texts that logs and debug output must never contain.
 
-/// Text that must never appear in a log.
+/// A text that must never appear in a log.
 #[derive(Clone)]
 pub struct Secret(String);
 
 impl Secret {
-    /// The text itself: for the wire only.
+    /// The text itself, for the wire alone.
     pub fn reveal(&self) -> &str {
         &self.0
     }

@@ -1,37 +1,36 @@
-//! Selections: which imperfect segments of a score run are kept, and counting what any of them would keep.
+//! Selections: the imperfect segments of a score run to keep, and the counts that other selections would keep.
 
 use std::collections::BTreeMap;
 
 use super::id::EpisodeId;
 
-/// Which imperfect segments are kept.
+/// The imperfect segments to keep.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Selection {
     /// q > β, the paper's filter; β is in [0, 1].
     Beta(f64),
-    /// So large a part of the run's imperfect segments, those of highest q, of equal ones those of highest w; in
-    /// (0, 1].
+    /// This part, in (0, 1], of the run's imperfect segments: those of highest q, and among equal q those of highest w.
     TopFraction(f64),
 }
 
-/// A selection made definite for one run: tells from one segment's scores whether it is kept.
+/// A selection resolved for one run: decides from one segment's scores whether it is kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Filter {
     /// q above this.
     Above(f64),
-    /// No worse than this (q, w): a higher q, or the same q and no lower w.
+    /// At least this (q, w): a higher q, or the same q and no lower w.
     AtLeast(f32, f64),
-    /// Nothing: the run has no imperfect segment.
+    /// No segment, because the run has no imperfect segment.
     Nothing,
 }
 
 impl Filter {
-    /// What a selection means when these are the (q, w) of all the run's imperfect segments. `ranked` goes from best
-    /// to worst; only a top fraction looks at it.
+    /// The filter of a selection, given the (q, w) of all the run's imperfect segments. `ranked` goes from best to
+    /// worst; only a top fraction reads it.
     ///
-    /// A top fraction keeps what is no worse than the k-th best, k = ⌈fraction · N⌉, so segments that tie with the
-    /// k-th stay too.
+    /// A top fraction keeps every segment at least as good as the k-th best, k = ⌈fraction · N⌉, so segments that tie
+    /// with the k-th are kept too.
     pub fn new(selection: Selection, ranked: &[(f32, f64)]) -> Self {
         match selection {
             Selection::Beta(beta) => Self::Above(beta),
@@ -43,8 +42,8 @@ impl Filter {
 
     /// Whether a segment is kept.
     ///
-    /// q and β are compared in the precision in which q is kept, so that a q equal to β is never kept because of how
-    /// β is rounded.
+    /// q and β are compared in the precision in which q is stored, so that the rounding of β never keeps a q equal to
+    /// β.
     #[expect(clippy::cast_possible_truncation, reason = "rounded on purpose, see above; β is in [0, 1]")]
     pub fn keeps(self, w: f64, q: f32) -> bool {
         match self {
@@ -55,14 +54,14 @@ impl Filter {
     }
 }
 
-/// ⌈fraction · N⌉, at least 1, but for what the product's rounding adds: 7 % of 100 is 7.
+/// ⌈fraction · N⌉, at least 1, corrected for the rounding of the product: 7 % of 100 is 7.
 #[expect(clippy::cast_precision_loss, reason = "far fewer than 2^52 segments")]
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and N")]
 fn rank(fraction: f64, segments: usize) -> usize {
     ((fraction * segments as f64 * (1.0 - 1e-12)).ceil() as usize).max(1)
 }
 
-/// (q, w) of every segment from best to worst, as [`Filter::new`] takes it.
+/// (q, w) of every segment from best to worst, as an argument of [`Filter::new`].
 pub fn ranked(candidates: &[Candidate]) -> Vec<(f32, f64)> {
     let pairs = candidates.iter().flat_map(|one| one.q.iter().copied().zip(one.w.iter().copied()));
     let mut ranked: Vec<(f32, f64)> = pairs.collect();
@@ -70,7 +69,7 @@ pub fn ranked(candidates: &[Candidate]) -> Vec<(f32, f64)> {
     ranked
 }
 
-/// One imperfect episode of a run: what selecting looks at.
+/// One imperfect episode of a run, with the values that a selection reads.
 #[derive(Debug, Clone)]
 pub struct Candidate {
     /// The episode.
@@ -83,16 +82,16 @@ pub struct Candidate {
     pub q: Vec<f32>,
 }
 
-/// What is kept of a group of imperfect episodes.
+/// The kept part of a group of imperfect episodes.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Kept {
     /// Segments kept.
     pub segments: u64,
-    /// Out of so many.
+    /// Segments in the group.
     pub of_segments: u64,
     /// Episodes that contribute at least one.
     pub episodes: u64,
-    /// Out of so many.
+    /// Episodes in the group.
     pub of_episodes: u64,
 }
 
@@ -105,29 +104,29 @@ impl Kept {
     }
 }
 
-/// What one selection would keep of a run.
+/// The part of a run that one selection would keep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct WhatIf {
     /// The selection.
     pub selection: Selection,
-    /// The lowest w that is kept; `None` when nothing is.
+    /// The lowest kept w; `None` when no segment is kept.
     pub threshold: Option<f64>,
-    /// Of all imperfect episodes.
+    /// Sums over all imperfect episodes.
     pub total: Kept,
-    /// By cohort.
+    /// Sums by cohort.
     pub cohorts: BTreeMap<String, Kept>,
-    /// Kept segments out of the episode's, in the snapshot's order.
+    /// Each episode with its kept segments and its segments, in the snapshot's order.
     pub episodes: Vec<(EpisodeId, u64, u64)>,
 }
 
-/// What each selection would keep of these, the run's imperfect episodes in the snapshot's order.
+/// The part that each selection would keep of the run's imperfect episodes, given in the snapshot's order.
 pub fn count(selections: &[Selection], candidates: &[Candidate]) -> Vec<WhatIf> {
     let ranks = selections.iter().any(|selection| matches!(selection, Selection::TopFraction(_)));
     let ranked = if ranks { ranked(candidates) } else { Vec::new() };
     selections.iter().map(|&selection| what_if(selection, &ranked, candidates)).collect()
 }
 
-/// What one selection would keep of these; only a top fraction looks at `ranked`, their (q, w) from best to worst.
+/// The part that one selection would keep. Only a top fraction reads `ranked`, the (q, w) from best to worst.
 pub fn what_if(selection: Selection, ranked: &[(f32, f64)], candidates: &[Candidate]) -> WhatIf {
     let filter = Filter::new(selection, ranked);
     let (mut total, mut threshold) = (Kept::default(), None::<f64>);
@@ -176,7 +175,7 @@ mod tests {
 
     #[test]
     fn a_top_fraction_keeps_the_best_and_their_ties() {
-        // q decides, w only between equal ones: the last has the highest w and the lowest q.
+        // q decides first, and w only between equal q: the last segment has the highest w and the lowest q.
         let (q, w) = (vec![0.25, 1.0, 0.5, 0.5, 0.5, 0.0], vec![-3.0, -1.0, -2.0, -2.0, -2.5, -0.5]);
         let ranked = ranked(&[Candidate { w, q, ..candidate("", &[]) }]);
         for (fraction, q, w) in [
@@ -211,7 +210,7 @@ mod tests {
         assert_eq!((counts[2].threshold, counts[2].total.segments), (None, 0));
     }
 
-    /// Episodes of few different scores, so that ties are common.
+    /// Episodes with few different scores, so that ties are common.
     fn candidates() -> impl Strategy<Value = Vec<Candidate>> {
         let score = (0..8_u8, 0..4_u8).prop_map(|(q, w)| (f32::from(q) / 7.0, -f64::from(w)));
         let one = ("[ab]", proptest::collection::vec(score, 0..12)).prop_map(|(cohort, scores)| Candidate {

@@ -1,6 +1,6 @@
-//! Sequences: running episodes of clients that ask one request at a time and name theirs in each.
+//! Sequences: running episodes of clients that send single requests, each with the name of its sequence.
 
-/// What a client calls its sequence. A number and a text that looks like it are two.
+/// The client's name of a sequence. A number and a text with the same digits are different names.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub enum SequenceId {
     /// Never 0, which means none on the wire.
@@ -18,13 +18,13 @@ impl std::fmt::Display for SequenceId {
     }
 }
 
-/// Which sequence a request belongs to, and where in it.
+/// The sequence of a request, and the position in it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
     /// The sequence.
     pub id: SequenceId,
-    /// It begins here, with nothing remembered.
+    /// Whether the sequence starts with this request, without a history.
     pub start: bool,
-    /// It is over after this request.
+    /// Whether the sequence ends after this request.
     pub end: bool,
 }

@@ -42,7 +42,7 @@ pub trait Words: Sized + Copy + 'static {
 pub struct Word<T> {
     /// The value.
     pub value: T,
-    /// What it means.
+    /// Its meaning.
     pub about: &'static str,
 }
 
@@ -64,7 +64,7 @@ pub fn json<T: Serialize>(value: &T) -> Value {
     serde_json::to_value(value).unwrap_or_default()
 }
 
-/// Lines of a doc comment as one text.
+/// The lines of a doc comment as one text.
 #[must_use]
 pub fn text(lines: &[&str]) -> String {
     lines.iter().map(|line| line.trim()).collect::<Vec<_>>().join(" ")

@@ -1,4 +1,4 @@
-//! Snapshots: which episodes a job sees, and in which role.
+//! Snapshots: the episodes of a job, and their roles.
 
 use super::{
     episode::Outcome,
@@ -6,7 +6,7 @@ use super::{
     time::Millis,
 };
 
-/// The part an episode plays in a snapshot: D_e or D_i of the paper.
+/// The role of an episode in a snapshot: D_e or D_i of the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -17,7 +17,7 @@ pub enum Role {
 }
 
 impl Role {
-    /// The word kept in rows.
+    /// The word stored in rows.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Expert => "expert",
@@ -25,15 +25,15 @@ impl Role {
         }
     }
 
-    /// Reads the word kept in rows.
+    /// Reads the word stored in rows.
     pub fn from_word(word: &str) -> Option<Self> {
         [Self::Expert, Self::Imperfect].into_iter().find(|role| role.as_str() == word)
     }
 }
 
-/// Which episodes are experts and which imperfect. Both lists empty: success is expert, failure imperfect,
-/// unknown left out. Otherwise by cohort, whatever the outcome; other cohorts are left out. The limits then leave in
-/// so many of each role; see `limit`.
+/// The rule of which episodes are experts and which imperfect. With both lists empty, success is expert, failure
+/// imperfect, and unknown is left out. Otherwise the cohort decides, whatever the outcome; other cohorts are left out.
+/// The limits then reduce the number of each role; see `limit`.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(default)]
 pub struct RoleRule {
@@ -41,16 +41,16 @@ pub struct RoleRule {
     pub expert_cohorts: Vec<String>,
     /// Cohorts whose episodes are imperfect.
     pub imperfect_cohorts: Vec<String>,
-    /// At most so many imperfect episodes for each expert; 0 takes all.
+    /// Most imperfect episodes for each expert; 0 takes all.
     pub imperfect_per_expert: f64,
-    /// At most so many experts; 0 takes all.
+    /// Most experts; 0 takes all.
     pub max_experts: u32,
-    /// Which episodes a limit leaves in.
+    /// Seed of the choice that the limits make.
     pub seed: u64,
 }
 
 impl RoleRule {
-    /// The role of an episode with this label; `None` leaves it out.
+    /// The role of an episode with this label; `None`: it is left out.
     pub fn role(&self, outcome: Outcome, cohort: &str) -> Option<Role> {
         if !self.by_cohort() {
             return match outcome {
@@ -69,12 +69,12 @@ impl RoleRule {
         }
     }
 
-    /// Whether cohorts give the roles, not outcomes.
+    /// Whether cohorts, not outcomes, decide the roles.
     pub fn by_cohort(&self) -> bool {
         !self.expert_cohorts.is_empty() || !self.imperfect_cohorts.is_empty()
     }
 
-    /// A cohort that stands on both sides, if any: such a rule has no meaning.
+    /// A cohort that is on both sides, if any: such a rule has no meaning.
     pub fn contradiction(&self) -> Option<&str> {
         self.expert_cohorts.iter().find(|name| self.imperfect_cohorts.contains(name)).map(String::as_str)
     }
@@ -89,24 +89,24 @@ pub struct Snapshot {
     pub task_id: TaskId,
     /// The rule that gave the roles.
     pub rule: RoleRule,
-    /// How many experts.
+    /// Number of experts.
     pub expert_episodes: u64,
-    /// How many imperfect episodes.
+    /// Number of imperfect episodes.
     pub imperfect_episodes: u64,
     /// When it was frozen.
     pub created_at: Millis,
 }
 
-/// One episode as a snapshot holds it.
+/// One episode as frozen in a snapshot.
 #[derive(Debug, Clone)]
 pub struct SnapshotEpisode {
     /// The episode.
     pub episode_id: EpisodeId,
     /// Its outcome when the snapshot was frozen.
     pub outcome: Outcome,
-    /// Its cohort then.
+    /// Its cohort at that time.
     pub cohort: String,
-    /// Its role here.
+    /// Its role in the snapshot.
     pub role: Role,
     /// T, its number of steps.
     pub steps: u64,

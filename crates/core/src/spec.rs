@@ -1,4 +1,4 @@
-//! The settings of each kind of job, typed. Each is read from and written as a flat map of settings.
+//! The settings of each kind of job, typed. Each is a flat map of settings in its stored form.
 
 mod chosen;
 mod evaluate;
@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 
 use crate::schema::Setting;
 
-/// Every setting that a kind of job may have, with the names of the policies or scorers that alone have it (empty: all).
+/// Every setting that a kind of job may have, with the names of the policies or scorers it is limited to (empty: all).
 /// `job` is `pretrain`, `score`, `train` or `evaluate`; another job has no settings.
 #[must_use]
 pub fn schema_of(job: &str) -> Vec<(Setting, Vec<&'static str>)> {
@@ -49,7 +49,7 @@ pub fn jobs() -> BTreeMap<&'static str, Vec<Setting>> {
     ])
 }
 
-/// Serialises a spec as its flat map, and reads it from that or from the form that earlier versions stored.
+/// Serialises a spec as its flat map, and reads that map or the form that earlier versions stored.
 macro_rules! stored_as_values {
     ($name:ident, $stored:expr) => {
         impl serde::Serialize for $name {

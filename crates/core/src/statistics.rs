@@ -1,15 +1,15 @@
-//! Statistics of an evaluation: how well scores tell good steps from bad, how sure a success rate is.
+//! Statistics of evaluations: AUROC of scores, precision and recall, intervals of success rates.
 //!
-//! Plain functions over plain numbers; knows no simulator, no server and no tensor.
+//! Plain functions over numbers, which depend on neither the simulator nor tensors.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// How often [`auroc_interval`] draws anew.
+/// The number of resamples of [`auroc_interval`].
 const RESAMPLES: usize = 2_000;
 
-/// Area under the ROC curve: the chance that a random positive scores higher than a random negative, ties
-/// counted half. `None` when one of the two classes is empty or a score is not a number.
+/// Area under the ROC curve: the probability that a random positive scores higher than a random negative, ties counted as
+/// half. `None` if one of the two classes is empty or a score is NaN.
 #[must_use]
 pub fn auroc(scored: &[(f64, bool)]) -> Option<f64> {
     area(&ranked(std::iter::once(scored))?, &[1.0])
@@ -17,9 +17,9 @@ pub fn auroc(scored: &[(f64, bool)]) -> Option<f64> {
 
 /// The 95 % bootstrap interval of the AUROC over episodes: `(low, high)`.
 ///
-/// Steps of one episode are alike, so whole episodes are drawn with replacement, 2,000 times, and the interval is
-/// from the 2.5 % to the 97.5 % quantile of what comes out. A draw that lacks one of the classes says nothing and is
-/// left out. The same episodes and seed give the same interval. `None` when [`auroc`] of all steps is.
+/// Steps of one episode are correlated, so whole episodes are drawn with replacement, 2,000 times. The interval is from the
+/// 2.5 % to the 97.5 % quantile of the results; a draw without one of the classes is omitted. The same episodes and seed
+/// give the same interval. `None` if [`auroc`] of all steps is.
 #[must_use]
 pub fn auroc_interval(episodes: &[Vec<(f64, bool)>], seed: u64) -> Option<(f64, f64)> {
     let ranked = ranked(episodes.iter().map(Vec::as_slice))?;
@@ -34,7 +34,7 @@ pub fn auroc_interval(episodes: &[Vec<(f64, bool)>], seed: u64) -> Option<(f64, 
     };
     let mut areas: Vec<f64> = (0..RESAMPLES).filter_map(draw).collect();
     areas.sort_by(f64::total_cmp);
-    // The ranks that leave one in forty outside at either end.
+    // The ranks with one in forty outside at either end.
     let outside = areas.len() / 40;
     Some((*areas.get(outside)?, *areas.get(areas.len() - 1 - outside)?))
 }
@@ -46,7 +46,7 @@ struct Step {
     episode: usize,
 }
 
-/// All steps, the lowest score first; `None` when a score is not a number.
+/// All steps in the order of their scores; `None` if a score is NaN.
 fn ranked<'a>(episodes: impl Iterator<Item = &'a [(f64, bool)]>) -> Option<Vec<Step>> {
     let steps = episodes
         .enumerate()
@@ -56,7 +56,7 @@ fn ranked<'a>(episodes: impl Iterator<Item = &'a [(f64, bool)]>) -> Option<Vec<S
     steps.iter().all(|step| !step.score.is_nan()).then_some(steps)
 }
 
-/// The area under the ROC curve when each episode counts so many times.
+/// The area under the ROC curve with a multiplicity for each episode.
 fn area(ranked: &[Step], times: &[f64]) -> Option<f64> {
     let (mut pairs_won, mut negatives, mut positives) = (0.0_f64, 0.0_f64, 0.0_f64);
     for tied in ranked.chunk_by(|a, b| a.score == b.score) {
@@ -71,8 +71,8 @@ fn area(ranked: &[Step], times: &[f64]) -> Option<f64> {
     (negatives > 0.0 && positives > 0.0).then(|| pairs_won / (negatives * positives))
 }
 
-/// Precision and recall of the kept items against the good ones, `None` where nothing is kept or nothing is good.
-/// Items past the shorter list are ignored.
+/// Precision and recall of the kept items with respect to the good ones; `None` without kept or without good items. Items
+/// beyond the shorter list are ignored.
 #[must_use]
 pub fn precision_recall(kept: &[bool], good: &[bool]) -> (Option<f64>, Option<f64>) {
     let (mut both, mut kept_count, mut good_count) = (0_u32, 0_u32, 0_u32);
@@ -85,7 +85,7 @@ pub fn precision_recall(kept: &[bool], good: &[bool]) -> (Option<f64>, Option<f6
     (share(kept_count), share(good_count))
 }
 
-/// The 95 % Wilson score interval of a success rate; `(0, 1)` when nothing was tried.
+/// The 95 % Wilson score interval of a success rate; `(0, 1)` without attempts.
 #[must_use]
 pub fn wilson(successes: u32, total: u32) -> (f64, f64) {
     if total == 0 {
@@ -115,7 +115,8 @@ mod tests {
         assert_eq!(auroc(&[(f64::NAN, true), (0.1, false)]), None);
     }
 
-    /// Episodes of 10 steps whose positives score higher by so much, under noise that all steps of an episode share.
+    /// Episodes of 10 steps whose positives score higher by a fixed amount, under noise that all steps of an episode
+    /// share.
     fn episodes(count: usize, seed: u64) -> Vec<Vec<(f64, bool)>> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut episode = |_| {
@@ -126,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_holds_the_true_area_about_as_often_as_it_says() {
+    fn interval_contains_the_true_area_at_its_level() {
         // Both uniform on a unit interval, 0.3 apart: 1 − 0.7² / 2.
         let truth = 0.755;
         let held = (0..60).filter(|&seed| {
@@ -138,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_is_the_seeds_and_narrows_with_more_episodes() {
+    fn interval_is_reproducible_and_narrows_with_more_episodes() {
         let width = |count| {
             let (low, high) = auroc_interval(&episodes(count, 1), 5).unwrap();
             let area = auroc(&episodes(count, 1).concat()).unwrap();
@@ -150,14 +151,14 @@ mod tests {
     }
 
     #[test]
-    fn repeating_steps_within_an_episode_makes_nothing_surer() {
+    fn repeated_steps_of_an_episode_do_not_narrow_the_interval() {
         let few = episodes(30, 2);
         let many: Vec<_> = few.iter().map(|episode| episode.repeat(20)).collect();
         assert_eq!(auroc_interval(&few, 3), auroc_interval(&many, 3));
     }
 
     #[test]
-    fn without_both_classes_there_is_no_interval() {
+    fn one_class_has_no_interval() {
         assert_eq!(auroc_interval(&[], 0), None);
         assert_eq!(auroc_interval(&[vec![(0.5, true)], vec![]], 0), None);
         assert_eq!(auroc_interval(&[vec![(f64::NAN, true), (0.5, false)]], 0), None);

@@ -1,4 +1,4 @@
-//! Tasks: a named skill with its spec.
+//! Tasks: a named skill with its specification.
 
 use crate::TaskSpec;
 
@@ -9,13 +9,13 @@ use super::{id::TaskId, time::Millis};
 pub struct Task {
     /// Its id.
     pub id: TaskId,
-    /// What a step holds, and where recordings keep it. Immutable.
+    /// The contents of a step, and their location in recordings. Immutable.
     pub spec: TaskSpec,
     /// When it was created.
     pub created_at: Millis,
 }
 
-/// How many episodes a task has, by outcome.
+/// Number of a task's episodes by outcome.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct OutcomeCounts {
     /// Labelled success.

@@ -1,12 +1,12 @@
-//! The task specification: what a step of this task holds and where a recording keeps it.
+//! The task specification: the content of a step, and its place in recordings.
 //!
-//! Pure data; `gleaner-recording` checks it. Must not know how recordings are read.
+//! Plain data, which `gleaner-recording` checks. This module does not depend on the reader.
 
 use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
-/// What one step of a task holds (cameras, proprioception, action, rate) and how each is found in a recording.
+/// The content of a task's steps (cameras, proprioception, action, rate) and its place in recordings.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct TaskSpec {
@@ -14,7 +14,7 @@ pub struct TaskSpec {
     pub name: String,
     /// Steps per second.
     pub rate_hz: f64,
-    /// Cameras, in the order in which frames are laid out.
+    /// Cameras, in the order of the frames in memory.
     #[serde(default)]
     pub cameras: Vec<CameraSpec>,
     /// Proprioception fields; their values in this order are the proprioception vector.
@@ -22,14 +22,14 @@ pub struct TaskSpec {
     pub proprioception: Vec<FieldSpec>,
     /// Action fields; their values in this order are the action vector.
     pub action: Vec<FieldSpec>,
-    /// How a step picks one message of each stream.
+    /// The choice of a step's message in each stream.
     #[serde(default)]
     pub alignment: Alignment,
     /// Share of a period by which a message may lie after its step and still belong to it.
     /// Streams of one control tick are stamped a few milliseconds apart.
     #[serde(default = "default_tolerance")]
     pub tolerance: f64,
-    /// Where recordings keep all this; one mapping for each way of recording.
+    /// The places of cameras and fields, one mapping for each way of recording.
     #[serde(default)]
     pub mappings: Vec<Mapping>,
 }
@@ -55,11 +55,11 @@ pub struct CameraSpec {
 pub struct FieldSpec {
     /// The field's name, unique within the task.
     pub name: String,
-    /// How many numbers it holds.
+    /// The number of its values.
     pub size: u32,
 }
 
-/// How a step picks one message of each stream.
+/// The choice of a step's message in each stream.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Alignment {
@@ -70,7 +70,7 @@ pub enum Alignment {
     Nearest,
 }
 
-/// Where one way of recording keeps a task's cameras and fields.
+/// The topics of a task's cameras and fields in one way of recording.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct Mapping {
@@ -107,9 +107,9 @@ pub struct FieldSource {
     pub field: String,
     /// Topic of the messages.
     pub topic: String,
-    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are put one after the other.
+    /// Paths into the message (`a.b`, `a.b[2]`, `a.b[0:9]`); their values are concatenated.
     pub paths: Vec<String>,
-    /// When set, each path is an array parallel to the message's `name` array, and its values are picked
+    /// If set, each path is an array parallel to the message's `name` array, and its values are picked
     /// by these names, in this order, whatever the order in the message.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub names: Vec<String>,
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn defaults_fill_what_is_left_out() {
+    fn missing_keys_have_defaults() {
         let spec: TaskSpec =
             serde_json::from_str(r#"{"name":"t","rate_hz":5,"action":[{"name":"a","size":3}]}"#).unwrap();
         assert_eq!(spec.tolerance, 0.25);

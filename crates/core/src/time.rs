@@ -1,4 +1,4 @@
-//! Points in time, as the server keeps them.
+//! Points in time, as stored by the server.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -19,7 +19,7 @@ impl Millis {
         Self(i64::try_from(since.as_millis()).unwrap_or(i64::MAX))
     }
 
-    /// The same point in time, as the system has it.
+    /// The same point in time, as a [`SystemTime`].
     pub fn time(self) -> SystemTime {
         UNIX_EPOCH + Duration::from_millis(u64::try_from(self.0).unwrap_or_default())
     }
@@ -30,7 +30,7 @@ impl Millis {
     }
 }
 
-/// Nanoseconds as seconds; 0 for less than nothing.
+/// Nanoseconds as seconds; 0 for negative values.
 pub fn seconds(nanoseconds: i64) -> f64 {
     std::time::Duration::from_nanos(u64::try_from(nanoseconds).unwrap_or(0)).as_secs_f64()
 }

@@ -1,4 +1,4 @@
-//! Work: what a worker is given for a job, and what it gives back. Both sides of the worker's calls share it.
+//! Work: the input of a job and its result. The calls of workers have these on both sides.
 
 use crate::TaskSpec;
 
@@ -9,7 +9,7 @@ use super::{
     score::EpisodeScores,
 };
 
-/// What a job works on.
+/// The input of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Inputs {
     /// The task's spec.
@@ -22,17 +22,17 @@ pub struct Inputs {
     pub kept: Vec<KeptInput>,
     /// The encoder's checkpoint; for scoring and training.
     pub encoder: Option<BlobId>,
-    /// What to resume from.
+    /// The checkpoint to resume from.
     pub checkpoint: Option<BlobId>,
     /// l of the encoder; for export.
     pub segment_length: u32,
     /// The policy's checkpoint; for evaluation.
     pub policy: Option<BlobId>,
-    /// What the run to go on from has frozen; for scoring.
+    /// The frozen values of the run to extend; for scoring.
     pub base: Option<FrozenRun>,
 }
 
-/// What a score run passes on to the one that extends it, besides its scores.
+/// The values that an extending score run takes over, besides scores.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FrozenRun {
     /// w that maps to q = 0.
@@ -41,7 +41,7 @@ pub struct FrozenRun {
     pub hi: f64,
     /// Of the quantile normaliser.
     pub quantiles: Vec<f64>,
-    /// What its scores' `match_episode` counts in.
+    /// The experts, which `match_episode` counts.
     pub expert_ids: Vec<EpisodeId>,
 }
 
@@ -71,30 +71,30 @@ pub struct KeptInput {
     pub qualities: Vec<f32>,
 }
 
-/// How far a worker is.
+/// Progress of a worker.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Progress {
-    /// Done, out of `total`.
+    /// Units done, out of `total`.
     pub done: u64,
-    /// What `done` counts up to; 0 while unknown.
+    /// Final value of `done`; 0 while unknown.
     pub total: u64,
-    /// What it is doing.
+    /// Present activity.
     pub message: String,
     /// New values as (step, name, value).
     pub metrics: Vec<(u64, String, f64)>,
-    /// Most memory it has held, in bytes.
+    /// Most memory held so far, in bytes.
     pub peak_memory_bytes: u64,
 }
 
-/// What a job made.
+/// The result of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Made {
-    /// By a pretrain job.
+    /// Result of a pretrain job.
     Encoder {
         /// Its checkpoint.
         checkpoint: BlobId,
     },
-    /// By a score job.
+    /// Result of a score job.
     Scores {
         /// w that maps to q = 0.
         lo: f64,
@@ -102,20 +102,20 @@ pub enum Made {
         hi: f64,
         /// Of the quantile normaliser.
         quantiles: Vec<f64>,
-        /// What `match_episode` counts in.
+        /// The experts, which `match_episode` counts.
         expert_ids: Vec<EpisodeId>,
         /// The scores, in the snapshot's order.
         episodes: Vec<EpisodeScores>,
     },
-    /// By a train job.
+    /// Result of a train job.
     Policy {
         /// Its checkpoint.
         checkpoint: BlobId,
         /// For example `finetune`.
         kind: String,
     },
-    /// By an export job.
+    /// Result of an export job.
     Files(Vec<ExportFile>),
-    /// By an evaluate job, in the order of its seeds.
+    /// Results of an evaluate job, in the order of its seeds.
     Trials(Vec<SeedResult>),
 }

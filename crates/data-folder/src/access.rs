@@ -1,4 +1,5 @@
-//! Who may read a data folder: its owner alone. New files get that from the process's umask; wider ones are reported.
+//! Permissions of a data folder: only its owner may read it. New files get them from the process's umask; wider ones
+//! are reported.
 
 use std::{
     fs,
@@ -10,24 +11,24 @@ use rustix::{fs::Mode, process::umask};
 
 use crate::{BLOBS, DATABASE};
 
-/// Permission bits of the group and of everybody else.
+/// Permission bits of the group and of all others.
 const OTHERS: u32 = 0o077;
 
-/// Gives every file and folder that this process and its children make from now on to its owner alone (0600 and 0700).
+/// Restricts every file and folder that this process and its children create from now on to its owner (0600 and 0700).
 pub fn keep_private() {
     umask(Mode::from_raw_mode(OTHERS));
 }
 
-/// Makes a folder that only its owner may enter, and those around it that are missing.
+/// Makes a folder that only its owner may enter, and its missing parents.
 ///
 /// # Errors
-/// As the system's.
+/// The error of the system.
 pub fn make_private_folder(folder: &Path) -> std::io::Result<()> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
 }
 
-/// Logs a warning for each of the data folder, its database and its blobs that the group or others may read or write.
-/// A data folder that only its owner may enter protects what is in it.
+/// Logs a warning for each of the data folder, its database and its blobs that the group or others may read or write. A
+/// data folder that only its owner may enter protects its contents.
 pub fn warn_if_open(data_dir: &Path) {
     for wider in wider_than_owner(data_dir) {
         tracing::warn!("{wider}");

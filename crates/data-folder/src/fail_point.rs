@@ -1,8 +1,8 @@
-//! Fail points: named places between durable steps, where a test can have this process die as in a power cut.
+//! Fail points: named places between durable steps at which a test kills this process, as a power cut would.
 //!
-//! Only the feature `fail-points`, which nothing but the tests turns on, puts anything there. Knows no room.
+//! Only the feature `fail-points`, which the tests alone enable, compiles them in. Must not depend on other modules.
 
-/// Every fail point. Each is passed at one place of the sources.
+/// Every fail point. Each is at one place of the sources.
 pub const NAMES: [&str; 61] = [
     "attempt.committed",
     "attempt.row_written",
@@ -67,7 +67,7 @@ pub const NAMES: [&str; 61] = [
     "worker.started",
 ];
 
-/// The variable by which tests name a fail point; workers inherit it.
+/// The variable in which tests name a fail point; workers inherit it.
 pub const VARIABLE: &str = "GLEANER_FAIL_POINT";
 
 /// Passes a fail point.
@@ -79,11 +79,11 @@ pub fn pass(name: &'static str) {
     let _ = name;
 }
 
-/// Has this process die at the n-th passing of a fail point, `name` or `name=n`, and with it the process of the id
-/// `parent`, if that is given.
+/// Makes this process die at the n-th passing of a fail point, `name` or `name=n`, together with the process `parent`,
+/// if given.
 ///
 /// # Errors
-/// A sentence that names the mistake.
+/// A sentence that states the mistake.
 #[cfg(feature = "fail-points")]
 pub fn arm(which: &str, parent: Option<u32>) -> Result<(), String> {
     armed::arm(which, parent.and_then(|id| i32::try_from(id).ok()).and_then(rustix::process::Pid::from_raw))
@@ -97,7 +97,7 @@ mod armed {
 
     use super::NAMES;
 
-    /// Dies at the n-th passing of `name=n`, and with it the server that it works for.
+    /// Kills this process at the n-th passing of `name=n`, and before it the server that started it.
     pub(super) fn arm(which: &str, server: Option<Pid>) -> Result<(), String> {
         let (name, count) = which.split_once('=').unwrap_or((which, "1"));
         let count: u64 = count.parse().map_err(|_| format!("fail point {which}: {count} is no number"))?;
@@ -107,9 +107,9 @@ mod armed {
         let passed = AtomicU64::new(0);
         fail::cfg_callback(name, move || {
             if passed.fetch_add(1, Ordering::Relaxed) + 1 == count {
-                // The server first: it must not live to see its worker die.
+                // The server first, so that it cannot react to the death of its worker.
                 for process in server.into_iter().chain([getpid()]) {
-                    // One that is gone already is as it should be.
+                    // A process that has already ended needs no signal.
                     let _ = kill_process(process, Signal::KILL);
                 }
             }
@@ -128,7 +128,7 @@ mod tests {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 sources(&path, text);
-            } else if path.file_name().is_some_and(|name| name != "fail_point.rs") {
+            } else if path.extension().is_some_and(|ending| ending == "rs") && !path.ends_with("fail_point.rs") {
                 text.push_str(&std::fs::read_to_string(path).unwrap());
             }
         }

@@ -11,11 +11,11 @@ pub fn largest_file() -> Option<u64> {
 }
 
 /// Turns the signal of a write beyond the limit (SIGXFSZ), which would end this process, into an error of that write.
-/// Child processes are not affected. It is to be called within a runtime.
+/// Child processes are not affected. Must be called within a runtime.
 ///
 /// # Errors
-/// When the signal cannot be listened to.
+/// When the signal cannot be handled.
 pub fn survive_limit() -> io::Result<()> {
-    // A process that has once listened to a signal is no longer ended by it.
+    // A signal with a handler no longer ends the process.
     signal(SignalKind::from_raw(Signal::XFSZ.as_raw())).map(drop)
 }

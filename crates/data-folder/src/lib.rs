@@ -1,8 +1,8 @@
-//! The data folder of a server, apart from its database: names and permissions of what lies in it, the lock that one
-//! server holds on it, blobs, the stamp that ties the database to them, and whether its files are still the ones that
+//! The data folder of a server, apart from its database: names and permissions of its files, the lock that one server
+//! holds on it, blobs, the stamp that ties the database to them, and a check that its files are still the ones that
 //! were opened.
 //!
-//! The server and its workers use it alike: plain blocking code. Must not depend on rows or on the content of blobs.
+//! Plain blocking code, shared by the server and its workers. Must not depend on rows or on the content of blobs.
 
 pub mod access;
 pub mod blobs;
@@ -33,7 +33,8 @@ pub fn beside_database(data_dir: &Path, suffix: &str) -> PathBuf {
     data_dir.join(format!("{DATABASE}{suffix}"))
 }
 
-/// The ways out of a data folder whose database is missing, damaged or not the blobs' own, as the end of an error message.
+/// The remedies for a data folder whose database is missing, damaged or does not match the blobs, as the end of an
+/// error message.
 pub fn ways_out(data_dir: &Path) -> String {
     let shown = data_dir.display();
     format!(
@@ -42,7 +43,7 @@ pub fn ways_out(data_dir: &Path) -> String {
     )
 }
 
-/// The third way out, where there is a database to take or none at all.
+/// The third remedy, for an existing database or none at all.
 pub fn way_to_accept(data_dir: &Path) -> String {
     format!(
         "{}; `gleaner-server serve --data-dir {} --accept-database` takes the database as it is, once: blobs that it does \
@@ -52,9 +53,9 @@ pub fn way_to_accept(data_dir: &Path) -> String {
     )
 }
 
-/// Name of the folder of what follows from recordings and can be made again.
+/// Name of the folder of files that are derived from recordings and can be rebuilt.
 pub const CACHE: &str = "cache";
-/// Ending of the names of kept features in that folder.
+/// Suffix of the files of stored features in that folder.
 pub const FEATURES: &str = "features";
 
 /// The path of a recording's decoded steps, for this task. Derived: it can always be rebuilt.

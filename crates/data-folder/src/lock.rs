@@ -1,6 +1,6 @@
-//! One server per data folder: two would both own its database, uploads and jobs.
+//! The lock on a data folder: one server for each, because two would both own its database, uploads and jobs.
 //!
-//! The system's lock on an open file: it is released however a server ends.
+//! It is the system's lock on an open file, which is released however a server ends.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -66,7 +66,7 @@ mod tests {
         assert!(message.contains(&folder.display().to_string()) && message.contains("--data-dir"), "{message}");
         DataLock::take(&dir.path().join("other")).unwrap();
         drop(first);
-        // A child that another test has just forked holds the lock, too, until it executes its program.
+        // A child that another test has just forked also holds the lock until it executes its program.
         let begun = std::time::Instant::now();
         while let Err(error) = DataLock::take(&folder) {
             assert!(begun.elapsed() < std::time::Duration::from_secs(10), "{error}");

@@ -24,7 +24,7 @@ struct Held {
     inode: u64,
 }
 
-/// The files that must stay where they are while a server runs.
+/// The files that must stay at their paths while a server runs.
 #[derive(Debug)]
 pub struct Presence {
     files: Vec<Held>,
@@ -35,11 +35,11 @@ pub struct Presence {
 }
 
 impl Presence {
-    /// Notes the files of a data folder as they are now: the database with its write-ahead log and its index, the stamp
-    /// and the lock, as far as they exist.
+    /// Records the present files of a data folder: the database with its write-ahead log and its index, the stamp and
+    /// the lock, as far as they exist.
     ///
     /// # Errors
-    /// Internal when one cannot be looked at.
+    /// Internal when a file's metadata cannot be read.
     pub fn note(data_dir: &Path) -> Result<Self> {
         let named = [
             (database(data_dir), "database"),
@@ -59,7 +59,7 @@ impl Presence {
         Ok(Self { files, loss: OnceLock::new(), lost: CancellationToken::new() })
     }
 
-    /// Whether every noted file is still the one that its path names.
+    /// Whether every recorded file is still the one that its path names.
     ///
     /// # Errors
     /// Precondition names the file that was deleted or replaced, and what to do.
@@ -72,14 +72,14 @@ impl Presence {
         Err(Error::precondition(self.loss.get().cloned().unwrap_or_default()))
     }
 
-    /// Ends once a file was found deleted or replaced.
+    /// A token that is cancelled once a file is found deleted or replaced.
     pub fn lost(&self) -> CancellationToken {
         self.lost.clone()
     }
 }
 
 impl Held {
-    /// A sentence that names the file and what happened to it, if anything did.
+    /// A sentence that names the deleted or replaced file; `None` if every file is in place.
     fn loss(&self) -> Option<String> {
         let change = match std::fs::metadata(&self.path) {
             Ok(found) if (found.dev(), found.ino()) == (self.device, self.inode) => return None,
@@ -87,7 +87,7 @@ impl Held {
             Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
                 "was deleted or moved"
             }
-            // A disk that does not answer now may answer later.
+            // A disk that fails to respond now may respond later.
             Err(_) => return None,
         };
         Some(format!(

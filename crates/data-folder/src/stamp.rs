@@ -1,7 +1,8 @@
-//! The stamp: a small file among the blobs that repeats the database's name for their folder and its generation.
+//! The stamp: a small file among the blobs that repeats the database's name for their folder and the database's
+//! generation.
 //!
-//! It lies among the blobs, so that a start without their disk mounted is noticed. It is written in place: its line is
-//! far smaller than a sector, and an unreadable stamp is refused like a missing one.
+//! Its place among the blobs makes a start without their mounted disk detectable. It is written in place: its line is
+//! far smaller than a sector, and an unreadable stamp is rejected like a missing one.
 
 use std::{
     fs::{File, OpenOptions},
@@ -26,11 +27,11 @@ const WIDTH: usize = 192;
 pub struct Stamp {
     /// The database's random name for this folder.
     pub folder: String,
-    /// The database's generation when a recording was acknowledged last, or the server started.
+    /// The database's generation at the last acknowledged recording or start of the server.
     pub generation: u64,
-    /// The inode of the database: a file with another inode is checked before it is used.
+    /// The inode of the database: a database with another inode is checked before it is used.
     pub inode: u64,
-    /// Bytes of the database's file at the last start; a smaller file was cut.
+    /// Bytes of the database's file at the last start; a smaller file has lost data.
     #[serde(default)]
     pub bytes: u64,
 }
@@ -77,7 +78,7 @@ impl Stamp {
 }
 
 impl StampFile {
-    /// Puts a stamp on a data folder, replacing an existing one. The folder of the blobs must exist. A stamp of the
+    /// Writes the stamp of a data folder, replacing an existing one. The folder of the blobs must exist. A stamp of the
     /// same folder is written in place, which works on a full disk.
     ///
     /// # Errors
@@ -100,7 +101,7 @@ impl StampFile {
     /// Raises the generation on disk; it never falls. Call it after the commit and before the acknowledgement.
     ///
     /// # Errors
-    /// Exhausted or Internal when the disk refuses.
+    /// Exhausted or Internal when the disk fails.
     pub fn raise(&self, generation: u64) -> Result<()> {
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         let (file, stamp) = &mut *held;
@@ -115,7 +116,7 @@ impl StampFile {
     }
 }
 
-/// Writes a stamp and syncs it; the inner error is ours, the outer one the disk's.
+/// Writes a stamp and syncs it. The error is `Ok` with one of this crate, or `Err` with the disk's.
 fn write(file: &File, stamp: &Stamp) -> std::result::Result<(), std::result::Result<Error, io::Error>> {
     let line = stamp.line().map_err(Ok)?;
     file.write_all_at(&line, 0).and_then(|()| file.sync_data()).map_err(Err)

@@ -1,5 +1,5 @@
 //! The accept loop: a permit for each connection, its handshake before its deadline, and then the watched connection.
-//! Must not depend on what the handshake is.
+//! Must not depend on the protocol of the handshake.
 
 use std::{
     convert::Infallible,
@@ -29,9 +29,9 @@ use crate::{
     state::ConnectionState,
 };
 
-/// Connections that have shaken hands and are not yet served.
+/// Maximum number of connections whose handshake is done and that are not yet served.
 const WAITING: usize = 64;
-/// Pause after the system refused to accept, as it does when no file descriptor is left.
+/// Pause after the system failed to accept, as it does without a free file descriptor.
 const BREATH: Duration = Duration::from_millis(100);
 
 /// 2³² times the golden ratio's fraction. Its multiples are spread evenly, however many there are.
@@ -72,7 +72,7 @@ where
     while !through.is_closed() {
         let (stream, peer) = match listener.accept().await {
             Ok(accepted) => accepted,
-            // The peer has gone already.
+            // The peer has already closed the connection.
             Err(error) if error.kind() == io::ErrorKind::ConnectionAborted => continue,
             Err(error) => {
                 tracing::error!(%error, "no connection can be accepted; trying again");
@@ -80,14 +80,14 @@ where
                 continue;
             }
         };
-        // Thousands that come at once must not delay connections that are served.
+        // Thousands of simultaneous connections must not delay connections that are served.
         tokio::task::yield_now().await;
         let Some((permit, terms)) = admit(&rules, &stream, peer) else { continue };
         let (shaking, through) = (handshake(stream), through.clone());
         tokio::spawn(async move {
             match tokio::time::timeout_at(terms.first_call_by, shaking).await {
                 Ok(Ok(io)) => {
-                    // Fails only when serving has ended.
+                    // Sending fails only when serving has ended.
                     let _ = through.send(Connection::new(io, ConnectionState::new(peer), permit, terms)).await;
                 }
                 Ok(Err(error)) => {
@@ -112,7 +112,7 @@ fn admit(rules: &Rules, stream: &TcpStream, peer: SocketAddr) -> Option<(Permit,
             return None;
         }
     };
-    // Without it a small response can wait 40 ms for the peer's acknowledgement.
+    // Without this option a small response can wait 40 ms for the peer's acknowledgement.
     if let Err(error) = stream.set_nodelay(true) {
         tracing::debug!(peer.address = %peer, %error, "a connection was gone at once");
         return None;
@@ -125,15 +125,15 @@ fn admit(rules: &Rules, stream: &TcpStream, peer: SocketAddr) -> Option<(Permit,
     Some((permit, terms))
 }
 
-/// Between three quarters of a time and all of it, each next one elsewhere: silent peers that came together are not
-/// closed together, which would delay every other connection.
+/// A duration between three quarters of `time` and all of it, different for consecutive connections: silent peers that
+/// connected together are not closed together, which would delay every other connection.
 fn spread(time: Duration) -> Duration {
     static PLACE: AtomicU32 = AtomicU32::new(0);
     let place = PLACE.fetch_add(GOLDEN, Relaxed);
     time - time.mul_f64(f64::from(place) / f64::from(u32::MAX) / 4.0)
 }
 
-/// Logs a refused connection, at powers of two only: a flood must not fill the log.
+/// Logs a rejected connection, at powers of two only, so that a flood cannot fill the log.
 fn refused(peer: SocketAddr, full: Full) {
     static REFUSED: AtomicU64 = AtomicU64::new(0);
     let (reason, limit) = match full {

@@ -1,5 +1,5 @@
 //! The bodies of calls: requests that must keep a minimum rate, and responses that hold their call. Must not depend on
-//! what they carry.
+//! their content.
 
 use std::{
     pin::Pin,
@@ -13,15 +13,15 @@ use tonic::Status;
 
 use crate::{calls::Call, error::EdgeError, pending::PendingResponse, rate::MinimumRate, state::ConnectionState};
 
-/// A request that fails when it comes too slowly. Every byte of its connection counts: frames may be large, and a frame
-/// on its way shows in no body.
+/// A request that fails below the minimum rate. Every byte of its connection counts: frames may be large, and a partly
+/// received frame is in no body yet.
 pub(crate) struct RequestBody {
     body: tonic::body::Body,
     state: ConnectionState,
     rate: MinimumRate,
     /// The status of a request that is too slow.
     status: fn(EdgeError) -> Status,
-    /// While a frame is waited for.
+    /// Set while the reader waits for a frame.
     alarm: Option<Pin<Box<Sleep>>>,
 }
 
@@ -50,7 +50,7 @@ impl Body for RequestBody {
         let deadline = this.rate.wait(this.state.received());
         let alarm = this.alarm.get_or_insert_with(|| Box::pin(sleep_until(deadline)));
         while alarm.as_mut().poll(cx).is_ready() {
-            // The alarm was set before the newest bytes came.
+            // The alarm was set before the newest bytes arrived.
             let deadline = this.rate.wait(this.state.received());
             if deadline <= alarm.deadline() {
                 metrics::counter!("gleaner_calls_refused_total", "reason" => "slow").increment(1);
@@ -70,7 +70,8 @@ impl Body for RequestBody {
     }
 }
 
-/// A response; its call runs until it is dropped. It is sent in pieces, and its connection ends when one stays unread.
+/// A response; its call runs until it is dropped. It is sent in pieces, and its connection ends when a piece stays
+/// unread.
 pub struct ResponseBody<B> {
     body: B,
     /// The unsent rest of a frame that is larger than a piece.
@@ -86,12 +87,12 @@ impl<B> ResponseBody<B> {
         Self { body, rest: Bytes::new(), piece, pending, _call: call }
     }
 
-    /// The next piece of what is left of a frame.
+    /// The next piece of the rest of a frame.
     fn next_piece(&mut self) -> Bytes {
         if self.rest.len() > self.piece {
             return self.rest.split_to(self.piece);
         }
-        // A copy: the transport may hold the last piece for long, and must not hold all the pieces before it.
+        // A copy, because the transport may hold the last piece for long and must not retain the frame's memory.
         Bytes::copy_from_slice(&std::mem::take(&mut self.rest))
     }
 }

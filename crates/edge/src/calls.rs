@@ -1,5 +1,5 @@
-//! The calls of each client: per second, at the same time, and the queue of its unary calls. Must not depend on what
-//! identifies a client.
+//! The calls of each client: their rate, their number at the same time, and the queue of unary calls. Must not depend
+//! on the identification of clients.
 
 use std::{
     collections::HashMap,
@@ -34,7 +34,7 @@ pub(crate) struct Calls<K: ClientKey> {
     running: Arc<Running<K>>,
 }
 
-/// This many a second, and twice as many in a burst.
+/// A quota of this many calls per second, and twice as many in a burst.
 fn rate(per_second: u32) -> Quota {
     let one = NonZeroU32::MIN;
     let burst = NonZeroU32::new(per_second.saturating_mul(2)).unwrap_or(one);
@@ -58,7 +58,7 @@ struct ClientCalls {
 #[derive(Clone)]
 pub struct Call(Arc<dyn Queue>);
 
-/// A call's place among those of its client, whatever identifies the client.
+/// A call's place in the queue of its client, whatever identifies the client.
 trait Queue: Send + Sync {
     fn turn(&self) -> Pin<Box<dyn Future<Output = Option<OwnedSemaphorePermit>> + Send + '_>>;
 }
@@ -70,7 +70,7 @@ struct Counted<K: ClientKey> {
 }
 
 impl Call {
-    /// Waits until its client has fewer unary calls running than the limit and the rate allows the next one: a client
+    /// Waits until its client has fewer unary calls running than the limit and the rate allows the next one. A client
     /// with many calls under way is queued behind its own calls. The turn ends when the result is dropped.
     pub async fn turn(&self) -> Option<OwnedSemaphorePermit> {
         self.0.turn().await
@@ -107,7 +107,7 @@ impl<K: ClientKey> Calls<K> {
         }
     }
 
-    /// Lets a call in.
+    /// Admits a call.
     ///
     /// # Errors
     /// [`EdgeError::CallRate`] or [`EdgeError::CallsAtOnce`].

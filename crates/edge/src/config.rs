@@ -1,4 +1,4 @@
-//! The limits of the edge, as plain values. Must not depend on where they are configured.
+//! The limits of the edge, as plain values. Must not depend on the source of the configuration.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ pub struct EdgeConfig {
     pub min_bytes_per_second: u32,
     /// Time for which a request may stay below the minimum rate.
     pub slow: Duration,
-    /// Calls per second of one client; twice as many may come in a burst, further ones are refused.
+    /// Calls per second of one client; twice as many may come in a burst, further ones are rejected.
     pub calls_per_second: u32,
     /// Maximum number of calls of one client that run at the same time.
     pub calls_at_once: usize,
@@ -45,10 +45,10 @@ impl EdgeConfig {
     }
 }
 
-/// What the edge must know about calls, by their path, and the status that ends one.
+/// Properties of calls by their path, and the status of a call that the edge ends.
 #[derive(Debug, Clone, Copy)]
 pub struct CallRules {
-    /// Whether a call is answered at once and may queue behind others of its client.
+    /// Whether a call is unary and short, so that it may queue behind others of its client.
     pub is_unary: fn(&str) -> bool,
     /// Whether the request is exempt from the minimum rate because its sender sets the pace.
     pub is_self_paced: fn(&str) -> bool,

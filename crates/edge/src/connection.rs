@@ -1,5 +1,5 @@
-//! A connection that ends by itself: when its first call does not come in time, when its peer reads nothing or leaves a
-//! response unread for too long, or when all connections are cut. Must not depend on what is sent.
+//! A connection that ends on its own: when its first call does not come in time, when its peer reads nothing or leaves
+//! a response unread for too long, or when all connections are cut. Must not depend on the content that is sent.
 
 use std::{
     io::{self, ErrorKind, IoSlice},
@@ -17,17 +17,17 @@ use tonic::transport::server::Connected;
 
 use crate::{permits::Permit, state::ConnectionState};
 
-/// A watched connection: reads and writes fail once it has to end.
+/// A watched connection: reads and writes fail once it must end.
 pub struct Connection<T> {
     io: T,
     state: ConnectionState,
     cut: Pin<Box<WaitForCancellationFutureOwned>>,
-    /// Until a call has come.
+    /// Set until the first call arrives.
     first_call: Option<Pin<Box<Sleep>>>,
     write_timeout: Duration,
-    /// While the peer reads nothing.
+    /// Set while the peer reads nothing.
     stalled: Option<Pin<Box<Sleep>>>,
-    /// When to check next whether its responses are read.
+    /// Time of the next check that the peer reads its responses.
     check: Pin<Box<Sleep>>,
     _permit: Permit,
 }
@@ -53,12 +53,12 @@ impl<T> Connection<T> {
         }
     }
 
-    /// Its state, which every call on it carries.
+    /// Its state, which is an extension of every call on it.
     pub fn state(&self) -> &ConnectionState {
         &self.state
     }
 
-    /// An error once the connection is to end.
+    /// Fails once the connection must end.
     fn watch(&mut self, cx: &mut Context<'_>) -> io::Result<()> {
         if self.cut.as_mut().poll(cx).is_ready() {
             return Err(io::Error::new(ErrorKind::ConnectionAborted, "the server has stopped"));

@@ -1,5 +1,5 @@
-//! The limits that hold for all connections of a listener, and the doors to what they apply to. Must not depend on what
-//! a call means.
+//! The limits of all connections of a listener, and the functions that apply them to connections and calls. Must not
+//! depend on the meaning of a call.
 
 use std::sync::Arc;
 
@@ -35,7 +35,7 @@ pub fn raise_descriptor_limit() {
     }
 }
 
-/// How many of `asked` connections the limit on descriptors leaves room for; `None` is no limit.
+/// Number of connections, at most `asked`, that the limit on descriptors has room for; `None` is no limit.
 pub(crate) fn affordable(asked: usize, descriptors: Option<u64>) -> usize {
     let room = descriptors.map_or(u64::MAX, |limit| limit.saturating_sub(SPARED).max(1));
     asked.min(usize::try_from(room).unwrap_or(usize::MAX))
@@ -79,7 +79,7 @@ impl<K: ClientKey> Connections<K> {
         &self.rules
     }
 
-    /// Ends every connection, whatever is under way on it.
+    /// Ends every connection, including those with running calls.
     pub fn cut(&self) {
         self.rules.cut.cancel();
     }

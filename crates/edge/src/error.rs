@@ -1,8 +1,8 @@
-//! What the edge refuses, for the caller to put into words of its own. Must not depend on flags or status codes.
+//! Rejections by the edge, as values that the caller puts into messages. Must not depend on flags or status codes.
 
 use std::{fmt, path::PathBuf, time::Duration};
 
-/// A refusal of the edge.
+/// A rejection by the edge.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum EdgeError {
     /// A client made more calls in a second than its limit.
@@ -13,7 +13,7 @@ pub enum EdgeError {
         /// When the next call is accepted; at least a millisecond.
         retry_after: Duration,
     },
-    /// A client has as many calls running as it may.
+    /// A client has reached its limit of running calls.
     #[error("{limit} calls run already; end one and retry")]
     CallsAtOnce {
         /// Calls at the same time.
@@ -25,11 +25,11 @@ pub enum EdgeError {
     /// A certificate file cannot be used.
     #[error("{file} {}: {problem}", path.display())]
     Certificate {
-        /// Which file.
+        /// The kind of file.
         file: TlsFile,
-        /// Where it is.
+        /// Its path.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The fault of the file.
         problem: String,
     },
     /// TLS cannot be set up at all.

@@ -1,5 +1,5 @@
-//! The layer around every call that was let in: it marks the call's connection as used, queues unary calls, and watches
-//! how the request comes in and how the response is read. Must not depend on what a call means.
+//! The layer around every accepted call: it marks the call's connection as used, queues unary calls, and watches the
+//! rates at which the request arrives and the response is read. Must not depend on the meaning of a call.
 
 use std::{
     pin::Pin,
@@ -20,17 +20,17 @@ use crate::{
     state::ConnectionState,
 };
 
-/// Delay of a refusal: it bounds the rate of a client that floods, because its earlier calls still run.
+/// Delay of a rejection: it bounds the rate of a client that floods, because its earlier calls still run.
 const REFUSED_AFTER: Duration = Duration::from_millis(250);
 
-/// The response to a call that is refused because its client makes too many or shows no valid credential. It is late on
-/// purpose.
+/// The response to a call that is rejected because its client exceeds a limit or has no valid credential. It is delayed
+/// on purpose.
 pub async fn refuse(status: Status) -> Response<Body> {
     tokio::time::sleep(REFUSED_AFTER).await;
     status.into_http()
 }
 
-/// Wraps services; see [`CallsService`].
+/// Wraps services in [`CallsService`].
 #[derive(Clone)]
 pub struct CallsLayer(Arc<Rules>);
 
@@ -48,7 +48,7 @@ impl<S> Layer<S> for CallsLayer {
     }
 }
 
-/// Serves watched calls. Finds the [`ConnectionState`] and the [`Call`] among a request's extensions.
+/// Serves watched calls. The [`ConnectionState`] and the [`Call`] are extensions of a request.
 #[derive(Clone)]
 pub struct CallsService<S> {
     inner: S,
@@ -97,7 +97,7 @@ where
 }
 
 impl Rules {
-    /// The request held to the minimum rate, unless its sender sets the pace.
+    /// The request under the minimum rate, unless its sender sets the pace.
     fn watched(&self, request: Request<Body>) -> Request<Body> {
         let Some(connection) = request.extensions().get::<ConnectionState>().cloned() else { return request };
         if (self.call_rules.is_self_paced)(request.uri().path()) {

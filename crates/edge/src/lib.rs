@@ -1,15 +1,32 @@
-//! The edge of a gRPC server: how many connections are open, how long a peer may be silent or slow, and how many calls
-//! it may make.
-//! The transport limits none of this.
+//! The edge of a gRPC server: limits on connections, on slow and silent peers, and on the calls of a client, which the
+//! transport does not have.
 //!
-//! [`Connections`] holds the limits for every connection of a listener. [`Connections::accept`] returns the connections
-//! that got a permit and shook hands ([`Tls`]), each watched: it ends when its peer makes no first call, reads nothing,
-//! or leaves a response unread for too long. [`Connections::layer`] watches the calls on them: requests and responses
-//! must keep a minimum rate, and unary calls of one client queue behind each other. [`Connections::count`] limits how
-//! many calls a client makes.
+//! - [`Connections`] has the limits ([`EdgeConfig`]) of a listener and the rules of its calls ([`CallRules`]).
+//! - [`Connections::accept`] returns the connections that received a permit and completed their handshake ([`Tls`]). Each is
+//!   closed if its peer makes no first call, reads nothing, or leaves a response unread for too long.
+//! - [`Connections::layer`] limits the calls on them: requests and responses keep a minimum rate, and unary calls of one
+//!   client are queued behind each other.
+//! - [`Connections::count`] limits the number of calls of a client, which a [`ClientKey`] identifies.
 //!
-//! Knows bytes, addresses, tonic and the paths of calls. No other crate of the workspace is named here, and what a call
-//! means or which client a key stands for is the caller's business. Numbers go to the `metrics` crate.
+//! The crate depends on no other crate of the workspace; the caller defines the meaning of calls and clients. Counters go to
+//! the `metrics` crate.
+//!
+//! ```no_run
+//! use std::{net::IpAddr, sync::Arc};
+//!
+//! use gleaner_edge::{CallRules, Connections, EdgeConfig, Protocol, Tls};
+//! use tokio::net::TcpListener;
+//!
+//! # async fn listen(config: EdgeConfig, rules: CallRules, tls: Option<Arc<Tls>>) -> std::io::Result<()> {
+//! let connections = Connections::<IpAddr>::new(config, rules);
+//! let listener = TcpListener::bind("127.0.0.1:7400").await?;
+//! let incoming = connections.accept(listener, tls, Protocol::Http2);
+//! // A tonic server gets `layer` and serves `incoming`.
+//! let layer = connections.layer();
+//! # drop((incoming, layer));
+//! # Ok(())
+//! # }
+//! ```
 
 mod accept;
 mod body;

@@ -1,5 +1,5 @@
-//! Pieces of responses that were handed to the transport and that the peer has not asked beyond. A peer that reads its
-//! socket but opens no flow-control window shows nowhere else. Must not depend on connections.
+//! Unread pieces of responses: those handed to the transport after which the peer has requested no more. A peer that
+//! reads its socket but opens no flow-control window is detected in no other way. Must not depend on connections.
 
 use std::{
     sync::{
@@ -14,14 +14,14 @@ use tokio::time::Instant;
 /// A response without an unread piece.
 const NOTHING: u64 = 0;
 
-/// The running responses of one connection; clones are the same ones.
+/// The running responses of one connection; clones share them.
 #[derive(Debug, Clone)]
 pub(crate) struct PendingResponses(Arc<Inner>);
 
 #[derive(Debug)]
 struct Inner {
     begun: Instant,
-    /// For each, since when a piece of it waits: milliseconds from the beginning, plus one.
+    /// For each response, the time since which a piece of it waits: milliseconds since the start, plus one.
     open: Mutex<Vec<Arc<AtomicU64>>>,
 }
 
@@ -37,7 +37,7 @@ impl PendingResponses {
         PendingResponse { all: self.clone(), since }
     }
 
-    /// Since when the oldest unread piece of any response waits.
+    /// The time since which the oldest unread piece of any response waits.
     pub(crate) fn oldest(&self) -> Option<Instant> {
         let open = self.0.open();
         let waiting = open.iter().map(|since| since.load(Relaxed)).filter(|&since| since != NOTHING);
@@ -59,13 +59,13 @@ pub(crate) struct PendingResponse {
 }
 
 impl PendingResponse {
-    /// A piece was handed out.
+    /// Records that a piece was handed to the transport.
     pub(crate) fn piece_sent(&self) {
         let since = self.all.0.begun.elapsed().as_millis();
         self.since.store(u64::try_from(since).unwrap_or(u64::MAX - 1) + 1, Relaxed);
     }
 
-    /// The peer asked for more: the last piece is on its way.
+    /// Records that the peer requested more, so the last piece is on its way.
     pub(crate) fn piece_read(&self) {
         self.since.store(NOTHING, Relaxed);
     }

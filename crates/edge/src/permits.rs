@@ -1,4 +1,4 @@
-//! Permits for connections: a maximum in all and one for each peer key. Must not depend on what a connection carries.
+//! Permits for connections: a maximum in all and one for each peer key. Must not depend on the content of connections.
 
 use std::{
     collections::{HashMap, hash_map::Entry},
@@ -28,7 +28,7 @@ pub(crate) struct Permit {
     address: IpAddr,
 }
 
-/// The limit that leaves no permit.
+/// The limit that is reached.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Full {
     All,

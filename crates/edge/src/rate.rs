@@ -1,37 +1,38 @@
-//! A minimum rate, as a deadline that received bytes push away. Must not depend on what the bytes are.
+//! A minimum rate, as a deadline that received bytes push away. Must not depend on the content of the bytes.
 
 use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Bytes must come at a minimum rate; for `patience` they may come slower. Time without a reader does not count.
+/// Bytes must arrive at a minimum rate; for `patience` they may arrive more slowly. Time without a reader does not
+/// count.
 #[derive(Debug)]
 pub(crate) struct MinimumRate {
     patience: Duration,
-    /// The time that one byte is worth.
+    /// The time by which one byte extends the deadline.
     byte: f64,
     deadline: Instant,
-    /// Since when there is no reader.
+    /// The time since which there is no reader.
     rests_since: Option<Instant>,
     /// Bytes received at the last call of [`Self::wait`].
     seen: u64,
 }
 
 impl MinimumRate {
-    /// Begins at rest.
+    /// A rate whose clock is stopped, because there is no reader yet.
     pub(crate) fn new(patience: Duration, bytes_per_second: u32, seen: u64) -> Self {
         let now = Instant::now();
         let byte = 1.0 / f64::from(bytes_per_second.max(1));
         Self { patience, byte, deadline: now + patience, rests_since: Some(now), seen }
     }
 
-    /// A reader waits for bytes; `received` have come in all. Returns the deadline for the next ones.
+    /// A reader waits for bytes; `received` is their total. Returns the deadline for the next ones.
     pub(crate) fn wait(&mut self, received: u64) -> Instant {
         let now = Instant::now();
         let rested = self.rests_since.take().map_or(Duration::ZERO, |since| now - since);
         let new = received.saturating_sub(self.seen);
         self.seen = received;
-        // More bytes than a day is worth are as good as a day's.
+        // Bytes beyond the equivalent of a day count as a day.
         #[expect(clippy::cast_precision_loss, reason = "far below 2^52 bytes")]
         let worth = Duration::try_from_secs_f64((new as f64 * self.byte).min(86_400.0)).unwrap_or_default();
         self.deadline = (self.deadline + rested + worth).min(now + self.patience);

@@ -1,5 +1,5 @@
-//! What holds for every connection of a listener, whatever the client. Must not depend on the accept loop or the layer,
-//! which both apply it.
+//! The rules of every connection of a listener, whatever the client. Must not depend on the accept loop or the layer,
+//! which both apply them.
 
 use tokio_util::sync::CancellationToken;
 
@@ -16,7 +16,7 @@ pub(crate) struct Rules {
     pub(crate) config: EdgeConfig,
     pub(crate) call_rules: CallRules,
     pub(crate) permits: Permits,
-    /// Cancelled when every connection is to end now.
+    /// Cancelled when every connection must end now.
     pub(crate) cut: CancellationToken,
 }
 

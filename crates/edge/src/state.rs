@@ -10,14 +10,14 @@ use std::{
 
 use crate::{pending::PendingResponses, permits::peer_key};
 
-/// One connection; clones are the same one.
+/// One connection; clones share its state.
 #[derive(Debug, Clone)]
 pub struct ConnectionState(Arc<State>);
 
 #[derive(Debug)]
 struct State {
     peer: SocketAddr,
-    /// Whether a call has come.
+    /// Whether a call has arrived.
     called: AtomicBool,
     /// Bytes received.
     received: AtomicU64,
@@ -31,17 +31,17 @@ impl ConnectionState {
         Self(Arc::new(State { peer, called, received, pending: PendingResponses::new() }))
     }
 
-    /// The address at the other end.
+    /// The address of the peer.
     pub fn peer(&self) -> SocketAddr {
         self.0.peer
     }
 
-    /// The key that the peer is counted under: its IPv4 address, or the /64 of its IPv6 address.
+    /// The key for counting the peer: its IPv4 address, or the /64 of its IPv6 address.
     pub fn peer_key(&self) -> IpAddr {
         peer_key(self.peer().ip())
     }
 
-    /// Notes that a call has come: the deadline of the first call is met.
+    /// Records a call, which meets the deadline of the first call.
     pub fn note_call(&self) {
         self.0.called.store(true, Relaxed);
     }

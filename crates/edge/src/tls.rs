@@ -1,6 +1,6 @@
 //! TLS: the handshake with the current certificate files. They are read again when they change and on SIGHUP, so that a
-//! certificate is renewed without a restart; open connections keep the one they began with. Must not depend on how
-//! certificates are made.
+//! certificate is renewed without a restart; open connections keep the one of their handshake. Must not depend on the
+//! creation of certificates.
 
 use std::{
     io,
@@ -34,12 +34,12 @@ const CHECK_EVERY: Duration = Duration::from_secs(2);
 /// A connection, encrypted or not.
 pub type Transport = Either<TcpStream, TlsStream<TcpStream>>;
 
-/// The protocol that connections of a listener speak.
+/// The protocol of a listener's connections.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Protocol {
-    /// HTTP/1.1, as browsers speak it to the pages.
+    /// HTTP/1.1, for the browsers that read the pages.
     Http1,
-    /// HTTP/2, as gRPC needs it.
+    /// HTTP/2, which gRPC requires.
     Http2,
 }
 
@@ -58,18 +58,18 @@ pub struct TlsFiles {
 #[derive(Debug)]
 pub struct Tls {
     files: TlsFiles,
-    /// Why clients may reject a certificate (as DER), for the log.
+    /// The reasons for which clients may reject a certificate (as DER), for the log.
     problems: fn(&[u8]) -> Vec<String>,
-    /// The state of the files before they were first read.
+    /// The metadata of the files before they were first read.
     first: Vec<Stamp>,
     current: RwLock<Arc<ServerConfig>>,
 }
 
-/// Changes with a file and its permissions: inode, time of the last change (which programs cannot set, unlike the time
-/// of writing), length.
+/// Metadata that changes with a file and its permissions: inode, time of the last change (which programs cannot set,
+/// unlike the time of writing), length.
 type Stamp = Option<(u64, i64, i64, u64)>;
 
-/// Takes a connection through its handshake, if there is to be one. The caller sets a deadline.
+/// Performs a connection's handshake, if TLS is configured. The caller sets a deadline.
 ///
 /// # Errors
 /// When the peer does not complete the handshake.
@@ -81,18 +81,18 @@ pub(crate) async fn handshake(tls: Option<Arc<Tls>>, protocol: Protocol, stream:
 }
 
 impl Tls {
-    /// Reads the files. `problems` says why clients may reject the server's certificate (as DER); each is logged as a
-    /// warning whenever a certificate is read.
+    /// Reads the files. `problems` returns the reasons for which clients may reject the server's certificate (as DER);
+    /// each is logged as a warning whenever a certificate is read.
     ///
     /// # Errors
-    /// [`EdgeError::Certificate`], naming the file that cannot be used; [`EdgeError::Tls`].
+    /// [`EdgeError::Certificate`] names the file that cannot be used; [`EdgeError::Tls`].
     pub fn open(files: TlsFiles, problems: fn(&[u8]) -> Vec<String>) -> Result<Self, EdgeError> {
         let first = files.stamps();
         let current = RwLock::new(Arc::new(files.read(problems)?));
         Ok(Self { files, problems, first, current })
     }
 
-    /// Takes a connection through its handshake with the current certificate. The caller sets a deadline.
+    /// Performs a connection's handshake with the current certificate. The caller sets a deadline.
     ///
     /// # Errors
     /// When the peer does not complete the handshake.
@@ -115,8 +115,8 @@ impl Tls {
         }
     }
 
-    /// Reads the files again whenever they change and on SIGHUP, until dropped. Files that cannot be used are logged and
-    /// change nothing.
+    /// Reads the files again whenever they change and on SIGHUP, until dropped. Files that cannot be used are logged
+    /// and the current certificate stays.
     pub async fn follow(&self) {
         let mut hangup = match signal(SignalKind::hangup()) {
             Ok(hangup) => Some(hangup),
@@ -136,14 +136,14 @@ impl Tls {
             };
             tokio::select! {
                 _ = asked => {}
-                // An unreadable file may be readable now although no file has changed.
+                // An unreadable file may have become readable without a change of any file.
                 () = tokio::time::sleep(CHECK_EVERY) => {
                     if problem.is_none() && self.files.stamps() == seen {
                         continue;
                     }
                 }
             }
-            // Before they are read: a change during the reading is noticed the next time.
+            // The metadata is recorded before the files are read, so a change during the reading is detected next time.
             seen = self.files.stamps();
             match self.files.read(self.problems) {
                 Ok(fresh) => {

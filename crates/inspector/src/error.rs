@@ -1,4 +1,4 @@
-//! Why there is no verdict. What is wrong with a recording is a verdict, not an error.
+//! The error of an inspection. A problem of the recording is a verdict, not an error.
 
 /// The inspection itself failed.
 #[derive(Debug, thiserror::Error)]
@@ -9,7 +9,7 @@ pub struct InspectError {
 }
 
 impl InspectError {
-    /// What makes one of an error's cause, for `map_err`.
+    /// Wraps the cause of an error, for `map_err`.
     pub(crate) fn when<E: Into<std::io::Error>>(doing: &'static str) -> impl Fn(E) -> Self {
         move |source| Self { doing, source: source.into() }
     }

@@ -1,32 +1,31 @@
-//! From a recording to a verdict.
+//! The inspection: from a recording to a verdict.
 //!
-//! Nothing here may be trusted to return: hostile bytes can abort this process, and that is what it is for.
+//! Hostile bytes can abort the process in any of these functions, which is why it is a separate process.
 
 use gleaner_recording::{RecordingError, Report, TaskSpec, read_episode_within, salvage};
 
 use crate::{InspectError, Order, limits};
 
-/// What is said of a recording.
+/// The result of an inspection.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
     /// The task can use the recording; its frames are written.
     Usable(Report),
-    /// What is whole of it was copied, with so many actions.
+    /// The intact part was copied; it has this many actions.
     Salvaged(u64),
-    /// It cannot; why, and the mend.
+    /// The recording is rejected, with the reason and the fix.
     Refused(String),
-    /// Not the recording's fault.
+    /// The inspection failed for a reason outside the recording.
     Fault(String),
 }
 
-/// Inspects, or salvages, one recording under limits that this process takes upon itself. It is Ok once a verdict is
-/// written, whatever the verdict.
+/// Inspects or salvages one recording under limits on this process. Any written verdict is a success.
 ///
 /// # Errors
-/// When the limits, the spec or the verdict's file cannot be used.
+/// If a limit cannot be set, the spec cannot be read or the verdict cannot be written.
 pub fn inspect(order: &Order) -> Result<(), InspectError> {
-    limits::take(order)?;
+    limits::apply(order)?;
     let verdict = match read(order)? {
         Ok(verdict) => verdict,
         Err(error @ (RecordingError::Io { .. } | RecordingError::Write(_))) => Verdict::Fault(error.to_string()),

@@ -1,7 +1,9 @@
-//! Reads one recording that may be hostile: takes limits on itself, reads, writes the verdict and the frames.
+//! Inspection of one untrusted recording: the process limits itself, reads the file, and writes a verdict and the decoded
+//! frames.
 //!
-//! The program beside this library is what the server starts for each recording. It links nothing of learning or serving,
-//! because a process that lives for one recording must start in milliseconds. Knows no server, database or job.
+//! The server starts the program `gleaner-inspector` for each recording, because damaged files can abort the process that
+//! reads them. The crate depends on `gleaner-recording` only, so that the process starts in milliseconds. The server links
+//! the library for [`Order`] (the arguments), [`Verdict`] (the result) and [`RecordingsConfig`] (the limits as flags).
 
 mod error;
 mod inspect;
@@ -11,6 +13,6 @@ mod recordings;
 
 pub use error::InspectError;
 pub use inspect::{Verdict, inspect};
-pub use limits::take as take_limits;
+pub use limits::apply as apply_limits;
 pub use order::Order;
 pub use recordings::RecordingsConfig;

@@ -1,4 +1,4 @@
-//! The limits that an inspecting process takes upon itself, before it touches a byte of the recording.
+//! Limits that an inspecting process sets on itself before it reads the recording.
 
 use rustix::{
     io::Errno,
@@ -7,37 +7,37 @@ use rustix::{
 
 use crate::{InspectError, Order};
 
-/// The recording, the spec, the frames, the verdict, standard streams, and some for the runtime.
+/// For the recording, the spec, the frames, the verdict, the standard streams and the runtime.
 const OPEN_FILES: u64 = 64;
 
-/// Limits memory, processor time, file size and open files of this process, and lets it die with its parent.
+/// Limits memory, processor time, file size and open files of this process, which ends with its parent.
 ///
 /// # Errors
-/// When the system does not say how much is taken, or does not take a limit.
-pub fn take(order: &Order) -> Result<(), InspectError> {
+/// If the current memory is unknown or a limit cannot be set.
+pub fn apply(order: &Order) -> Result<(), InspectError> {
     let fault = InspectError::when::<Errno>("limiting this process");
     set_parent_process_death_signal(Some(Signal::KILL)).map_err(&fault)?;
     let recording = std::fs::metadata(&order.recording).map_or(0, |file| file.len());
-    let taken = taken().map_err(InspectError::when("asking how much memory is taken"))?;
-    // What the program and its libraries take before they do anything is not the recording's doing.
-    let data = taken.data.saturating_add(order.memory_bytes);
+    let used = used().map_err(InspectError::when("reading the memory of this process"))?;
+    // The memory of the program and its libraries is not caused by the recording.
+    let data = used.data.saturating_add(order.memory_bytes);
     // The recording itself may be mapped.
-    let address_space = taken.size.saturating_add(order.memory_bytes).saturating_add(recording);
+    let address_space = used.size.saturating_add(order.memory_bytes).saturating_add(recording);
     for (resource, limit) in [
         (Resource::Data, data),
         (Resource::As, address_space),
-        // What is mended is about as large as what was torn.
+        // A salvaged file is about as large as the original.
         (Resource::Fsize, order.memory_bytes.saturating_add(if order.salvage.is_some() { recording } else { 0 })),
         (Resource::Nofile, OPEN_FILES),
         (Resource::Core, 0),
     ] {
         limit_to(resource, limit, limit).map_err(&fault)?;
     }
-    // The soft limit's signal tells the parent what was too much; the hard one's would not.
+    // The signal of the soft limit names the exceeded limit for the parent; that of the hard one does not.
     limit_to(Resource::Cpu, order.seconds, order.seconds.saturating_add(1)).map_err(fault)
 }
 
-/// Limits a resource. A lower limit that the process has already stays: to raise it is refused to most users.
+/// Limits a resource. A lower existing limit stays, because most users cannot raise it.
 fn limit_to(resource: Resource, soft: u64, hard: u64) -> std::result::Result<(), Errno> {
     setrlimit(resource, lowered(soft, hard, getrlimit(resource)))
 }
@@ -48,20 +48,20 @@ fn lowered(soft: u64, hard: u64, present: Rlimit) -> Rlimit {
     Rlimit { current: Some(current), maximum: Some(maximum) }
 }
 
-/// Bytes of address space that this process has taken.
-struct Taken {
+/// The memory of this process in bytes.
+struct Used {
     size: u64,
     data: u64,
 }
 
-fn taken() -> std::io::Result<Taken> {
+fn used() -> std::io::Result<Used> {
     let status = std::fs::read_to_string("/proc/self/status")?;
     let kib = |name: &str| {
         let line = status.lines().find_map(|line| line.strip_prefix(name))?;
         line.trim_start_matches(':').trim().strip_suffix(" kB")?.parse::<u64>().ok()
     };
     let bytes = |name| kib(name).map(|kib| kib << 10).ok_or_else(|| std::io::Error::other(format!("no {name}")));
-    Ok(Taken { size: bytes("VmSize")?, data: bytes("VmData")? })
+    Ok(Used { size: bytes("VmSize")?, data: bytes("VmData")? })
 }
 
 #[cfg(test)]
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lower_limit_that_is_there_stays() {
+    fn lower_existing_limit_stays() {
         let limits = |present: (Option<u64>, Option<u64>)| {
             let Rlimit { current, maximum } = lowered(120, 121, Rlimit { current: present.0, maximum: present.1 });
             (current, maximum)

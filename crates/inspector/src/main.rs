@@ -1,5 +1,5 @@
-//! The `gleaner-inspector` binary: one recording, under limits. The server starts it, and reads its exit code and what
-//! it says on standard error.
+//! The `gleaner-inspector` binary: one recording under limits. The server starts it and reads its exit code and its standard
+//! error.
 
 use std::process::ExitCode;
 
@@ -14,7 +14,7 @@ struct Cli {
     order: Order,
 }
 
-#[expect(clippy::print_stderr, reason = "the server keeps it for its log")]
+#[expect(clippy::print_stderr, reason = "the server logs it")]
 fn main() -> ExitCode {
     match inspect(&Cli::parse().order) {
         Ok(()) => ExitCode::SUCCESS,

@@ -1,4 +1,4 @@
-//! What an inspection is told, as flags: the same words for who starts one and for the program that is started.
+//! The arguments of an inspection: one definition for the server and for the program.
 
 use std::{ffi::OsString, path::PathBuf};
 
@@ -15,28 +15,28 @@ pub struct Order {
     /// The task's spec, as JSON.
     #[arg(long)]
     pub spec: PathBuf,
-    /// Where to put the verdict, as JSON.
+    /// Write the verdict to this file, as JSON.
     #[arg(long)]
     pub report: PathBuf,
-    /// Where to put the decoded frames.
+    /// Write the decoded frames to this file.
     #[arg(long)]
     pub frames: PathBuf,
-    /// Copy what is whole of the recording to here, instead of inspecting it; the spec is not read.
+    /// Copy the intact part of the recording to this file instead of inspecting it; the spec is not read.
     #[arg(long)]
     pub salvage: Option<PathBuf>,
-    /// Most memory to take, in bytes.
+    /// Maximum memory in bytes.
     #[arg(long)]
     pub memory_bytes: u64,
-    /// Most processor time to take, in seconds.
+    /// Maximum processor time in seconds.
     #[arg(long)]
     pub seconds: u64,
-    /// Limits on what the recording may hold.
+    /// Limits on the content of the recording.
     #[command(flatten)]
     pub limits: RecordingsConfig,
 }
 
 impl Order {
-    /// As the program's arguments.
+    /// The arguments of the program.
     pub fn arguments(&self) -> Vec<OsString> {
         let Self { recording, spec, report, frames, salvage, memory_bytes, seconds, limits } = self;
         let paths = [
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_ordered_is_what_is_read() {
+    fn arguments_parse_to_the_same_order() {
         let order = Order {
             recording: "r".into(),
             spec: "s p a c e".into(),

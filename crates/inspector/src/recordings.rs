@@ -46,7 +46,7 @@ impl From<Limits> for RecordingsConfig {
 }
 
 impl RecordingsConfig {
-    /// As the reader of recordings takes them.
+    /// The limits for the reader of recordings.
     pub fn limits(&self) -> Limits {
         Limits {
             chunk_bytes: self.max_chunk_bytes,
@@ -123,13 +123,13 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_said_is_the_readers_own() {
+    fn default_limits_are_those_of_the_reader() {
         assert_eq!(read(&[]).limits(), Limits::default());
         assert!(read(&[]).validate().is_ok());
     }
 
     #[test]
-    fn the_child_gets_every_limit() {
+    fn flags_have_every_limit() {
         let all = RecordingsConfig {
             max_chunk_bytes: 1,
             max_record_bytes: 2,
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_limit_is_named_by_its_flag() {
+    fn invalid_limit_is_named_by_its_flag() {
         for flag in ["--max-records=0", "--max-name-bytes=0", "--max-json-depth=0", "--max-json-depth=128"] {
             let problem = read(&[flag.to_owned()]).validate().unwrap_err();
             assert!(flag.starts_with(problem.split(':').next().unwrap()), "{problem}");

@@ -1,5 +1,5 @@
 //! Checkpoints: safetensors with a JSON header. Reading checks every bound and runs no code.
-//! Knows nothing of where checkpoints are kept.
+//! Independent of the storage of checkpoints.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -16,14 +16,14 @@ use crate::shape::TaskShape;
 /// The version this program writes, and the only one it reads.
 pub const FORMAT_VERSION: u32 = 1;
 
-/// The header's key among the file's metadata. One key only: with several their order, and so the
-/// file's hash, would change from run to run.
+/// The header's key among the file's metadata. There is a single key, because the order of several, and so the file's
+/// hash, would change from run to run.
 const HEADER: &str = "gleaner";
 
-/// The policy of headers that name none.
+/// The policy of headers without one.
 const FIRST_POLICY: &str = "finetune";
 
-/// What a checkpoint holds.
+/// The content of a checkpoint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CheckpointKind {
@@ -38,9 +38,9 @@ pub enum CheckpointKind {
 pub struct CheckpointInfo {
     /// The file format.
     pub format_version: u32,
-    /// What it holds.
+    /// The content.
     pub kind: CheckpointKind,
-    /// Gradient steps done. With the seed in `spec` this is all the state the random numbers have.
+    /// Gradient steps done. With the seed in `spec` this is the whole state of the random numbers.
     pub step: u64,
     /// Whether training is done. If not, the file also holds the optimiser's state.
     pub finished: bool,
@@ -48,15 +48,15 @@ pub struct CheckpointInfo {
     pub shape: TaskShape,
     /// The model. A policy without history has segment length 0.
     pub model: ModelSpec,
-    /// Which policy; `None` in an encoder.
+    /// The policy's name; `None` in an encoder.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub policy: Option<String>,
     /// The policy's own settings; empty in an encoder.
     // Earlier versions had settings for ACT alone.
     #[serde(default, alias = "act", skip_serializing_if = "Values::is_empty")]
     pub settings: Values,
-    /// The job's settings as a JSON text, less those that only say how it is carried out (device,
-    /// threads, checkpoint_every). A run resumes only under the same text.
+    /// The job's settings as a JSON text, without those of its execution (device, threads, checkpoint_every). A run
+    /// resumes only under the same text.
     pub spec: String,
 }
 
@@ -67,7 +67,7 @@ impl CheckpointInfo {
     }
 }
 
-/// Reads only what every version has.
+/// The fields that every version has.
 #[derive(Deserialize)]
 struct AnyVersion {
     format_version: u32,
@@ -76,8 +76,8 @@ struct AnyVersion {
 /// Reads the header of a checkpoint.
 ///
 /// # Errors
-/// [`LearnError::Checkpoint`] if `bytes` are no checkpoint, [`LearnError::Version`] if they are one
-/// of another format.
+/// [`LearnError::Checkpoint`] if `bytes` are not a checkpoint, [`LearnError::Version`] if they are a checkpoint of
+/// another format.
 pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     let (_, metadata) = SafeTensors::read_metadata(bytes)?;
     let header = metadata
@@ -93,7 +93,7 @@ pub fn inspect(bytes: &[u8]) -> Result<CheckpointInfo, LearnError> {
     let mut info: CheckpointInfo = serde_json::from_str(header).map_err(unreadable)?;
     info.shape.validate()?;
     if info.kind == CheckpointKind::Policy {
-        // The first policies had one kind, and their headers do not say it.
+        // The headers of the first policies have no kind, because there was only one.
         info.policy.get_or_insert_with(|| FIRST_POLICY.to_owned());
     }
     Ok(info)

@@ -1,5 +1,5 @@
-//! Where tensors live and how many threads work on them. The only room that touches
-//! process-wide settings of the tensor library.
+//! The device of tensors and the number of threads. The only module that changes process-wide settings of the tensor
+//! library.
 
 use std::hint::black_box;
 use std::sync::Once;
@@ -7,17 +7,17 @@ use std::sync::Once;
 use crate::error::LearnError;
 use gleaner_core::Device;
 
-/// Just under the most that glibc's threshold grows to.
+/// Just under the largest value of glibc's dynamic threshold.
 const KEPT: usize = (32 << 20) - (64 << 10);
 
 /// Sets the number of intra-op threads of the whole process (at least 1).
 ///
-/// Serve with one thread per model: two threads on busy cores cost more than they give.
+/// Serve with one thread per model: a second thread on busy cores costs more than it gains.
 pub fn set_threads(threads: u32) {
     tch::set_num_threads(i32::try_from(threads.max(1)).unwrap_or(i32::MAX));
 }
 
-/// The library's device for `device`, after setting `threads` if asked.
+/// The library's device for `device`; also sets `threads`, if given.
 pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, LearnError> {
     if let Some(threads) = threads {
         set_threads(threads);
@@ -30,11 +30,12 @@ pub(crate) fn open(device: Device, threads: Option<u32>) -> Result<tch::Device, 
     }
 }
 
-/// Has the C library keep what is freed for the next tensor, up to twice [`KEPT`] for each thread's heap.
+/// Makes the C library retain freed memory for the next tensor, up to twice [`KEPT`] for each thread's heap.
 ///
-/// By itself glibc gives tensors' memory back to the system as soon as they go and gets it anew, page by page, with the
-/// next pass: half of a pass over the images of sixteen sessions. Freeing one large piece tells it (`mallopt(3)`,
-/// M_MMAP_THRESHOLD) that such pieces come and go. No page of this one is touched; other C libraries don't mind.
+/// By default glibc returns the memory of tensors to the system as soon as they are freed, and requests it again, page
+/// by page, in the next pass: half of the time of a pass over the images of sixteen sessions. Freeing one large piece
+/// raises glibc's threshold (`mallopt(3)`, M_MMAP_THRESHOLD) for such pieces. No page of this piece is touched; other C
+/// libraries are not affected.
 fn keep_memory() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| drop(black_box(Vec::<u8>::with_capacity(KEPT))));
@@ -47,16 +48,16 @@ mod tests {
 
     const PIECE: usize = 16 << 20;
 
-    /// Pages this thread has been given so far.
+    /// Pages given to this thread so far.
     fn faults() -> usize {
         let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
-        // After the name, which may hold anything: state, and seven more, then the faults.
+        // The name may contain any character. After it come the state, seven more fields, and the faults.
         stat.rsplit_once(')').unwrap().1.split_whitespace().nth(7).unwrap().parse().unwrap()
     }
 
     #[test]
     fn memory_that_is_freed_is_there_for_the_next() {
-        // A thread of its own, as a model has; it begins with an empty heap.
+        // A separate thread, as for a model; it begins with an empty heap.
         let again = std::thread::spawn(|| {
             open(Device::Cpu, None).unwrap();
             drop(black_box(vec![1u8; PIECE]));

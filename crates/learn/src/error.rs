@@ -1,4 +1,4 @@
-//! What can go wrong in learning. Knows nothing of status codes or of who asked.
+//! The error type of the crate. Independent of status codes and callers.
 
 use std::any::Any;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -8,10 +8,10 @@ use gleaner_search::SearchError;
 use safetensors::SafeTensorError;
 use tch::TchError;
 
-/// Why a call into this crate gave no result.
+/// Reason why a call into this crate failed.
 #[derive(Debug, thiserror::Error)]
 pub enum LearnError {
-    /// The caller's input is wrong; `field` names it and `message` says how to mend it.
+    /// The caller's input is wrong; `field` names it, and `message` is what to change.
     #[error("{field}: {message}")]
     Invalid {
         /// Path of the field, such as `learning_rate` or `episode ep_1: action`.
@@ -33,21 +33,21 @@ pub enum LearnError {
         /// The version this program writes and reads.
         supported: u32,
     },
-    /// [`Monitor::cancelled`](crate::Monitor::cancelled) said so.
+    /// [`Monitor::cancelled`](crate::Monitor::cancelled) returned true.
     #[error("cancelled")]
     Cancelled,
-    /// The loss stopped being a number.
+    /// The loss is no longer a number.
     #[error("the loss is not finite at step {step}; use a lower learning_rate")]
     Diverged {
         /// The step (from 0) whose loss was not finite.
         step: u64,
     },
-    /// The monitor could not keep a checkpoint.
+    /// The monitor failed to store a checkpoint.
     #[error("the checkpoint of step {step} could not be kept: {message}")]
     Monitor {
         /// Steps done.
         step: u64,
-        /// What the monitor said.
+        /// The monitor's error.
         message: String,
     },
     /// The tensor library failed: out of memory, or a defect here.
@@ -56,7 +56,7 @@ pub enum LearnError {
 }
 
 impl LearnError {
-    /// The error as the caller of the server or the worker sees it. `doing` says for the log what was being done.
+    /// The error for the caller of the server or the worker. `doing` names the failed operation for the log.
     pub fn during(self, doing: &str) -> Error {
         match self {
             Self::Version { .. } | Self::Checkpoint(_) => Error::precondition(self.to_string()),
@@ -106,8 +106,8 @@ impl From<SafeTensorError> for LearnError {
 
 /// Runs `work` and turns a panic of the tensor library into [`LearnError::Torch`].
 ///
-/// Plain tensor operations panic when the library throws. Inputs are checked before they get
-/// there, so what remains is memory running out or a defect; neither may take the caller down.
+/// Plain tensor operations panic when the library throws. Inputs are checked before, so the remaining causes are
+/// exhausted memory or a defect; neither may end the caller's thread.
 pub(crate) fn guard<T>(work: impl FnOnce() -> Result<T, LearnError>) -> Result<T, LearnError> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(from_panic(panic.as_ref())))
 }
@@ -121,7 +121,7 @@ fn from_panic(panic: &(dyn Any + Send)) -> LearnError {
     LearnError::Torch(first_line(text))
 }
 
-/// The library appends its C++ stack to a message; only the first line tells the reader something.
+/// The library appends its C++ stack to a message; only the first line is useful to the reader.
 fn first_line(text: &str) -> String {
     text.lines().next().unwrap_or_default().to_owned()
 }

@@ -1,8 +1,8 @@
-//! Every policy, objective and scorer of this crate as data, for the crate of values.
+//! Every policy, objective and scorer of this crate as data, for `gleaner-core`.
 
 use gleaner_core::kinds::Kinds;
 
-/// Every kind, as its own file describes it.
+/// Every kind, as described in its own file.
 #[must_use]
 pub fn kinds() -> Kinds {
     Kinds {
@@ -14,7 +14,7 @@ pub fn kinds() -> Kinds {
 
 #[cfg(test)]
 mod tests {
-    /// `make kinds` writes the file.
+    /// The file is written by `make kinds`.
     #[test]
     fn the_embedded_kinds_are_those_of_this_crate() {
         let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../core/kinds.json");

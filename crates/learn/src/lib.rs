@@ -1,10 +1,36 @@
 //! SSDF: pretraining, quality scores and policies, on tensors.
 //!
-//! Plain data goes in and plain data comes out: no tensor leaves this crate, and it knows nothing
-//! of servers, files, recordings or databases. Bytes in, bytes out; whoever calls stores them.
+//! Plain data goes in and plain data comes out: no tensor appears in the interface, and checkpoints are bytes that the
+//! caller stores. The crate depends on no servers, files, recordings or databases.
 //!
-//! The three steps of the method are [`pretrain`], [`score`](fn@score) and [`train_policy`];
-//! [`Policy`] runs what they made.
+//! 1. [`TaskShape`] and [`Trajectory`] describe a step and an episode.
+//! 2. [`pretrain`] turns episodes into an encoder; its settings are [`PretrainSpec`](gleaner_core::PretrainSpec).
+//! 3. [`score`](fn@score) gives each segment of the imperfect episodes a quality; [`extend_scores`] adds to a run, and
+//!    [`LiveScorer`] scores episodes that are not stored.
+//! 4. [`train_policy`] trains a policy on experts and weighted segments, and [`Policy`] acts with it.
+//!
+//! Each stage reports to a [`Monitor`], which stores checkpoints and cancels. [`kinds`] lists the policies, objectives and
+//! scorers of the crate.
+//!
+//! ```no_run,standalone_crate
+//! use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
+//! use gleaner_learn::{
+//!     Forgetful, LearnError, ScoreInputs, Silent, TaskShape, Trajectory, WeightedSegments, pretrain, score, train_policy,
+//! };
+//!
+//! # fn stages(shape: &TaskShape, experts: &[Trajectory], imperfect: &[Trajectory]) -> Result<Vec<u8>, LearnError> {
+//! let all: Vec<Trajectory> = experts.iter().chain(imperfect).cloned().collect();
+//! let encoder = pretrain(shape, &all, &PretrainSpec::default(), None, &mut Silent)?;
+//! let inputs = ScoreInputs { encoder: &encoder, experts, imperfect, kept: &Forgetful };
+//! let scores = score(inputs, &ScoreSpec::default(), &mut Silent)?;
+//! let good = imperfect.iter().zip(&scores.imperfect).map(|(trajectory, scores)| WeightedSegments {
+//!     trajectory: trajectory.clone(),
+//!     steps: (0..).zip(scores.q.iter().copied()).filter(|(_, q)| *q > 0.9).collect(),
+//! });
+//! let kept: Vec<WeightedSegments> = good.collect();
+//! train_policy(shape, Some(&encoder), experts, &kept, &TrainSpec::default(), None, &mut Silent)
+//! # }
+//! ```
 
 mod batch;
 mod checkpoint;

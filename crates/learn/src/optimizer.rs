@@ -1,5 +1,5 @@
 //! AdamW with clipping by the global norm, over plain tensors so that all its state can be saved.
-//! Knows nothing of models or schedules.
+//! Independent of models and schedules.
 
 use std::collections::BTreeMap;
 
@@ -27,7 +27,7 @@ pub(crate) struct AdamW {
 }
 
 impl AdamW {
-    /// Over `parameters`, with no history.
+    /// An optimiser of `parameters`, without history.
     pub(crate) fn new(parameters: Vec<(String, Tensor)>) -> Self {
         let slots = parameters
             .into_iter()
@@ -55,7 +55,7 @@ impl AdamW {
             .collect()
     }
 
-    /// Takes the state out of `named`.
+    /// Takes the state from `named`.
     pub(crate) fn load(&mut self, named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
         for slot in &mut self.slots {
             for (part, tensor) in [("mean", &mut slot.mean), ("square", &mut slot.square)] {
@@ -73,15 +73,15 @@ impl AdamW {
         Ok(())
     }
 
-    /// Forgets all gradients.
+    /// Clears all gradients.
     pub(crate) fn zero_grad(&mut self) {
         for slot in &mut self.slots {
             slot.parameter.zero_grad();
         }
     }
 
-    /// Moves the parameters by their gradients as step number `step` (from 0) at `rate`. Gives
-    /// the global gradient norm before clipping; moves nothing if that is not finite.
+    /// Moves the parameters by their gradients as step number `step` (from 0) at `rate`. Returns the global gradient
+    /// norm before clipping; parameters stay unchanged if it is not finite.
     pub(crate) fn step(&mut self, step: u64, rate: f64, spec: &OptimSpec) -> f64 {
         let _no_grad = no_grad_guard();
         let norm = self.gradient_norm();

@@ -1,4 +1,4 @@
-//! Step one of SSDF: the transformer learns D_u by itself.
+//! Step one of SSDF: self-supervised pretraining of the transformer on D_u.
 //!
 //! L_pretrain = L_MTP + L_TR + L_AA.
 
@@ -19,18 +19,18 @@ use crate::train::{Loss, Monitor, Resumed, Training};
 use crate::trajectory::Trajectory;
 use gleaner_core::{PretrainSpec, Values};
 
-/// Segments on which the scale of features is measured, in whole episodes: many more than features have dimensions.
+/// Segments on which the scale of features is measured, in whole episodes: many times the dimension of features.
 const SCALE_SEGMENTS: usize = 4096;
 
-/// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and gives its checkpoint.
+/// Pretrains an encoder on `data` (D_u = D_e ∪ D_i) and returns its checkpoint.
 ///
-/// `resume` is a checkpoint the monitor kept; on the CPU, with the same number of threads, the
-/// resumed run gives the same bytes as a straight one. Metrics: `loss`, `loss_mtp`, `loss_tr`,
-/// `loss_aa`, `grad_norm`, `learning_rate`, `ms_per_step`.
+/// `resume` is a checkpoint that the monitor stored; on the CPU, with the same number of threads, the resumed run gives
+/// the same bytes as an uninterrupted one. Metrics: `loss`, `loss_mtp`, `loss_tr`, `loss_aa`, `grad_norm`,
+/// `learning_rate`, `ms_per_step`.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for bad input, [`LearnError::Cancelled`], [`LearnError::Diverged`],
-/// and what reading a checkpoint or the tensor library may give.
+/// and errors of reading a checkpoint and of the tensor library.
 pub fn pretrain(
     shape: &TaskShape,
     data: &[Trajectory],
@@ -63,7 +63,7 @@ pub fn pretrain(
     })
 }
 
-/// Adds the scale of the features over D_u, on some of its episodes, to a finished encoder.
+/// Adds the scale of the features over D_u, measured on some of its episodes, to a finished encoder.
 fn with_feature_scale(finished: &[u8], data: &[&Trajectory], spec: &PretrainSpec) -> Result<Vec<u8>, LearnError> {
     let device = device::open(spec.run.device, spec.threads)?;
     let (info, named) = checkpoint::read(finished, CheckpointKind::Encoder)?;
@@ -158,7 +158,7 @@ mod tests {
         let half = &straight.checkpoints[0].1;
         let again = pretrain(&shape, &data, &spec, Some(half), &mut resumed).unwrap();
         assert_eq!(straight.losses[3..], resumed.losses);
-        // The checkpoint of step 6 holds weights and optimiser state.
+        // The checkpoint of step 6 has weights and optimiser state.
         assert_eq!(straight.checkpoints[1], resumed.checkpoints[0]);
         assert_eq!(result, again);
         let finished = pretrain(&shape, &data, &spec, Some(&result), &mut Silent).unwrap();
@@ -178,7 +178,7 @@ mod tests {
             let (_, last) = stopped.checkpoints.last().unwrap();
             assert_eq!(pretrain(&shape, &data, &spec, Some(last), &mut Silent).unwrap(), straight);
         }
-        // Stopped again before it took a step, it has nothing new to keep.
+        // Stopped again before its first step, the run has no new checkpoint to store.
         let mut first = Recorder { stop_after: Some(2), ..Recorder::default() };
         assert!(pretrain(&shape, &data, &spec, None, &mut first).is_err());
         let mut again = Recorder { stop_after: Some(0), ..Recorder::default() };

@@ -1,31 +1,31 @@
-//! Random numbers that depend on nothing but (seed, purpose, counter).
+//! Random numbers that depend only on (seed, purpose, counter).
 //!
 //! A generator is made anew for every step, so a resumed run draws exactly what a straight run
-//! draws, without saving any generator's state. Knows nothing of what the numbers are for.
+//! draws, without saving any generator's state. Independent of the purpose of the numbers.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// What the numbers are for; each purpose is a stream of its own.
+/// The use of the numbers; each purpose has a separate stream.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Purpose {
-    /// First weights; the counter is the parameter's place in name order.
+    /// Initial weights; the counter is the parameter's place in name order.
     Weights = 1,
-    /// Which elements are masked; the counter is the step.
+    /// The masked elements; the counter is the step.
     Mask = 2,
-    /// Which segments make a pretraining or expert batch; the counter is the step.
+    /// The segments of a pretraining or expert batch; the counter is the step.
     Batch = 3,
-    /// Which segments make a kept batch; the counter is the step.
+    /// The segments of a kept batch; the counter is the step.
     KeptBatch = 4,
-    /// How a pretraining or expert batch's images are changed; the counter is the step.
+    /// The changes of a pretraining or expert batch's images; the counter is the step.
     Augmentation = 5,
-    /// How a kept batch's images are changed; the counter is the step.
+    /// The changes of a kept batch's images; the counter is the step.
     KeptAugmentation = 6,
-    /// What is random in an expert batch but for its segments and images: styles, hidden pasts; the counter is the step.
+    /// The other random parts of an expert batch: styles, hidden pasts; the counter is the step.
     Style = 7,
     /// Likewise in a kept batch; the counter is the step.
     KeptStyle = 8,
-    /// Which episodes the scale of features is measured on; the counter is 0.
+    /// The episodes on which the scale of features is measured; the counter is 0.
     FeatureScale = 9,
 }
 

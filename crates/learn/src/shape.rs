@@ -9,11 +9,11 @@ const MAX_CAMERAS: usize = 16;
 const MAX_DIMENSIONS: usize = 4096;
 const IMAGE_SIDE: (u32, u32) = (8, 2048);
 
-/// What one step holds: images o, proprioception m and action a.
+/// The contents of one step: images o, proprioception m and action a.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskShape {
-    /// The cameras, in the order their images lie in a frame.
+    /// The cameras, in the order of their images in a frame.
     pub cameras: Vec<CameraShape>,
     /// Number of proprioception values M.
     pub proprioception: usize,
@@ -42,7 +42,7 @@ impl CameraShape {
         self.height as usize * self.width as usize
     }
 
-    /// Channels the model sees: 3, or 4 with depth.
+    /// Channels of the model's input: 3, or 4 with depth.
     pub(crate) fn channels(&self) -> usize {
         if self.depth { 4 } else { 3 }
     }
@@ -53,7 +53,7 @@ impl CameraShape {
     }
 }
 
-/// Fails if a shift could push a whole image out of sight.
+/// Fails if a shift could move a whole image out of view.
 pub(crate) fn augmentation_fits(augmentation: &Augmentation, shape: &TaskShape) -> Result<(), LearnError> {
     let sides = shape.cameras.iter().flat_map(|camera| [camera.height, camera.width]);
     let most = sides.min().unwrap_or(1).saturating_sub(1);
@@ -85,7 +85,7 @@ impl TaskShape {
     /// Checks every field.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] naming the field.
+    /// [`LearnError::Invalid`] names the field.
     pub fn validate(&self) -> Result<(), LearnError> {
         if self.cameras.is_empty() || self.cameras.len() > MAX_CAMERAS {
             let count = self.cameras.len();

@@ -1,6 +1,5 @@
-//! A toy task for tests: a bright square somewhere in a small image, a hand somewhere on the same
-//! plane, and an action that moves the hand towards the square. The action cannot be told without
-//! looking at the image.
+//! A toy task for tests: a bright square somewhere in a small image, a hand somewhere on the same plane, and an action
+//! that moves the hand towards the square. The action cannot be predicted without the image.
 
 #![allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)]
 
@@ -41,7 +40,7 @@ pub(crate) fn frame(x: f32, y: f32) -> Vec<u8> {
     colour
 }
 
-/// An episode whose hand goes to the square, or (`expert` false) away from it. The last
+/// An episode whose hand moves to the square, or (`expert` false) away from it. The last
 /// proprioception value never changes.
 pub(crate) fn episode(id: &str, seed: u64, steps: usize, expert: bool) -> Trajectory {
     let mut rng = generator(seed, Purpose::Batch, 1 << 40);
@@ -88,7 +87,7 @@ pub(crate) fn every(steps: u32, mut spec: PretrainSpec) -> PretrainSpec {
     spec
 }
 
-/// Keeps everything a job reports, and may stop it after some steps.
+/// Stores all reports of a job, and may stop it after some steps.
 #[derive(Default)]
 pub(crate) struct Recorder {
     pub(crate) losses: Vec<(u64, f64)>,

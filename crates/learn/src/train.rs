@@ -1,5 +1,4 @@
-//! The training loop that pretraining and policies share: step, report, checkpoint, resume. Knows
-//! nothing of what the loss means.
+//! The training loop that pretraining and policies share: step, report, checkpoint, resume. Independent of the loss.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -12,23 +11,23 @@ use crate::model::Network;
 use crate::optimizer::AdamW;
 use gleaner_core::OptimSpec;
 
-/// Whoever watches a job: takes progress and checkpoints, and may ask it to stop.
+/// Receives progress and checkpoints of a job, and may request a stop.
 pub trait Monitor {
     /// `step` of `total` are done; `metrics` are (name, value). Called after every step.
     fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]);
 
-    /// Keeps `bytes`, from which the job can resume after `step` steps. Called now and then, and where the job is asked
+    /// Stores `bytes`, from which the job can resume after `step` steps. Called at intervals, and when the job is asked
     /// to stop.
     ///
     /// # Errors
-    /// Why it could not; the job then fails.
+    /// The reason why storing failed; the job then fails.
     fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> Result<(), String>;
 
-    /// Whether to stop now; asked before every step.
+    /// Whether to stop now; called before every step.
     fn cancelled(&self) -> bool;
 }
 
-/// A monitor that watches nothing.
+/// A monitor that ignores all reports.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Silent;
 
@@ -48,13 +47,13 @@ impl Monitor for Silent {
 pub(crate) struct Loss {
     /// The scalar to minimise.
     pub(crate) total: Tensor,
-    /// What it is made of, for the metrics.
+    /// Its terms, for the metrics.
     pub(crate) parts: Vec<(&'static str, f64)>,
 }
 
-/// What the loop trains.
+/// A model that the loop trains.
 pub(crate) trait Learner: Sized {
-    /// The one `info` describes, with the weights in `named`.
+    /// The learner that `info` describes, with the weights in `named`.
     fn from_named(
         info: &CheckpointInfo,
         named: &BTreeMap<String, Tensor>,
@@ -64,7 +63,7 @@ pub(crate) trait Learner: Sized {
     /// Every parameter in name order.
     fn parameters(&self) -> Vec<(String, Tensor)>;
 
-    /// Everything a finished checkpoint holds: parameters and statistics.
+    /// All values of a finished checkpoint: parameters and statistics.
     fn named(&self) -> Vec<(String, Tensor)>;
 }
 
@@ -86,29 +85,29 @@ impl Learner for Network {
     }
 }
 
-/// A learner in training; the transformer, but for policies of another kind.
+/// A learner in training: the transformer, except for policies of another kind.
 pub(crate) struct Training<N = Network> {
     network: N,
     optimizer: AdamW,
-    /// The header of the next checkpoint; `step` counts.
+    /// The header of the next checkpoint; its `step` is the counter.
     info: CheckpointInfo,
 }
 
-/// What a resume finds.
+/// Result of resuming from a checkpoint.
 pub(crate) enum Resumed<N = Network> {
-    /// The run goes on from here.
+    /// The run continues from here.
     Unfinished(Box<Training<N>>),
-    /// The run was over: its result.
+    /// The run was finished: its result.
     Finished(Vec<u8>),
 }
 
 impl<N: Learner> Training<N> {
-    /// From the first step; `info` describes the run.
+    /// A training from the first step; `info` describes the run.
     pub(crate) fn start(network: N, info: CheckpointInfo) -> Self {
         Self { optimizer: AdamW::new(network.parameters()), network, info }
     }
 
-    /// From a checkpoint of the run that `info` describes.
+    /// A training from a checkpoint of the run that `info` describes.
     pub(crate) fn resume(bytes: &[u8], info: &CheckpointInfo, device: tch::Device) -> Result<Resumed<N>, LearnError> {
         let (stored, named) = checkpoint::read(bytes, info.kind)?;
         let same = [
@@ -132,8 +131,8 @@ impl<N: Learner> Training<N> {
         Ok(Resumed::Unfinished(Box::new(training)))
     }
 
-    /// Takes the remaining steps and gives the finished checkpoint, without optimiser state. Asked to stop, it keeps what
-    /// it has.
+    /// Takes the remaining steps and returns the finished checkpoint, without optimiser state. When it is asked to
+    /// stop, it stores its present state.
     pub(crate) fn run(
         mut self,
         optim: &OptimSpec,
@@ -145,7 +144,7 @@ impl<N: Learner> Training<N> {
         while self.info.step < optim.steps {
             if monitor.cancelled() {
                 if self.info.step > kept {
-                    // If nobody takes it any more, whoever resumes does these steps again.
+                    // If storing fails here, a resumed run repeats these steps.
                     let _ = self.keep(monitor);
                 }
                 return Err(LearnError::Cancelled);
@@ -194,7 +193,7 @@ impl<N: Learner> Training<N> {
         monitor.checkpoint(step, &bytes).map_err(|message| LearnError::Monitor { step, message })
     }
 
-    /// Everything a resume needs.
+    /// All values that a resumed run needs.
     fn state(&self) -> Vec<(String, Tensor)> {
         let mut named = self.network.named();
         named.extend(self.optimizer.named());

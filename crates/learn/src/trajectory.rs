@@ -1,4 +1,4 @@
-//! Episodes as plain arrays: what the caller hands in. Knows nothing of recordings or tensors.
+//! Episodes as plain arrays, the input of every stage. Independent of recordings and tensors.
 
 use std::fmt;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::error::LearnError;
 use crate::shape::TaskShape;
 
-/// Images of all steps of one episode, one after the other; a vector or a mapped file.
+/// Images of all steps of one episode in sequence; a vector or a mapped file.
 ///
 /// Per step and per camera in the shape's order: `H*W*3` bytes of RGB, then, if the camera has
 /// depth, `H*W` little-endian `u16` of millimetres with 0 for "no reading".

@@ -1,6 +1,6 @@
-//! Logs of the server and its workers: their options, and a layer that writes them to standard error.
+//! Logs of the server and its workers: their options, and a layer that writes events to standard error.
 //!
-//! Must not depend on what is logged.
+//! Must not depend on the content of events.
 
 use std::io::IsTerminal as _;
 
@@ -9,7 +9,7 @@ use gleaner_recording::printable::{Escape, EscapingWriter};
 use tracing::Subscriber;
 use tracing_subscriber::{EnvFilter, Layer, registry::LookupSpan};
 
-/// The heading of options that every command has.
+/// The heading of options that all commands have.
 pub const GLOBAL: &str = "Global options";
 
 /// What is logged, and in which form.
@@ -28,7 +28,7 @@ impl LogOptions {
     /// from callers, recordings and libraries. Each event is one write, and one line. Text has colours on terminals.
     ///
     /// # Errors
-    /// A sentence when the filter cannot be read.
+    /// A sentence when the filter cannot be parsed.
     pub fn layer<S>(&self) -> Result<impl Layer<S> + use<S>, String>
     where
         S: Subscriber + for<'a> LookupSpan<'a>,

@@ -15,7 +15,7 @@ pub(crate) struct Timeline {
     pub(crate) first_reversed: Option<usize>,
 }
 
-/// How a step picks one message of a stream.
+/// The choice of a step's message in a stream.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rule {
     pub(crate) period: i64,
@@ -47,7 +47,7 @@ impl Timeline {
             if stamp.saturating_add(interval / 2) < due {
                 return false;
             }
-            // After a gap the grid begins anew.
+            // After a gap the grid starts again.
             let next = due.saturating_add(rule.period);
             due = if next <= stamp { stamp.saturating_add(rule.period) } else { next };
             true
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn streams_of_one_tick_meet_in_whatever_order_they_are_stamped() {
+    fn streams_of_one_tick_form_one_step_in_any_order() {
         let steps = [0, 100, 200];
         for alignment in [Alignment::LatestBefore, Alignment::Nearest] {
             let early = picks(alignment, &[-9, 92, 188], &steps);
@@ -132,14 +132,14 @@ mod tests {
     }
 
     #[test]
-    fn a_faster_stream_gives_nothing_from_the_future() {
+    fn faster_stream_gives_no_later_message() {
         assert_eq!(picks(Alignment::LatestBefore, &[70, 90, 110], &[100]), [Some(90)]);
         assert_eq!(picks(Alignment::Nearest, &[70, 91, 102], &[100]), [Some(102)]);
         assert_eq!(picks(Alignment::Nearest, &[97, 103], &[100]), [Some(97)]);
     }
 
     #[test]
-    fn a_slower_stream_is_held_and_nothing_beyond_the_tolerance_counts() {
+    fn slower_stream_is_held_up_to_the_tolerance() {
         assert_eq!(
             picks(Alignment::LatestBefore, &[0, 300], &[100, 200, 270, 280]),
             [Some(0), Some(0), Some(0), Some(300)]
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fast_clock_is_thinned_to_an_even_grid() {
+    fn fast_clock_is_thinned_to_an_even_grid() {
         let rule = rule(Alignment::LatestBefore);
         let ticks = |clock: &[i64]| {
             let timeline = timeline(clock);
@@ -166,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn reversed_stamps_are_put_in_order_and_told() {
+    fn reversed_stamps_are_sorted_and_counted() {
         let timeline = timeline(&[0, 20, 10, 30]);
         assert_eq!((timeline.order, timeline.first_reversed), (vec![0, 2, 1, 3], Some(2)));
     }

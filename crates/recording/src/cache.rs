@@ -20,7 +20,7 @@ const MAGIC: &[u8; 8] = b"GLEANFRM";
 const VERSION: u32 = 1;
 const ALIGNMENT: usize = 64;
 
-/// How many of each there are in the file.
+/// The sizes of the arrays in the file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Header {
@@ -34,7 +34,7 @@ impl Episode {
     /// Opens a frame cache. The numbers are read; the frames stay on disk until they are touched.
     ///
     /// # Errors
-    /// [`RecordingError::Io`], or [`RecordingError::Cache`] when the file is no whole cache of this version.
+    /// [`RecordingError::Io`], or [`RecordingError::Cache`] if the file is no whole cache of this version.
     pub fn open(path: &Path) -> Result<Self, RecordingError> {
         let file = File::open(path).map_err(|source| io(path, source))?;
         #[expect(
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cache_gives_back_every_bit() {
+    fn cache_preserves_every_bit() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.frames");
         let written = episode();
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_grown_or_foreign_file_is_refused() {
+    fn truncated_extended_or_foreign_file_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.frames");
         episode().write_cache(&path).unwrap();

@@ -1,5 +1,4 @@
-//! The channels of a file as they are declared on the way through it: each message's topic, its place
-//! among the topic's messages, and how to decode it.
+//! The channels of a file as they are declared: the topic of each message, its index in the topic, and its decoder.
 //!
 //! Every pass over a file uses this, so all count the messages of a topic alike. Messages may come before their
 //! channel's declaration in a damaged file; a second pass after [`Channels::rewind`] decodes them.
@@ -13,7 +12,7 @@ use crate::error::RecordingError;
 use crate::limits::Limits;
 use gleaner_core::TopicReport;
 
-/// What is known of a file's channels so far.
+/// The channels of a file that are declared so far.
 #[derive(Debug)]
 pub(crate) struct Channels {
     limits: Limits,
@@ -34,7 +33,7 @@ struct Schema {
     decoders: HashMap<String, Rc<Readable>>,
 }
 
-/// A decoder, or why there is none.
+/// A decoder, or the reason why the schema is unusable.
 type Readable = Result<Decoder, String>;
 
 #[derive(Debug)]
@@ -90,8 +89,8 @@ impl Channels {
     /// Adds a schema or channel; only wanted topics get a decoder.
     ///
     /// # Errors
-    /// [`RecordingError::TooLarge`] when there are too many.
-    pub(crate) fn learn(&mut self, record: &Record<'_>, wanted: &dyn Fn(&str) -> bool) -> Result<(), RecordingError> {
+    /// [`RecordingError::TooLarge`] if there are too many.
+    pub(crate) fn declare(&mut self, record: &Record<'_>, wanted: &dyn Fn(&str) -> bool) -> Result<(), RecordingError> {
         match record {
             Record::Schema { id, name, encoding, data } => {
                 let schema = Schema {

@@ -23,7 +23,7 @@ use integrity::{Integrity, Place};
 pub(crate) use integrity::Problem;
 pub(crate) use record::Record;
 
-/// How a file ended.
+/// The end of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Ending {
     /// At the closing magic bytes.
@@ -36,26 +36,25 @@ pub(crate) enum Ending {
 #[derive(Debug)]
 pub(crate) struct Scanned {
     pub(crate) ending: Ending,
-    /// Where the file contradicts itself.
+    /// The contradictions of the file.
     pub(crate) problems: Vec<Problem>,
 }
 
-/// Takes a record.
+/// Receives a record.
 type Visit<'a> = &'a mut dyn FnMut(Record<'_>) -> Result<(), RecordingError>;
 
-/// Hands every record of the file to `visit`, in the file's order.
+/// Calls `visit` with every record of the file, in the order of the file.
 ///
 /// # Errors
-/// Those of `visit`; [`RecordingError::Io`], `Empty`, `NotMcap`, `TooLarge` and `Damaged`.
+/// The errors of `visit`; [`RecordingError::Io`], `Empty`, `NotMcap`, `TooLarge` and `Damaged`.
 pub(crate) fn scan(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Scanned, RecordingError> {
     Scan::open(path, limits, false)?.run(visit)
 }
 
-/// As [`scan`], but nothing of a chunk is visited unless all of it is there and is what its checksum says: for what is
-/// taken over although the file is damaged.
+/// Like [`scan`], but a chunk is visited only if it is complete and matches its checksum, for a salvage of a damaged file.
 ///
 /// # Errors
-/// As [`scan`].
+/// Like [`scan`].
 pub(crate) fn scan_whole_chunks(path: &Path, limits: &Limits, visit: Visit<'_>) -> Result<Scanned, RecordingError> {
     Scan::open(path, limits, true)?.run(visit)
 }
@@ -68,7 +67,7 @@ struct Scan<'a> {
     whole_chunks: bool,
     /// Records so far, those in chunks among them.
     records: u64,
-    /// Where the summary offsets begin.
+    /// The offset of the summary offsets.
     summary_offsets: Option<u64>,
     section: Place,
     body: Vec<u8>,
@@ -221,14 +220,14 @@ impl<'a> Scan<'a> {
         Ok(Next::More)
     }
 
-    /// Skips a record's body; false when the file ends in it.
+    /// Skips a record's body; false if the file ends in it.
     fn skip(&mut self, frame: &Frame) -> Result<bool, RecordingError> {
         self.records += 1;
         check(self.records, usize::try_from(frame.length).unwrap_or(usize::MAX), self.limits)?;
         self.frames.skip(frame.length)
     }
 
-    /// The record's body; `None` when the file ends in it.
+    /// The record's body; `None` if the file ends in it.
     fn body(&mut self, frame: &Frame) -> Result<Option<&[u8]>, RecordingError> {
         let whole = self.frames.body(frame.length, &mut self.body)?;
         self.records += 1;
@@ -242,7 +241,7 @@ fn is_read(opcode: u8) -> bool {
     (op::HEADER..=op::DATA_END).contains(&opcode)
 }
 
-/// Holds a record's number and length against the limits.
+/// Compares the number and the length of a record with the limits.
 fn check(records: u64, bytes: usize, limits: &Limits) -> Result<(), RecordingError> {
     let too_large = |problem| Err(RecordingError::TooLarge { problem });
     if records > limits.records {

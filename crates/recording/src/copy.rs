@@ -1,4 +1,4 @@
-//! Copies a recording's records into another one, bytes untouched: which messages, the caller says.
+//! Copies records of a recording into another one without changes; the caller selects the messages.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -22,7 +22,7 @@ impl Copier {
         Self { writer, schemas: HashMap::new(), channels: HashMap::new() }
     }
 
-    /// Takes a schema, a channel or metadata over.
+    /// Copies a schema, a channel or metadata.
     pub(crate) fn declare(&mut self, record: &Record<'_>) -> Result<(), RecordingError> {
         match record {
             Record::Schema { id, name, encoding, data } if !self.schemas.contains_key(id) => {
@@ -44,7 +44,7 @@ impl Copier {
         Ok(())
     }
 
-    /// Takes a message over; one of a channel that was never declared is left out.
+    /// Copies a message; one of an undeclared channel is omitted.
     pub(crate) fn message(&mut self, header: MessageHeader, data: &[u8]) -> Result<(), RecordingError> {
         let Some(&channel_id) = self.channels.get(&header.channel_id) else { return Ok(()) };
         self.writer.write_to_known_channel(&MessageHeader { channel_id, ..header }, data).map_err(RecordingError::Write)

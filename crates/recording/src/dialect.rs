@@ -1,6 +1,6 @@
-//! The dialects: how a topic's bytes become one [`Value`], whatever encoding they are in.
+//! The dialects: decoders of messages in each encoding into one type, [`Value`].
 //!
-//! Knows schemas and encodings. Must not know tasks, mappings or steps.
+//! This module does not depend on tasks, mappings or steps.
 
 mod budget;
 mod cdr;
@@ -23,7 +23,7 @@ pub(crate) enum Decoder {
     },
 }
 
-/// What an MCAP channel says about its messages.
+/// The description of a channel's messages in an MCAP file.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ChannelSchema<'a> {
     /// Encoding of the messages.
@@ -37,7 +37,7 @@ pub(crate) struct ChannelSchema<'a> {
 }
 
 impl Decoder {
-    /// Prepares to read a channel's messages; the error says why that can't be done and the mend.
+    /// Creates the decoder of a channel's messages; the error has the reason and the fix.
     pub(crate) fn new(schema: ChannelSchema<'_>, limits: &Limits) -> Result<Self, String> {
         match (schema.message_encoding, schema.schema_encoding) {
             ("protobuf", "protobuf") => protobuf::Decoder::new(schema.name, schema.data).map(Self::Protobuf),
@@ -50,7 +50,7 @@ impl Decoder {
         }
     }
 
-    /// Reads one message; the error says where its bytes leave the schema.
+    /// Decodes one message; the error names the place that does not match the schema.
     pub(crate) fn decode<'a>(&'a self, bytes: &'a [u8]) -> Result<Value<'a>, String> {
         match self {
             Self::Protobuf(decoder) => decoder.decode(bytes),

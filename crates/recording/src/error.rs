@@ -1,4 +1,4 @@
-//! Everything that can go wrong with a recording, each with what to do about it.
+//! The error type of the crate; each error has its fix.
 
 use std::path::PathBuf;
 
@@ -8,12 +8,12 @@ use gleaner_core::Report;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum RecordingError {
-    /// The file system refused.
+    /// A failed file operation.
     #[error("{}: {source}", path.display())]
     Io {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// The cause.
         source: std::io::Error,
     },
     /// The task specification contradicts itself.
@@ -21,7 +21,7 @@ pub enum RecordingError {
     Spec {
         /// Path of the field, such as `cameras[0].height`.
         field: String,
-        /// What is wrong and the mend.
+        /// The reason and the fix.
         problem: String,
     },
     /// The file has no bytes.
@@ -36,16 +36,16 @@ pub enum RecordingError {
         /// The file.
         path: PathBuf,
     },
-    /// The container is broken in a way that leaves its contents in doubt.
+    /// The container is damaged, so that its contents are doubtful.
     #[error("damaged MCAP file: {problem}")]
     Damaged {
-        /// What is wrong and the mend.
+        /// The reason and the fix.
         problem: String,
     },
     /// A length or count is over a limit.
     #[error("too large: {problem}")]
     TooLarge {
-        /// What is over which limit, and the mend.
+        /// The size, the limit and the fix.
         problem: String,
     },
     /// A field path does not lead to numbers in a message.
@@ -55,13 +55,13 @@ pub enum RecordingError {
         topic: String,
         /// The path as written in the mapping.
         path: String,
-        /// What is wrong, which fields there are, and the mend.
+        /// The reason, the existing fields and the fix.
         problem: String,
     },
     /// The recording was read and has findings of severity error: the report names each.
     #[error("the recording can't be used: {}", .0.error_summary())]
     Rejected(Box<Report>),
-    /// An image is not of the size the task says.
+    /// An image does not have the size of the task.
     #[error(
         "image is {found_height}×{found_width} (height×width), the task expects {height}×{width}; record at that size or change the camera in the task"
     )]
@@ -78,21 +78,21 @@ pub enum RecordingError {
     /// An image can't be decoded or encoded.
     #[error("broken image: {problem}")]
     BrokenImage {
-        /// What is wrong and the mend.
+        /// The reason and the fix.
         problem: String,
     },
     /// A frame cache is not one, is of another version, or is damaged.
     #[error("frame cache: {problem}; delete it, it is rebuilt from the recording")]
     Cache {
-        /// What is wrong.
+        /// The reason.
         problem: String,
     },
-    /// A step handed to the writer does not fit the task.
+    /// A step for the writer does not fit the task.
     #[error("step {step}: {problem}")]
     Step {
         /// The step's number, from 0.
         step: u64,
-        /// What is wrong and the mend.
+        /// The reason and the fix.
         problem: String,
     },
     /// Writing an MCAP file failed.

@@ -41,11 +41,11 @@ pub struct Kept {
 /// Writes one stretch of a recording to `out`: its original messages unchanged, q and w of each step as JSON
 /// on `/gleaner/quality`, and a metadata record `gleaner` that names the source.
 ///
-/// Of the topics that the task reads, the messages that the stretch's steps use and those between are
-/// copied; of the others, those logged during the stretch.
+/// The copy has, for each topic of the task, the messages that the steps use and those between them; for each other topic,
+/// the messages logged during the stretch.
 ///
 /// # Errors
-/// As [`crate::read_episode`], and [`RecordingError::Step`] when the stretch is not in the episode.
+/// Like [`crate::read_episode`], and [`RecordingError::Step`] if the stretch is not in the episode.
 pub fn extract(path: &Path, spec: &TaskSpec, kept: &Kept, out: &Path) -> Result<(), RecordingError> {
     validate(spec)?;
     let plan = plan(path, spec, &Limits::ADMITTED)?;

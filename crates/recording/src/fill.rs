@@ -20,7 +20,7 @@ use gleaner_core::{FindingCode, Severity};
 /// Decodes the frames of all steps; images that can't be decoded become findings.
 ///
 /// # Errors
-/// Those of the container, and [`RecordingError::TooLarge`] when the frames do not fit into memory.
+/// The errors of the container, and [`RecordingError::TooLarge`] if the frames do not fit into memory.
 pub(crate) fn fill(path: &Path, spec: &TaskSpec, limits: &Limits, plan: &mut Plan) -> Result<Vec<u8>, RecordingError> {
     let mut channels = std::mem::replace(&mut plan.channels, Channels::new(limits));
     let step_bytes = frame_bytes_per_step(spec);
@@ -69,7 +69,7 @@ struct Filler<'a> {
     spec: &'a TaskSpec,
     plan: &'a Plan,
     step_bytes: usize,
-    /// Where each stream's image begins within a step.
+    /// The offset of each stream's image within a step.
     offsets: Vec<usize>,
     places: Places,
     frames: Vec<u8>,
@@ -149,7 +149,7 @@ fn reserve(steps: usize, step_bytes: usize) -> Result<Vec<u8>, RecordingError> {
     }
 }
 
-/// Where a camera's image begins within a step.
+/// The offset of a camera's image within a step.
 fn offset(spec: &TaskSpec, camera: usize, channel: Channel) -> usize {
     let whole = |camera| Channel::Color.bytes(camera) + if camera.depth { Channel::Depth.bytes(camera) } else { 0 };
     let before: usize = spec.cameras.iter().take(camera).map(whole).sum();

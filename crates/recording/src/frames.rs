@@ -1,6 +1,6 @@
-//! One decoded episode: the layout of its steps in memory.
+//! A decoded episode: the layout of its steps in memory.
 //!
-//! Must not know MCAP, nor how a frame cache looks on disk.
+//! This module does not depend on MCAP or on the format of frame caches.
 
 use std::sync::Arc;
 
@@ -48,10 +48,10 @@ pub fn frame_bytes_per_step(spec: &TaskSpec) -> usize {
 }
 
 impl Episode {
-    /// Puts an episode together in memory.
+    /// Creates an episode in memory.
     ///
     /// # Errors
-    /// [`RecordingError::Step`] when an array does not fit the task and the number of stamps.
+    /// [`RecordingError::Step`] if an array does not fit the task and the number of stamps.
     pub fn new(
         spec: &TaskSpec,
         stamps: Vec<i64>,

@@ -1,5 +1,4 @@
-//! Doors for the fuzzer to what is private here. Built with the feature `fuzzing` only, which nothing that ships
-//! turns on.
+//! Access of the fuzzer to private functions. Built with the feature `fuzzing` only, which releases do not enable.
 
 use std::collections::BTreeMap;
 
@@ -15,8 +14,8 @@ use gleaner_core::{CameraSpec, TaskSpec};
 
 pub use crate::mutants::{KINDS, Random, mutant};
 
-/// Reads a message of any dialect the way a recording's are read, and asks for everything that is asked of one:
-/// its stamp, the numbers at `path`, by name too, and its image.
+/// Reads a message of any dialect like the messages of a recording: its stamp, the numbers at `path`, also by name, and its
+/// image.
 pub fn message(encodings: (&str, &str), (name, schema): (&str, &[u8]), bytes: &[u8], path: &str) {
     let (message_encoding, schema_encoding) = encodings;
     let described = ChannelSchema { message_encoding, schema_encoding, name, data: schema };
@@ -82,7 +81,7 @@ pub struct Sums {
 /// Sums up everything that is read from a recording with this mapping of the task, to compare it with another reader.
 ///
 /// # Errors
-/// As [`crate::read_episode`], when the file cannot be read at all.
+/// Like [`crate::read_episode`], if the file cannot be read.
 pub fn sums(path: &std::path::Path, spec: &TaskSpec, mapping: &str) -> Result<Sums, RecordingError> {
     let mut spec = spec.clone();
     spec.mappings.retain(|known| known.name == mapping);

@@ -1,7 +1,7 @@
 //! Pixels in and out: color images to RGB bytes, depth images to millimetres.
 //!
-//! Every size is checked before memory is reserved for it, and memory follows the size that is wanted. Must not know
-//! messages or topics.
+//! Every size is checked before memory is reserved for it, and memory follows the size that is wanted. This module does
+//! not depend on messages or topics.
 
 mod raw;
 
@@ -14,14 +14,14 @@ use crate::error::RecordingError;
 
 pub(crate) use raw::{RawImage, raw_color, raw_depth};
 
-/// Most bytes that decoding one image may reserve: for each pixel, and for tables and what comes beside the pixels.
+/// Maximum memory to decode an image in bytes: for each pixel, and for tables and metadata.
 const BYTES_PER_PIXEL: u64 = 16;
 const BYTES_ASIDE: u64 = 32 << 20;
 const PNG_MAGIC: &[u8] = b"\x89PNG\r\n\x1a\n";
 /// Bytes that ROS's depth compression puts before its PNG.
 const ROS_DEPTH_PREFIX: usize = 12;
 
-/// How an image's bytes are to be read.
+/// The format of an image's bytes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PixelFormat {
     /// Baseline or progressive JPEG.
@@ -84,7 +84,7 @@ pub fn decode_depth(bytes: &[u8], format: PixelFormat, height: u32, width: u32) 
     Err(broken(format!("the depth PNG has {found:?} pixels; save it as 16-bit gray in millimetres")))
 }
 
-/// The PNG of a depth image that ROS has compressed; everything else as it is.
+/// The PNG of a depth image in the compression of ROS; other bytes are unchanged.
 pub(crate) fn without_ros_prefix(bytes: &[u8]) -> &[u8] {
     bytes.get(ROS_DEPTH_PREFIX..).filter(|inner| inner.starts_with(PNG_MAGIC)).unwrap_or(bytes)
 }
@@ -92,7 +92,7 @@ pub(crate) fn without_ros_prefix(bytes: &[u8]) -> &[u8] {
 /// Encodes height × width × 3 bytes of RGB as JPEG of this quality (1 to 100).
 ///
 /// # Errors
-/// [`RecordingError::BrokenImage`] when the bytes are not of that size.
+/// [`RecordingError::BrokenImage`] if the bytes are not of that size.
 pub fn encode_jpeg(rgb: &[u8], height: u32, width: u32, quality: u8) -> Result<Vec<u8>, RecordingError> {
     let rgb = exact(rgb, pixels(height, width)?.saturating_mul(3), "8-bit RGB")?;
     let mut out = Vec::new();
@@ -117,10 +117,10 @@ pub(crate) fn codec_name(bytes: &[u8]) -> Option<&'static str> {
     codec_of(bytes)?.to_mime_type().strip_prefix("image/")
 }
 
-/// Looks at the size in the image's header first, so that a false one costs nothing.
+/// Checks the size in the header first, so that a false size reserves no memory.
 fn decode(bytes: &[u8], codec: ImageFormat, height: u32, width: u32) -> Result<DynamicImage, RecordingError> {
-    let mend = |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));
-    // The decoder fills what a cut JPEG lacks with gray and says nothing.
+    let fixable = |error: image::ImageError| broken(format!("{error}; record it again or as JPEG or PNG"));
+    // The decoder silently fills the missing part of a truncated JPEG with gray.
     if codec == ImageFormat::Jpeg && !bytes.windows(2).rev().any(|marker| marker == [0xff, 0xd9]) {
         return Err(broken("the JPEG ends in the middle; record it again"));
     }
@@ -129,10 +129,10 @@ fn decode(bytes: &[u8], codec: ImageFormat, height: u32, width: u32) -> Result<D
     let pixels = u64::from(height) * u64::from(width);
     limits.max_alloc = Some(pixels.saturating_mul(BYTES_PER_PIXEL).saturating_add(BYTES_ASIDE));
     reader.limits(limits);
-    let decoder = reader.into_decoder().map_err(mend)?;
+    let decoder = reader.into_decoder().map_err(fixable)?;
     let (found_width, found_height) = decoder.dimensions();
     check_size((height, width), (found_height, found_width))?;
-    DynamicImage::from_decoder(decoder).map_err(mend)
+    DynamicImage::from_decoder(decoder).map_err(fixable)
 }
 
 /// Compares (height, width) pairs.

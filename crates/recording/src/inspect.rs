@@ -1,6 +1,6 @@
-//! What is wrong with a recording's data: one function for each kind of finding.
+//! Findings in the data of a recording, one function for each kind.
 //!
-//! Looks at tracks, steps and values; changes nothing but the report.
+//! The functions read tracks, steps and values, and change the report only.
 
 mod cameras;
 
@@ -109,7 +109,7 @@ fn gaps(steps: &Steps<'_>, report: &mut Report) {
     note("clock", std::iter::once(0).chain(between).collect());
     for (stream, picks) in steps.streams.iter().zip(&steps.picks) {
         let line = &stream.timeline;
-        // A single message is one that was meant to be held, such as a goal.
+        // A single message is meant to be held, such as a goal.
         if line.stamps.len() > 1 {
             let ages = steps.stamps.iter().zip(picks).map(|(stamp, &at)| stamp.saturating_sub(line.stamps[at]));
             note(&stream.topic, ages.collect());
@@ -124,15 +124,15 @@ pub(crate) fn values(values: &[f32], fields: &[FieldSpec], report: &mut Report) 
         let first = rows.find_map(|(step, row)| (!row[column].is_finite()).then_some((step, row[column])));
         if let Some((step, value)) = first {
             let detail = format!(
-                "the value is {value} at step {step}; leave such messages out of the recording or mend their source"
+                "the value is {value} at step {step}; leave such messages out of the recording or fix their source"
             );
             report.add(Severity::Error, FindingCode::NotFinite, &subject, Some(step as u64), detail);
         }
     }
 }
 
-/// Joint positions that stay exactly the same while most of their neighbours in the field move. Only fields
-/// of joint positions are looked at: a base, a goal or a velocity may well stay the same.
+/// Joint positions that stay exactly the same while most others in the field move. Only fields of joint positions are
+/// checked, because a base, a goal or a velocity can stay the same.
 pub(crate) fn frozen_joints(values: &[f32], fields: &[FieldSpec], report: &mut Report) {
     let width = width(fields);
     if width == 0 || values.len() < FROZEN_STEPS * width {

@@ -1,13 +1,42 @@
 //! MCAP recordings to aligned steps and back.
 //!
-//! A recording holds streams of messages, each with its own clock and rate. A [`TaskSpec`] says where the
-//! cameras, the proprioception and the action are in it; [`read_episode`] turns it into an [`Episode`] of
-//! evenly clocked steps and a [`Report`] of what is wrong with it. [`EpisodeWriter`] goes the other way and
-//! [`extract`] copies the kept stretches out of a recording.
+//! A recording has streams of messages, each with its own clock and rate. The crate turns it into an episode of evenly
+//! clocked steps, and writes episodes as recordings. It is blocking code and depends on no other crate of the workspace.
 //!
-//! The crate is plain blocking code. It knows nothing of servers, databases or learning. Bad input is an
-//! error, never a panic of this crate's own; the `mcap` crate itself can still panic or reserve too much on
-//! hostile bytes, so untrusted files are read in a process with limits.
+//! - [`TaskSpec`] names the cameras, the proprioception and the action of a task, and their topics in a recording.
+//! - [`read_episode`] reads a recording as an [`Episode`] and a [`Report`] of its findings, within [`Limits`].
+//! - [`EpisodeWriter`] writes an episode; [`extract`] copies a stretch of a recording; [`salvage`] copies the intact part of
+//!   a damaged one.
+//! - [`Episode::open`] maps a frame cache, which [`Episode::write_cache`] writes.
+//! - [`printable`] escapes untrusted text for terminals, pages and logs.
+//!
+//! Invalid input is an error and never a panic of this crate. The `mcap` crate can panic or reserve too much memory on
+//! hostile bytes, so the server reads untrusted files in a process with limits (`gleaner-inspector`).
+//!
+//! ```
+//! use gleaner_recording::{EpisodeWriter, StepRef, TaskSpec, read_episode};
+//!
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let spec: TaskSpec = serde_json::from_value(serde_json::json!({
+//!     "name": "reach", "rate_hz": 10.0, "mappings": [],
+//!     "proprioception": [{ "name": "joints", "size": 2 }],
+//!     "action": [{ "name": "command", "size": 1 }],
+//! }))?;
+//! let folder = tempfile::tempdir()?;
+//! let path = folder.path().join("episode.mcap");
+//! let mut writer = EpisodeWriter::create(std::fs::File::create(&path)?, &spec)?;
+//! for step in 0..8_u8 {
+//!     let value = f32::from(step);
+//!     let step_ref = StepRef { frames: &[], proprioception: &[value, -value], action: &[value] };
+//!     writer.step(i64::from(step) * 100_000_000, step_ref)?;
+//! }
+//! writer.finish()?;
+//!
+//! let reading = read_episode(&path, &spec)?;
+//! assert_eq!(reading.episode.steps(), 8);
+//! # Ok(())
+//! # }
+//! ```
 
 mod align;
 mod cache;

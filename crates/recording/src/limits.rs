@@ -1,8 +1,8 @@
-//! The most that a recording may hold, and ask of who reads it.
+//! Limits on the content of a recording and on the work of its reader.
 //!
-//! Lengths and counts in a file are only claims. Each is held against one of these before memory is reserved for it.
+//! Lengths and counts in a file are untrusted. Each is compared with a limit before memory is reserved for it.
 
-/// Most of everything; what is over is refused with the limit's name.
+/// The limits. A recording above one is rejected with the name of the limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
     /// Bytes of one chunk, as it is stored and as it unpacks.
@@ -15,7 +15,7 @@ pub struct Limits {
     pub channels: usize,
     /// Bytes of a topic, of an encoding's and of a schema's name.
     pub name_bytes: usize,
-    /// How deep arrays and objects of a JSON message may lie in one another.
+    /// Nesting depth of arrays and objects in a JSON message.
     pub json_depth: usize,
     /// Pixels of one image.
     pub image_pixels: u64,
@@ -36,7 +36,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// For what was let in before, maybe under wider limits than today's.
+    /// For recordings that were accepted before, possibly under wider limits.
     pub const ADMITTED: Self = Self {
         chunk_bytes: 4 << 30,
         record_bytes: 4 << 30,

@@ -39,7 +39,7 @@ impl Random {
     }
 }
 
-/// A mutant of these bytes by the kind of that name; `None` when the kind does not apply to them or is not known.
+/// A mutant of these bytes by the kind of that name; `None` if the kind does not apply to them or is not known.
 pub fn mutant(bytes: &[u8], kind: &str, random: &mut Random) -> Option<Vec<u8>> {
     let (_, make) = KINDS.iter().find(|(name, _)| *name == kind)?;
     make(bytes, random)

@@ -1,4 +1,4 @@
-//! Field paths: `a.b`, `a.b[2]`, `a.b[0:9]`, and how they pick numbers out of a message.
+//! Field paths (`a.b`, `a.b[2]`, `a.b[0:9]`), which select numbers of a message.
 //!
 //! Works on [`Value`] alone, so it is the same for every dialect. A field after a list applies to each of
 //! the list's elements: `joints.position` is every joint's position.
@@ -26,7 +26,7 @@ enum Segment {
     Range(usize, usize),
 }
 
-/// Why a path gave no numbers.
+/// The reason why a path gives no numbers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Missing {
     /// The message's `name` array lacks some of the wanted names; another message may carry them.
@@ -36,7 +36,7 @@ pub(crate) enum Missing {
 }
 
 impl Path {
-    /// Parses a path; the error says what is wrong and how paths look.
+    /// Parses a path; the error has the reason and the form of paths.
     pub(crate) fn parse(text: &str) -> Result<Self, String> {
         let explain = |what: &str| format!("`{text}`: {what}; paths look like `a.b`, `a.b[2]` or `a.b[0:9]`");
         if text.len() > MOST_BYTES {
@@ -74,7 +74,7 @@ impl Path {
         out: &mut Vec<f64>,
     ) -> Result<(), Missing> {
         let mut sibling = self.segments.clone();
-        // What follows the last field is a subscript of the values, not of the names.
+        // A subscript after the last field applies to the values, not to the names.
         while matches!(sibling.last(), Some(Segment::Index(_) | Segment::Range(..))) {
             sibling.pop();
         }
@@ -87,7 +87,7 @@ impl Path {
         if values.len() != names.len() {
             return Err(Missing::Path(format!("there are {} values for {} names", values.len(), names.len())));
         }
-        // Of a name that comes twice the first counts.
+        // The first of two equal names counts.
         let by_name: HashMap<&str, f64> = names.iter().map(String::as_str).zip(values).rev().collect();
         let begin = out.len();
         for name in wanted {
@@ -120,7 +120,7 @@ fn first_names(names: &[String]) -> String {
     names.iter().take(NAMES_SHOWN).map(String::as_str).collect::<Vec<_>>().join(", ") + more
 }
 
-/// Follows the segments and hands each value at their end to `found`, which may refuse it.
+/// Follows the segments and calls `found` with each value at their end, which may reject it.
 fn walk(
     segments: &[Segment],
     value: &Value<'_>,
@@ -135,7 +135,7 @@ fn walk(
             None => Err(format!("there is no `{name}`; the message has {}", value.field_names())),
         },
         (Segment::Field(_), Value::List(items)) => items.iter().try_for_each(|item| walk(segments, item, found)),
-        (Segment::Field(name), _) => Err(format!("`{name}` is asked of {}", value.kind())),
+        (Segment::Field(name), _) => Err(format!("`{name}` is not a field of {}", value.kind())),
         (Segment::Index(at), _) => elements(value, *at, at.saturating_add(1), rest, found),
         (Segment::Range(from, to), _) => elements(value, *from, *to, rest, found),
     }
@@ -148,7 +148,7 @@ fn elements(
     rest: &[Segment],
     found: &mut dyn FnMut(&Value<'_>) -> Result<(), String>,
 ) -> Result<(), String> {
-    let outside = |length: usize| format!("element {} is asked of an array of {length}", to.saturating_sub(1));
+    let outside = |length: usize| format!("element {} is outside of an array of {length}", to.saturating_sub(1));
     match value {
         Value::Numbers(numbers) => {
             let part = numbers.get(from..to).ok_or_else(|| outside(numbers.len()))?;
@@ -163,7 +163,7 @@ fn elements(
             part.iter().try_for_each(|item| walk(rest, item, found))
         }
         Value::Number(_) | Value::Text(_) | Value::Message(_) => {
-            Err(format!("an element is asked of {}", value.kind()))
+            Err(format!("an element cannot be selected from {}", value.kind()))
         }
     }
 }

@@ -14,7 +14,7 @@ use crate::error::RecordingError;
 use crate::image::{PixelFormat, RawImage, decode_color, decode_depth, raw_color, raw_depth};
 use gleaner_core::CameraSpec;
 
-/// What a camera's topic carries.
+/// The content of a camera's topic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Channel {
     Color,
@@ -52,7 +52,7 @@ pub(crate) fn decode(message: &Value<'_>, channel: Channel, camera: &CameraSpec)
         };
     }
     let format = message.text("format").ok_or_else(|| not_an_image(message))?;
-    // The bytes themselves tell the compression; drivers fill the format in as they like.
+    // The compression is detected from the bytes, because drivers fill in any format.
     let decoded = match channel {
         Channel::Color => decode_color(data, PixelFormat::Auto, height, width),
         Channel::Depth => decode_depth(data, PixelFormat::Auto, height, width),

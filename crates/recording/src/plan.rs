@@ -1,6 +1,6 @@
 //! The plan of an episode: which messages make up each step, and the steps' numbers. Everything but the pixels.
 //!
-//! Data and the parts it is made of. Must not depend on the planner, which fills it, or on the inspection, which reads it.
+//! Plain data. This module does not depend on the planner, which fills it, or on the inspection, which reads it.
 
 pub(crate) mod choice;
 pub(crate) mod clocks;

@@ -1,4 +1,4 @@
-//! From tracks to a plan: chooses the mapping that fits, lays out the steps and has the data inspected.
+//! The planner: it chooses the mapping, lays out the steps of a plan and inspects the data.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,7 +17,7 @@ use gleaner_core::{FindingCode, Report, Severity};
 /// Plans the steps of a recording.
 ///
 /// # Errors
-/// [`RecordingError::Rejected`] when no step can be made; findings that leave steps are in the report.
+/// [`RecordingError::Rejected`] if no step can be made; findings that leave steps are in the report.
 pub(crate) fn plan(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Plan, RecordingError> {
     let (spec, own) = (&choice::readable(spec), spec.mappings.len());
     let tracks = collect(path, spec, limits)?;

@@ -16,7 +16,7 @@ use gleaner_core::TaskSpec;
 pub struct Reading {
     /// The aligned steps.
     pub episode: Episode,
-    /// What was found on the way.
+    /// The findings.
     pub report: Report,
     /// Name of the mapping that was used.
     pub mapping: String,
@@ -25,16 +25,16 @@ pub struct Reading {
 /// Reads a recording as an episode of this task.
 ///
 /// # Errors
-/// [`RecordingError::Rejected`] carries the whole report when a finding forbids the use; the other
-/// variants say why the file could not be read at all.
+/// [`RecordingError::Rejected`] with the whole report if a finding forbids the use; the other variants are the reasons why
+/// the file cannot be read.
 pub fn read_episode(path: &Path, spec: &TaskSpec) -> Result<Reading, RecordingError> {
     read_episode_within(path, spec, &Limits::default())
 }
 
-/// As [`read_episode`], under other limits than the usual.
+/// Like [`read_episode`], with other limits than the default.
 ///
 /// # Errors
-/// As [`read_episode`].
+/// Like [`read_episode`].
 pub fn read_episode_within(path: &Path, spec: &TaskSpec, limits: &Limits) -> Result<Reading, RecordingError> {
     validate_within(spec, limits)?;
     let mut plan = plan(path, spec, limits)?;

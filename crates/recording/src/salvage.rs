@@ -1,4 +1,4 @@
-//! Makes a whole recording of one that a crash has torn: everything before the tear, nothing after it.
+//! Salvage of a recording that a crash has truncated or damaged: everything before the damage.
 
 use std::path::Path;
 
@@ -10,24 +10,24 @@ use crate::limits::Limits;
 use crate::whole_file::write_whole;
 use crate::write::{ACTION_TOPIC, mcap_writer};
 
-/// Copies what is whole of a recording to `out`, and says how many actions are among it: the steps, if
-/// [`crate::EpisodeWriter`] wrote it. What a disk made of the tail after a power cut is torn off like a missing one, and a
-/// chunk goes as a whole: of one whose checksum is wrong nobody knows which messages are what they were.
+/// Copies the intact part of a recording to `out`; returns the number of its actions, which are the steps of a recording by
+/// [`crate::EpisodeWriter`]. A damaged tail, as after a power cut, is omitted like a missing one. A chunk with a wrong
+/// checksum is omitted as a whole, because any of its messages may be wrong.
 ///
 /// # Errors
-/// [`RecordingError::Empty`] or `NotMcap` when there is not even a beginning; [`RecordingError::Io`] or `Write`.
-pub fn salvage(torn: &Path, out: &Path) -> Result<u64, RecordingError> {
+/// [`RecordingError::Empty`] or `NotMcap` without a header; [`RecordingError::Io`] or `Write`.
+pub fn salvage(damaged: &Path, out: &Path) -> Result<u64, RecordingError> {
     let mut actions = 0;
     write_whole(out, |file| {
         let mut copier = Copier::new(mcap_writer(file, "")?);
         let mut channels = Channels::new(&Limits::default());
-        let read = scan_whole_chunks(torn, &Limits::default(), &mut |record| {
+        let read = scan_whole_chunks(damaged, &Limits::default(), &mut |record| {
             if let Record::Message { header, data } = record {
                 let Some((topic, _, _)) = channels.next(header.channel_id) else { return Ok(()) };
                 actions += u64::from(topic == ACTION_TOPIC);
                 return copier.message(header, data);
             }
-            channels.learn(&record, &|_| false)?;
+            channels.declare(&record, &|_| false)?;
             copier.declare(&record)
         });
         match read {
@@ -46,22 +46,22 @@ mod tests {
     use crate::read_episode;
     use crate::write::tests::{written, written_arm};
 
-    /// Salvages these bytes; gives the file and how many actions there are.
+    /// Salvages these bytes; returns the file and the number of actions.
     fn salvaged(bytes: &[u8]) -> (tempfile::TempDir, Result<u64, RecordingError>) {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::write(folder.path().join("torn"), bytes).unwrap();
-        let actions = salvage(&folder.path().join("torn"), &folder.path().join("whole"));
+        std::fs::write(folder.path().join("damaged"), bytes).unwrap();
+        let actions = salvage(&folder.path().join("damaged"), &folder.path().join("whole"));
         (folder, actions)
     }
 
     #[test]
-    fn wherever_it_is_torn_what_came_before_reads_whole() {
+    fn truncated_file_is_salvaged_up_to_its_end() {
         let bytes = written(40);
         let mut kept = Vec::new();
         for tail in [&[][..], &[0; 999], &[0xff; 999]] {
             for cut in (64..bytes.len()).step_by(bytes.len() / 23) {
-                let torn = [&bytes[..cut], tail].concat();
-                let (folder, actions) = salvaged(&torn);
+                let damaged = [&bytes[..cut], tail].concat();
+                let (folder, actions) = salvaged(&damaged);
                 let (actions, path) = (actions.unwrap(), folder.path().join("whole"));
                 let ending = scan(&path, &Limits::default(), &mut |_| Ok(())).unwrap().ending;
                 assert_eq!(ending, Ending::Whole, "cut at {cut}");
@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn wherever_it_is_damaged_nothing_comes_out_that_was_not_in_it() {
+    fn salvaged_messages_are_messages_of_the_original() {
         let (bytes, folder) = (written(40), tempfile::tempdir().unwrap());
         let whole = folder.path().join("whole");
         std::fs::write(&whole, &bytes).unwrap();
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_one_stays_as_it_reads() {
+    fn salvage_keeps_an_intact_recording() {
         let (folder, actions) = salvaged(&written(5));
         assert_eq!(actions.unwrap(), 5);
         let reading = read_episode(&folder.path().join("whole"), &written_arm()).unwrap();
@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_beginning_there_is_nothing() {
+    fn file_without_a_header_is_not_salvaged() {
         assert!(matches!(salvaged(b"").1, Err(RecordingError::Empty { .. })));
         let (folder, refused) = salvaged(b"something else");
         assert!(matches!(refused, Err(RecordingError::NotMcap { .. })));

@@ -1,7 +1,7 @@
 //! The first pass over a recording: the stamps and numbers of every topic that any mapping names.
 //!
 //! Images are only stamped here; decoding them waits until it is known which ones a step uses, so memory
-//! follows the episode and not the recording. Must not know alignment.
+//! follows the episode and not the recording. This module does not depend on alignment.
 
 use std::collections::BTreeMap;
 use std::path::Path as FilePath;
@@ -20,10 +20,10 @@ const MAX_MESSAGES: usize = 10_000_000;
 /// Most numbers of one field over the recording.
 const MAX_NUMBERS: usize = 500_000_000;
 
-/// What the first pass found.
+/// The result of the first pass.
 #[derive(Debug)]
 pub(crate) struct Tracks {
-    /// How the file ended, and where it contradicts itself.
+    /// The end of the file and its contradictions.
     pub(crate) scanned: Scanned,
     pub(crate) profile: String,
     /// Every channel of the file, rewound for another pass.
@@ -39,7 +39,7 @@ pub(crate) struct Tracks {
 /// One topic that some mapping names.
 #[derive(Debug, Default)]
 pub(crate) struct Track {
-    /// Of each message in the file's order.
+    /// The stamps of the messages, in the order of the file.
     pub(crate) stamps: Vec<Stamp>,
     /// One for each field source that reads this topic.
     pub(crate) fields: Vec<FieldTrack>,
@@ -47,7 +47,7 @@ pub(crate) struct Track {
     pub(crate) failure: Option<Failure>,
 }
 
-/// When a message was made and logged, in nanoseconds.
+/// The times at which a message was made and logged, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Stamp {
     pub(crate) header: Option<i64>,
@@ -65,7 +65,7 @@ pub(crate) struct FieldTrack {
     /// `size` numbers of each of them.
     pub(crate) values: Vec<f32>,
     pub(crate) failure: Option<Failure>,
-    /// What the first message without the wanted names lacks.
+    /// The missing names of the first message without them.
     pub(crate) absent: Option<String>,
     paths: Vec<Path>,
     names: Vec<String>,
@@ -125,7 +125,7 @@ impl Pass {
                 Ok(())
             }
             Record::Schema { .. } | Record::Channel { .. } | Record::Metadata { .. } => {
-                channels.learn(&record, &|topic| wanted.contains_key(topic))
+                channels.declare(&record, &|topic| wanted.contains_key(topic))
             }
         })?;
         Ok(Self { scanned, profile, wanted })
@@ -175,7 +175,7 @@ impl Track {
             Err((code, problem)) => {
                 // The message keeps its place, so that the second pass counts alike.
                 self.stamps.push(Stamp { header: None, log });
-                Failure::note(&mut self.failure, code, || format!("message {at}: {problem}"));
+                Failure::record(&mut self.failure, code, || format!("message {at}: {problem}"));
                 Ok(())
             }
         }
@@ -214,20 +214,22 @@ impl FieldTrack {
             };
             match found {
                 Ok(()) => {}
-                // Arm and gripper often take turns on one topic: these joints are in another message.
+                // Arm and gripper often alternate on one topic: these joints are in another message.
                 Err(Missing::Names(problem)) => {
                     self.absent.get_or_insert(problem);
                     return Ok(());
                 }
                 Err(Missing::Path(problem)) => {
-                    Failure::note(&mut self.failure, FindingCode::MissingField, || format!("message {at}: {problem}"));
+                    Failure::record(&mut self.failure, FindingCode::MissingField, || {
+                        format!("message {at}: {problem}")
+                    });
                     return Ok(());
                 }
             }
         }
         if numbers.len() != self.size {
             let found = numbers.len();
-            Failure::note(&mut self.failure, FindingCode::WrongSize, || {
+            Failure::record(&mut self.failure, FindingCode::WrongSize, || {
                 format!(
                     "message {at} gives {found} values, the task expects {}; correct the paths or the size",
                     self.size
@@ -251,7 +253,7 @@ impl FieldTrack {
 }
 
 impl Failure {
-    fn note(slot: &mut Option<Self>, code: FindingCode, first: impl FnOnce() -> String) {
+    fn record(slot: &mut Option<Self>, code: FindingCode, first: impl FnOnce() -> String) {
         match slot {
             Some(failure) => failure.count += 1,
             None => *slot = Some(Self { code, first: first(), count: 1 }),

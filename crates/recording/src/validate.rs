@@ -1,6 +1,6 @@
-//! Checks that a task specification makes sense by itself, before any recording is read.
+//! Checks of a task specification, before any recording is read.
 //!
-//! Knows the rules of [`TaskSpec`]. Must not know how recordings are read.
+//! This module does not depend on the reader.
 
 use std::collections::BTreeSet;
 
@@ -23,10 +23,10 @@ const MAX_FIELD_SIZE: u32 = 65_536;
 /// Most bytes that the frames of one step may take.
 const MAX_STEP_BYTES: usize = 1 << 30;
 
-/// Checks that the specification makes sense by itself.
+/// Checks that the specification is consistent.
 ///
 /// # Errors
-/// [`RecordingError::Spec`] names the first field that does not, and the mend.
+/// [`RecordingError::Spec`] names the first invalid field and the fix.
 pub fn validate(spec: &TaskSpec) -> Result<(), RecordingError> {
     if !is_plain(&spec.name) {
         return wrong("name", "use one or more of the characters a-z A-Z 0-9 _ - .");
@@ -53,10 +53,10 @@ pub fn validate(spec: &TaskSpec) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// As [`validate`], and that no image is larger than these limits let it be.
+/// Like [`validate`], and checks the size of each image against these limits.
 ///
 /// # Errors
-/// As [`validate`].
+/// Like [`validate`].
 pub fn validate_within(spec: &TaskSpec, limits: &Limits) -> Result<(), RecordingError> {
     validate(spec)?;
     for (i, camera) in spec.cameras.iter().enumerate() {
@@ -134,12 +134,12 @@ fn check_mapping(spec: &TaskSpec, mapping: &Mapping, at: &str) -> Result<(), Rec
             topic(&format!("{at}.cameras[{i}].depth"), depth, "topic of the depth images")?;
         }
         if camera.depth != source.depth.is_some() {
-            let mend = if camera.depth {
+            let fix = if camera.depth {
                 "give the topic of the depth images"
             } else {
                 "the camera has no depth; leave it out"
             };
-            return wrong(format!("{at}.cameras[{i}].depth"), mend);
+            return wrong(format!("{at}.cameras[{i}].depth"), fix);
         }
     }
     for (i, source) in mapping.fields.iter().enumerate() {
@@ -177,7 +177,7 @@ fn check_source(spec: &TaskSpec, source: &FieldSource, at: &str) -> Result<(), R
     Ok(())
 }
 
-/// A list of things of which there are never many.
+/// Checks the length of a list.
 fn few(field: &str, count: usize, most: usize) -> Result<(), RecordingError> {
     if count <= most {
         return Ok(());
@@ -195,7 +195,7 @@ fn topic(field: &str, topic: &str, what: &str) -> Result<(), RecordingError> {
     Ok(())
 }
 
-/// Every wanted name has exactly one source.
+/// Checks that every name has exactly one source.
 fn each_once<'a>(
     wanted: impl Iterator<Item = &'a String>,
     given: impl Iterator<Item = &'a String>,

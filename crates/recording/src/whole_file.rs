@@ -1,4 +1,4 @@
-//! Files that appear under their name only once they are whole.
+//! Files that appear under their name only once they are complete.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -7,13 +7,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::error::RecordingError;
 
-/// Tells the half-written files of one process apart.
+/// Distinguishes the partial files of one process.
 static NEXT_PARTIAL: AtomicU64 = AtomicU64::new(0);
 
 /// Writes a file beside its name, syncs it and renames it; after an error nothing is left.
 ///
 /// # Errors
-/// Those of `write`, and [`RecordingError::Io`].
+/// The errors of `write`, and [`RecordingError::Io`].
 pub(crate) fn write_whole(
     path: &Path,
     write: impl FnOnce(BufWriter<File>) -> Result<BufWriter<File>, RecordingError>,
@@ -26,7 +26,7 @@ pub(crate) fn write_whole(
         std::fs::rename(&partial, path).map_err(io)
     });
     if written.is_err() {
-        // The first error is the one to tell; this only tidies up.
+        // The first error is returned; an error of this removal is not.
         let _ = std::fs::remove_file(&partial);
     }
     written
@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_failed_write_leaves_the_old_file_and_nothing_else() {
+    fn failed_write_leaves_the_old_file_only() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a");
         std::fs::write(&path, "old").unwrap();

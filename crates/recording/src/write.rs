@@ -39,7 +39,7 @@ pub struct StepRef<'a> {
     pub action: &'a [f32],
 }
 
-/// Writes steps as they come.
+/// Writes an episode step by step.
 pub struct EpisodeWriter<W: Write + Seek> {
     mcap: mcap::Writer<W>,
     spec: TaskSpec,
@@ -61,7 +61,8 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         let mut mcap = mcap_writer(writer, "")?;
         let mut add_numbers = |topic, name, specs: &[FieldSpec]| {
             let schema = schema::numbers(name, specs);
-            let wrong = || RecordingError::Spec { field: name.into(), problem: "the fields make no message".into() };
+            let wrong =
+                || RecordingError::Spec { field: name.into(), problem: "the fields do not form a message".into() };
             let numbers = Numbers::new(&schema, specs).ok_or_else(wrong)?;
             Ok::<_, RecordingError>((add_channel(&mut mcap, topic, &schema)?, numbers))
         };
@@ -76,7 +77,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// Writes one step's images, state and action, all with this stamp.
     ///
     /// # Errors
-    /// [`RecordingError::Step`] when the step does not fit the task, or [`RecordingError::Write`].
+    /// [`RecordingError::Step`] if the step does not fit the task, or [`RecordingError::Write`].
     pub fn step(&mut self, stamp_ns: i64, step: StepRef<'_>) -> Result<(), RecordingError> {
         self.check_step(stamp_ns, step)?;
         let mut rest = step.frames;
@@ -116,7 +117,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata: values }).map_err(RecordingError::Write)
     }
 
-    /// Hands everything so far on to the writer underneath, in a form that reads whole even if nothing follows.
+    /// Flushes everything so far to the underlying writer in a form that can be read even if nothing follows.
     ///
     /// # Errors
     /// [`RecordingError::Write`].
@@ -124,7 +125,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         self.mcap.flush().map_err(RecordingError::Write)
     }
 
-    /// Ends the file and gives the writer back.
+    /// Ends the file; returns the writer.
     ///
     /// # Errors
     /// [`RecordingError::Write`].
@@ -142,7 +143,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
 
     fn check_stamp(&self, stamp_ns: i64) -> Result<(), RecordingError> {
         if stamp_ns < 0 {
-            return Err(self.wrong(format!("the stamp {stamp_ns} is before the clock's beginning; give one from 0 on")));
+            return Err(self.wrong(format!("the stamp {stamp_ns} is negative; give one from 0 on")));
         }
         Ok(())
     }
@@ -158,7 +159,7 @@ impl<W: Write + Seek> EpisodeWriter<W> {
         RecordingError::Step { step: self.steps.into(), problem }
     }
 
-    /// Writes the images of one camera from the front of the frames and gives the rest back.
+    /// Writes the images of one camera from the front of the frames; returns the rest.
     fn frame<'a>(&mut self, at: usize, stamp_ns: i64, frames: &'a [u8]) -> Result<&'a [u8], RecordingError> {
         let camera = &self.spec.cameras[at];
         let (rgb, rest) = frames.split_at(Channel::Color.bytes(camera));
@@ -204,7 +205,7 @@ const CHUNK_BYTES: u64 = 64 << 10;
 pub(crate) fn mcap_writer<W: Write + Seek>(writer: W, profile: &str) -> Result<mcap::Writer<W>, RecordingError> {
     let options = mcap::WriteOptions::new()
         .compression_threads(0)
-        // A chunk is then written in one piece, never mended afterwards: what a crash leaves is whole chunks and a tail.
+        // A chunk is then written in one piece and not changed afterwards, so that a crash leaves complete chunks and a tail.
         .disable_seeking(true)
         .chunk_size(Some(CHUNK_BYTES))
         .profile(profile)

@@ -1,5 +1,5 @@
 //! The nearest search beside what the tensor library does: the plain matrix product of the same
-//! size, its roofline, and distances in tiles. Knows only the public interface.
+//! size, its roofline, and distances in tiles. Uses only the public interface.
 //!
 //! Arguments: queries (100000), indexed points (4000), values a part (128), how
 //! many rows to check against a direct comparison in double precision (all).

@@ -1,5 +1,5 @@
-//! The filter's frame and the margins that make its bounds proven. Knows nothing of tiles, nor of
-//! which distances win.
+//! The filter's frame and the margins that make its bounds proven. Independent of tiles and of
+//! the choice of the nearest.
 
 use tch::Tensor;
 
@@ -10,19 +10,19 @@ use crate::tensor::{int, rows};
 
 /// Unit roundoff of single precision.
 pub(crate) const U: f64 = 5.960_464_477_539_063e-8;
-/// More than the relative rounding of the roots, factors and sums that follow the products.
+/// Upper bound of the relative rounding of the roots, factors and sums that follow the products.
 const SLACK: f64 = 16.0 * U;
-/// More than what products below the range of single precision lose; far below any distance that
-/// is distinguished.
+/// Upper bound of the loss of products below the range of single precision; far below any distance that is
+/// distinguished.
 pub(crate) const UNDERFLOW: f64 = 1e-32;
-/// A smaller factor is as good as none.
+/// A smaller factor counts as zero.
 const LEAST_FACTOR: f64 = 1e-30;
 
-/// What brings rows into the filter's frame: any centre is right, a central one is good.
+/// The transformation of rows into the filter's frame: any centre is correct, a central one is fast.
 pub(crate) struct Frame {
     kind: Distance,
     centre: [Vec<f32>; 3],
-    /// The same, padded with zeros.
+    /// The same centres, padded with zeros.
     lanes: [Vec<Lanes<f32>>; 3],
 }
 
@@ -30,14 +30,14 @@ pub(crate) struct Frame {
 pub(crate) struct Framed {
     /// `[N, d]`.
     pub(crate) rows: Tensor,
-    /// No value is larger in size.
+    /// Upper bound of the values' magnitudes.
     pub(crate) largest: f64,
-    /// How far any row may lie from where it should.
+    /// Upper bound of the distance of any row from its exact position.
     pub(crate) moved: f64,
 }
 
 impl Framed {
-    /// `rows` whose error follows from what no ‖x‖ exceeds by `moved`.
+    /// A framed `rows`; `moved` maps an upper bound of ‖x‖ to the error of the rows.
     pub(crate) fn new(rows: Tensor, moved: impl Fn(f64) -> f64) -> Self {
         let mut framed = Self { rows, largest: 0.0, moved: 0.0 };
         if framed.count() > 0 {
@@ -48,7 +48,7 @@ impl Framed {
         framed
     }
 
-    /// No ‖x‖ exceeds this.
+    /// Upper bound of ‖x‖.
     pub(crate) fn longest(&self) -> f64 {
         #[expect(clippy::cast_precision_loss, reason = "a feature's width is small")]
         let width = self.width() as f64;
@@ -64,13 +64,13 @@ impl Framed {
     }
 }
 
-/// Per row ‖x‖², in whatever order of additions: off by less than γ(d + 4), γ(n) ≈ n U.
+/// Per row ‖x‖², in any order of additions: the error is below γ(d + 4), γ(n) ≈ n U.
 pub(crate) fn squares(rows: &Tensor) -> Tensor {
     rows.norm_scalaropt_dim(2.0, [1i64].as_slice(), false).square_()
 }
 
-/// `squares` less the margin ε ‖x‖² that makes the product a lower bound, times `factor` (which is
-/// at most 1 for values, so that nothing below single precision becomes large).
+/// `squares` less the margin ε ‖x‖² that makes the product a lower bound, times `factor` (which is at most 1 for
+/// values, so that no value below single precision becomes large).
 ///
 /// The product errs by at most γ(d) · 2 ‖x‖ ‖y‖ ≤ γ(d) (‖x‖² + ‖y‖²), whatever the order of its
 /// additions; the squares by γ(d + 4) of each; the factors, and adding the three, by less than
@@ -108,7 +108,7 @@ impl Frame {
         &self.lanes[part]
     }
 
-    /// Row `at` of `part` before it is centred: for angles its unit vector, put into `unit`.
+    /// Row `at` of `part` before centring: for angles its unit vector, written to `unit`.
     pub(crate) fn row<'a>(
         &self,
         features: &'a Points,
@@ -125,7 +125,7 @@ impl Frame {
         unit
     }
 
-    /// How far a row that in the frame is no longer than `norm` may lie from where it should.
+    /// Upper bound of the distance from its exact position of a row whose norm in the frame is at most `norm`.
     pub(crate) fn moved(&self, norm: f64) -> f64 {
         // Centring errs by U of every difference, a unit vector by U of every value: 1 in all.
         let unit = if self.kind == Distance::Angular { 1.0 } else { 0.0 };
@@ -153,9 +153,9 @@ impl Frame {
     }
 }
 
-/// What squared distances of `part` are multiplied by, so that they (angles) or their roots
-/// (Euclidean) need only be added; for rows whose distances may have grown by the factor `stretch`.
-/// 0, which is a lower bound too, where single precision could not hold it.
+/// The factor of squared distances of `part` that leaves them (angles) or their roots (Euclidean) to be added up, for
+/// rows whose distances may have grown by the factor `stretch`. Where single precision could not hold it, the factor is
+/// 0, which also gives a lower bound.
 pub(crate) fn factor(metric: &Metric, part: usize, stretch: f64) -> f64 {
     let scale = metric.scale[part];
     let factor = match metric.kind {
@@ -165,8 +165,7 @@ pub(crate) fn factor(metric: &Metric, part: usize, stretch: f64) -> f64 {
     if factor > LEAST_FACTOR { factor } else { 0.0 }
 }
 
-/// Turns the products −2 x·y, with what is to be added to each column and to each row, into
-/// lower bounds.
+/// Turns the products −2 x·y, given the summands of each column and of each row, into lower bounds.
 pub(crate) fn finish(kind: Distance, products: &mut Tensor, columns: &Tensor, rows: &Tensor) {
     let _ = products.g_add_(columns).g_add_(rows).relu_();
     if kind == Distance::Euclidean {

@@ -1,33 +1,34 @@
 //! Points as byte codes: every value as one of 255 multiples of a step. Products of codes are
 //! exact, and four times as fast where the processor has an instruction for them; a distance
-//! changes by no more than rounding to steps moved the two points. Knows nothing of the search.
+//! changes by no more than rounding to steps moved the two points. Independent of the search.
 
 use crate::bound::{Frame, U, UNDERFLOW, factor};
 use crate::lanes::{self, CODES, Lanes, MOST, Panels, Query, Terms, WIDE};
 use crate::metric::Metric;
 use crate::points::Points;
 
-/// Wider rows could overflow what sums of codes' products are kept in.
+/// Wider rows could overflow the sums of codes' products.
 const MOST_WIDE: usize = 1024;
-/// So that its inverse is finite.
+/// The smallest step with a finite inverse.
 const LEAST_STEP: f32 = 1e-32;
-/// A square so large that what fills up the last panel is never near, but its root is finite.
+/// A square that keeps the padding of the last panel far from every query, with a finite root.
 const FAR: f32 = 1e30;
-/// More than any error of a value divided by its step: three roundings of at most 127.
+/// Upper bound of the error of a value divided by its step: three roundings of at most 127.
 const DIVISION: f64 = 3e-5;
-/// A square and its rounding, the sum of two, and adding the product to it, err by less.
+/// Upper bound of the errors of a square and its rounding, of the sum of two squares, and of adding the product.
 const ROUNDING: f64 = 16.0 * U;
 
 /// Points' codes.
 pub(crate) struct Codes {
     sides: [Side; 3],
-    /// Per panel of sixteen points, part and four codes: those codes, 128 larger, of each.
+    /// Per panel of sixteen points, part and group of four codes: those codes of each point, as unsigned bytes (plus
+    /// 128).
     panels: Vec<Lanes<i32>>,
     /// Per panel and part: the points' squares.
     squares: Vec<Lanes<f32>>,
-    /// How often four codes, per part.
+    /// Number of groups of four codes, per part.
     groups: [usize; 3],
-    /// In all.
+    /// Number of groups in all parts.
     all: usize,
     roots: bool,
 }
@@ -35,11 +36,11 @@ pub(crate) struct Codes {
 /// One part.
 struct Side {
     step: f32,
-    /// What squared distances are multiplied by.
+    /// Factor of squared distances.
     factor: f64,
-    /// The most that an point was moved.
+    /// Longest distance by which rounding moved a point.
     moved: f64,
-    /// The root of the number of values.
+    /// The square root of the number of values.
     root: f64,
 }
 
@@ -47,12 +48,12 @@ struct Side {
 pub(crate) struct Queries {
     codes: Vec<i32>,
     terms: Vec<[Terms; 3]>,
-    /// Per part how far query and points may have been moved in all.
+    /// Per query and part, upper bound of the summed displacement of query and points.
     pub(crate) moved: Vec<[f64; 3]>,
     scratch: Scratch,
 }
 
-/// What a row is brought into the frame in.
+/// Buffers for bringing a row into the frame.
 #[derive(Default)]
 pub(crate) struct Scratch {
     unit: Vec<f32>,
@@ -60,7 +61,7 @@ pub(crate) struct Scratch {
 }
 
 impl Scratch {
-    /// Row `at` of `part`, in the frame, and its largest value's size.
+    /// Row `at` of `part`, in the frame, and the magnitude of its largest value.
     fn place(&mut self, frame: &Frame, features: &Points, (part, at): (usize, usize)) -> f32 {
         let centre = frame.lanes(part);
         let placed = &mut self.placed[part];
@@ -69,13 +70,13 @@ impl Scratch {
         lanes::centre(row, centre, placed)
     }
 
-    /// Codes of the row of `part` last placed into `codes`.
+    /// Writes codes of the last placed row of `part` to `codes`.
     fn code(&self, part: usize, grid: Grid, codes: &mut [i32]) -> lanes::Sums {
         lanes::code(&self.placed[part], grid.inverse, codes)
     }
 }
 
-/// What values are rounded to the multiples of.
+/// The step of rounding.
 #[derive(Clone, Copy)]
 struct Grid {
     step: f32,
@@ -83,13 +84,13 @@ struct Grid {
 }
 
 impl Grid {
-    /// For values that are no larger than `largest` in size.
+    /// The grid of values with magnitudes of at most `largest`.
     fn new(largest: f32) -> Self {
         Self { step: (largest / MOST).max(LEAST_STEP), inverse: (MOST / largest).min(1.0 / LEAST_STEP) }
     }
 }
 
-/// At most `square`, however it is rounded and added; and no more wrong below single precision.
+/// A lower bound of `square` for any rounding and addition, also below the range of single precision.
 fn below(square: f64) -> f32 {
     #[expect(clippy::cast_possible_truncation, reason = "the rounding is in the margin")]
     let square = (square * (1.0 - ROUNDING) - UNDERFLOW) as f32;
@@ -97,7 +98,7 @@ fn below(square: f64) -> f32 {
 }
 
 impl Codes {
-    /// Of all of `points`; `None` if that is not possible, or would not be faster.
+    /// The codes of all `corpus` points; `None` if codes are not possible, or not faster.
     pub(crate) fn new(corpus: &Points, frame: &Frame, metric: &Metric) -> Option<Self> {
         if !lanes::fast() || corpus.count() == 0 || corpus.widths().iter().any(|width| *width > MOST_WIDE) {
             return None;
@@ -134,7 +135,7 @@ impl Codes {
             let (panel, lane) = (at / WIDE, at % WIDE);
             self.squares[panel * 3 + part].0[lane] = below(scale * f64::from(sums.squares));
             for (to, code) in self.panels[panel * all + from..].iter_mut().zip(&row) {
-                // Adds 128 to each of the four.
+                // Adds 128 to each of the four bytes.
                 to.0[lane] = code ^ i32::from_ne_bytes([0x80; 4]);
             }
         }
@@ -162,14 +163,14 @@ impl Queries {
         Self { codes: Vec::new(), terms: Vec::new(), moved: Vec::new(), scratch: Scratch::default() }
     }
 
-    /// Rows `from..to` of `features`, in place of whatever was here.
+    /// Replaces the content by rows `from..to` of `features`.
     pub(crate) fn fill(&mut self, (codes, frame): (&Codes, &Frame), features: &Points, (from, to): (usize, usize)) {
         self.codes.resize((to - from) * codes.all, 0);
         self.terms.resize(to - from, [Terms::default(); 3]);
         self.moved.resize(to - from, [0.0; 3]);
         let rows = self.codes.chunks_exact_mut(codes.all).zip(&mut self.terms).zip(&mut self.moved);
         for (at, ((mut place, terms), moved)) in (from..to).zip(rows) {
-            // The parts side by side: none waits for another.
+            // The loops over the parts are interleaved, so that none waits for the result of another.
             let mut largest = [0f32; 3];
             for (part, largest) in largest.iter_mut().enumerate() {
                 *largest = self.scratch.place(frame, features, (part, at));
@@ -194,8 +195,8 @@ impl Queries {
 }
 
 impl Side {
-    /// How far from where it should be a row with `sums` lies, as many steps of `grid`, that had no
-    /// value larger than `largest`.
+    /// Upper bound of the distance of a row with `sums` from its exact position, in steps of `grid`, for values of at
+    /// most `largest`.
     fn moved(&self, frame: &Frame, (largest, grid): (f32, Grid), sums: &lanes::Sums) -> f64 {
         let rests = f64::from(sums.rests.sqrt()) * 1.001 + DIVISION * self.root;
         frame.moved(f64::from(largest) * self.root * 1.001) + f64::from(grid.step) * rests
@@ -207,7 +208,7 @@ impl Side {
         Self { step: 0.0, factor, moved: 0.0, root }
     }
 
-    /// Of a query with `sums` in steps of `step`.
+    /// The terms of a query with `sums` in steps of `step`.
     fn terms(&self, step: f32, sums: &lanes::Sums) -> Terms {
         let own = f64::from(step);
         #[expect(clippy::cast_possible_truncation, reason = "whole and small, or the rounding is in the margin")]

@@ -1,15 +1,15 @@
-//! The points that an index searches: where each group's rows lie, tiles over them, and the direct comparison with one.
-//! Must not depend on the filters.
+//! The points of an index: the rows of each group, tiles over them, and the direct comparison with one point. Must not
+//! depend on the filters.
 
 use crate::bound::Frame;
 use crate::matched::Match;
 use crate::metric::Metric;
 use crate::points::{PARTS, Points};
 
-/// With more than this many times the queries of a tile, their values leave the cache.
+/// With more points than this many times the queries of a tile, the queries' values leave the cache.
 const MOST_MORE: usize = 4;
 
-/// How much is compared at a time; the result does not depend on it.
+/// Sizes of the tiles that are compared; the result does not depend on them.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Tiles {
     pub(crate) queries: usize,
@@ -17,25 +17,25 @@ pub(crate) struct Tiles {
 }
 
 impl Default for Tiles {
-    /// The products of a tile and the bounds stay near a core.
+    /// A tile's products and bounds fit the cache of a core.
     fn default() -> Self {
         Self { queries: 256, points: 512 }
     }
 }
 
 impl Tiles {
-    /// Queries to compare with `points` at a time: more where those are few.
+    /// Number of queries to compare with `points` at a time: more for few points.
     pub(crate) fn queries_of(&self, points: usize) -> usize {
         self.queries * (self.points / points.max(1)).clamp(1, MOST_MORE)
     }
 }
 
-/// The points of an index and all that threads share of it.
+/// The points of an index, and the values derived from them that threads share.
 pub(crate) struct Corpus {
     pub(crate) points: Points,
     /// The groups' numbers, in rising order.
     numbers: Vec<u32>,
-    /// Where each group's points begin, and at last where all end.
+    /// First point of each group, and the number of points as the last entry.
     bounds: Vec<usize>,
     metric: Metric,
     /// The metric with the largest scale as the unit, so that the filter stays in range.
@@ -69,7 +69,7 @@ impl Corpus {
         skipped.map_or((all, all), |at| (self.bounds[at], self.bounds[at + 1]))
     }
 
-    /// Tiles over all points but those of group number `without`: (from, to).
+    /// Tiles over all points except those of group number `without`: (from, to).
     pub(crate) fn ranges(&self, without: Option<u32>) -> Vec<(usize, usize)> {
         let all = self.points.count();
         let (start, end) = self.left_out(without);

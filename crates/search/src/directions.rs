@@ -1,6 +1,6 @@
 //! A cheaper filter first: rows seen only along the few directions in which the points differ
 //! most. A projection never makes a distance longer, ‖P x − P y‖ ≤ ‖x − y‖, so what it rules out
-//! is ruled out; a narrower product is all it costs. Knows nothing of tiles.
+//! is ruled out; a narrower product is all it costs. Independent of tiles.
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -11,19 +11,20 @@ use crate::tensor::int;
 
 /// Narrower rows are not worth projecting.
 const LEAST_WIDTH: usize = 96;
-/// Fewer rows than this a direction say too little of where rows differ, and cost too little.
+/// With fewer rows for each direction, the sample shows little of the differences of rows, and a full product is
+/// cheap.
 const ROWS_A_DIRECTION: usize = 16;
-/// More than this and the directions are not what they should be.
+/// Largest accepted stretch; beyond it the directions are not orthonormal enough.
 const MOST_STRETCH: f64 = 1.001;
-/// Rows looked at to find them.
+/// Number of rows in the sample from which the directions are computed.
 const SAMPLE: usize = 2048;
 
 /// Some directions of one part.
 pub(crate) struct Directions {
-    /// `[d, count]`, orthonormal but for rounding.
+    /// `[d, count]`, orthonormal except for rounding.
     basis: Tensor,
     count: usize,
-    /// At least the most that rounding lets them stretch a row.
+    /// Upper bound of the factor by which rounding stretches a row.
     pub(crate) stretch: f64,
 }
 
@@ -36,7 +37,7 @@ impl Directions {
             return None;
         }
         let all = framed.rows.slice(0, None, None, int(rows.div_ceil(SAMPLE))).to_kind(Kind::Double);
-        // Subspace iteration from any start; how good the directions are changes only the speed.
+        // Subspace iteration from any start: the quality of the directions affects only the speed.
         let mut rng = ChaCha8Rng::seed_from_u64(0);
         let start: Vec<f64> = (0..width * count).map(|_| rng.random_range(-1.0..1.0)).collect();
         let mut basis = Tensor::from_slice(&start).view([int(width), int(count)]);
@@ -51,14 +52,14 @@ impl Directions {
         (stretch < MOST_STRETCH).then(|| Self { basis, count, stretch })
     }
 
-    /// The same for another thread.
+    /// A copy for another thread.
     pub(crate) fn share(&self) -> Self {
         Self { basis: self.basis.shallow_clone(), ..*self }
     }
 
-    /// `framed` along these directions.
+    /// The projection of `framed` onto these directions.
     pub(crate) fn apply(&self, framed: &Framed) -> Framed {
-        // Each of the values errs by at most γ(d) ‖x‖, so all by √count times that.
+        // The error of each value is at most γ(d) ‖x‖, so that of all values at most √count times that.
         #[expect(clippy::cast_precision_loss, reason = "small counts")]
         let rounding = 1.1 * U * framed.width() as f64 * (self.count as f64).sqrt() * self.stretch;
         let moved = self.stretch * framed.moved + rounding * framed.longest();

@@ -1,4 +1,4 @@
-//! The one error of the search: input of the wrong shape.
+//! The error of the crate: input of the wrong shape.
 
 /// Input that cannot be searched.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -6,7 +6,7 @@
 pub struct SearchError {
     /// The argument that is wrong.
     pub field: &'static str,
-    /// What is wrong with it and what would be right.
+    /// The fault of the argument, and its allowed form.
     pub message: String,
 }
 

@@ -1,10 +1,10 @@
 //! Exact nearest search over points.
 //!
 //! Products per part, ‖x − y‖² = ‖x‖² + ‖y‖² − 2 x·y after centring, are the filter: they give a lower bound of the
-//! distance with a proven margin. First cheap products, of codes of one byte a value or along few directions, then some
-//! in single precision where those leave too much. Whatever the bound cannot rule out is compared again directly in
-//! double precision. So the winner and its distance are exact and do not depend on tiles, threads or the processor. The
-//! product itself would not do: near zero, where the best match is, its error exceeds the distance.
+//! distance with a proven margin. Cheap products come first, of codes of one byte a value or along few directions, then
+//! single-precision ones where those leave too many candidates. Candidates that the bound cannot rule out are compared
+//! directly in double precision. So the winner and its distance are exact and do not depend on tiles, threads or the
+//! processor. The product alone would not suffice: near zero, where the best match is, its error exceeds the distance.
 
 use std::cell::OnceCell;
 use std::sync::{Mutex, PoisonError};
@@ -23,12 +23,12 @@ use crate::threads;
 /// Fewer pairs than this are not worth another thread.
 const PAIRS_A_THREAD: usize = 1 << 17;
 
-/// Groups of points, ready to be searched. Uses as many threads as the tensor library has.
+/// Groups of points, ready to be searched. A search uses as many threads as the tensor library.
 pub struct Index {
     corpus: Corpus,
-    /// The first filter, where the processor is made for it.
+    /// The first filter, on processors with the instructions for it.
     codes: Option<Codes>,
-    /// The filter for what that leaves, or leaves out: the cheaper views first; the last rules out all that can be.
+    /// The next filter: the cheaper views first; the last one rules out all points that products can rule out.
     views: Vec<View>,
     levels: OnceCell<Vec<[Level; PARTS]>>,
 }
@@ -51,13 +51,13 @@ impl Index {
         let corpus = &index.corpus;
         index.codes = Codes::new(&corpus.points, &corpus.frame, &corpus.relative);
         if index.codes.is_some() {
-            // Points that codes do not distinguish are not distinguished along few directions.
+            // Points that codes do not distinguish are not distinguished along few directions either.
             index.views = vec![View::Whole];
         }
         index
     }
 
-    /// Without codes; the filter has the levels of `views` that pay.
+    /// An index without codes, with those levels of `views` that pay off.
     fn with_views(groups: &[(u32, &Points)], metric: Metric, tiles: Tiles, views: &[View]) -> Self {
         let corpus = Corpus::new(groups, metric, tiles);
         Self { corpus, codes: None, views: views.to_vec(), levels: OnceCell::new() }
@@ -77,7 +77,7 @@ impl Index {
     }
 
     /// Improves `matches`, one per query, by the nearest of these points outside group number `without`. A match stays
-    /// where none is nearer; a tie goes to the lowest group number, then to the first row.
+    /// if no point is nearer; a tie goes to the lowest group number, then to the first row.
     ///
     /// # Errors
     /// The queries differ in their widths from the points, or in their number from `matches`.
@@ -104,7 +104,7 @@ impl Index {
         Ok(())
     }
 
-    /// The nearest of these points to each query, outside group number `without`; `None` if that leaves no point.
+    /// The nearest of these points to each query, outside group number `without`; `None` if no point is left.
     ///
     /// # Errors
     /// As [`Self::improve`].
@@ -123,7 +123,7 @@ impl Index {
         Err(SearchError::new(field, format!("expected widths {expected:?} as the first group has, got {got:?}")))
     }
 
-    /// Looks at all queries through `codes`; the numbers of those that are yet to be looked at.
+    /// Compares all queries through `codes`; returns the numbers of the queries that remain.
     fn scan(
         &self,
         codes: &Codes,
@@ -137,7 +137,7 @@ impl Index {
         let scans = std::iter::repeat_with(|| Scan::new(&self.corpus, codes, queries, without));
         threads::side_by_side(scans.take(threads).collect(), |mut scan| {
             let mut own = Vec::new();
-            // A thread that failed cannot have left the list half taken from.
+            // A thread that panicked cannot have left the iterator in an inconsistent state.
             let next = || blocks.lock().unwrap_or_else(PoisonError::into_inner).next();
             while let Some((block, best)) = next() {
                 scan.block(block * scan::BLOCK, best, &mut own);
@@ -149,7 +149,7 @@ impl Index {
         left
     }
 
-    /// Looks at the queries numbered `rows`, in rising order.
+    /// Compares the queries numbered `rows`, in rising order.
     fn sweep(
         &self,
         rows: &[usize],

@@ -1,5 +1,5 @@
 //! Sums over byte codes, sixteen at a time: for processors that multiply bytes, and the same sums in plain code. The choice
-//! between the two is made at run time. Knows no metric.
+//! between the two is made at run time. Independent of metrics.
 
 mod plain;
 #[cfg(target_arch = "x86_64")]
@@ -8,36 +8,36 @@ mod vnni;
 use multiversion::multiversion;
 use multiversion::target::match_target;
 
-/// Values worked on together.
+/// Values processed together.
 pub(crate) const WIDE: usize = 16;
 /// Codes that are multiplied and added together: the bytes of an `i32`.
 pub(crate) const CODES: usize = 4;
 /// The largest code.
 pub(crate) const MOST: f32 = 127.0;
-/// Queries worked on together.
+/// Queries processed together.
 pub(crate) const QUERIES: usize = 4;
-/// Panels that queries are compared with at a time, at most: one bit each of their points.
+/// Maximum number of panels compared with queries at a time: one bit for each of their points.
 pub(crate) const PANELS: usize = 4;
 
-/// Values side by side in memory as the processor takes them.
+/// Values adjacent in memory, as the processor loads them.
 #[derive(Debug, Clone, Copy)]
 #[repr(C, align(64))]
 pub(crate) struct Lanes<T>(pub(crate) [T; WIDE]);
 
-/// What is to be known of a row of codes.
+/// Sums over a row of codes.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Sums {
-    /// Of the codes, and of their squares: whole numbers, exact.
+    /// Sum of the codes, and sum of their squares: whole numbers, exact.
     pub(crate) codes: f32,
     pub(crate) squares: f32,
-    /// Of the squares of what rounding to codes left, in steps.
+    /// Sum of the squares of the rounding errors, in steps.
     pub(crate) rests: f32,
 }
 
-/// What turns a query's products with points' codes into bounds, of one part.
+/// The terms that turn a query's products with points' codes into bounds, for one part.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Terms {
-    /// What products begin with: points' codes are kept 128 larger, as bytes without a sign.
+    /// Initial value of the products: it corrects for points' codes, which are stored plus 128 as unsigned bytes.
     pub(crate) begin: i32,
     /// −2 × the factor × both steps.
     pub(crate) factor: f32,
@@ -45,28 +45,28 @@ pub(crate) struct Terms {
     pub(crate) square: f32,
 }
 
-/// A query's codes, four to a number, and their terms.
+/// A query's codes, four in each number, and their terms.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Query<'a> {
     pub(crate) codes: &'a [i32],
     pub(crate) terms: &'a [Terms; 3],
-    /// Larger bounds are of no interest.
+    /// Larger bounds are not needed.
     pub(crate) limit: f32,
 }
 
 /// A few panels of sixteen points each.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Panels<'a> {
-    /// Per panel, part and four codes: those codes of each of the sixteen.
+    /// Per panel, part and group of four codes: those codes of each of the sixteen points.
     pub(crate) codes: &'a [Lanes<i32>],
     /// Per panel and part: the points' squares.
     pub(crate) squares: &'a [Lanes<f32>],
-    /// How often four codes, per part.
+    /// Number of groups of four codes, per part.
     pub(crate) groups: [usize; 3],
-    /// In all.
+    /// Number of groups in all parts.
     pub(crate) all: usize,
     pub(crate) count: usize,
-    /// Whether distances are the roots of what is added up.
+    /// Whether distances are the roots of the sums.
     pub(crate) roots: bool,
 }
 
@@ -79,7 +79,7 @@ pub(crate) fn fast() -> bool {
     }
 }
 
-/// Writes `row` less `centre` to `to`, both padded with zeros; the largest value's size.
+/// Writes `row` minus `centre` to `to`, both padded with zeros; returns the magnitude of the largest value.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx512vnni"))]
 pub(crate) fn centre(row: &[f32], centre: &[Lanes<f32>], to: &mut [Lanes<f32>]) -> f32 {
     match_target! {
@@ -97,8 +97,8 @@ pub(crate) fn code(values: &[Lanes<f32>], inverse: f32, codes: &mut [i32]) -> Su
     }
 }
 
-/// Per query and panel, to `to`, the sums over parts of max(0, square + square + factor ×
-/// product), or of its roots. Per query one bit for each that does not exceed its limit.
+/// Writes to `to`, per query and panel, the sums over parts of max(0, square + square + factor × product), or of its
+/// roots. Returns per query one bit for each point whose sum does not exceed the limit.
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512dq+avx512vl+avx512vnni"))]
 pub(crate) fn bounds(
     queries: &[Query<'_>; QUERIES],

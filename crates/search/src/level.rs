@@ -1,5 +1,5 @@
 //! The filter's levels: how rows are seen so that a product of them is cheap, and the bounds that
-//! follow from it. Knows one tile at a time.
+//! follow from it. A level handles one tile at a time.
 
 use tch::Tensor;
 
@@ -8,15 +8,15 @@ use crate::directions::Directions;
 use crate::metric::Metric;
 use crate::tensor::int;
 
-/// Points looked at together; tiles are a multiple of it.
+/// Points processed together; tiles are a multiple of it.
 pub(crate) const GROUP: usize = 16;
 
-/// How a level sees rows.
+/// The view of rows on a level.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum View {
-    /// As they are.
+    /// Unchanged.
     Whole,
-    /// Along few directions: pays where points differ along few.
+    /// Projected onto few directions: pays off where points differ along few.
     Along,
 }
 
@@ -25,11 +25,11 @@ pub(crate) struct Level {
     directions: Option<Directions>,
     /// `[N + GROUP, d]`: −2 × the factor × the points' rows.
     many: Tensor,
-    /// `[1, N + GROUP]`: what to add to the products.
+    /// `[1, N + GROUP]`: summands of the products.
     squares: Tensor,
-    /// What squared distances are multiplied by.
+    /// Factor of squared distances.
     factor: f64,
-    /// The most that bringing a point here may have moved it.
+    /// Longest distance by which the transformation may have moved a point.
     pub(crate) moved: f64,
 }
 
@@ -37,13 +37,13 @@ pub(crate) struct Level {
 pub(crate) struct Placed {
     /// `[count, d]`.
     rows: Tensor,
-    /// `[count, 1]`: what to add to the products.
+    /// `[count, 1]`: summands of the products.
     squares: Tensor,
     pub(crate) moved: f64,
 }
 
 impl Level {
-    /// How `view` sees `framed`; `None` if that would not pay.
+    /// The level of `framed` under `view`; `None` if it would not pay off.
     pub(crate) fn new(framed: &Framed, view: View, (metric, part): (&Metric, usize)) -> Option<Self> {
         let directions = if view == View::Along { Some(Directions::principal(framed)?) } else { None };
         let factor = factor(metric, part, directions.as_ref().map_or(1.0, |directions| directions.stretch));
@@ -61,7 +61,7 @@ impl Level {
         Some(level)
     }
 
-    /// The same for another thread.
+    /// A copy for another thread.
     pub(crate) fn share(&self) -> Self {
         Self {
             directions: self.directions.as_ref().map(Directions::share),
@@ -71,12 +71,12 @@ impl Level {
         }
     }
 
-    /// Whether it says anything.
+    /// Whether the level contributes to bounds: with a factor of 0 its bounds are all 0.
     pub(crate) fn counts(&self) -> bool {
         self.factor > 0.0
     }
 
-    /// Queries as this level sees them.
+    /// Queries on this level.
     pub(crate) fn place(&self, framed: &Framed) -> Placed {
         let along = self.directions.as_ref().map(|directions| directions.apply(framed));
         let placed = along.as_ref().unwrap_or(framed);
@@ -87,8 +87,8 @@ impl Level {
         }
     }
 
-    /// Adds to `sum` (or begins it with) this part's lower bounds of the distances of `placed`,
-    /// only those rows that are `open`, to the points from `from` on: `[open, width]`.
+    /// Adds this part's lower bounds to `sum`, or starts it with them: the distances of the `open` rows of `placed` to
+    /// the points from `from` on, `[open, width]`.
     pub(crate) fn bound(
         &self,
         (placed, open): (&Placed, Option<&Tensor>),

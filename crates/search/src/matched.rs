@@ -1,4 +1,4 @@
-//! The nearest point of a query, and the order of candidates. Must not depend on how it was found.
+//! The nearest point of a query, and the order of candidates. Must not depend on the search.
 
 use crate::points::PARTS;
 
@@ -16,7 +16,7 @@ pub struct Match {
 }
 
 impl Match {
-    /// Nearer, or as near and of an earlier group, or of the same and an earlier row.
+    /// Whether this match is nearer, or equally near and of an earlier group, or of the same group and an earlier row.
     pub(crate) fn beats(&self, other: &Option<Self>) -> bool {
         let order = |found: &Self| (found.distance, found.group, found.row);
         other.as_ref().is_none_or(|other| order(self) < order(other))

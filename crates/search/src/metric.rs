@@ -1,4 +1,4 @@
-//! How two points compare: double precision, in a fixed order of additions, hence exact and repeatable.
+//! The comparison of two points: double precision, in a fixed order of additions, hence exact and repeatable.
 
 use crate::points::{PARTS, Points};
 
@@ -7,9 +7,9 @@ use crate::points::{PARTS, Points};
 pub enum Distance {
     /// ‖x − y‖₂, in the unit of the values.
     Euclidean,
-    /// 1 − cos(x, y), which is ‖u − v‖² / 2 for the unit vectors u, v of x, y: 0 where directions are the same, at
-    /// most 2. A zero vector has no direction; it stands for itself, so it is 0 from another zero and 1/2 from anything
-    /// else.
+    /// 1 − cos(x, y), which is ‖u − v‖² / 2 for the unit vectors u, v of x, y: 0 for equal directions, at most 2. A
+    /// zero vector has no direction and is used unchanged, so its distance is 0 to another zero vector and 1/2 to all
+    /// others.
     Angular,
 }
 
@@ -50,8 +50,7 @@ pub(crate) fn to_unit(row: &[f32]) -> f64 {
     if norm > 0.0 { 1.0 / norm } else { 0.0 }
 }
 
-/// Σ `term`(aᵢ, bᵢ) in eight interleaved lanes: a fixed order of additions that a processor can
-/// nevertheless do side by side.
+/// Σ `term`(aᵢ, bᵢ) in eight interleaved lanes: a fixed order of additions that a processor can nevertheless vectorise.
 fn sum(a: &[f32], b: &[f32], term: impl Fn(f64, f64) -> f64) -> f64 {
     let mut lanes = [0f64; 8];
     let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<8>(), b.as_chunks::<8>());

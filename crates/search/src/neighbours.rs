@@ -1,4 +1,5 @@
-//! The k nearest points of other groups, in single precision: for means over neighbours, which need no exact ones.
+//! The k nearest points of other groups, in single precision: for means over neighbours, which need no exact
+//! neighbours.
 
 use tch::{Kind, Tensor};
 
@@ -6,26 +7,27 @@ use crate::metric::{Distance, Metric, to_unit};
 use crate::points::{PARTS, Points};
 use crate::tensor::{int, rows};
 
-/// Groups of points, ready to look around each point.
+/// Groups of points, prepared for the search around each point.
 pub struct Neighbours {
     /// Per part `[N, width]`, scaled so that distances need no factor.
     rows: [Tensor; PARTS],
     /// Per part `[N]`.
     squares: [Tensor; PARTS],
-    /// Where each group's points begin, and at last where all end.
+    /// First point of each group, and the number of points as the last entry.
     bounds: Vec<usize>,
     kind: Distance,
 }
 
 impl Neighbours {
-    /// Of `groups`, which have the same widths, under `metric`. Points are numbered through all groups, from 0.
+    /// The search over `groups`, which have the same widths, under `metric`. Points are numbered through all groups,
+    /// from 0.
     pub fn new(groups: &[Points], metric: Metric) -> Self {
         let widths = groups.first().map_or([1; PARTS], Points::widths);
         let matrix = |part: usize| {
             #[expect(clippy::cast_possible_truncation, reason = "single precision is enough here")]
             let scale = match metric.kind {
                 Distance::Euclidean => metric.scale[part],
-                // Half of the square is what this distance is.
+                // The distance is half of the square.
                 Distance::Angular => (metric.scale[part] / 2.0).sqrt(),
             } as f32;
             let all: Vec<f32> = groups.iter().flat_map(|points| points.values(part)).copied().collect();
@@ -49,8 +51,8 @@ impl Neighbours {
         Self { squares, rows, bounds: std::iter::once(0).chain(counts).collect(), kind: metric.kind }
     }
 
-    /// Of each point of group `group`, in order, the numbers of the `most` nearest points of other groups, in no
-    /// order; fewer if the other groups hold fewer.
+    /// The numbers of the `most` nearest points of other groups, for each point of `group`; unordered, and fewer if the
+    /// other groups have fewer.
     pub fn nearest(&self, group: usize, most: usize) -> Vec<Vec<usize>> {
         let (begin, end) = (self.bounds[group], self.bounds[group + 1]);
         let wanted = most.min(self.bounds[self.bounds.len() - 1] - (end - begin));

@@ -1,10 +1,10 @@
-//! Points as plain arrays: what is indexed and what is searched for. Must not depend on how points are compared.
+//! Points as plain arrays, both those of an index and queries. Must not depend on the comparison of points.
 
 use crate::error::SearchError;
 
 /// Parts of a point.
 pub const PARTS: usize = 3;
-/// The square of a smaller value does not overflow when many are added.
+/// Upper bound of values, below which sums of squares do not overflow.
 const LIMIT: f32 = 1e15;
 
 /// N points: per part, N rows of `width` values, row-major in single precision. Parts may differ in width.
@@ -15,7 +15,7 @@ pub struct Points {
 }
 
 impl Points {
-    /// Points of these values: per part, N rows of `widths` values each.
+    /// Points with these values: per part, N rows of `widths` values each.
     ///
     /// # Errors
     /// A width is zero, the parts differ in their number of rows, or a value is not [comparable](Self::comparable).
@@ -34,7 +34,7 @@ impl Points {
         Ok(points)
     }
 
-    /// No points, of these widths.
+    /// Zero points of these widths.
     pub fn empty(widths: [usize; PARTS]) -> Self {
         Self { values: Default::default(), widths }
     }
@@ -72,7 +72,7 @@ impl Points {
         &self.values[part][at * width..(at + 1) * width]
     }
 
-    /// Whether every value is a number below 1e15 in size. Distances of other points are not defined.
+    /// Whether every value is a number with a magnitude below 1e15. Distances of other points are not defined.
     pub fn comparable(&self) -> bool {
         self.values.iter().flatten().all(|value| value.abs() < LIMIT)
     }

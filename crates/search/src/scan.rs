@@ -1,4 +1,4 @@
-//! One thread's way over points' codes: bounds, and a direct comparison of the few that they
+//! One thread's pass over the codes of points: bounds, and a direct comparison of the few that they
 //! cannot rule out. Leaves queries for which those are many.
 
 use crate::bound::limit;
@@ -8,36 +8,36 @@ use crate::lanes::{self, Lanes, PANELS, QUERIES, WIDE};
 use crate::matched::Match;
 use crate::points::Points;
 
-/// Queries that stay near it while points pass.
+/// Queries that stay in the cache while points pass.
 pub(crate) const BLOCK: usize = 256;
-/// More candidates than this, and a filter that tells more apart costs less than comparing them.
+/// With more candidates than this, a finer filter costs less than comparing them.
 const CANDIDATES: usize = 64;
-/// Queries after which to judge whether codes pay.
+/// Number of queries after which the benefit of codes is judged.
 const TRIAL: usize = 512;
 
-/// What one thread works with.
+/// State of one thread.
 pub(crate) struct Scan<'a> {
     corpus: &'a Corpus,
     codes: &'a Codes,
     features: &'a Points,
-    /// Points not to compare with: (from, to).
+    /// Excluded points: (from, to).
     without: (usize, usize),
     queries: Queries,
-    /// Of a block's queries.
+    /// States of a block's queries.
     states: Vec<State>,
-    /// Queries seen, and those left.
+    /// Queries processed, and queries left to the next filter.
     tried: usize,
     failed: usize,
 }
 
-/// A query on its way.
+/// State of one query.
 #[derive(Default)]
 struct State {
-    /// A bound above this rules out.
+    /// Points with a larger bound are ruled out.
     limit: f32,
-    /// The least bound yet.
+    /// The smallest bound so far.
     least: f32,
-    /// Points, with their bounds, that are yet to be compared.
+    /// Points, with their bounds, that are still to be compared.
     candidates: Vec<(usize, f32)>,
     left: bool,
 }
@@ -48,8 +48,8 @@ impl<'a> Scan<'a> {
         Self { corpus, codes, features, without, queries: Queries::new(), states, tried: 0, failed: 0 }
     }
 
-    /// Improves `best`, of at most [`BLOCK`] queries that begin at `begin`; adds to `left` those
-    /// that are yet to be looked at.
+    /// Improves `best`, of at most [`BLOCK`] queries starting at `begin`; adds to `left` those that need the next
+    /// filter.
     pub(crate) fn block(&mut self, begin: usize, best: &mut [Option<Match>], left: &mut Vec<usize>) {
         if self.tried >= TRIAL && self.failed * 2 > self.tried {
             left.extend(begin..begin + best.len());
@@ -84,13 +84,13 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// All queries, which begin at `begin`, and panels `from..to`.
+    /// All queries, starting at `begin`, and panels `from..to`.
     fn tile(&mut self, begin: usize, (from, to): (usize, usize), best: &mut [Option<Match>]) {
         let panels = self.codes.some((from, to));
         let wanted = self.wanted(from * WIDE);
         let mut bounds = [[Lanes([0f32; WIDE]); PANELS]; QUERIES];
         for first in (0..best.len()).step_by(QUERIES) {
-            // The last again where there are no more.
+            // The last query repeats where the block is not full.
             let query = |q: usize| {
                 let at = (first + q).min(best.len() - 1);
                 self.queries.get(at, self.codes, self.states[at].limit)
@@ -104,8 +104,7 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// One bit for each of the points of a tile that begins at `from`: those there are and are
-    /// to be compared with.
+    /// One bit for each point of a tile starting at `from` that exists and is not excluded.
     fn wanted(&self, from: usize) -> u64 {
         let (until, without) = (self.corpus.points.count(), self.without);
         let segments = (from..from + PANELS * WIDE).enumerate();
@@ -113,8 +112,8 @@ impl<'a> Scan<'a> {
         wanted.fold(0, |all, (bit, _)| all | 1 << bit)
     }
 
-    /// Keeps those points, numbered from `from` on, that `bounds` do not rule out for query `at`
-    /// of the block, the `open` ones; compares at once what is likely to win.
+    /// Adds to the candidates of query `at` of the block those `open` points, numbered from `from`, that `bounds` do
+    /// not rule out; compares likely winners at once.
     fn consider(
         &mut self,
         (begin, at): (usize, usize),
@@ -150,14 +149,14 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// What a bound must not exceed.
+    /// The largest bound of a point that may still win.
     fn limit(&self, at: usize, best: &Option<Match>) -> f32 {
         let (metric, moved) = (&self.corpus.relative, self.queries.moved[at]);
         best.as_ref().map_or(f32::INFINITY, |best| limit(metric, moved, best.distance / self.corpus.unit))
     }
 }
 
-/// Which bits of `all` are set.
+/// The set bits of `all`.
 fn bits(mut all: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         let bit = all.trailing_zeros();

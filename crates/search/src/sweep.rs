@@ -1,4 +1,4 @@
-//! One thread's way over the tiles: bounds, and a direct comparison of whatever the bounds cannot
+//! One thread's pass over the tiles: bounds, and a direct comparison of whatever the bounds cannot
 //! rule out.
 
 use tch::{Device, Kind, Tensor};
@@ -10,25 +10,25 @@ use crate::matched::Match;
 use crate::points::Points;
 use crate::tensor::int;
 
-/// More candidates than this in a row of a tile, and a full product costs less than comparing them.
+/// With more candidates than this in a row of a tile, a full product costs less than comparing them.
 const CANDIDATES: usize = 32;
-/// Rows of tiles after which to judge whether a level pays.
+/// Number of rows of tiles after which the benefit of a level is judged.
 const TRIAL: usize = 1024;
 
-/// What one thread works with.
+/// State of one thread.
 pub(crate) struct Sweep<'a> {
     corpus: &'a Corpus,
     levels: Vec<[Level; 3]>,
     queries: &'a Points,
     ranges: &'a [(usize, usize)],
-    /// Where a tile's products are written.
+    /// Buffer of a tile's products.
     buffer: Tensor,
-    /// The lower bounds of a tile, `[rows, GROUP, groups]` one after the other, and what is least in
-    /// each group: as the library writes them and as we read them.
+    /// The lower bounds of a tile, `[rows, GROUP, groups]` in sequence, and the smallest of each group: as tensors for
+    /// the library and as slices for this module.
     sum: Tensor,
     bounds: Vec<f32>,
     lows: Vec<f32>,
-    /// Per level the rows of tiles that it has seen, and those it could not settle.
+    /// Per level, the rows of tiles that it processed, and those that it could not settle.
     tried: Vec<usize>,
     failed: Vec<usize>,
 }
@@ -36,7 +36,7 @@ pub(crate) struct Sweep<'a> {
 /// A block of queries on one level.
 struct Block {
     placed: [Placed; 3],
-    /// Per part how far queries and points may have been moved in all.
+    /// Per part, upper bound of the summed displacement of queries and points.
     moved: [f64; 3],
 }
 
@@ -46,7 +46,7 @@ struct Row<'a> {
     to: usize,
     /// Group g holds the bounds at g, g + groups, g + 2 groups, …
     bounds: &'a [f32],
-    /// The least of each group.
+    /// The smallest bound of each group.
     lows: &'a [f32],
 }
 
@@ -75,7 +75,7 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// Improves `best`, of those of the queries that begin at `begin` whose numbers `rows` has.
+    /// Improves `best` for the queries numbered `rows`, starting at `begin`.
     pub(crate) fn block(&mut self, begin: usize, rows: &[usize], best: &mut [Option<Match>]) {
         let rows = &rows[rows.partition_point(|row| *row < begin)..];
         let rows = &rows[..rows.partition_point(|row| *row < begin + best.len())];
@@ -103,15 +103,15 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// The level to begin with: none that leaves most rows to the next.
+    /// The first level to use: one that does not leave most rows to the next.
     fn first_level(&self) -> usize {
         let pays = |level: &usize| self.tried[*level] < TRIAL || self.failed[*level] * 2 < self.tried[*level];
         let last = self.levels.len() - 1;
         (0..last).find(pays).unwrap_or(last)
     }
 
-    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the points
-    /// `from..to`, and a few more that make the last group whole.
+    /// Fills `bounds` and `lows` with the lower bounds of the `open` of `all` rows to the points `from..to`, and
+    /// to a few more that fill the last group.
     fn bound(&mut self, (level, block): (usize, &Block), (from, to): (usize, usize), (open, all): (&[usize], usize)) {
         let (width, count) = ((to - from).next_multiple_of(GROUP), open.len());
         let mut sum = self.sum.narrow(0, 0, int(count * width)).view([int(count), int(width)]);
@@ -133,8 +133,7 @@ impl<'a> Sweep<'a> {
         sum.copy_data(&mut self.bounds, count * width);
     }
 
-    /// Leaves in `open` the rows for which the bounds leave more than `most` candidates; improves
-    /// the others' `best`.
+    /// Keeps in `open` the rows for which the bounds leave more than `most` candidates; improves `best` of the others.
     fn settle(
         &self,
         (begin, moved, most): (usize, [f64; 3], usize),
@@ -152,8 +151,7 @@ impl<'a> Sweep<'a> {
         });
     }
 
-    /// Compares query `at` directly with whatever points `row` cannot rule out; false if those
-    /// are more than `most`.
+    /// Compares query `at` directly with the points that `row` cannot rule out; false if there are more than `most`.
     fn refine(&self, (at, moved): (usize, [f64; 3]), row: &Row<'_>, most: usize, best: &mut Option<Match>) -> bool {
         let corpus = self.corpus;
         let allowed = |best: &Option<Match>| {
@@ -178,7 +176,7 @@ impl<'a> Sweep<'a> {
         if row.candidates(most_allowed).nth(most).is_some() {
             return false;
         }
-        // In order, so that there is no need to look at what the last comparison ruled out.
+        // In order of the points, skipping those that the last comparison ruled out.
         for (place, bound) in row.candidates(most_allowed) {
             if bound <= most_allowed && Some(place) != likeliest {
                 most_allowed = consider(place);
@@ -189,13 +187,13 @@ impl<'a> Sweep<'a> {
 }
 
 impl Row<'_> {
-    /// The point with the least bound.
+    /// The point with the smallest bound.
     fn likeliest(&self) -> Option<usize> {
         let lowest = self.lows.iter().copied().fold(f32::INFINITY, f32::min);
         self.candidates(lowest).next().map(|(place, _)| place)
     }
 
-    /// The points, and their bounds, that a bound of more than `allowed` does not rule out.
+    /// The points, and their bounds, that are not ruled out when bounds above `allowed` are.
     fn candidates(&self, allowed: f32) -> impl Iterator<Item = (usize, f32)> {
         let groups = self.lows.len();
         let open = self.lows.iter().enumerate().filter(move |(_, low)| **low <= allowed).map(|(group, _)| group);

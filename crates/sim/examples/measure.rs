@@ -2,7 +2,7 @@
 //! attempts a second.
 //!
 //! `cargo run -p gleaner-sim --example measure -- [attempts per agent]`
-#![expect(clippy::print_stdout, reason = "printing is what it is for")]
+#![expect(clippy::print_stdout, reason = "the output of an example")]
 
 use std::io::Cursor;
 use std::time::Instant;

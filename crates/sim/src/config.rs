@@ -1,4 +1,4 @@
-//! The simulator's settings. Pure data and its checks.
+//! Settings of the simulator and their checks.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +9,7 @@ const IMAGE_RANGE: std::ops::RangeInclusive<u32> = 8..=512;
 /// Smallest and largest step limit.
 const STEP_RANGE: std::ops::RangeInclusive<u32> = 1..=10_000;
 
-/// Settings shared by everything simulated for one task.
+/// Settings of the simulator for one task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields, default)]
 pub struct SimConfig {
@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_out_of_range_setting_is_named_with_its_range() {
+    fn setting_out_of_range_is_named_with_its_range() {
         let config = SimConfig { image: 4, ..SimConfig::default() };
         let error = config.validate().unwrap_err().to_string();
         assert_eq!(error, "config.image: 4 is out of range; choose 8 to 512");

@@ -1,6 +1,6 @@
-//! Demonstrations: one agent's whole attempt, with the mark of where it went wrong, and its recording.
+//! Demonstrations: the attempt of an agent, with the mark of its first wrong step, and its recording.
 //!
-//! Must not know how agents decide or how pictures are made.
+//! This module does not depend on the decisions of agents or on rendering.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -16,7 +16,7 @@ use crate::error::SimError;
 use crate::sim::{Observation, Sim, Stream, random};
 use crate::task::{ACTION_SIZE, Task, task_spec};
 
-/// Name of the metadata record that holds agent, seed, outcome and mark. No mapping reads metadata.
+/// Name of the metadata record with agent, seed, outcome and mark. No mapping reads metadata.
 pub const METADATA: &str = "gleaner.sim";
 
 /// The departure of an action that opens the gripper where the expert closes it, or the other way round.
@@ -25,29 +25,28 @@ const OTHER_GRIPPER: f32 = 2.0;
 /// One attempt by an agent. Step t is `observations[t]`, then `actions[t]`.
 #[derive(Clone, Debug)]
 pub struct Demonstration {
-    /// What was attempted.
+    /// The task.
     pub task: Task,
-    /// Under which settings.
+    /// The settings.
     pub config: SimConfig,
-    /// By whom.
+    /// The agent.
     pub agent: AgentSpec,
-    /// The seed of everything random in it.
+    /// The seed of all random choices.
     pub seed: u64,
-    /// What was seen before each action.
+    /// The observation before each action.
     pub observations: Vec<Observation>,
-    /// What was done, each as in [`Sim::step`].
+    /// The actions, each as in [`Sim::step`].
     pub actions: Vec<[f32; ACTION_SIZE]>,
     /// Whether the task succeeded.
     pub success: bool,
-    /// The mark: the first step whose action is not what the expert would have done in its place.
+    /// The mark: the first step whose action differs from the expert's in the same state.
     pub went_wrong: Option<u32>,
-    /// For each step how far its action is from the expert's in the same state, in action units, 0 to 2: the largest
-    /// difference of a displacement or turn, or 2 when the gripper is told the other thing. After a fault the
-    /// expert's action is the recovery.
+    /// The distance of each action from the expert's in the same state, in action units, 0 to 2: the largest difference of
+    /// a displacement or rotation, or 2 if the gripper commands differ. After a fault the expert's action is the recovery.
     pub departure: Vec<f32>,
 }
 
-/// How an attempt ended.
+/// The end of an attempt.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Ending {
     pub(crate) success: bool,
@@ -55,7 +54,7 @@ pub(crate) struct Ending {
     pub(crate) departure: Vec<f32>,
 }
 
-/// Has an agent attempt a task. The same arguments always give the same bytes.
+/// Runs an attempt of an agent. The same arguments always give the same bytes.
 #[must_use]
 pub fn demonstrate(task: Task, config: SimConfig, agent: AgentSpec, seed: u64) -> Demonstration {
     let mut observations = Vec::new();
@@ -78,14 +77,14 @@ pub fn demonstrate(task: Task, config: SimConfig, agent: AgentSpec, seed: u64) -
     }
 }
 
-/// Runs an attempt to its end; `on_step` sees each state with the action that is about to be taken.
+/// Runs an attempt to its end; calls `on_step` with each state and the next action.
 pub(crate) fn attempt(
     mut sim: Sim,
     agent: AgentSpec,
     seed: u64,
     mut on_step: impl FnMut(&Sim, &[f32; ACTION_SIZE]),
 ) -> Ending {
-    // Follows along and says what is right in each state: the agent's script has the same random habits.
+    // The expert's action in each state, with the random habits of the agent's script.
     let mut expert = Expert::new(sim.task(), random(seed, Stream::Expert));
     let mut fault = match agent.kind() {
         AgentKind::Expert => None,
@@ -121,7 +120,7 @@ pub(crate) fn attempt(
     Ending { success: sim.success(), went_wrong, departure: departures }
 }
 
-/// How far one action is from another, as in [`Demonstration::departure`].
+/// The distance of two actions, as in [`Demonstration::departure`].
 fn departure(action: &[f32; ACTION_SIZE], expected: &[f32; ACTION_SIZE]) -> f32 {
     if (action[6] < 0.0) != (expected[6] < 0.0) {
         return OTHER_GRIPPER;
@@ -129,7 +128,7 @@ fn departure(action: &[f32; ACTION_SIZE], expected: &[f32; ACTION_SIZE]) -> f32 
     action[..6].iter().zip(&expected[..6]).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
-/// How the expert's own attempt goes.
+/// Runs the expert's own attempt.
 fn rehearse(mut sim: Sim, mut expert: Expert) -> Rehearsal {
     let place = (sim.task().rules().place)(sim.world(), Vec2::ZERO).truncate();
     let (mut carry, mut carry_end) = (None, None);
@@ -152,16 +151,16 @@ impl Demonstration {
         self.actions.len()
     }
 
-    /// The mark for each step: whether the agent had gone wrong by then. It does not say that every later step is bad.
+    /// For each step, whether it is at or after the mark. A step after the mark is not necessarily bad.
     #[must_use]
     pub fn mark(&self) -> Vec<bool> {
         (0_u32..).zip(&self.actions).map(|(step, _)| self.went_wrong.is_some_and(|from| step >= from)).collect()
     }
 
-    /// Writes the recording and gives the writer back.
+    /// Writes the recording; returns the writer.
     ///
     /// # Errors
-    /// [`SimError::Recording`] when it cannot be written.
+    /// [`SimError::Recording`] if it cannot be written.
     pub fn write_mcap<W: Write + Seek>(&self, writer: W) -> Result<W, SimError> {
         let spec = task_spec(self.task, &self.config);
         let mut episode = EpisodeWriter::create(writer, &spec)?;
@@ -176,7 +175,7 @@ impl Demonstration {
     /// Writes the recording to a file.
     ///
     /// # Errors
-    /// [`SimError::Io`] or [`SimError::Recording`] when it cannot be written.
+    /// [`SimError::Io`] or [`SimError::Recording`] if it cannot be written.
     pub fn save_mcap(&self, path: &Path) -> Result<(), SimError> {
         let failed = |source| SimError::Io { path: path.to_owned(), source };
         let file = File::create(path).map_err(failed)?;

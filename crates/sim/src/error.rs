@@ -1,41 +1,41 @@
-//! The crate's one error type. Must not know what callers do with it.
+//! The error type of the crate.
 
 use std::path::PathBuf;
 
 use gleaner_recording::RecordingError;
 
-/// What can go wrong in the simulator's dealings with its caller or with files. Simulating itself cannot fail.
+/// Errors of arguments and of files. The simulation itself cannot fail.
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
-    /// A task name that is not known.
+    /// An unknown task name.
     #[error("task: {0:?} is not known; use one of {names}", names = crate::Task::ALL.map(crate::Task::name).join(", "))]
     UnknownTask(String),
-    /// A task specification that is not a simulated task's.
+    /// A task specification that differs from the simulated task.
     #[error("task.{field}: {given} cannot be simulated as {task}; it needs {wanted}")]
     Incompatible {
         /// The simulated task.
         task: crate::Task,
         /// The specification's field.
         field: &'static str,
-        /// What it says.
+        /// Its value.
         given: String,
-        /// What it would have to say.
+        /// The value that the simulated task requires.
         wanted: String,
     },
-    /// A cohort of a set without a usable name.
+    /// A cohort with an invalid name.
     #[error("cohort: {name:?}: {detail}")]
     Cohort {
         /// The name as given.
         name: String,
-        /// What is wrong with it and the mend.
+        /// The reason and the fix.
         detail: &'static str,
     },
-    /// An agent description that cannot be read.
+    /// An invalid description of an agent.
     #[error("agent: {text:?}: {detail}")]
     Agent {
         /// The text as given.
         text: String,
-        /// What is wrong with it and the mend.
+        /// The reason and the fix.
         detail: String,
     },
     /// A setting outside its range.
@@ -43,7 +43,7 @@ pub enum SimError {
     Config {
         /// The setting.
         field: &'static str,
-        /// What is wrong with it and the mend.
+        /// The reason and the fix.
         detail: String,
     },
     /// A recording could not be written.

@@ -1,43 +1,58 @@
 //! A small tabletop simulator with rendered RGBD cameras, a scripted expert and graded imperfect agents.
 //!
-//! A [`Sim`] is one attempt at a [`Task`] that any policy can drive: observe, step, until done. [`demonstrate`] has an
-//! agent drive it and [`record_set`] writes whole sets of such attempts as MCAP with labels and marks. [`task_spec`]
-//! says how the recordings are read. The crate knows nothing of servers or learning.
+//! The crate produces demonstrations with known faults, on which scores are validated, and evaluates policies. It depends on
+//! `gleaner-recording` for its files, and on neither servers nor learning.
 //!
-//! One seed fixes everything: the same arguments give the same bytes. Motion is control at 10 Hz in 8 substeps. The
-//! gripper stays upright, is as fast as it is told within bounds, pushes cubes with its fingers, lands on them, and
-//! holds one only when both pads close on it, near enough, deep enough and turned little enough. A cube let go falls:
-//! it stays on another when its centre is over it, else slides off. A held cube lands on another and pushes it; cubes
-//! never tip over.
+//! - [`Sim`] is one attempt at a [`Task`]: a policy observes and steps until it is done. A `Sim` is a plain value, so an
+//!   evaluation runs many at once.
+//! - [`demonstrate`] runs an attempt of an agent; [`record_set`] writes sets of attempts as MCAP with labels and marks.
+//! - [`task_spec`] is the specification with which the recordings are read; [`compatible`] finds the task and the settings
+//!   that fit a specification.
+//! - [`statistics`] has the intervals of success rates and of AUROC.
 //!
-//! An evaluation drives many [`Sim`]s at once; they are plain values. [`compatible`] tells which task and settings
-//! fit a task that recordings were made for.
+//! ```
+//! use gleaner_sim::{Sim, SimConfig, Task};
+//!
+//! let mut sim = Sim::new(Task::PickCube, SimConfig { image: 16, ..SimConfig::default() }, 7);
+//! let observation = sim.observe();
+//! assert_eq!(observation.proprioception.len(), 15);
+//! sim.step(&[0.0, 0.0, -0.5, 0.0, 0.0, 0.0, 1.0]);
+//! assert!(!sim.done());
+//! ```
+//!
+//! # Motion
+//!
+//! The same arguments give the same bytes: one seed determines every random choice. Control runs at 10 Hz in 8 substeps. The
+//! gripper stays upright, moves at the commanded speed within bounds, pushes cubes with its fingers, stops on top of them,
+//! and holds one only if both pads close on it, near enough, deep enough and with a small enough rotation. A released cube
+//! falls; it stays on another if its centre is over it, and slides off otherwise. A held cube stops on another and pushes
+//! it; cubes never tip over.
 //!
 //! # Tasks
 //!
-//! | task | asked | success, for 2 steps with every cube still | seen only in the pictures |
+//! | task | goal | success, for 2 steps with every cube still | visible in the images only |
 //! |---|---|---|---|
 //! | `pick_cube` | carry the red cube to the goal, on the table or in the air | its centre within 3 cm of the goal | the cube |
-//! | `stack_cube` | put the red cube on the green one and let go | it lies on the green one with its centre over it, not held | both cubes |
+//! | `stack_cube` | put the red cube on the green one and release it | it lies on the green one with its centre over it, not held | both cubes |
 //!
 //! # Agents
 //!
 //! Success over the seeds 0 to 499 with the default limit of 60 steps, `pick_cube` / `stack_cube` in percent; the
-//! expert takes 25 / 27 steps on average. The mark is the first step at which the agent does other than the expert
-//! would; below, on average, as a share of the attempt.
+//! expert takes 25 / 27 steps on average. The mark is the first step whose action differs from the
+//! expert's; below is its average as a share of the attempt.
 //!
 //! | agent | fault | grade 0.3 | 0.5 | 0.7 | 1 | mark at 1 |
 //! |---|---|---|---|---|---|---|
 //! | `expert` | none (100 / 100) | | | | | none |
-//! | `missed_grasp` | grasp point off by 3.2–4.8 cm × grade; carries on whatever it holds | 98 / 98 | 53 / 53 | 7 / 7 | 0 / 0 | 0.05 / 0.05 |
-//! | `early_release` | opens for good in the carry: in its first third at grade 1, later or not at all at lower grades | 80 / 84 | 58 / 66 | 23 / 37 | 6 / 0 | 0.29 / 0.26 |
+//! | `missed_grasp` | grasp point wrong by 3.2–4.8 cm × grade; continues without the cube | 98 / 98 | 53 / 53 | 7 / 7 | 0 / 0 | 0.05 / 0.05 |
+//! | `early_release` | opens the gripper during the carry: in its first third at grade 1, later or not at all at lower grades | 80 / 84 | 58 / 66 | 23 / 37 | 6 / 0 | 0.29 / 0.26 |
 //! | `wrong_goal` | carries to 15–22 cm × grade^2.5 beside the place (stacking: sets it down there) | 100 / 100 | 56 / 8 | 0 / 0 | 0 / 0 | 0.22 / 0.22 |
 //! | `freeze` | from a random step moves at (1 − grade)² of the expert's speed | 100 / 100 | 77 / 64 | 15 / 14 | 0 / 1 | 0.19 / 0.20 |
-//! | `wander` | from a random step heads for random points, each 7 steps anew with the grade's chance | 92 / 91 | 66 / 72 | 36 / 42 | 0 / 0 | 0.18 / 0.20 |
+//! | `wander` | from a random step, every 7 steps, moves towards a random point with a probability of the grade | 92 / 91 | 66 / 72 | 36 / 42 | 0 / 0 | 0.18 / 0.20 |
 //! | `noise` | from a random step adds uniform noise of half-width 2.4 × grade to every delta | 91 / 90 | 30 / 40 | 3 / 18 | 0 / 8 | 0.12 / 0.13 |
 //!
-//! Beside the mark, [`Demonstration::departure`] says for every step how far it is from what the expert would do
-//! there. Measured by the example `measure`; the example `contact_sheet` draws an attempt.
+//! [`Demonstration::departure`] is the distance of each action from the expert's in the same state. The example `measure`
+//! produced these numbers; the example `contact_sheet` draws an attempt.
 
 mod agent;
 mod config;
@@ -49,7 +64,7 @@ mod sim;
 mod task;
 mod world;
 
-/// Changes when the same seed gives another episode: recordings of another version are no longer what they say.
+/// The version of the simulator, which changes when a seed gives another episode.
 pub const VERSION: u32 = 1;
 
 pub use agent::{AgentKind, AgentSpec};

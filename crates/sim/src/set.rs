@@ -1,6 +1,6 @@
-//! Sets of recordings on disk: the MCAP files, their labels and, apart from them, their marks.
+//! Sets of recordings on disk: the MCAP files, their labels and, separately, their marks.
 //!
-//! Must not know how a recording is made.
+//! This module does not depend on the content of a recording.
 
 use std::path::{Path, PathBuf};
 
@@ -12,25 +12,25 @@ use crate::demonstration::{Demonstration, demonstrate};
 use crate::error::SimError;
 use crate::task::Task;
 
-/// File name of the labels: file, task, outcome, cohort. Learning may see them.
+/// File name of the labels: file, task, outcome, cohort. Learning uses them.
 pub const LABELS: &str = "labels.csv";
-/// File name of the marks: file, agent, grade, seed, success, went_wrong, and the departures of all steps with spaces
-/// between. Learning must never see them.
+/// File name of the marks: file, agent, grade, seed, success, went_wrong, and the departures of all steps separated by
+/// spaces. Learning must never use them.
 pub const MARKS: &str = "marks.csv";
 
-/// So many attempts of one agent, under a name.
+/// A number of attempts of one agent, with a name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Cohort {
-    /// The cohort that its episodes are labelled with. Two levels of one kind of agent are two cohorts by their names.
+    /// The label of its episodes. Two grades of one kind of agent are two cohorts with different names.
     pub name: String,
-    /// Who attempts.
+    /// The agent.
     pub agent: AgentSpec,
-    /// How often.
+    /// The number of attempts.
     pub count: usize,
 }
 
 impl From<(AgentSpec, usize)> for Cohort {
-    /// A cohort by the name of its agent's kind.
+    /// A cohort with the name of its agent's kind.
     fn from((agent, count): (AgentSpec, usize)) -> Self {
         Self { name: agent.kind().name().to_owned(), agent, count }
     }
@@ -41,7 +41,7 @@ impl From<(AgentSpec, usize)> for Cohort {
 pub struct RecordedEpisode {
     /// The MCAP file.
     pub path: PathBuf,
-    /// Who attempted.
+    /// The agent.
     pub agent: AgentSpec,
     /// The cohort's name.
     pub cohort: String,
@@ -53,7 +53,7 @@ pub struct RecordedEpisode {
     pub success: bool,
     /// The mark, as in [`Demonstration::went_wrong`].
     pub went_wrong: Option<u32>,
-    /// How far each step is from the expert's, as in [`Demonstration::departure`].
+    /// The distance of each step from the expert's, as in [`Demonstration::departure`].
     pub departure: Vec<f32>,
 }
 
@@ -80,12 +80,12 @@ struct Mark<'a> {
 
 /// Records cohort after cohort into a folder, with [`LABELS`] and [`MARKS`]. A pair of agent and count is a cohort too.
 ///
-/// The attempts have the seeds `seed`, `seed + 1`, … in the order of `cohorts`, so no two begin alike. `progress` is
-/// called after each with the number done.
+/// The attempts have the seeds `seed`, `seed + 1`, … in the order of `cohorts`, so that all begin differently. `progress` is
+/// called after each attempt with the number of attempts so far.
 ///
 /// # Errors
 /// [`SimError::Config`] for settings out of range, [`SimError::Cohort`] for a cohort without a name,
-/// [`SimError::Io`], [`SimError::Recording`] or [`SimError::Table`] when something cannot be written.
+/// [`SimError::Io`], [`SimError::Recording`] or [`SimError::Table`] if a file cannot be written.
 pub fn record_set<C: Clone + Into<Cohort>>(
     dir: &Path,
     task: Task,
@@ -129,7 +129,7 @@ pub fn record_set<C: Clone + Into<Cohort>>(
 fn check_names(cohorts: &[Cohort]) -> Result<(), SimError> {
     match cohorts.iter().find(|cohort| cohort.name.trim().is_empty()) {
         Some(Cohort { name, .. }) => {
-            let detail = "an empty name says nothing; leave it out for the name of the agent's kind";
+            let detail = "an empty name is not allowed; omit it for the name of the agent's kind";
             Err(SimError::Cohort { name: name.clone(), detail })
         }
         None => Ok(()),
@@ -157,7 +157,7 @@ fn mark<'a>(demonstration: &Demonstration, file: &'a str) -> Mark<'a> {
     }
 }
 
-/// Numbers with spaces between, to four digits after the point.
+/// Numbers with four digits after the point, separated by spaces.
 fn spaced(numbers: &[f32]) -> String {
     let rounded = |number: &f32| ((number * 1e4).round() / 1e4).to_string();
     numbers.iter().map(rounded).collect::<Vec<_>>().join(" ")
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_set_has_a_file_a_label_and_a_mark_for_each_attempt() {
+    fn set_has_a_file_a_label_and_a_mark_for_each_attempt() {
         let dir = tempfile::tempdir().unwrap();
         let config = SimConfig { image: 8, ..SimConfig::default() };
         let mut done = Vec::new();
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn two_levels_of_one_kind_are_two_cohorts_by_name() {
+    fn two_grades_of_one_kind_are_two_cohorts() {
         let dir = tempfile::tempdir().unwrap();
         let config = SimConfig { image: 8, ..SimConfig::default() };
         let level = |name: &str, agent: &str| Cohort { name: name.into(), agent: agent.parse().unwrap(), count: 1 };
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_cannot_be_made_is_named() {
+    fn error_names_a_folder_that_cannot_be_created() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join("taken");
         std::fs::write(&file, "").unwrap();

@@ -1,6 +1,6 @@
-//! One running attempt: observe, act, see whether it is done.
+//! A running attempt: observations, actions and its end.
 //!
-//! Must not know agents or files.
+//! This module does not depend on agents or files.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -10,20 +10,20 @@ use crate::render;
 use crate::task::{ACTION_SIZE, Referee, Task, proprioception};
 use crate::world::{RATE_HZ, World};
 
-/// Stamp of an attempt's first step: the beginning of 2026. Fixed, so that a seed gives the same bytes at any time.
+/// Stamp of the first step: the beginning of 2026. It is fixed, so that a seed always gives the same bytes.
 const FIRST_STAMP_NS: i64 = 1_767_225_600_000_000_000;
 /// Nanoseconds between steps.
 #[expect(clippy::cast_possible_truncation, reason = "a small whole number")]
 const PERIOD_NS: i64 = (1e9 / RATE_HZ as f64) as i64;
 
-/// Random streams drawn from one seed; each kind of choice has its own, so that none disturbs another.
+/// The random streams of a seed; each kind of choice has its own, so that they are independent.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Stream {
-    /// How the attempt begins.
+    /// The initial state.
     World,
     /// The expert's habits.
     Expert,
-    /// What an imperfect agent does wrong.
+    /// The fault of an imperfect agent.
     Fault,
 }
 
@@ -38,18 +38,18 @@ pub(crate) fn random(seed: u64, stream: Stream) -> ChaCha8Rng {
     random
 }
 
-/// What a policy sees before it acts.
+/// The input of a policy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
     /// Camera by camera (`table`, `hand`): H·W·3 RGB bytes, then H·W depths in millimetres as little-endian u16.
     pub frames: Vec<u8>,
     /// The values of the task's proprioception fields, in order.
     pub proprioception: Vec<f32>,
-    /// When it was taken, in nanoseconds since 1970.
+    /// The time of the observation, in nanoseconds since 1970.
     pub stamp_ns: i64,
 }
 
-/// One attempt at a task. A plain value: an evaluation may copy many, and drive each on any thread.
+/// An attempt at a task. It is a plain value that can be cloned and moved to any thread.
 #[derive(Clone, Debug)]
 pub struct Sim {
     task: Task,
@@ -61,7 +61,7 @@ pub struct Sim {
 }
 
 impl Sim {
-    /// Begins an attempt. The same task, settings and seed always begin and go on in the same way.
+    /// Starts an attempt. The same task, settings and seed always give the same attempt.
     #[must_use]
     pub fn new(task: Task, config: SimConfig, seed: u64) -> Self {
         let world = (task.rules().begin)(&mut random(seed, Stream::World));
@@ -78,9 +78,9 @@ impl Sim {
         }
     }
 
-    /// Acts for one control step of 0.1 s. Does nothing once the attempt is done.
+    /// Acts for one control step of 0.1 s. Has no effect once the attempt is done.
     ///
-    /// The action, each value clamped to [−1, 1], what is not a number taken as 0:
+    /// The values of the action are clamped to [−1, 1], and NaN counts as 0:
     /// - 0–2: tool displacement along x, y, z; 1 is 2 cm;
     /// - 3–5: tool rotation about x, y, z; 1 is 0.15 rad. The tool stays upright: only z turns it;
     /// - 6: gripper, below 0 closes, else opens.
@@ -93,7 +93,7 @@ impl Sim {
         self.success = self.referee.watch(self.task.rules(), &self.world);
     }
 
-    /// What is attempted.
+    /// The task.
     #[must_use]
     pub fn task(&self) -> Task {
         self.task
@@ -117,7 +117,7 @@ impl Sim {
         self.steps
     }
 
-    /// The true state, for agents that may look behind the cameras.
+    /// The true state, for scripted agents.
     pub(crate) fn world(&self) -> &World {
         &self.world
     }
@@ -130,7 +130,7 @@ mod tests {
     const STAY: [f32; ACTION_SIZE] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
 
     #[test]
-    fn an_attempt_ends_at_the_step_limit_and_stays_ended() {
+    fn attempt_ends_at_the_step_limit() {
         let config = SimConfig { max_steps: 3, ..SimConfig::default() };
         let mut sim = Sim::new(Task::PickCube, config, 4);
         for _ in 0..3 {
@@ -144,14 +144,14 @@ mod tests {
     }
 
     #[test]
-    fn a_seed_fixes_the_attempt_and_another_changes_it() {
+    fn seed_determines_the_attempt() {
         let observe = |seed| Sim::new(Task::PickCube, SimConfig::default(), seed).observe();
         assert_eq!(observe(7), observe(7));
         assert_ne!(observe(7).frames, observe(8).frames);
     }
 
     #[test]
-    fn many_attempts_can_be_driven_on_other_threads() {
+    fn attempts_run_on_other_threads() {
         let sims: Vec<Sim> = (0..4).map(|seed| Sim::new(Task::StackCube, SimConfig::default(), seed)).collect();
         let step = |mut sim: Sim| {
             sim.step(&STAY);

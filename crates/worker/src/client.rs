@@ -23,7 +23,7 @@ use gleaner_core::{
 };
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
-/// How long, and how often, a worker asks again for what the server cannot take now.
+/// Time for which a worker retries a call that the server rejects for the moment.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 pub(crate) const LONGEST_PAUSE: Duration = Duration::from_secs(5);
@@ -39,14 +39,14 @@ impl Interceptor for Bearer {
     }
 }
 
-/// The server, as one attempt of one job sees it.
+/// The client of one attempt of one job.
 pub(crate) struct Client(WorkerServiceClient<InterceptedService<Channel, Bearer>>);
 
 impl Client {
     /// Connects.
     ///
     /// # Errors
-    /// Unavailable when the server does not answer.
+    /// Unavailable when the server does not respond.
     pub(crate) async fn connect(config: &WorkerConfig) -> Result<Self> {
         let channel = Endpoint::from_shared(config.server.clone())
             .map_err(|error| Error::invalid("--server", error))?
@@ -65,14 +65,14 @@ impl Client {
         Ok(Self(client))
     }
 
-    /// Which job, what to do, and with what.
+    /// The assignment: the job, its order and its inputs.
     pub(crate) async fn assignment(&mut self) -> Result<(JobId, JobOrder, Inputs)> {
         let answer = patiently(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await;
         match answer {
             Ok(response) => proto::worker::assigned(response.into_inner()),
             Err(status) => {
                 if status.code() == Code::FailedPrecondition {
-                    // Every attempt would be told the same.
+                    // Every attempt would get the same error.
                     self.fail(status.message().to_owned(), false).await?;
                 }
                 Err(refused(status))
@@ -80,7 +80,7 @@ impl Client {
         }
     }
 
-    /// The scores of the run that the job goes on from.
+    /// The scores of the run that the job extends.
     pub(crate) async fn base_scores(&mut self) -> Result<Vec<EpisodeScores>> {
         let request = v1::StreamBaseScoresRequest {};
         let mut stream = self.0.stream_base_scores(request).await.map_err(refused)?.into_inner();
@@ -91,14 +91,14 @@ impl Client {
         Ok(scores)
     }
 
-    /// Tells how far it is; the answer says whether to stop.
+    /// Reports progress; returns whether to stop.
     pub(crate) async fn report_progress(&mut self, progress: Progress) -> Result<bool> {
         let request = proto::worker::progress(progress);
         let response = patiently(async || self.0.report_progress(request.clone()).await).await.map_err(refused)?;
         Ok(response.into_inner().cancel)
     }
 
-    /// Names the blob to resume from. False when it is not there any more: another job had the same one, and gave it up.
+    /// Names the blob to resume from. False when the blob is gone: another job had the same blob and removed it.
     pub(crate) async fn save_checkpoint(&mut self, step: u64, blob: BlobId) -> Result<bool> {
         let request = v1::SaveCheckpointRequest { step, blob: blob.into() };
         match patiently(async || self.0.save_checkpoint(request.clone()).await).await {
@@ -108,14 +108,14 @@ impl Client {
         }
     }
 
-    /// Ends the job with what it made. A result that the server does not take ends it too.
+    /// Ends the job with its result. A result that the server rejects also ends the job.
     pub(crate) async fn complete(&mut self, made: Made) -> Result<()> {
         let messages = proto::worker::completion_messages(made);
         match patiently(async || self.0.complete_job(stream::iter(messages.clone())).await).await {
             Ok(_) => Ok(()),
             Err(status) if status.code() == Code::Cancelled => Ok(()),
             Err(status) if matches!(status.code(), Code::InvalidArgument | Code::NotFound) => {
-                // A blob that went away can be made again; a result that does not fit would not fit again.
+                // A missing blob can be made again; a result that does not fit would not fit the next time either.
                 let again = status.code() == Code::NotFound;
                 self.fail(format!("the server refused the result: {}", status.message()), again).await
             }
@@ -131,8 +131,8 @@ impl Client {
     }
 }
 
-/// Asks until the server takes it, for a while: a disk that is full or slow is nothing that a job should end for. Each
-/// time the server hears that the worker lives.
+/// Retries a call until the server accepts it, for up to [`PATIENCE`]: a full or slow disk must not end a job. Each
+/// call also shows the server that the worker is alive.
 async fn patiently<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
     let (begun, mut pause) = (Instant::now(), FIRST_PAUSE);
     loop {

@@ -1,4 +1,4 @@
-//! Episodes as the learning crate takes them: frame caches mapped, rebuilt where they are missing or damaged.
+//! Episodes in the form of the learning crate: mapped frame caches, rebuilt where they are missing or damaged.
 
 use std::{path::PathBuf, sync::Arc};
 
@@ -20,12 +20,12 @@ pub(crate) struct Episodes<'a> {
 }
 
 impl Episodes<'_> {
-    /// What one step holds.
+    /// The shape of one step.
     pub(crate) fn shape(&self) -> TaskShape {
         self.task.into()
     }
 
-    /// Every episode, in this order.
+    /// Every episode, in the order of `inputs`.
     pub(crate) fn trajectories(&self, inputs: &[InputEpisode]) -> Result<Vec<Trajectory>, Failure> {
         let shape = self.shape();
         inputs.iter().map(|input| self.trajectory(&shape, input)).collect()
@@ -66,10 +66,10 @@ impl Episodes<'_> {
         self.blobs.expect_room(frames.saturating_mul(input.steps))?;
         let fault = |error| Failure::recording(input.id.as_str(), &error);
         let recording = self.blobs.path(&input.recording);
-        // It was let in, maybe under wider limits than today's.
+        // The recording was accepted, possibly under wider limits than the present ones.
         let reading =
             gleaner_recording::read_episode_within(&recording, self.task, &Limits::ADMITTED).map_err(fault)?;
-        // The mapped cache takes no memory of the process; what was decoded goes.
+        // The mapped cache needs no memory of the process; the decoded frames are dropped.
         reading.episode.write_cache(&cache).map_err(fault)?;
         Episode::open(&cache).map_err(fault)
     }

@@ -1,18 +1,18 @@
-//! Why a job's work ended without a result, and whether trying again could help.
+//! The reasons for which a job's work ends without a result, and whether another attempt could help.
 
 use gleaner_learn::LearnError;
 use gleaner_recording::RecordingError;
 
 use gleaner_core::error::{Error, Kind};
 
-/// Why there is no result.
+/// Reason for a missing result.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) enum Failure {
-    /// The server asked to stop.
+    /// The server requested a stop.
     Cancelled,
-    /// The input or the settings are wrong: every attempt would end like this.
+    /// The input or the settings are wrong: every attempt would fail in the same way.
     Hopeless(String),
-    /// Memory, disk or a defect: another attempt could do better.
+    /// Memory, disk or a defect: another attempt may succeed.
     Broken(String),
 }
 
@@ -49,7 +49,7 @@ impl From<Error> for Failure {
 }
 
 impl Failure {
-    /// What is wrong with the recording of `episode`.
+    /// The failure of an unusable recording of `episode`.
     pub(crate) fn recording(episode: &str, error: &RecordingError) -> Self {
         let said = format!("episode {episode}: {error}");
         if matches!(error, RecordingError::Io { .. }) { Self::Broken(said) } else { Self::Hopeless(said) }

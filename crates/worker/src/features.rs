@@ -1,5 +1,5 @@
-//! Features that score jobs have made, kept beside the decoded steps they were made of: a run that goes on from another
-//! one, or compares otherwise, encodes only what is new. Always to be made again, so nothing here can fail a job.
+//! Features that score jobs compute, cached beside the decoded steps they come from: a run that extends another one, or
+//! compares with other settings, encodes only new episodes. They can be computed again, so no error here fails a job.
 
 use std::{
     cell::Cell,
@@ -18,29 +18,30 @@ use gleaner_core::{
 };
 use gleaner_data_folder::{FEATURES, blobs::Blobs, frames_path};
 
-/// So many bytes more than anybody else these leave free: they must not take the last room of what cannot be made again.
+/// Free bytes to leave beyond the limit of other writes, so that features never take the last space from data that
+/// cannot be rebuilt.
 const SPARE: u64 = 2 << 30;
 
 /// The features of a job's episodes under one encoder.
 pub(crate) struct KeptFeatures<'a> {
     blobs: &'a Blobs,
-    /// Where files are until they are whole.
+    /// Folder of files that are not complete yet.
     unfinished: PathBuf,
-    /// By the episodes' ids.
+    /// Places by the episodes' ids.
     places: HashMap<&'a str, Place>,
-    /// Something could not be kept, so nothing more is.
+    /// Set once a write failed; no features are stored after that.
     full: Cell<bool>,
 }
 
-/// Where features are.
+/// The file of one episode's features.
 struct Place {
     path: PathBuf,
-    /// A digest of all that they follow from.
+    /// A digest of all inputs of the features.
     key: blake3::Hash,
 }
 
 impl<'a> KeptFeatures<'a> {
-    /// Those of `inputs` under their encoder; `kind` is what else decides them.
+    /// The features of `inputs` under their encoder; `kind` is the rest of their key.
     pub(crate) fn new(data_dir: &Path, blobs: &'a Blobs, inputs: &'a Inputs, kind: &str) -> Self {
         let place = |episode: &'a InputEpisode| {
             let place = place(data_dir, &inputs.task, episode, (inputs.encoder.as_ref()?, kind))?;
@@ -50,7 +51,7 @@ impl<'a> KeptFeatures<'a> {
         Self { blobs, unfinished: data_dir.join("tmp"), places, full: Cell::new(false) }
     }
 
-    /// A digest of the key and the bytes, then the bytes; under its name only once it is whole.
+    /// Writes a digest of the key and the bytes, then the bytes; the file gets its name once it is complete.
     fn write(&self, place: &Place, bytes: &[u8]) -> Result<()> {
         self.blobs.expect_room(SPARE.saturating_add(bytes.len() as u64))?;
         let fault = |error: std::io::Error| Error::internal(format!("keeping {}", place.path.display()), error);
@@ -61,7 +62,7 @@ impl<'a> KeptFeatures<'a> {
     }
 }
 
-/// Features follow from the recording, how the task reads it, the encoder and the rest.
+/// The place of features, whose inputs are the recording, the task's reading of it, the encoder and `made_by.1`.
 fn place(data_dir: &Path, task: &TaskSpec, episode: &InputEpisode, made_by: (&BlobId, &str)) -> Option<Place> {
     let frames = frames_path(data_dir, &episode.recording, task);
     let (encoder, kind) = made_by;
@@ -71,7 +72,7 @@ fn place(data_dir: &Path, task: &TaskSpec, episode: &InputEpisode, made_by: (&Bl
 }
 
 impl Place {
-    /// Of these bytes here: under another name they are not what they were either.
+    /// The digest of these bytes at this place: a file under another name does not match either.
     fn digest(&self, bytes: &[u8]) -> blake3::Hash {
         blake3::keyed_hash(self.key.as_bytes(), bytes)
     }
@@ -80,7 +81,7 @@ impl Place {
 impl FeatureStore for KeptFeatures<'_> {
     fn get(&self, episode: &str) -> Option<Vec<u8>> {
         let place = self.places.get(episode)?;
-        // Most often there is none.
+        // In most cases there is no file.
         let mut bytes = std::fs::read(&place.path).ok()?;
         let (digest, features) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
         if place.digest(features) != *digest {
@@ -163,7 +164,7 @@ mod tests {
     fn without_room_nothing_is_kept_and_nothing_fails() {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(dir.path().join("cache")).unwrap();
-        // Enough for anybody else.
+        // Enough for all other writes.
         let free = std::sync::Arc::new((SPARE / 2).into());
         let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
         let task = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &gleaner_sim::SimConfig::default());

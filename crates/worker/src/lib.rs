@@ -1,9 +1,9 @@
-//! The worker: a program that does one job and ends. It is a client of the server that gave it the job, and reads and
-//! writes that server's data folder.
+//! The worker: a program that runs one job and ends. It is a client of the server that starts it, and reads and writes
+//! that server's data folder.
 //!
-//! The work itself runs on a thread of its own; the runtime only talks to the server. A call that fails ends the
-//! process, and the server then gives the job to another attempt. Must not depend on the database, on pages or on any
-//! other part of the server.
+//! The work itself runs on a thread of its own; the runtime only calls the server. A call that fails ends the process,
+//! and the server then starts another attempt. Must not depend on the database, on pages or on any other part of the
+//! server.
 
 mod client;
 mod config;
@@ -27,7 +27,8 @@ use gleaner_data_folder::{blobs::Blobs, file_limit};
 /// Runs one job to its end.
 ///
 /// # Errors
-/// When the server cannot be reached or refuses a call. A job that fails is no error: the server knows why.
+/// When the server cannot be reached or rejects a call. A failed job is not an error: its reason was sent to the
+/// server.
 pub fn run(config: WorkerConfig) -> Result<()> {
     process::settle(&config)?;
     let runtime = tokio::runtime::Builder::new_current_thread()
@@ -35,7 +36,7 @@ pub fn run(config: WorkerConfig) -> Result<()> {
         .build()
         .map_err(|error| Error::internal("starting the worker", error))?;
     let result = runtime.block_on(serve(config));
-    // The job's thread may be amid a step; the process ends without waiting for it.
+    // The job's thread may be in the middle of a step; the process ends without waiting for it.
     runtime.shutdown_background();
     result
 }
@@ -56,7 +57,7 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     };
     let work = Work { data_dir: config.data_dir, threads: config.threads, blobs, inputs, base, monitor };
     let working = tokio::task::spawn_blocking(move || {
-        // Not this process's other thread: the server must hear that the worker lives.
+        // This thread alone: the other one must keep reporting that the worker is alive.
         if config.idle {
             process::give_way();
         }

@@ -1,4 +1,5 @@
-//! The `gleaner-worker` binary: one job of the server that starts it. Parses, logs, runs, and ends with an exit code.
+//! The `gleaner-worker` binary: one job of the server that starts it. Parses arguments, sets up logs, runs, and returns
+//! an exit code.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! The monitor: carries what the working thread says to the reporter, and a wish to stop back.
+//! The monitor: a channel that carries the working thread's events to the reporter, and a request to stop back.
 
 use std::time::{Duration, Instant};
 
@@ -13,49 +13,49 @@ use gleaner_core::{
 };
 use gleaner_data_folder::blobs::Blobs;
 
-/// Events that may wait for the reporter; then the working thread waits.
+/// Maximum number of events queued for the reporter; beyond it the working thread waits.
 const WAITING: usize = 1024;
-/// How often a checkpoint is put again that another job's cleaning up has taken meanwhile.
+/// Attempts to store a checkpoint that the cleanup of another job removes in between.
 const TRIES: u32 = 3;
-/// How often it is looked whether the disk has room again.
+/// Interval between checks of the disk's free space.
 #[cfg(not(test))]
 const LOOK_AGAIN: Duration = Duration::from_secs(2);
 #[cfg(test)]
 const LOOK_AGAIN: Duration = Duration::from_millis(1);
 
-/// What the working thread says.
+/// Events of the working thread.
 #[derive(Debug)]
 pub(crate) enum Event {
-    /// What it does from now on.
+    /// A new activity.
     Phase(String),
-    /// How far it is, with new values.
+    /// Progress, with new values.
     Progress {
         /// Steps done.
         done: u64,
-        /// Steps in all.
+        /// Number of steps.
         total: u64,
         /// (name, value) at this step.
         metrics: Vec<(&'static str, f64)>,
     },
-    /// A blob that is on disk and to be resumed from.
+    /// A stored blob to resume from.
     Checkpoint {
         /// Steps done.
         step: u64,
         /// The blob.
         blob: BlobId,
-        /// Answered once the server names it; false when it has gone meanwhile.
+        /// Receives true once the server names the blob, and false when the blob is gone.
         saved: oneshot::Sender<bool>,
     },
 }
 
-/// The working thread's end.
+/// The working thread's side of the channel.
 pub(crate) struct Watcher {
     events: mpsc::Sender<Event>,
     stop: CancellationToken,
     blobs: Blobs,
 }
 
-/// Both ends; the second gives events until the watcher is dropped.
+/// Both sides of a channel; the receiver yields events until the watcher is dropped.
 pub(crate) fn channel(blobs: Blobs) -> (Watcher, mpsc::Receiver<Event>) {
     let (events, receiver) = mpsc::channel(WAITING);
     (Watcher { events, stop: CancellationToken::new(), blobs }, receiver)
@@ -67,23 +67,23 @@ impl Watcher {
         self.stop.clone()
     }
 
-    /// Says what is done from now on.
+    /// Reports a new activity.
     pub(crate) fn phase(&self, doing: &str) {
         tracing::info!("{doing}");
         self.say(Event::Phase(doing.to_owned()));
     }
 
-    /// Writes to the disk. While that has no room, and nobody wants the work to stop, it waits for some.
+    /// Writes to the disk. On a full disk the write is retried until there is room or the work should stop.
     ///
     /// # Errors
-    /// Exhausted when there was none for long; others at once.
+    /// Exhausted when the disk stays full for long; other errors at once.
     pub(crate) fn once_there_is_room<T>(&self, write: impl Fn(&Blobs) -> Result<T>) -> Result<T> {
         let begun = Instant::now();
         loop {
             match write(&self.blobs) {
                 Err(error) if error.kind() == Kind::Exhausted && begun.elapsed() < PATIENCE && !self.cancelled() => {
                     tracing::warn!(%error, "waiting for room on the disk");
-                    // A disk tells nobody when it has room again.
+                    // A disk sends no event when space is freed.
                     std::thread::park_timeout(LOOK_AGAIN);
                 }
                 done => return done,
@@ -93,7 +93,7 @@ impl Watcher {
 
     fn say(&self, event: Event) {
         if self.events.blocking_send(event).is_err() {
-            // The reporter is gone, so the server is: nobody would take a result.
+            // Without the reporter there is no server, so no result could be sent.
             self.stop.cancel();
         }
     }
@@ -137,7 +137,7 @@ mod tests {
         let blobs = Blobs::open(dir.path()).unwrap();
         let (mut watcher, mut events) = channel(blobs.clone());
         let server = std::thread::spawn(move || {
-            // The first time as if it had gone in between: then it is put again.
+            // The first response reports a removed blob, so the blob is stored again.
             for there in [false, true] {
                 let Event::Checkpoint { step, blob, saved } = events.blocking_recv().unwrap() else {
                     panic!("a checkpoint was expected")

@@ -1,4 +1,4 @@
-//! The process itself: that it ends with its server, gives way to serving, and how much memory it took.
+//! The settings of the process: its end with its server, its priority below serving, and its peak memory.
 
 use rustix::process::{Pid, Signal};
 use thread_priority::{
@@ -9,15 +9,15 @@ use thread_priority::{
 use crate::config::WorkerConfig;
 use gleaner_core::error::{Error, Result};
 
-/// Takes on the niceness, and asks the system to kill this process with the server that started it.
+/// Sets the niceness, and has the system kill this process when the server that started it ends.
 ///
 /// # Errors
-/// Unavailable when that server is gone already.
+/// Unavailable when that server has already ended.
 pub(crate) fn settle(config: &WorkerConfig) -> Result<()> {
     if let Some(parent) = config.parent {
         rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
             .map_err(|error| Error::internal("tying the worker to its server", error))?;
-        // The server may have died before the line above took effect.
+        // The server may have ended before the line above took effect.
         let expected = i32::try_from(parent).ok().and_then(Pid::from_raw);
         if rustix::process::getppid() != expected {
             return Err(Error::unavailable("the server that started this worker is gone"));
@@ -31,18 +31,18 @@ pub(crate) fn settle(config: &WorkerConfig) -> Result<()> {
     Ok(())
 }
 
-/// Has this thread, and those it will start, run only when nobody else wants their processor.
+/// Runs this thread, and those it starts, only on idle processors.
 pub(crate) fn give_way() {
     let idle = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
-    // It would give back the niceness too, which only the privileged may; that counts for nothing here. So what holds
-    // is looked at instead.
+    // The call also resets the niceness, which needs privileges and fails; that error does not matter here, so the
+    // resulting policy is checked instead.
     let _ = set_thread_priority_and_policy(thread_native_id(), ThreadPriority::Min, idle);
     if !matches!(thread_schedule_policy(), Ok(policy) if policy == idle) {
         tracing::warn!("the worker competes with serving at its niceness");
     }
 }
 
-/// The most memory this process has held, in bytes; 0 where the system does not tell.
+/// The most memory this process has held, in bytes; 0 where the system does not report it.
 pub(crate) fn peak_memory() -> u64 {
     std::fs::read_to_string("/proc/self/status").map(|status| high_water(&status)).unwrap_or(0)
 }

@@ -1,4 +1,4 @@
-//! The reporter: tells the server now and then how far the work is, names checkpoints, and passes on a wish to stop.
+//! The reporter: sends progress to the server at intervals, names checkpoints, and passes on a request to stop.
 
 use std::time::Duration;
 
@@ -11,22 +11,22 @@ use tokio_util::sync::CancellationToken;
 use super::{client::Client, monitor::Event, process};
 use gleaner_core::{error::Result, work::Progress};
 
-/// How often the server hears of progress.
+/// Shortest interval between reports.
 const EVERY: Duration = Duration::from_millis(200);
-/// How often it hears of a worker that has nothing new to say.
+/// Longest interval between reports, also without news.
 const AT_LEAST: Duration = Duration::from_secs(5);
 
-/// What is not reported yet.
+/// Progress and metrics that are not reported yet.
 struct Pending {
     progress: Progress,
     news: bool,
     told: Instant,
 }
 
-/// Reports until the work is over.
+/// Reports until the work has ended.
 ///
 /// # Errors
-/// When the server cannot be reached or refuses.
+/// When the server cannot be reached or rejects a call.
 pub(crate) async fn report(client: &mut Client, mut events: Receiver<Event>, stop: &CancellationToken) -> Result<()> {
     let mut pending = Pending { progress: Progress::default(), news: true, told: Instant::now() };
     let mut ticks = interval(EVERY);
@@ -35,10 +35,10 @@ pub(crate) async fn report(client: &mut Client, mut events: Receiver<Event>, sto
         tokio::select! {
             event = events.recv() => match event {
                 Some(Event::Checkpoint { step, blob, saved }) => {
-                    // First the metrics up to this step: a resumed attempt does not report them again.
+                    // Metrics up to this step come first: a resumed attempt does not report them again.
                     pending.tell(client, stop).await?;
                     let there = client.save_checkpoint(step, blob).await?;
-                    // The working thread waits for this; if it is gone there is nobody to tell.
+                    // The working thread waits for this value; sending fails only once that thread has ended.
                     let _ = saved.send(there);
                 }
                 Some(event) => pending.take(event),
@@ -60,7 +60,7 @@ impl Pending {
             Event::Phase(doing) => self.progress.message = doing,
             Event::Progress { done, total, metrics } => {
                 (self.progress.done, self.progress.total) = (done, total);
-                // A value that is no number says nothing that the job's own error does not say better.
+                // A value that is not finite adds nothing to the job's own error.
                 let finite = metrics.into_iter().filter(|(_, value)| value.is_finite());
                 self.progress.metrics.extend(finite.map(|(name, value)| (done, name.to_owned(), value)));
             }

@@ -1,6 +1,6 @@
 //! The work of each kind of job: one file for each, and the list of them in [`Work::perform`].
 //!
-//! A kind opens its inputs, calls the learning crate, and keeps its result as blobs. It reports to the monitor and
+//! A kind opens its inputs, calls the learning crate, and stores its result as blobs. It reports to the monitor and
 //! resumes from the checkpoint of an earlier attempt.
 
 mod evaluate;
@@ -27,26 +27,26 @@ pub(crate) struct Work {
     pub(crate) data_dir: PathBuf,
     /// Threads of the tensor library.
     pub(crate) threads: u32,
-    /// Where results go.
+    /// The store of results.
     pub(crate) blobs: Blobs,
     /// The episodes and blobs to work on.
     pub(crate) inputs: Inputs,
     /// The run that a score job extends.
     pub(crate) base: Option<Base>,
-    /// The way to the server.
+    /// The channel to the reporter.
     pub(crate) monitor: Watcher,
 }
 
 /// A score run to extend.
 pub(crate) struct Base {
-    /// What it has frozen.
+    /// Its frozen values.
     pub(crate) frozen: FrozenRun,
     /// Its scores, without q.
     pub(crate) scores: Vec<EpisodeScores>,
 }
 
 impl Work {
-    /// Does the work of a kind: the list of kinds.
+    /// Does the work of a kind. This is the list of kinds.
     pub(crate) fn perform(mut self, order: JobOrder) -> Result<Made, Failure> {
         self.monitor.phase("reading episodes");
         match order {
@@ -62,7 +62,7 @@ impl Work {
         Episodes { data_dir: &self.data_dir, blobs: &self.blobs, task: &self.inputs.task }
     }
 
-    /// What an earlier attempt left, if any.
+    /// The checkpoint of an earlier attempt, if any.
     fn resume(&self) -> Result<Option<Vec<u8>>, Failure> {
         Ok(self.inputs.checkpoint.as_ref().map(|blob| self.blobs.get(blob)).transpose()?)
     }

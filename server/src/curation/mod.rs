@@ -1,7 +1,7 @@
 //! Data that only the pages need: the scores of whole runs in memory, and single steps of recordings as images and
 //! numbers.
 //!
-//! Must not know pages, wire types or SQL.
+//! Must not depend on pages, wire types or SQL.
 
 mod picture;
 mod steps;
@@ -23,9 +23,9 @@ use crate::{
     store::Store,
 };
 
-/// Bytes of runs' scores in memory.
+/// Maximum memory of cached runs' scores, in bytes.
 const RUN_BYTES: u64 = 256 << 20;
-/// Mapped recordings kept open, for playback and for segments of several recordings.
+/// Maximum number of mapped recordings kept open, for playback and for segments of several recordings.
 const OPEN_RECORDINGS: usize = 64;
 
 /// The caches of the pages; clones share them.
@@ -37,12 +37,12 @@ struct Inner {
     ingest: Ingest,
     runs: Cache<ScoreRunId, Arc<Summary>, Weigh>,
     open: Cache<EpisodeId, Arc<Steps>>,
-    /// The run summed up ahead last: once evicted, it is not reloaded again and again.
+    /// The last run that was summed up ahead of use: once evicted, it is not loaded again and again.
     warmed: Mutex<Option<ScoreRunId>>,
 }
 
 impl Curation {
-    /// Loads no run yet.
+    /// An empty cache.
     pub(crate) fn new(store: Store, ingest: Ingest) -> Self {
         let runs = Cache::with_weighter(16, RUN_BYTES, Weigh);
         Self(Arc::new(Inner { store, ingest, runs, open: Cache::new(OPEN_RECORDINGS), warmed: Mutex::default() }))
@@ -94,7 +94,7 @@ impl Curation {
 
     /// The steps of an episode, mapped.
     async fn steps(&self, episode: &EpisodeId) -> Result<Arc<Steps>> {
-        // Read each time: a deleted episode is no longer shown.
+        // Read at each call, so that a deleted episode is no longer shown.
         let (task, recording) = match self.0.store.recording_of(episode).await {
             Ok(found) => found,
             Err(error) => {

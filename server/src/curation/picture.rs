@@ -7,7 +7,7 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Good enough to judge a grasp, at a tenth of the bytes.
+/// JPEG quality: sufficient to judge a grasp, at a tenth of the bytes.
 const QUALITY: u8 = 85;
 /// The brightness of the farthest pixel; black is for pixels without a reading.
 const FARTHEST: u32 = 32;

@@ -21,7 +21,7 @@ use crate::{
 
 /// The number of best and worst segments shown.
 const FOREMOST: usize = 24;
-/// The most segments of one episode among the best or the worst.
+/// Maximum number of segments of one episode among the best or the worst.
 const OF_ONE_EPISODE: usize = 3;
 /// The least distance in steps between shown segments of one episode: neighbours look alike.
 const APART: usize = 10;
@@ -32,8 +32,8 @@ pub(crate) struct Summary {
     candidates: Vec<Candidate>,
     places: HashMap<EpisodeId, usize>,
     mean_q: Vec<Option<f64>>,
-    /// (q, w) from best to worst; built on the first request for a top fraction. The fields below are built on demand,
-    /// too.
+    /// (q, w) from best to worst; built on the first request for a top fraction. The fields below are also built on
+    /// demand.
     ranked: OnceLock<Vec<(f32, f64)>>,
     best: OnceLock<Vec<SegmentRef>>,
     worst: OnceLock<Vec<SegmentRef>>,
@@ -130,7 +130,7 @@ impl Summary {
     }
 }
 
-/// Compares (q, w): less comes first.
+/// An order of (q, w): less comes first.
 type Order = fn(&(f32, f64), &(f32, f64)) -> Ordering;
 
 fn mean(q: &[f32]) -> Option<f64> {
@@ -145,7 +145,7 @@ fn foremost(candidates: &[Candidate], most: usize, order: Order) -> Vec<SegmentR
         let by_score = order(&scores(a.0, a.1), &scores(b.0, b.1));
         by_score.then_with(|| a.0.episode_id.cmp(&b.0.episode_id)).then(a.1.cmp(&b.1))
     };
-    // An episode has one among them only if its own first is.
+    // An episode has a segment among the first ones only if its own first segment is.
     let mut firsts: Vec<(&Candidate, usize)> =
         candidates.iter().filter_map(|one| Some((one, next(one, &[], order)?))).collect();
     firsts.sort_unstable_by(compare);
@@ -170,7 +170,7 @@ fn foremost(candidates: &[Candidate], most: usize, order: Order) -> Vec<SegmentR
     found.into_iter().map(segment).collect()
 }
 
-/// The first step of an episode in this order, apart from chosen ones; of equal ones the earliest.
+/// The first step of an episode in this order, at a distance from the chosen ones; of equal steps the earliest.
 fn next(candidate: &Candidate, chosen: &[usize], order: Order) -> Option<usize> {
     let free = (0..candidate.q.len()).filter(|step| chosen.iter().all(|other| other.abs_diff(*step) >= APART));
     free.min_by(|&a, &b| order(&scores(candidate, a), &scores(candidate, b)))
@@ -188,7 +188,7 @@ impl Weighter<ScoreRunId, Arc<Summary>> for Weigh {
     fn weight(&self, _: &ScoreRunId, summary: &Arc<Summary>) -> u64 {
         let segments: usize = summary.candidates.iter().map(|one| one.q.len()).sum();
         let bytes = segments as u64 * 28 + summary.candidates.len() as u64 * 256;
-        // A summary larger than the whole cache is kept alone: its run could not be shown otherwise.
+        // A summary larger than the whole cache is kept alone, because its run could not be shown otherwise.
         bytes.min(RUN_BYTES / 10 * 9)
     }
 }

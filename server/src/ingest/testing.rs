@@ -9,7 +9,7 @@ use std::{
 
 use clap::{Args as _, FromArgMatches as _, Parser as _};
 use futures::stream;
-use gleaner_inspector::{Order, inspect, take_limits};
+use gleaner_inspector::{Order, apply_limits, inspect};
 use gleaner_recording::{EpisodeWriter, StepRef, written_mapping};
 use tempfile::TempDir;
 use tokio::sync::Semaphore;
@@ -210,7 +210,7 @@ fn as_inspector() {
 
 fn misbehave(misbehaviour: &str, order: &Order) {
     if misbehaviour != "none" {
-        take_limits(order).unwrap();
+        apply_limits(order).unwrap();
     }
     match misbehaviour {
         "none" => inspect(order).unwrap(),

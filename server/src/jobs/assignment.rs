@@ -1,4 +1,4 @@
-//! What a worker is given: the episodes of its job's snapshot by role, the kept segments, and the blobs to begin from.
+//! The input of a worker: the episodes of its job's snapshot by role, the kept segments, and the blobs to begin from.
 
 use std::collections::HashMap;
 
@@ -17,10 +17,10 @@ use crate::{
 };
 
 impl Jobs {
-    /// Everything a running job works on.
+    /// The complete input of a running job.
     ///
     /// # Errors
-    /// When the database cannot be read, or an input that must be there is not.
+    /// When the database cannot be read, or a required input is missing.
     pub(crate) async fn inputs(&self, job: &Job) -> Result<Inputs> {
         let task = self.0.store.task_by_id(&job.task_id).await?;
         let mut inputs = Inputs {
@@ -38,8 +38,8 @@ impl Jobs {
         Ok(inputs)
     }
 
-    /// The checkpoint to resume from. One that the disk has lost or spoilt is never resumed from: it goes, with what was
-    /// reported up to it, and the job begins anew and ends as it would have.
+    /// The checkpoint to resume from. A missing or damaged checkpoint is never used: it is removed together with the
+    /// reports up to it, and the job starts again with the same result.
     async fn whole_checkpoint(&self, job: &Job) -> Result<Option<BlobId>> {
         let Some(blob) = &job.checkpoint else { return Ok(None) };
         let path = self.0.blobs.path(blob);
@@ -73,7 +73,7 @@ impl Jobs {
     }
 }
 
-/// The recordings of the episodes that a dataset keeps something of.
+/// The kept episodes of a dataset, each with its recording.
 pub(super) fn join(kept: Vec<KeptEpisode>, imperfect: Vec<InputEpisode>) -> Result<Vec<KeptInput>> {
     let mut by_id: HashMap<EpisodeId, InputEpisode> =
         imperfect.into_iter().map(|episode| (episode.id.clone(), episode)).collect();

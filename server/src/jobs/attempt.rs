@@ -1,4 +1,4 @@
-//! One attempt of a job: its worker process from start to end, and what the end means.
+//! One attempt of a job: its worker process from start to end, and the meaning of that end.
 
 use std::{io::Write as _, pin::pin, time::Duration};
 
@@ -13,9 +13,9 @@ use crate::{
     telemetry::memory,
 };
 
-/// How long a worker that was asked to stop may take.
+/// Longest time from a request to stop until the worker is killed.
 const GRACE: Duration = Duration::from_secs(10);
-/// How long the last words of a worker that has ended may take to be heard.
+/// Longest wait for the rest of an ended worker's output.
 const LAST_WORDS: Duration = Duration::from_secs(2);
 
 /// Runs the attempt that has claimed `job`.
@@ -39,7 +39,7 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
             }
             Err(error) => AttemptEnd::Broken(format!("the worker could not be started: {error}")),
         };
-        // A stop is why, whatever the process looked like when it ended; and without room on the disk none can go on.
+        // A requested stop is the reason however the process ended, and on a full disk no attempt can continue.
         let stopped = lease.stop.is_cancelled() || room.blobs.is_full();
         let end = if stopped { AttemptEnd::Stopped } else { end };
         room.end_surely(&attempt, &end).await;
@@ -50,7 +50,7 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
     .await;
 }
 
-/// What `end` gives, once all that the worker said until then was heard.
+/// The output of `end`, once all of the worker's output before it is logged.
 async fn heard(
     end: impl Future<Output = AttemptEnd>,
     log: &mut Log,
@@ -60,7 +60,8 @@ async fn heard(
     let (mut end, mut following) = (pin!(end), pin!(log.follow(said, pass_on)));
     tokio::select! {
         end = &mut end => {
-            // Nothing else holds the other end of the pipe; if something did, it would not be waited for.
+            // The pipe closes with the worker; if another process still holds it open, the wait ends after
+            // `LAST_WORDS`.
             let _ = tokio::time::timeout(LAST_WORDS, following).await;
             end
         }
@@ -72,11 +73,11 @@ async fn heard(
 /// because the reader of standard error may be slow.
 async fn pass_on(lines: Bytes) {
     let escaped = Escape::Lines.apply(&String::from_utf8_lossy(&lines)).into_owned();
-    // If nobody takes it, that is no reason to stop the job.
+    // A failed write to standard error does not stop the job.
     let _ = tokio::task::spawn_blocking(move || std::io::stderr().write_all(escaped.as_bytes())).await;
 }
 
-/// How the job stands after an attempt, in words.
+/// The state of the job after an attempt, in words.
 async fn left(room: &Room, job: &Job) -> String {
     let ended = format!("attempt {} has ended", job.attempt);
     match room.store.job(&job.id).await {
@@ -89,7 +90,7 @@ async fn left(room: &Room, job: &Job) -> String {
     }
 }
 
-/// Waits for the process to end, and ends it when it is silent or does not stop when asked.
+/// Waits for the process to end, and kills it when it is silent or ignores a request to stop.
 async fn watch_over(room: &Room, mut child: Child, lease: &Lease) -> AttemptEnd {
     let silence = Duration::from_secs(room.config.jobs.worker_silence_seconds);
     let why = tokio::select! {
@@ -119,7 +120,7 @@ mod tests {
     use super::*;
     use crate::{domain::id::JobId, jobs::log};
 
-    /// The log of a worker that says these last words and ends; whether its end of the pipe goes with it.
+    /// The log of a worker that writes these last words and ends; `lets_go`: its end of the pipe closes too.
     async fn log_of(last_words: &[u8], lets_go: bool) -> String {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         let mut log = Log::of(dir.path(), &job).await;

@@ -1,5 +1,5 @@
-//! Leases: the attempts whose worker processes this server runs, when each was last heard of, and whether it
-//! was asked to stop.
+//! Leases: the attempts whose worker processes this server runs, each with the time of its last call and its request to
+//! stop.
 
 use std::{
     collections::HashMap,
@@ -20,7 +20,7 @@ pub(super) struct Lease {
 }
 
 impl Lease {
-    /// Waits until nothing has been heard for `limit`.
+    /// Waits until the worker has made no call for `limit`.
     pub(super) async fn silent_for(&self, limit: Duration) {
         loop {
             let over = *self.heard.lock().unwrap_or_else(PoisonError::into_inner) + limit;
@@ -43,24 +43,24 @@ pub(super) struct Leases {
 }
 
 impl Leases {
-    /// None yet; all are asked to stop with `stopping`.
+    /// No lease yet; all are asked to stop with `stopping`.
     pub(super) fn new(stopping: CancellationToken) -> Self {
         Self { held: Mutex::default(), stopping }
     }
 
-    /// Begins one.
+    /// Begins the lease of an attempt.
     pub(super) fn grant(&self, attempt: &Attempt) -> Arc<Lease> {
         let lease = Arc::new(Lease { heard: Mutex::new(Instant::now()), stop: self.stopping.child_token() });
         self.all(|held| held.insert(attempt.clone(), Arc::clone(&lease)));
         lease
     }
 
-    /// Ends one.
+    /// Ends the lease of an attempt.
     pub(super) fn end(&self, attempt: &Attempt) {
         self.all(|held| held.remove(attempt));
     }
 
-    /// Notes a word from its worker.
+    /// Records a call of the attempt's worker.
     pub(super) fn heard(&self, attempt: &Attempt) {
         if let Some(lease) = self.all(|held| held.get(attempt).cloned()) {
             lease.touch();

@@ -1,8 +1,8 @@
-//! What a job's workers say on standard error: passed on to the server's own, and the newest of it kept in files of the
-//! job's, for whoever looks at the job. Knows files; must not know what is said.
+//! The output of a job's workers on standard error: passed on to the server's own, and its newest part stored in files
+//! for each job. Must not depend on the content of the output.
 //!
-//! A log is two files: when the newer is full it takes the place of the older. So about `FULL` to twice that of the newest
-//! bytes are kept, however much a worker says. A log is no promise: a disk that refuses it stops no job.
+//! A log is two files: a full newer file replaces the older one. So between `FULL` and twice `FULL` of the newest bytes
+//! are stored, whatever the length of the output. A log is not durable: a disk that rejects it does not stop a job.
 
 use std::{
     fs::Metadata,
@@ -23,21 +23,21 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Bytes after which the newer file takes the place of the older.
+/// Bytes after which the newer file replaces the older one.
 const FULL: u64 = 256 << 10;
-/// Bytes of a line that are waited for before it is passed on in parts.
+/// Bytes of an unfinished line after which it is passed on in parts.
 const LINE: usize = 16 << 10;
 
-/// A job's log, to write to.
+/// The log of a job, for writing.
 pub(super) struct Log {
     newer: PathBuf,
     older: PathBuf,
-    /// The newer file and its size; `None` once the disk has refused it.
+    /// The newer file and its size; `None` after a failed write.
     open: Option<(File, u64)>,
 }
 
 impl Log {
-    /// The log of this job, to go on with.
+    /// Opens the log of this job, to append to it.
     pub(super) async fn of(data_dir: &Path, job: &JobId) -> Self {
         let [older, newer] = files(data_dir, job);
         let mut log = Self { newer, older, open: None };
@@ -64,8 +64,7 @@ impl Log {
         self.keep(line.as_bytes()).await;
     }
 
-    /// Keeps everything that is said until its end, and passes it on to `others`, in whole lines where they are not too
-    /// long.
+    /// Stores the output until its end, and passes it on to `others`, in whole lines where they are not too long.
     pub(super) async fn follow(&mut self, mut said: impl AsyncRead + Unpin, mut others: impl AsyncFnMut(Bytes)) {
         let mut lines = BytesMut::with_capacity(LINE);
         while matches!(said.read_buf(&mut lines).await, Ok(1..)) {
@@ -93,7 +92,7 @@ impl Log {
 
     async fn write(&mut self, lines: &[u8]) -> std::io::Result<()> {
         if let Some((file, FULL..)) = &self.open {
-            // Another attempt may have turned it over already.
+            // Another attempt may have replaced the older file already.
             if file.metadata().await?.ino() == tokio::fs::metadata(&self.newer).await?.ino() {
                 tokio::fs::rename(&self.newer, &self.older).await?;
             }
@@ -101,7 +100,7 @@ impl Log {
         }
         if let Some((file, size)) = &mut self.open {
             file.write_all(lines).await?;
-            // Whoever looks now sees it.
+            // Flushed, so that concurrent readers see the lines.
             file.flush().await?;
             *size += lines.len() as u64;
         }
@@ -109,19 +108,19 @@ impl Log {
     }
 }
 
-/// The newest of a job's log, of at most about so many bytes, as text; empty when nothing was said.
+/// The end of a job's log, of about `most` bytes at most, as text; empty without output.
 ///
 /// # Errors
-/// Internal when the disk refuses.
+/// Internal when the disk fails.
 pub(super) async fn read(data_dir: &Path, job: &JobId, most: u64) -> Result<String> {
     let bytes = newest(data_dir, job, most).await.map_err(|error| Error::internal("reading a job's log", error))?;
-    // Libraries may write anything; whoever shows this gets lines of printable text.
+    // Libraries may write any bytes; the result is lines of printable text.
     Ok(Escape::Lines.apply(&String::from_utf8_lossy(&bytes)).into_owned())
 }
 
 async fn newest(data_dir: &Path, job: &JobId, most: u64) -> std::io::Result<Vec<u8>> {
     let [older, newer] = files(data_dir, job);
-    // The newer first: if it is turned over before the other is opened, both are one.
+    // The newer file first: if it becomes the older one before that is opened, both are the same file.
     let newer = there(&newer).await?;
     let older =
         there(&older).await?.filter(|(_, older)| newer.as_ref().is_none_or(|(_, newer)| newer.ino() != older.ino()));
@@ -139,7 +138,7 @@ async fn newest(data_dir: &Path, job: &JobId, most: u64) -> std::io::Result<Vec<
     Ok(parts.concat())
 }
 
-/// A file, if it is there.
+/// A file, if it exists.
 async fn there(path: &Path) -> std::io::Result<Option<(File, Metadata)>> {
     match File::open(path).await {
         Ok(file) => {
@@ -151,12 +150,12 @@ async fn there(path: &Path) -> std::io::Result<Option<(File, Metadata)>> {
     }
 }
 
-/// Where logs are.
+/// The folder of the logs.
 pub(crate) fn folder(data_dir: &Path) -> PathBuf {
     data_dir.join("logs")
 }
 
-/// The older file and the newer.
+/// The older file and the newer one.
 fn files(data_dir: &Path, job: &JobId) -> [PathBuf; 2] {
     let folder = folder(data_dir);
     [folder.join(format!("{job}.older.log")), folder.join(format!("{job}.log"))]

@@ -1,4 +1,4 @@
-//! What orders name, looked up: snapshots, encoders and datasets of one task, with the jobs that make them.
+//! Lookup of the objects that orders name: snapshots, encoders and datasets of one task, with the jobs that make them.
 
 use super::Jobs;
 use crate::{
@@ -28,7 +28,7 @@ impl Jobs {
         Ok(id)
     }
 
-    /// The job that makes an encoder, and the snapshot that it sees.
+    /// The job that makes an encoder, and the encoder's snapshot.
     pub(super) async fn encoder(&self, task: &TaskId, field: &str, id: &EncoderId) -> Result<(JobId, SnapshotId)> {
         match self.0.store.job_of_result(id.as_str()).await? {
             Some(Job { id: maker, task_id, spec: JobSpec::Pretrain { snapshot_id, .. }, .. }) => {
@@ -40,7 +40,7 @@ impl Jobs {
         }
     }
 
-    /// The job that makes a dataset's scores, and the encoder and snapshot that it works with.
+    /// The job that makes a dataset's scores, and the encoder and snapshot of those scores.
     pub(super) async fn dataset(
         &self,
         task: &TaskId,
@@ -59,7 +59,7 @@ impl Jobs {
     }
 }
 
-/// Fails unless what was found belongs to the task of the order.
+/// Fails unless `found` is the task of the order.
 pub(super) fn same_task(field: &str, id: &str, found: &TaskId, task: &TaskId) -> Result<()> {
     if found == task {
         return Ok(());

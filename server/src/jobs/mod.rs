@@ -1,6 +1,6 @@
 //! The job queue, the supervisor of worker processes, and the scheduler.
 //!
-//! Knows rows through `store` and files through `blobs`; must not know gRPC or tensors.
+//! Uses rows through `store` and files through `blobs`; must not depend on gRPC or tensors.
 
 mod assignment;
 mod attempt;
@@ -44,7 +44,7 @@ use crate::{
     store::{Store, queue::Moved},
 };
 
-/// How often an attempt's end that cannot be written down is tried again.
+/// Interval of retries to store an attempt's end.
 #[cfg(not(test))]
 const AGAIN_AFTER: Duration = Duration::from_secs(5);
 #[cfg(test)]
@@ -54,18 +54,18 @@ const AGAIN_AFTER: Duration = Duration::from_millis(5);
 #[derive(Clone)]
 pub struct Jobs(Arc<Room>);
 
-/// What the queue's tasks share.
+/// The shared state of the queue's tasks.
 struct Room {
     config: Arc<ServeConfig>,
     store: Store,
     blobs: Blobs,
-    /// Where workers find this server.
+    /// The address that workers call.
     server: SocketAddr,
-    /// Something may have become ready to run.
+    /// Notified when a job may have become ready to run.
     ready: Notify,
-    /// Something that schedules wait for may have happened.
+    /// Notified when a schedule may have become due.
     due: Notify,
-    /// Marked whenever any job or metric changes; watchers then look at theirs.
+    /// Marked whenever any job or metric changes; watchers then read theirs again.
     changed: state::Sender<()>,
     /// Attempts whose worker processes this server runs.
     leases: Leases,
@@ -75,7 +75,7 @@ struct Room {
 }
 
 impl Jobs {
-    /// Puts right what a dead server left, then starts the supervisor and the scheduler.
+    /// Ends the attempts of a server that crashed, then starts the supervisor and the scheduler.
     ///
     /// # Errors
     /// When the database cannot be read.
@@ -95,7 +95,7 @@ impl Jobs {
         });
         let left = room.store.running_attempts().await?;
         let recovering = Arc::clone(&room);
-        // While serving: a disk that is full or slow is not in the way of the start.
+        // In the background: a full or slow disk must not delay the start.
         room.tasks.spawn(async move {
             for attempt in left {
                 recovering.end_surely(&attempt, &AttemptEnd::Stopped).await;
@@ -106,20 +106,20 @@ impl Jobs {
         Ok(Self(room))
     }
 
-    /// Asks the workers to stop, kills those that do not, and waits. Their jobs go back to the queue and no
-    /// attempt is counted. Call it while workers can still reach the server.
+    /// Asks the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the attempts
+    /// are not counted. Must be called while workers can still reach the server.
     pub async fn stop(&self) {
         self.0.stopping.cancel();
         self.0.tasks.close();
         self.0.tasks.wait().await;
     }
 
-    /// Tells the scheduler that an episode was labelled or uploaded.
+    /// Notifies the scheduler that an episode was labelled or uploaded.
     pub fn labelled(&self) {
         self.0.due.notify_one();
     }
 
-    /// Cancels a job, and the jobs that wait for it. A running one goes on until its worker has ended.
+    /// Cancels a job, and the jobs that wait for it. A running job ends once its worker has ended.
     ///
     /// # Errors
     /// NotFound; Precondition when it has ended.
@@ -129,16 +129,15 @@ impl Jobs {
         self.0.settle(moved).await
     }
 
-    /// The newest of what is kept of what a job's workers said, of at most about so many bytes: lines of text, the newest
-    /// last.
+    /// The end of the log of a job's workers, of about `most` bytes at most: lines of text, the newest last.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub(crate) async fn log(&self, id: &JobId, most: u64) -> Result<String> {
         log::read(&self.0.config.data_dir, id, most).await
     }
 
-    /// Keeps a new schedule.
+    /// Stores a new schedule.
     ///
     /// # Errors
     /// Exists when the task has a schedule of this name.
@@ -148,7 +147,7 @@ impl Jobs {
         Ok(added)
     }
 
-    /// Pauses or resumes a schedule. What comes while it is paused is not made up for.
+    /// Pauses or resumes a schedule. Starts missed during the pause are not made up for.
     ///
     /// # Errors
     /// NotFound.
@@ -162,8 +161,8 @@ impl Jobs {
 }
 
 impl Room {
-    /// Ends an attempt, unless it is over already, however long the disk refuses to write that down: the job would run
-    /// for ever. If the server stops first, its next start does it.
+    /// Ends an attempt, unless it has ended, and retries for as long as the database rejects the write, because the job
+    /// would otherwise stay in the state running. If the server stops first, its next start ends the attempt.
     async fn end_surely(&self, attempt: &Attempt, end: &AttemptEnd) {
         while let Err(error) = self.end_attempt(attempt, end).await {
             tracing::error!(job.id = %attempt.job_id, %error, "the end of an attempt cannot be written down; trying again");
@@ -173,7 +172,7 @@ impl Room {
         }
     }
 
-    /// Ends an attempt, unless it is over already.
+    /// Ends an attempt, unless it has already ended.
     async fn end_attempt(&self, attempt: &Attempt, end: &AttemptEnd) -> Result<()> {
         if let Some(moved) = self.store.end_attempt(attempt, end).await? {
             let job = self.settle(moved).await?;
@@ -185,7 +184,8 @@ impl Room {
         Ok(())
     }
 
-    /// What follows every move of a job: others hear of it, and a blob that no row names is removed.
+    /// Follows up a change of a job's state: notifies watchers and the supervisor, and removes a blob that no row names
+    /// any more.
     async fn settle(&self, moved: Moved) -> Result<Job> {
         self.changed.send_replace(());
         self.ready.notify_one();
@@ -195,8 +195,7 @@ impl Room {
         Ok(moved.job)
     }
 
-    /// Removes a blob unless a row names it. A blob that stays by mistake costs space until the sweep finds it, so that
-    /// is only logged.
+    /// Removes a blob unless a row names it. A failure is only logged: the blob takes space until the sweep removes it.
     async fn forget(&self, blob: BlobId) {
         if let Err(error) = maintenance::forget(&self.store, &self.blobs, &blob).await {
             tracing::warn!(blob.id = %blob, %error, "a checkpoint that nothing needs stays");

@@ -1,4 +1,4 @@
-//! Worker processes: how one is started, and how its end reads in words.
+//! Worker processes: their start, and the description of their end.
 
 use std::{
     net::SocketAddr,
@@ -11,8 +11,8 @@ use tokio::process::{Child, Command};
 use crate::config::{Secret, ServeConfig, worker_environment};
 use crate::program::Program;
 
-/// Starts a worker for the attempt with this token; what it says is to be read. Dropped, it is killed; and it ends with
-/// this process.
+/// Starts a worker for the attempt with this token, with a pipe for its standard error. The worker is killed on drop,
+/// and it ends with this process.
 pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) -> std::io::Result<Child> {
     let program = Program::Worker.path().map_err(std::io::Error::other)?;
     Command::new(program)
@@ -35,7 +35,7 @@ pub(super) fn start(config: &ServeConfig, server: SocketAddr, token: &Secret) ->
         .spawn()
 }
 
-/// The end of a worker that left no result.
+/// The end of a worker without a result, in words.
 pub(super) fn describe(status: ExitStatus) -> String {
     /// SIGKILL, which the system sends when memory has run out.
     const KILL: i32 = 9;

@@ -1,4 +1,4 @@
-//! What workers say while they run: who they are, how far they are, where to resume, and how it ended.
+//! Calls of running workers: authentication, progress, checkpoints, and the end of the attempt.
 
 use super::{Jobs, kinds, token};
 use crate::{
@@ -12,7 +12,7 @@ use crate::{
 };
 
 impl Jobs {
-    /// The running attempt that a token proves, with its job; `None` for any other token. Counts as a word.
+    /// The running attempt that a token proves, with its job; `None` for any other token. Counts as a sign of life.
     ///
     /// # Errors
     /// When the database cannot be read.
@@ -23,24 +23,24 @@ impl Jobs {
         Ok(Some((attempt, job)))
     }
 
-    /// Keeps progress; the answer says whether to stop.
+    /// Stores progress; returns whether to stop.
     ///
     /// # Errors
-    /// Precondition when the attempt is over.
+    /// Precondition when the attempt has ended.
     pub(crate) async fn progress(&self, attempt: &Attempt, progress: &Progress) -> Result<bool> {
         let cancelled = self.0.store.report_progress(attempt, progress).await?;
         self.0.changed.send_replace(());
         if cancelled {
-            // The wish may have come between the claim and the lease; from here on it has a deadline.
+            // The job may have been cancelled between the claim and the lease; from here on the stop has a deadline.
             self.0.leases.stop(&attempt.job_id);
         }
         Ok(cancelled || self.0.leases.stopped(attempt))
     }
 
-    /// Names the blob to resume from, then lets go of the one before it.
+    /// Names the blob to resume from, then removes the one before it.
     ///
     /// # Errors
-    /// NotFound when the blob is not there; Precondition when the attempt is over.
+    /// NotFound when the blob does not exist; Precondition when the attempt has ended.
     pub(crate) async fn checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<()> {
         let naming = self.0.blobs.naming().await;
         self.expect_blob(blob)?;
@@ -53,11 +53,11 @@ impl Jobs {
         Ok(())
     }
 
-    /// Ends the job with what it made.
+    /// Ends the job with its result.
     ///
     /// # Errors
-    /// Invalid when that does not fit the job; NotFound when a blob is not there; Precondition when the attempt
-    /// is over; Cancelled when the job was cancelled meanwhile.
+    /// Invalid when the result does not fit the job; NotFound when a blob does not exist; Precondition when the attempt
+    /// has ended; Cancelled when the job was cancelled in the meantime.
     pub(crate) async fn complete(&self, attempt: &Attempt, job: &Job, made: Made) -> Result<()> {
         let naming = self.0.blobs.naming().await;
         for blob in kinds::blobs(&made) {
@@ -74,9 +74,9 @@ impl Jobs {
     /// Ends an attempt with an error.
     ///
     /// # Errors
-    /// When the database refuses.
+    /// When the database fails.
     pub(crate) async fn fail(&self, attempt: &Attempt, error: String, retry: bool) -> Result<()> {
-        // Where there is no room, no attempt can help and none is to blame: it waits in the queue.
+        // On a full disk no attempt can succeed, and the attempt does not count: the job waits in the queue.
         let end = if self.0.leases.stopped(attempt) || self.0.blobs.is_full() {
             AttemptEnd::Stopped
         } else if retry {

@@ -1,4 +1,4 @@
-//! Retries: what failed or was cancelled is ordered anew, and after it what ended because it waited for that.
+//! Retries: a failed or cancelled job is ordered again, followed by the jobs that ended because they waited for it.
 
 use std::collections::BTreeMap;
 
@@ -17,17 +17,18 @@ use crate::{
     store::Store,
 };
 
-/// New ids by the old ones they stand in for: of jobs, results and datasets.
+/// New ids by the old ones they replace: of jobs, results and datasets.
 type Renamed = BTreeMap<String, String>;
 
 impl Jobs {
-    /// Orders anew what a job that failed or was cancelled was to do, and then the jobs that never began because they
-    /// waited for it, but for those that wait for another that gave up too. All get new ids, and so does what they make;
-    /// keys stay. They are queued together, or not at all.
+    /// Orders a failed or cancelled job again, and then the jobs that never started because they waited for it, except
+    /// those that also wait for another job that gave up. All get new ids, and so do their results; keys stay. They are
+    /// queued in one transaction.
     ///
     /// # Errors
-    /// NotFound; Precondition when the job may still end well or has, or when the maker of an input gave up; Exists when a
-    /// job does the same and has not ended, so that who asks twice gets it once; otherwise as for [`Jobs::submit`].
+    /// NotFound; Precondition when the job has succeeded or may still succeed, or when the maker of an input gave up;
+    /// Exists when an equal job has not ended, so that repeated requests queue it once; otherwise as for
+    /// [`Jobs::submit`].
     pub(crate) async fn retry(&self, id: &JobId) -> Result<Job> {
         let store = &self.0.store;
         let job = store.job(id).await?;
@@ -38,7 +39,7 @@ impl Jobs {
             )));
         }
         self.0.blobs.expect_room(0)?;
-        // What it names may be gone by now.
+        // Inputs of the spec may have been deleted since.
         kinds::resolve(self, &job.task_id, job.spec.clone().into()).await?;
         let mut again = Again::default();
         again.add(store, &job).await?;
@@ -62,7 +63,7 @@ fn gave_up(state: JobState) -> bool {
     }
 }
 
-/// What jobs were to do, planned anew.
+/// A plan of new jobs in place of those that gave up.
 #[derive(Default)]
 struct Again {
     plan: Plan,
@@ -70,7 +71,7 @@ struct Again {
 }
 
 impl Again {
-    /// Whether a job would wait for none that gave up and is not in the plan.
+    /// Whether every job that this job needs is in the plan or has not given up.
     async fn may_end_well(&self, store: &Store, job: &Job) -> Result<bool> {
         for needed in job.needs.iter().filter(|needed| !self.renamed.contains_key(needed.as_str())) {
             if gave_up(store.job(needed).await?.state) {
@@ -80,7 +81,7 @@ impl Again {
         Ok(true)
     }
 
-    /// Plans a job anew; those it waits for, and are planned too, are there before.
+    /// Adds a new job in place of `job`; planned jobs that it needs must be added before.
     async fn add(&mut self, store: &Store, job: &Job) -> Result<()> {
         let (id, result_id) = (JobId::new(), kinds::new_result(job.spec.kind()));
         let keyed = if job.key.is_empty() {
@@ -111,10 +112,10 @@ impl Again {
         Ok(())
     }
 
-    /// Looks at the new run through every selection that the old one, which never came to be, had.
+    /// Adds a dataset of the new run for each dataset of the old run, which never finished.
     async fn add_datasets(&mut self, store: &Store, job: &Job, new: &str) -> Result<()> {
         let run = |id: &str| ScoreRunId::parse("result_id", id);
-        // Newest first: the new ones are to stand in the same order.
+        // The list has the newest first; the new datasets get the order of the old ones.
         for old in store.datasets_of_run(&run(&job.result_id)?).await?.into_iter().rev() {
             let (id, created_at) = (DatasetId::new(), Millis::now());
             self.renamed.insert(old.id.to_string(), id.to_string());
@@ -124,7 +125,7 @@ impl Again {
     }
 }
 
-/// A spec or an order with new ids for old ones. An id is in none but where it is named.
+/// A spec or an order with old ids replaced by new ones. Ids occur only where they name an object.
 fn with_names<T: Serialize + DeserializeOwned>(named: &T, renamed: &Renamed) -> Result<T> {
     let wrong = |error: serde_json::Error| Error::internal("naming a job's inputs anew", error);
     let mut text = serde_json::to_string(named).map_err(wrong)?;

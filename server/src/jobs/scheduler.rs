@@ -11,14 +11,14 @@ use crate::{
     error::Result,
 };
 
-/// The longest sleep: the system's clock may be set meanwhile.
+/// The longest sleep, because the system's clock may be set in the meantime.
 const LONGEST: Duration = Duration::from_secs(600);
 
 /// Runs schedules until the server stops.
 pub(super) async fn schedule(room: Arc<Room>) {
     let running = async {
         loop {
-            // A permit is kept for us when something happens between the look and the wait.
+            // A notification between the check and the wait is kept as a permit.
             let next = match start_due(&room, Millis::now()).await {
                 Ok(next) => next,
                 Err(error) => {
@@ -26,7 +26,7 @@ pub(super) async fn schedule(room: Arc<Room>) {
                     None
                 }
             };
-            // Which of the two ends the wait does not matter.
+            // The cause of the wake-up does not matter.
             let _ = tokio::time::timeout(until(next), room.due.notified()).await;
         }
     };
@@ -39,7 +39,7 @@ fn until(next: Option<Millis>) -> Duration {
     Duration::from_millis(u64::try_from(wait).unwrap_or(0)).min(LONGEST)
 }
 
-/// Starts every schedule that is due; the answer is when cron is due next.
+/// Starts every schedule that is due; returns the time at which cron is due next.
 async fn start_due(room: &Arc<Room>, now: Millis) -> Result<Option<Millis>> {
     let mut next = None;
     for schedule in room.store.schedules(None).await?.into_iter().filter(|schedule| !schedule.paused) {
@@ -57,7 +57,7 @@ fn due(schedule: &Schedule, now: Millis) -> bool {
     }
 }
 
-/// Starts one schedule. What keeps it from starting is noted with it; then cron waits for its next time, and
+/// Starts one schedule. If it cannot start, the reason is stored in its row; cron then waits for its next time, and
 /// labels stay counted until one more arrives.
 async fn start(room: &Arc<Room>, schedule: &Schedule, now: Millis) -> Result<Option<Millis>> {
     let next_run_at = schedule.trigger.next_run("cron", now)?;

@@ -1,4 +1,5 @@
-//! Taking orders: all is chosen, results get their ids, dependencies are found, and it is queued at once.
+//! Submission: inputs are chosen, results get their ids, dependencies are found, and the jobs are queued in one
+//! transaction.
 
 use super::{Jobs, chain::chain, kinds};
 use crate::{
@@ -11,16 +12,16 @@ use crate::{
     error::{Error, Kind, Result},
 };
 
-/// Attempts of a job that does not say how many.
+/// Attempts of a job whose order has no number of attempts.
 pub(super) const MAX_ATTEMPTS: u32 = 3;
 
 impl Jobs {
-    /// Queues a job, unless its key names one already: then that is the answer.
+    /// Queues a job, or returns the job that its key already names.
     ///
     /// # Errors
-    /// NotFound for what the order names and is not there; Invalid for what belongs to another task;
-    /// Precondition when the snapshot would lack a role, or when the maker of an input gave up; Exists when the key
-    /// belongs to a job that was ordered otherwise; Exhausted when the disk is nearly full.
+    /// NotFound for a missing object; Invalid for one that belongs to another task; Precondition when the snapshot
+    /// would lack a role, or when the maker of an input gave up; Exists when the key belongs to a job with another
+    /// order; Exhausted when the disk is nearly full.
     pub(crate) async fn submit(&self, task: &TaskId, order: JobOrder, queueing: Queueing) -> Result<Job> {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {
             return Ok(job);
@@ -43,7 +44,7 @@ impl Jobs {
             Ok(mut queued) => {
                 queued.pop().ok_or_else(|| Error::internal("queueing a job", "it was not there afterwards"))
             }
-            // Another caller has queued this work meanwhile.
+            // Another caller queued the same work in the meantime.
             Err(error) if error.kind() == Kind::Exists => self.known(task, &order, &key).await?.ok_or(error),
             Err(error) => Err(error),
         }
@@ -64,7 +65,7 @@ impl Jobs {
         }
     }
 
-    /// Queues a pipeline's jobs, whole or not at all, together with the move of the schedule that starts it.
+    /// Queues a pipeline's jobs in one transaction, together with the new state of the schedule that starts it.
     ///
     /// # Errors
     /// As for [`Jobs::submit`].

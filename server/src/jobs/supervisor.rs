@@ -1,5 +1,5 @@
-//! The supervisor: as many worker processes at once as the configuration says, each for the best job that is
-//! ready when it starts.
+//! The supervisor: starts up to the configured number of worker processes, each for the first job in order that is
+//! ready.
 
 use std::{sync::Arc, time::Duration};
 
@@ -8,7 +8,7 @@ use tokio::sync::Semaphore;
 use super::{Room, attempt, token::Mint};
 use crate::domain::job::Job;
 
-/// How long a wake-up may stay away before the queue is looked at all the same.
+/// Longest time without a notification until the queue is read again.
 const FALLBACK: Duration = Duration::from_secs(30);
 
 /// Runs attempts until the server stops.
@@ -25,16 +25,17 @@ pub(super) async fn supervise(room: Arc<Room>) {
             });
         }
     };
-    // Dropping `running` amid a claim is safe: a claim that was committed unseen is requeued at the next start.
+    // Dropping `running` during a claim is safe: a claim that was committed without a worker is requeued at the next
+    // start.
     let _ = room.stopping.run_until_cancelled(running).await;
 }
 
-/// Waits for a job that may run, and claims it.
+/// Waits for a job that is ready, and claims it.
 async fn next_job(room: &Room) -> (Job, Mint) {
     loop {
-        // A permit is kept for us when something becomes ready between the look and the wait.
+        // A notification between the check and the wait is kept as a permit.
         let mint = Mint::new();
-        // A job writes: it begins when there is room for what it makes.
+        // Jobs write results, so they start only while the disk has room.
         let claimed = if room.blobs.is_full() { Ok(None) } else { room.store.claim_job(&mint.hash).await };
         match claimed {
             Ok(Some(job)) => {
@@ -44,7 +45,7 @@ async fn next_job(room: &Room) -> (Job, Mint) {
             Ok(None) => {}
             Err(error) => tracing::error!(%error, "the queue cannot be read; trying again"),
         }
-        // Which of the two ends the wait does not matter.
+        // The cause of the wake-up does not matter.
         let _ = tokio::time::timeout(FALLBACK, room.ready.notified()).await;
     }
 }

@@ -1,4 +1,4 @@
-//! Fixtures for the tests of this room: a queue without workers over a fresh database.
+//! Fixtures for the tests of this module: a queue without workers over a fresh database.
 
 use std::sync::{Arc, atomic::AtomicU64};
 
@@ -13,7 +13,7 @@ use crate::{
     store::{Store, testing},
 };
 
-/// A queue that claims nothing by itself, a task, and the folder they live in.
+/// A queue that claims no job on its own, a task, and their folder.
 pub(super) struct Bench {
     pub(super) dir: TempDir,
     pub(super) store: Store,
@@ -22,7 +22,7 @@ pub(super) struct Bench {
 }
 
 impl Bench {
-    /// With an expert and an imperfect episode.
+    /// A task with an expert and an imperfect episode.
     pub(super) async fn new() -> Self {
         let bench = Self::empty().await;
         testing::episode(&bench.store, &bench.task, Outcome::Success, "").await;
@@ -30,7 +30,7 @@ impl Bench {
         bench
     }
 
-    /// Without episodes.
+    /// A task without episodes.
     pub(super) async fn empty() -> Self {
         let (dir, store) = testing::store().await;
         let task = testing::task(&store).await;
@@ -38,7 +38,7 @@ impl Bench {
         Self { dir, store, jobs, task }
     }
 
-    /// With both, on a disk of which so much is free as `free` says, and 100 bytes are to stay so.
+    /// A task with both episodes, on a disk with `free` bytes of free space, of which 100 are reserved.
     pub(super) async fn on_a_small_disk(free: &Arc<AtomicU64>) -> Self {
         let bench = Self::new().await;
         bench.jobs.stop().await;
@@ -47,14 +47,14 @@ impl Bench {
         Self { jobs, ..bench }
     }
 
-    /// Claims the next job, as a worker with a token would have it.
+    /// Claims the next job; returns it with the attempt that a worker would prove.
     pub(super) async fn claim(&self) -> (Attempt, Job) {
         let mint = super::token::Mint::new();
         let job = self.store.claim_job(&mint.hash).await.unwrap().expect("a job is ready");
         (mint.attempt(&job.id), job)
     }
 
-    /// Blobs of the same folder.
+    /// The blobs of the same folder.
     pub(super) fn blobs(&self) -> Blobs {
         Blobs::open(self.dir.path()).unwrap()
     }

@@ -1,4 +1,4 @@
-//! The queue as its callers see it: orders resolved, pipelines linked, results kept, watchers told.
+//! The queue through its public functions: orders resolved, pipelines linked, results stored, watchers notified.
 
 use futures::{StreamExt as _, TryStreamExt as _};
 use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
@@ -253,7 +253,7 @@ async fn a_new_server_takes_up_what_a_dead_one_left() {
     next.stop().await;
 }
 
-/// A start does not fail for it, and nothing has to be started again once the disk is well.
+/// The start succeeds without that write, and no restart is needed once the disk works again.
 #[tokio::test]
 async fn an_end_that_the_disk_refuses_is_written_down_once_it_can_be() {
     let bench = Bench::new().await;
@@ -274,7 +274,7 @@ async fn until_queued(jobs: &Jobs, id: &JobId) -> Job {
     Box::pin(queued).next().await.unwrap()
 }
 
-/// Where there is no room, no job is taken, and none that fails is to blame.
+/// On a full disk no job is claimed, and a failed attempt does not count.
 #[tokio::test]
 async fn a_disk_that_is_nearly_full_stops_the_queue_and_fails_nothing() {
     let free = std::sync::Arc::new(std::sync::atomic::AtomicU64::new(u64::MAX));

@@ -1,16 +1,16 @@
-//! Tokens: what proves that a call comes from the worker of one running attempt.
+//! Tokens: the proof that a call comes from the worker of one running attempt.
 //!
-//! A token is the job's id, a dot, and 256 random bits. Only the hash of the random part is kept.
+//! A token is the job's id, a dot, and 256 random bits. Only the hash of the random part is stored.
 
 use crate::{
     config::Secret,
     domain::{attempt::Attempt, id::JobId},
 };
 
-/// The random part of a token that is not yet any job's.
+/// The random part of a token that does not belong to a job yet.
 pub(super) struct Mint {
     random: String,
-    /// What is kept of it.
+    /// The stored hash.
     pub(super) hash: String,
 }
 
@@ -23,18 +23,18 @@ impl Mint {
         Self { random, hash }
     }
 
-    /// The attempt that has claimed this job.
+    /// The attempt with this token that has claimed `job`.
     pub(super) fn attempt(&self, job: &JobId) -> Attempt {
         Attempt { job_id: job.clone(), token_hash: self.hash.clone() }
     }
 
-    /// The token that proves to be it.
+    /// The complete token for `job`.
     pub(super) fn token(&self, job: &JobId) -> Secret {
         Secret::from(format!("{job}.{}", self.random))
     }
 }
 
-/// The attempt that a token speaks for, if it has the form of one.
+/// The attempt that a token names; `None` for a malformed token.
 pub(super) fn attempt(token: &str) -> Option<Attempt> {
     let (job, random) = token.split_once('.')?;
     Some(Attempt { job_id: JobId::try_from(job.to_owned()).ok()?, token_hash: hash(random) })

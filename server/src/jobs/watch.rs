@@ -1,4 +1,4 @@
-//! Watching a job: how it stands now, then each change and each new metric, until it has ended.
+//! Watching a job: its present state, then each change and each new metric, until it has ended.
 
 use std::sync::Arc;
 
@@ -14,10 +14,10 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Metrics of one answer.
+/// Maximum number of metrics in one item.
 const PAGE: u32 = 2000;
 
-/// What one watcher has seen.
+/// State of one watcher.
 struct Watching {
     room: Arc<Room>,
     id: JobId,
@@ -27,7 +27,7 @@ struct Watching {
 }
 
 impl Jobs {
-    /// A job's course from now on. The first item has every metric so far (or the first page of them).
+    /// A stream of a job's states from now on. The first item has every metric so far (or the first page of them).
     ///
     /// # Errors
     /// NotFound. Within the stream: Unavailable when the server stops before the job has ended.
@@ -53,14 +53,14 @@ impl Jobs {
 }
 
 impl Watching {
-    /// The next item, and what goes on watching after it.
+    /// The next item, and the watcher for the items after it.
     async fn next(mut self) -> Result<((Job, Vec<Metric>), Option<Self>)> {
         loop {
-            // Marked as seen before looking, so that a change during the look is not missed.
+            // Marked as seen before reading, so that a change during the read is not missed.
             self.changed.mark_unchanged();
             let job = self.room.store.job(&self.id).await?;
             let metrics = self.room.store.metrics(&self.id, self.sequence, PAGE).await?;
-            // The job was read first: once it has ended, no metric can follow those read now.
+            // The job was read first: once it has ended, no metric can follow those read after it.
             let whole = u32::try_from(metrics.len()).is_ok_and(|count| count < PAGE);
             if let Some(newest) = metrics.last() {
                 self.sequence = newest.sequence;
@@ -74,7 +74,7 @@ impl Watching {
                 return Ok(((job, metrics), None));
             }
             tokio::select! {
-                // The sender lives in the room that we hold.
+                // The sender is in the state that this watcher holds, so it is not closed.
                 _ = self.changed.changed() => {}
                 () = self.room.stopping.cancelled() => {
                     return Err(Error::unavailable(format!("the server is stopping; {} will go on after its next start", self.id)));

@@ -1,16 +1,17 @@
 //! `backup`: the database at one moment and every blob that it names, copied beside a running server.
 //!
-//! The order makes every result whole:
+//! The order makes every backup complete:
 //!
-//! 1. the server is kept from removing blobs, so that blobs named by the copied database stay until they are copied;
-//! 2. the database is copied first, in one read transaction, to a draft: a blob put later is named by no row of the
-//!    copy; the other way round a row could name a blob that was put too late to be copied;
-//! 3. each blob is copied to a draft, checked by its digest, and renamed to its place; a blob of an earlier backup is
-//!    not copied again, unless it is to be verified and does not match its name;
+//! 1. the server is prevented from removing blobs, so that blobs named by the copied database stay until they are
+//! copied;
+//! 2. the database is copied first, in one read transaction, to a draft: a blob stored later is named by no row of the
+//! copy; in the opposite order a row could name a blob that was stored too late to be copied;
+//! 3. each blob is copied to a draft, checked by its digest, and renamed to its path; a blob of an earlier backup is
+//! copied again only if it is to be verified and does not match its name;
 //! 4. the database's draft is renamed over the earlier one, then the manifest is written.
 //!
-//! Interrupted before step 4, the folder still is the earlier backup, with more blobs. Open uploads are not part of a
-//! backup: their client has the recording and sends it again.
+//! A backup interrupted before step 4 leaves the earlier backup, with additional blobs. Open uploads are not part of a
+//! backup: their clients have the recordings and send them again.
 
 use std::{
     collections::HashSet,
@@ -35,8 +36,8 @@ use crate::{
 /// Backs a data folder up and writes a summary to `out`; true when no blob is missing.
 ///
 /// # Errors
-/// Precondition when the target cannot hold a backup, or there is no database to back up; Exhausted when its disk is
-/// full; Internal when a disk fails.
+/// Precondition when the target is not usable for a backup, or there is no database to back up; Exhausted when its disk
+/// is full; Internal when a disk fails.
 pub(super) async fn backup(config: &BackupConfig, out: &mut impl io::Write) -> Result<bool> {
     let (source, target) = (config.data_dir.as_path(), config.target.as_path());
     let _lock = target::claim(source, target)?;

@@ -9,7 +9,7 @@ use crate::{
     error::{Error, Result},
 };
 
-/// What to keep.
+/// Rules of eviction.
 pub(super) struct Rules {
     pub(super) folder: PathBuf,
     /// The existing recordings.
@@ -18,7 +18,7 @@ pub(super) struct Rules {
     pub(super) old: SystemTime,
     /// Features unused since this time are removed.
     pub(super) features_used: SystemTime,
-    /// The most bytes in all; `None`: no limit.
+    /// Maximum size in bytes; `None`: no limit.
     pub(super) most_bytes: Option<u64>,
 }
 
@@ -32,15 +32,15 @@ struct Cache {
 }
 
 impl Rules {
-    /// Removes the files of deleted recordings and unused features; then, while the limit is exceeded, the least
-    /// recently used features and at last decoded steps. Returns the number of removed files.
+    /// Removes the files of deleted recordings and unused features. While the limit is exceeded, it then removes the
+    /// least recently used features, and decoded steps last. Returns the number of removed files.
     pub(super) fn sweep(&self) -> Result<u64> {
         let of_no_use = |cache: &Cache| {
             let orphan = cache.made < self.old && !self.named.contains(&cache.recording);
             orphan || cache.features && cache.used < self.features_used
         };
         let (of_no_use, mut kept): (Vec<_>, Vec<_>) = self.list()?.into_iter().partition(of_no_use);
-        // Features without their steps are useless: a score job opens both.
+        // Features are useless without their steps, because a score job opens both.
         kept.sort_by_key(|cache| (!cache.features, cache.used));
         let mut left: u64 = kept.iter().map(|cache| cache.bytes).sum();
         let too_many = kept.into_iter().take_while(|cache| {

@@ -1,4 +1,4 @@
-//! `check`: whether all acknowledged data is present and intact. Changes nothing, so that it may run beside a server
+//! `check`: verifies that all acknowledged data is present and intact. Changes nothing, so it may run beside a server
 //! and on a backup.
 
 use std::io::Write;
@@ -15,7 +15,7 @@ use crate::{
 /// Checks a data folder or a backup and writes a report to `out`; true when there is no problem.
 ///
 /// # Errors
-/// Precondition when there is no database that this program can read; Internal when the disk fails.
+/// Precondition without a database that this program can read; Internal when the disk fails.
 pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<bool> {
     let report = look_through(config).await?;
     let written = match config.json {
@@ -28,7 +28,7 @@ pub(super) async fn check(config: &CheckConfig, out: &mut impl Write) -> Result<
 
 pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
     let database = ReadOnlyDatabase::open(&config.data_dir.join(DATABASE)).await?;
-    // From here on a server beside this removes no blob between its row and its file being read.
+    // From here on a server on this folder removes no blob between the reading of its row and of its file.
     let _copying = Copying::begin(&config.data_dir)?;
     let mut report = Report::new(config.data_dir.clone(), database.schema, !config.fast);
     for (subject, detail) in database.store.integrity().await? {
@@ -55,7 +55,7 @@ pub(super) async fn look_through(config: &CheckConfig) -> Result<Report> {
     Ok(report)
 }
 
-/// Why the database does not belong to the blobs beside it. A backup's database belongs to no folder yet.
+/// The reason why the database does not belong to the blobs beside it. A backup's database belongs to no folder yet.
 async fn misfit(config: &CheckConfig, database: &ReadOnlyDatabase) -> Result<Option<String>> {
     match Stamp::read(&config.data_dir) {
         Ok(None) if super::target::is_backup(&config.data_dir) => Ok(None),

@@ -1,4 +1,4 @@
-//! Rewrites the sidecars of changed rows, which triggers queue.
+//! Rewriting the sidecars of changed rows, which database triggers queue.
 
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ const POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Rows described in one transaction of the queue.
 const AT_ONCE: u32 = 256;
 
-/// Describes queued rows until it is dropped. Interrupted anywhere, it resumes at the next start.
+/// Describes queued rows until it is dropped. After an interruption it resumes at the next start.
 pub(super) async fn keep_described(store: Store, blobs: Blobs) {
     if let Err(error) = queue_missing(&store, &blobs).await {
         tracing::error!(%error, "looking for missing sidecars failed");
@@ -88,7 +88,7 @@ pub(super) async fn queue_missing(store: &Store, blobs: &Blobs) -> Result<()> {
 fn write(blobs: &Blobs, id: &str, described: &Described) -> Result<()> {
     match described {
         Described::Task(description) => blobs.describe_task(id, &description.to_json()?),
-        // A missing blob is `check`'s to report.
+        // A missing blob is reported by `check`.
         Described::Beside(blob, description) if blobs.contains(blob) => {
             blobs.describe(blob, id, &description.to_json()?)?;
             forget_superseded(blobs, description)

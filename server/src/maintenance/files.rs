@@ -57,8 +57,8 @@ impl Progress {
 }
 
 impl Files<'_> {
-    /// Checks every blob named by a row: present, of the right size and, if `digests`, with the right content. Notes
-    /// files without a row.
+    /// Checks every blob named by a row: present, of the right size and, if `digests`, with the right content. Records
+    /// files without a row as notes.
     pub(super) async fn blobs(&mut self, digests: bool) -> Result<()> {
         let blobs = Blobs::at(self.data_dir);
         let needed = grouped(self.store.named_blobs().await?);
@@ -106,7 +106,7 @@ impl Files<'_> {
         Ok(())
     }
 
-    /// Notes the blobs in the trash; a recording that no person deleted stays there.
+    /// Records the blobs in the trash as notes; a recording that was not deleted by a user stays there.
     pub(super) fn trash(&mut self) -> Result<()> {
         let blobs = Blobs::at(self.data_dir);
         for found in blobs.list_trash()? {
@@ -121,7 +121,7 @@ impl Files<'_> {
         Ok(())
     }
 
-    /// Notes recordings of sessions that are not stored yet, or are unusable.
+    /// Records as notes the recordings of sessions that are not stored yet, or are unusable.
     pub(super) fn recordings(&mut self) -> Result<()> {
         let folder = self.data_dir.join("rollouts");
         for (folder, what) in [
@@ -141,7 +141,7 @@ impl Files<'_> {
     }
 }
 
-/// Each blob once.
+/// Each blob once, with all rows that need it.
 pub(super) fn grouped(named: Vec<NamedBlob>) -> Vec<Needed> {
     let mut needed: Vec<Needed> = Vec::new();
     for NamedBlob { blob, needed_by, size_bytes } in named {
@@ -156,7 +156,7 @@ pub(super) fn grouped(named: Vec<NamedBlob>) -> Vec<Needed> {
     needed
 }
 
-/// The size of an intact blob, or what is wrong with it.
+/// The size of an intact blob, or a description of its fault.
 fn inspect(blobs: &Blobs, needed: &Needed, digests: bool) -> std::result::Result<u64, String> {
     let path = blobs.path(&needed.blob);
     let size = match fs::metadata(&path) {
@@ -177,7 +177,7 @@ fn inspect(blobs: &Blobs, needed: &Needed, digests: bool) -> std::result::Result
     Ok(size)
 }
 
-/// What is missing of an upload, if anything.
+/// The missing part of an upload, if any.
 fn lost(data_dir: &Path, blobs: &Blobs, upload: &Upload) -> Result<Option<String>> {
     let path = part_path(data_dir, &upload.id);
     let size = match fs::metadata(&path) {
@@ -185,7 +185,7 @@ fn lost(data_dir: &Path, blobs: &Blobs, upload: &Upload) -> Result<Option<String
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
         Err(error) => return Err(Error::internal(format!("reading {}", path.display()), error)),
     };
-    // A crash between the move and the row leaves the recording in its place.
+    // A crash between the move and the commit of the row leaves the recording among the blobs.
     let placed = upload.committed == upload.size_bytes && blobs.contains(&upload.blake3);
     if size.is_some_and(|size| size >= upload.committed) || placed {
         return Ok(None);

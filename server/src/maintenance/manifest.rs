@@ -16,7 +16,7 @@ use crate::{
 
 const FILE: &str = "manifest.json";
 
-/// Written last, when the rest of the backup is complete.
+/// The manifest, written last, when the rest of the backup is complete.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Manifest {
     /// The version of the program.

@@ -1,7 +1,8 @@
 //! Maintenance of a data folder: checking it (`check`), copying it (`backup`, `restore`), rebuilding its database
-//! (`rebuild`), and removing what is no longer needed (the sweep).
+//! (`rebuild`), and removing unneeded data (the sweep).
 //!
-//! The commands work on the folder from outside, with or without a running server. Must not know models or wire types.
+//! The commands work on the folder from outside, with or without a running server. Must not depend on models or wire
+//! types.
 
 mod backup;
 mod caches;
@@ -44,7 +45,8 @@ const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
 /// Runs one of the commands and writes its result to `out`; true when there is no problem.
 ///
 /// # Errors
-/// Precondition when the command cannot be run as given; Exhausted when a disk is full; Internal when one fails.
+/// Precondition when the command's arguments do not fit the folder; Exhausted when a disk is full; Internal when one
+/// fails.
 pub async fn run(command: &MaintenanceCommand, out: &mut impl Write) -> Result<bool> {
     match command {
         MaintenanceCommand::Check(config) => check::check(config, out).await,
@@ -83,7 +85,7 @@ impl Maintenance {
         kept.spawn(async move {
             let mut noted: Option<Instant> = None;
             loop {
-                // Ages are unknown until the clock is noted.
+                // Ages are unknown until the clock is recorded.
                 if room.note_time(noted.map(|noted| noted.elapsed())).await {
                     noted = Some(Instant::now());
                     room.sweep_and_tell().await;
@@ -94,8 +96,8 @@ impl Maintenance {
         kept
     }
 
-    /// Starts a background task that runs until the server stops. Each can be interrupted anywhere: it resumes at the
-    /// next start.
+    /// Starts a background task that runs until the server stops. Each task may be interrupted at any point and resumes
+    /// at the next start.
     fn spawn(&self, forever: impl Future<Output = ()> + Send + 'static) {
         let stopped = self.stopping.clone();
         self.tasks.spawn(async move {
@@ -112,7 +114,8 @@ impl Maintenance {
 }
 
 impl Room {
-    /// Notes the clock and returns whether that succeeded. `ran`: how long the server has run since the last note.
+    /// Records the clock and returns whether that succeeded. `ran`: the time that the server has run since the last
+    /// record.
     async fn note_time(&self, ran: Option<Duration>) -> bool {
         let noted = self.store.note_time(Millis::now(), ran).await;
         match &noted {

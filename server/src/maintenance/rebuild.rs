@@ -24,7 +24,7 @@ use crate::{
     store::{ReadOnlyDatabase, Store},
 };
 
-/// The place of blobs without a row or a usable sidecar. No sweep touches it.
+/// The folder of blobs without a row or a usable sidecar. No sweep touches it.
 const UNCLAIMED: &str = "unclaimed";
 
 /// A rebuild in progress and its counts.
@@ -32,7 +32,7 @@ struct Rebuild<'a> {
     config: &'a RebuildConfig,
     store: &'a Store,
     blobs: &'a Blobs,
-    /// The tasks that episodes belong to, by the ids that their sidecars give.
+    /// The tasks of episodes, by the ids in their sidecars.
     tasks: HashMap<TaskId, TaskId>,
     new_tasks: u64,
     new_episodes: u64,
@@ -43,10 +43,10 @@ struct Rebuild<'a> {
 }
 
 /// Rebuilds or completes the database of a data folder and writes a summary to `out`; true when every recording is an
-/// episode again. After an interruption a server refuses the folder until a second rebuild completes it.
+/// episode again. After an interruption a server does not start on the folder until a second rebuild completes it.
 ///
 /// # Errors
-/// Precondition when a server runs on the folder or there are no blobs; Exhausted or Internal when the disk refuses.
+/// Precondition when a server runs on the folder or there are no blobs; Exhausted or Internal when the disk fails.
 pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) -> Result<bool> {
     let data_dir = config.data_dir.as_path();
     if !data_dir.join(BLOBS).is_dir() {
@@ -118,7 +118,7 @@ async fn usable(path: &Path, stamp: Option<&Stamp>, blobs: &Blobs) -> Option<boo
     let database = ReadOnlyDatabase::open(path).await.ok()?;
     let sound = database.store.integrity().await.is_ok_and(|findings| findings.is_empty());
     let compared = database.store.compare(stamp).await.ok();
-    // A backup has no name for its folder and is judged by its rows.
+    // A backup has no name for its folder, so its rows are compared instead.
     let named = database.store.named_blobs().await.unwrap_or_default();
     let shared = named.iter().any(|named| blobs.contains(&named.blob));
     database.store.close().await;
@@ -167,8 +167,8 @@ impl Rebuild<'_> {
                 None => self.problems.push(format!("a sidecar of blob {id} cannot be parsed")),
             }
         }
-        // Of two that a crash left for one task, the later one was acknowledged. A recording deleted by a person stays
-        // in the trash.
+        // Of two episodes that a crash left for one task, the later one was acknowledged. A recording deleted by a user
+        // stays in the trash.
         mine.sort_by(|one, other| other.episode.id.cmp(&one.episode.id));
         mine.retain(|described| !in_trash || described.episode.deleted_at.is_none());
         if mine.is_empty() {
@@ -198,7 +198,7 @@ impl Rebuild<'_> {
         if let Some(task) = self.tasks.get(&described.episode.task_id) {
             return Ok(Some(task.clone()));
         }
-        // Its sidecar is gone; an older database may have it.
+        // The task's sidecar is missing; an older database may have the task.
         match self.store.task_by_id(&described.episode.task_id).await {
             Ok(task) => Ok(Some(task.id)),
             Err(error) if error.kind() == Kind::NotFound => Ok(None),
@@ -206,7 +206,7 @@ impl Rebuild<'_> {
         }
     }
 
-    /// What is wrong with a recording, if anything.
+    /// A description of a recording's damage, if any.
     fn damage(&self, id: &BlobId, found: &Found, described: &[Recording]) -> Result<Option<String>> {
         let sized = described.iter().all(|described| described.episode.size_bytes == found.size_bytes);
         Ok(match sized && (self.config.fast || blobs::digest(&found.path)? == *id) {

@@ -11,7 +11,7 @@ use serde::Serialize;
 pub(super) enum Severity {
     /// Data is missing or damaged.
     Problem,
-    /// Worth knowing; no data is lost.
+    /// For information; no data is lost.
     Note,
 }
 

@@ -1,4 +1,4 @@
-//! `restore`: a new data folder from a backup, built beside its place and moved there when it is complete.
+//! `restore`: a new data folder from a backup, built beside its final path and moved there when it is complete.
 
 use std::{fs, io, path::Path};
 
@@ -20,8 +20,8 @@ use crate::{
 /// is restored without them.
 ///
 /// # Errors
-/// Precondition when there is no backup, it is of a newer program, its database is damaged, or the target is not empty;
-/// Exhausted when the disk is full; Internal when it fails.
+/// Precondition when there is no backup, it is from a newer program, its database is damaged, or the target is not
+/// empty; Exhausted when the disk is full; Internal when it fails.
 pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) -> Result<bool> {
     let (backup, place) = (config.backup.as_path(), config.data_dir.as_path());
     let shown = place.display();
@@ -39,7 +39,7 @@ pub(super) async fn restore(config: &RestoreConfig, out: &mut impl io::Write) ->
     fill(backup, draft.path()).await?;
     let check = CheckConfig { data_dir: draft.path().to_owned(), fast: true, json: false };
     let mut report = look_through(&check).await?;
-    // An empty folder is replaced; a folder that has been filled meanwhile is an error.
+    // An empty folder is replaced; a folder that has been filled in the meantime is an error.
     fs::rename(draft.path(), place).map_err(fault("moving the restored folder to", place))?;
     // The draft has moved: it needs no removal.
     let _ = draft.keep();

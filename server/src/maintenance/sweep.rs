@@ -1,13 +1,13 @@
-//! The sweep: deletes trash that is old enough, moves blobs without a row to the trash, and removes files and uploads
-//! that are no longer needed.
+//! The sweep: deletes trash that is old enough, moves blobs without a row to the trash, and removes unneeded files and
+//! uploads.
 //!
-//! It never races an upload or a job. A blob is removed under a lock that excludes putting a blob and committing its
-//! row (`blobs::hold`), and only after the rows were read under that lock. A blob without a row may be on its way from
-//! a worker, which is another process: so it must also be older than a day and than every running attempt.
+//! It never races an upload or a job. A blob is removed under a lock that excludes storing a blob and committing its
+//! row (`blobs::hold`), and only after the rows were read under that lock. A blob without a row may still get one from
+//! a worker, which is another process, so it must also be older than a day and than every running attempt.
 //!
-//! Ages are measured by the time that the database has seen pass (`store::clock`), so a clock that jumps removes
-//! nothing. A sweep that finds more than a small share of the blobs without a row stops before it removes anything:
-//! then the database probably belongs to other blobs.
+//! Ages are measured by the time during which the database was in use (`store::clock`), so a clock that jumps removes
+//! no data. A sweep that finds more than a small share of the blobs without a row stops before it removes any blob: the
+//! database then probably belongs to other blobs.
 
 use std::{
     collections::HashSet,
@@ -28,11 +28,11 @@ use crate::{
     store::Store,
 };
 
-/// Days for which files without a row are left alone.
+/// Days for which files without a row are not touched.
 const SAFE_DAYS: u32 = 1;
-/// The number of blobs that one sweep may always move to the trash, for any share.
+/// The number of blobs that one sweep may move to the trash whatever their share.
 const FEW: usize = 8;
-/// More than the lag of file times, which follow a coarser clock.
+/// Longer than the lag of file times, which follow a coarser clock.
 const FILES_LAG: Duration = Duration::from_secs(1);
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
@@ -48,22 +48,22 @@ pub(super) struct SweepCounts {
     pub(super) trashed: u64,
     pub(super) caches: u64,
     pub(super) uploads: u64,
-    /// Leftovers of killed processes in `tmp`.
+    /// Files left in `tmp` by killed processes.
     pub(super) leavings: u64,
-    /// Logs of jobs without new lines for long.
+    /// Logs of jobs without recent lines.
     pub(super) logs: u64,
     /// Entries of the audit log.
     pub(super) audited: u64,
 }
 
 impl Room {
-    /// Sweeps once, as if it were `now`.
+    /// Sweeps once, with `now` as the present time.
     ///
     /// # Errors
     /// Precondition when too large a share of the blobs has no row; when the database or the disk fails.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<SweepCounts> {
         let mut counts = SweepCounts::default();
-        // Deletions missing in the sidecars would make recordings stay for good.
+        // Without this, recordings whose deletion is not yet in the sidecars would stay for good.
         describe_queued(&self.store, &self.blobs).await?;
         let old = self.old_enough(now).await?;
         let orphans = self.orphans(old).await?;
@@ -92,7 +92,7 @@ impl Room {
         let tmp = self.data_dir.join("tmp");
         counts.leavings += off_runtime(move || remove_unwritten(&tmp, old)).await?;
         let logs = jobs::logs_folder(&self.data_dir);
-        // Logs of running jobs may be written to, however seldom.
+        // Running jobs may write to their logs, however rarely.
         let quiet = self.days_before(now, self.maintenance.log_days).await?.min(old);
         counts.logs = off_runtime(move || remove_unwritten(&logs, quiet)).await?;
         let jumped = self.store.jumped_within(self.ingest.keep_for()).await?;
@@ -110,7 +110,7 @@ impl Room {
         Ok(earlier(now, age.saturating_add(jumped)))
     }
 
-    /// Files put before this time have their row, if they will ever have one.
+    /// Files stored before this time have their rows, if they get any.
     async fn old_enough(&self, now: SystemTime) -> Result<SystemTime> {
         let day = self.days_before(now, SAFE_DAYS).await?;
         let running = self.store.oldest_running().await?.map(|begun| begun.time() - FILES_LAG);
@@ -153,7 +153,7 @@ impl Room {
     /// Moves blobs without a row to the trash.
     async fn discard(&self, orphans: &[BlobId], old: SystemTime, counts: &mut SweepCounts) -> Result<()> {
         for id in orphans {
-            // It may have been put again since it was listed, before its row.
+            // The blob may have been stored again since it was listed, before its row.
             let (blobs, again) = (self.blobs.clone(), id.clone());
             let placed = off_runtime(move || Ok(blobs.placed(&again))).await?;
             if placed.is_none_or(|placed| placed >= old) {
@@ -176,7 +176,7 @@ fn earlier(now: SystemTime, by: Duration) -> SystemTime {
     now.checked_sub(by).unwrap_or(SystemTime::UNIX_EPOCH)
 }
 
-/// Removes files that were not written for long, and returns their number.
+/// Removes files without recent writes, and returns their number.
 fn remove_unwritten(folder: &Path, old: SystemTime) -> Result<u64> {
     let mut removed = 0;
     for path in files::entries(folder)? {
@@ -190,7 +190,7 @@ fn remove_unwritten(folder: &Path, old: SystemTime) -> Result<u64> {
     Ok(removed)
 }
 
-/// The last time a file, or anything in a folder, was written.
+/// The last time that a file, or any file in a folder, was written.
 fn written(path: &Path) -> std::io::Result<SystemTime> {
     let mut newest = std::fs::symlink_metadata(path)?.modified()?;
     if path.is_dir() {
@@ -210,8 +210,8 @@ impl SweepCounts {
     }
 }
 
-/// Removes a blob of a job unless a row names it, and returns its size. A described blob moves to the trash instead.
-/// While the data folder is being copied it stays, for a later sweep.
+/// Removes a blob of a job unless a row names it, and returns its size. A blob with a description moves to the trash
+/// instead. During a copy of the data folder the blob stays, for a later sweep.
 ///
 /// # Errors
 /// When the database or the disk fails.
@@ -226,7 +226,8 @@ pub(crate) async fn forget(store: &Store, blobs: &Blobs, blob: &BlobId) -> Resul
 }
 
 /// Removes the recording of an episode whose row is deleted, unless another row names it, and then its description. A
-/// recording whose description is not marked as deleted moves to the trash: the row was an older copy's.
+/// recording whose description is not marked as deleted moves to the trash: the row then belongs to an older copy of
+/// the database.
 ///
 /// # Errors
 /// When the database or the disk fails.
@@ -250,7 +251,7 @@ pub(super) async fn forget_episode(
             }
             Some(removing) => blobs.discard(&id, &removing),
             None if shared && deleted => blobs.forget_description(&id, episode.as_str()).map(|()| None),
-            // While the folder is copied, the description explains the blob to later sweeps.
+            // During a copy the description stays, because it explains the blob to later sweeps.
             None => Ok(None),
         }
     })

@@ -1,4 +1,4 @@
-//! Checks the target folders of backups and restores: other data is never overwritten.
+//! Checks of the target folders of backups and restores: other data is never overwritten.
 
 use std::{
     fs, io,
@@ -11,14 +11,14 @@ use crate::{
     lock::DataLock,
 };
 
-/// Marks a folder as a backup from its first moment.
+/// The mark of a backup's folder, written first.
 const MARK: &str = "BACKUP";
 const SAYS: &str = "A backup of gleaner's data. To use it: gleaner-server restore THIS_FOLDER --data-dir NEW_FOLDER\n";
 
-/// Creates the folder of a backup, or takes that of an earlier one, and locks it against other backups.
+/// Creates the folder of a backup, or reuses that of an earlier one, and locks it against other backups.
 ///
 /// # Errors
-/// Precondition when it holds other data, lies within the data folder or around it, or another backup is running.
+/// Precondition when it has other data, is inside the data folder or contains it, or another backup is running.
 pub(super) fn claim(source: &Path, target: &Path) -> Result<DataLock> {
     let shown = target.display();
     if !source.join(DATABASE).is_file() {

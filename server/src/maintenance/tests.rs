@@ -28,13 +28,13 @@ pub(super) struct Lab {
     pub(super) blobs: Blobs,
     pub(super) task: Task,
     pub(super) ingest: Ingest,
-    /// Of an episode.
+    /// The blob of an episode.
     pub(super) recording: BlobId,
-    /// Of an encoder and a policy.
+    /// The blob of an encoder and a policy.
     pub(super) checkpoint: BlobId,
 }
 
-/// One episode of each role, an encoder and a policy with the same content, all jobs done.
+/// One episode of each role, an encoder and a policy with the same content, all jobs finished.
 pub(super) async fn lab() -> Lab {
     let (dir, store) = testing::store().await;
     let blobs = Blobs::open(dir.path()).unwrap();

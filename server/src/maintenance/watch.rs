@@ -1,5 +1,5 @@
 //! Watches the disk and the files of the data folder; logs when the disk fills up and when the database was deleted or
-//! replaced under the server. Every write checks this itself, too.
+//! replaced under the server. Every write also checks this on its own.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -41,7 +41,7 @@ pub(super) async fn watch_files(store: Store, data_dir: PathBuf) {
     }
 }
 
-/// Logs a change and returns whether new data is refused now.
+/// Logs a change and returns whether new data is now rejected.
 fn log_change(blobs: &Blobs, refusing: bool) -> bool {
     match (blobs.expect_room(0), refusing) {
         (Ok(()), true) => {

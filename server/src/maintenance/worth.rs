@@ -1,5 +1,5 @@
-//! Whether a blob without a row must be kept: recordings stay unless a person deleted them, whatever the database lacks.
-//! Must not depend on the database.
+//! The decision whether a blob without a row must stay: recordings stay unless a user deleted them, whatever the
+//! database lacks. Must not depend on the database.
 
 use crate::{
     blobs::{Blobs, Found},
@@ -15,7 +15,7 @@ pub(super) fn is_recording(found: &Found) -> bool {
 }
 
 /// Whether a blob in the trash must not be deleted for its age: a recording, unless all its descriptions mark it as
-/// deleted by a person. An unreadable description does not count as such a mark.
+/// deleted by a user. An unreadable description does not count as such a mark.
 pub(super) fn stays(found: &Found, described: &[Vec<u8>]) -> bool {
     let mut descriptions = described.iter().map(|json| Description::read(json));
     let recording = |description: &Option<Description>| match description {
@@ -30,8 +30,8 @@ pub(super) fn stays(found: &Found, described: &[Vec<u8>]) -> bool {
     }
 }
 
-/// Whether a blob without a row suggests that the database is not the blobs' own: a recording that must stay, or a
-/// described result. Leftovers of jobs are expected.
+/// Whether a blob without a row suggests that the database belongs to other blobs: a recording that must stay, or a
+/// result with a description. Files left by jobs are expected.
 pub(super) fn is_unexplained(blobs: &Blobs, found: &Found) -> bool {
     match found.id.as_ref().map(|id| blobs.descriptions(id)) {
         Some(Ok(described)) => {

@@ -1,4 +1,4 @@
-//! Rows of the audit log: added, and forgotten when they are old.
+//! Rows of the audit log: insertion, and removal when they are old.
 
 use super::{Store, fault, row};
 use crate::{
@@ -6,7 +6,7 @@ use crate::{
     error::Result,
 };
 
-/// Entries forgotten in one transaction.
+/// Entries removed in one transaction.
 const FORGOTTEN_AT_ONCE: u32 = if cfg!(test) { 2 } else { 10_000 };
 
 #[derive(sqlx::FromRow)]
@@ -89,7 +89,7 @@ impl Store {
 
 #[cfg(test)]
 impl Store {
-    /// Keeps everybody else from writing until it is dropped.
+    /// Blocks all other writers until it is dropped.
     pub(crate) async fn hold_writer(&self) -> Result<impl Sized> {
         self.write().await
     }

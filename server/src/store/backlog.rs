@@ -6,12 +6,12 @@ use crate::{
     error::Result,
 };
 
-/// The jobs there are.
+/// Counts of jobs.
 #[derive(Debug, Default)]
 pub(crate) struct Backlog {
     /// Jobs in each state that has any.
     pub(crate) jobs: Vec<(JobState, u64)>,
-    /// When the oldest job that still waits was queued.
+    /// When the oldest queued job was queued.
     pub(crate) oldest_queued: Option<Millis>,
 }
 

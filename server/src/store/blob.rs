@@ -1,5 +1,5 @@
-//! Which rows name a blob: asked before a blob is removed, because equal content shares one file, and by `check` and
-//! `backup`, which look after all of them.
+//! The rows that name a blob: needed before a blob is removed, because equal content shares one file, and by `check`
+//! and `backup`, which process all blobs.
 
 use super::{Store, fault, row};
 use crate::{domain::id::BlobId, error::Result};
@@ -40,7 +40,7 @@ impl Store {
         .map_err(fault("reading the rows that name a blob"))
     }
 
-    /// Every blob that a row names, once for each row that does, sorted by blob; as of one moment.
+    /// Every blob that a row names, once for each such row, sorted by blob; read at one moment.
     pub(crate) async fn named_blobs(&self) -> Result<Vec<NamedBlob>> {
         let rows: Vec<(String, String, Option<i64>)> = sqlx::query_as(concat!(named_blobs!(), " order by 1, 2"))
             .fetch_all(self.read())

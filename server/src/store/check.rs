@@ -32,7 +32,7 @@ const DOCUMENTS: [Document; 9] = [
 
 /// Rules beyond foreign keys. Each returns the row and the problem, read at one moment.
 const RULES: [&str; 11] = [
-    // An episode is visible with its label: the one that is the newest of its history.
+    // The visible label of an episode is the newest of its history.
     "select id, 'its label is not the newest of its history' from episodes where not exists \
      (select 1 from labels where labels.id = (select max(id) from labels where episode_id = episodes.id) \
       and labels.outcome = episodes.outcome and labels.cohort = episodes.cohort)",
@@ -55,7 +55,7 @@ const RULES: [&str; 11] = [
       where job_id = jobs.id and needed.state in ('failed', 'cancelled'))",
     "select id, 'it has ended, and still has a checkpoint or a token' from jobs \
      where state in ('succeeded', 'failed', 'cancelled') and (checkpoint is not null or token_hash is not null)",
-    // Scores: one entry a step, and every imperfect episode of the snapshot.
+    // Scores: one entry for each step, and every imperfect episode of the snapshot.
     "select score_run_id, 'its scores of ' || episode_id || ' do not fit the steps' from episode_scores \
      join episodes on episodes.id = episode_id where length(w) <> 8 * steps or length(q) <> 4 * steps \
      or length(match_episode) not in (0, 4 * steps) or length(match_step) <> length(match_episode) \

@@ -6,7 +6,7 @@ use std::time::Duration;
 use super::{Store, fault, row};
 use crate::{domain::time::Millis, error::Result};
 
-/// Without the server, so much time passes unquestioned: a night, not a clock that was set wrong.
+/// Longest time without a server that is not a jump: a night is plausible, and a longer gap may be a wrongly set clock.
 const OFF: Duration = Duration::from_secs(24 * 60 * 60);
 /// A clock that is corrected by less does not jump.
 const CORRECTION: Duration = Duration::from_secs(60);
@@ -45,7 +45,7 @@ impl Store {
         Ok(jump)
     }
 
-    /// How far the clock has jumped within the newest `age` of the time that the database has seen pass.
+    /// Sum of the clock's jumps within the newest `age` of the time during which the database was in use.
     pub(crate) async fn jumped_within(&self, age: Duration) -> Result<Duration> {
         let jumped: i64 = sqlx::query_scalar(
             "select coalesce(sum(jump_ms), 0) from clock_jumps, lab where clock_jumps.elapsed_ms > lab.elapsed_ms - ?",
@@ -78,7 +78,7 @@ mod tests {
         let wrong = night.after(DAY * 40);
         assert_eq!(store.note_time(wrong, None).await.unwrap(), Some(DAY * 40));
         assert_eq!(store.jumped_within(DAY * 30).await.unwrap(), DAY * 40);
-        // A month of days, each seen by a running server.
+        // A month of days, each recorded by a running server.
         for day in 1..=29 {
             assert_eq!(store.note_time(wrong.after(DAY * day), Some(DAY)).await.unwrap(), None);
         }
@@ -94,7 +94,7 @@ mod tests {
         store.note_time(start, None).await.unwrap();
         let hour = DAY / 24;
         assert_eq!(store.note_time(start.after(DAY + hour), Some(hour)).await.unwrap(), Some(DAY));
-        // Back again: ages are not overstated.
+        // The clock is set back: ages are not overstated.
         assert_eq!(store.note_time(start.after(hour * 2), Some(hour)).await.unwrap(), None);
         assert_eq!(store.jumped_within(hour * 3).await.unwrap(), DAY);
     }

@@ -86,7 +86,7 @@ fn columns(selection: Selection) -> (Option<f64>, Option<f64>) {
     }
 }
 
-/// Adds a dataset; the job that makes its run exists already.
+/// Adds a dataset; the job that makes its run must exist.
 pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) -> Result<()> {
     let (beta, top_fraction) = columns(dataset.selection);
     sqlx::query(
@@ -203,7 +203,7 @@ impl Store {
         Ok(counts)
     }
 
-    /// Everything a dataset holds, by reference.
+    /// The contents of a dataset, by reference.
     ///
     /// # Errors
     /// NotFound; Precondition when its score run is not finished.
@@ -221,7 +221,7 @@ impl Store {
         })
     }
 
-    /// Every imperfect episode with its segments that are kept, if any; rows come one by one.
+    /// Every imperfect episode with its kept segments, if any; rows are read one by one.
     async fn kept(&self, run: &ScoreRun, selection: Selection) -> Result<Vec<KeptEpisode>> {
         let candidates = match selection {
             Selection::Beta(_) => Vec::new(),

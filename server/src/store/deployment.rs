@@ -64,7 +64,7 @@ impl Store {
         .execute(&mut *tx)
         .await
         .map_err(fault("changing a deployment"))?;
-        // Read before the commit: after an error the deployment has not moved.
+        // Read before the commit, so that a failed read leaves the deployment unchanged.
         let deployment = deployment(&mut *tx, name).await?;
         crate::fail_point::pass("deployment.row_written");
         self.commit(tx).await?;
@@ -72,7 +72,7 @@ impl Store {
         Ok(deployment)
     }
 
-    /// The policy and the score run that rolling a name back would point it at.
+    /// The policy and the score run that rolling a name back would restore.
     ///
     /// # Errors
     /// NotFound; Precondition when there is no earlier assignment.
@@ -142,7 +142,7 @@ impl Store {
     }
 }
 
-/// A deployment with its history, as this connection sees it.
+/// A deployment with its history, read through this connection.
 async fn deployment(from: impl SqliteExecutor<'_>, name: &str) -> Result<Deployment> {
     let rows: Vec<ChangeRow> = sqlx::query_as(
         "select name, task_id, policy_id, score_run_id, created_at from deployment_changes join deployments \
@@ -163,7 +163,7 @@ fn optional_run(id: Option<String>) -> Result<Option<ScoreRunId>> {
     id.map(|id| row::id("deployment_changes.score_run_id", id)).transpose()
 }
 
-/// Puts changes, which come sorted by name, together as deployments.
+/// Groups changes, which are sorted by name, into deployments.
 fn grouped(rows: Vec<ChangeRow>) -> Result<Vec<Deployment>> {
     let mut deployments: Vec<Deployment> = Vec::new();
     for change in rows {

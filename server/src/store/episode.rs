@@ -23,7 +23,7 @@ macro_rules! episode_columns {
 }
 pub(super) use episode_columns;
 
-/// Reads them; conditions follow.
+/// The query of these columns; conditions follow.
 pub(super) const COLUMNS: &str = concat!("select ", episode_columns!(), " from episodes ");
 
 #[derive(sqlx::FromRow)]
@@ -64,10 +64,10 @@ impl EpisodeRow {
 }
 
 impl Store {
-    /// An episode with its report, though it be in the trash.
+    /// An episode with its report, also from the trash.
     ///
     /// # Errors
-    /// NotFound; so is one that is gone for good.
+    /// NotFound, also for an episode that is deleted for good.
     pub(crate) async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode> {
         let missing = || Error::not_found("episode", id);
         let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
@@ -80,10 +80,10 @@ impl Store {
         Ok(InspectedEpisode { episode, report: row::json("episodes.report", &report)? })
     }
 
-    /// The task and the recording of an episode, though it be in the trash.
+    /// The task and the recording of an episode, also from the trash.
     ///
     /// # Errors
-    /// NotFound; so is one that is gone for good.
+    /// NotFound, also for an episode that is deleted for good.
     pub(crate) async fn recording_of(&self, id: &EpisodeId) -> Result<(TaskId, BlobId)> {
         let found: Option<(String, String)> =
             sqlx::query_as("select task_id, recording from episodes where id = ? and purged_at is null")
@@ -95,7 +95,7 @@ impl Store {
         Ok((row::id("episodes.task_id", task)?, row::id("episodes.recording", recording)?))
     }
 
-    /// The task's episode with this very recording, if any, though it be in the trash.
+    /// The task's episode with this recording, if any, also from the trash.
     pub(crate) async fn episode_of(&self, task: &TaskId, recording: &BlobId) -> Result<Option<Episode>> {
         let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
         by_recording(&mut tx, task, recording).await
@@ -125,7 +125,7 @@ impl Store {
         if let Some(after) = after {
             query.push(" and id > ").push_bind(after.as_str());
         }
-        // One more than requested shows whether there is a next page.
+        // One row more than requested shows whether there is a next page.
         query.push(" order by id limit ").push_bind(i64::from(size) + 1);
         let rows: Vec<EpisodeRow> =
             query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing episodes"))?;
@@ -137,14 +137,14 @@ impl Store {
     }
 }
 
-/// An episode that is not gone for good.
+/// An episode that is not deleted for good.
 pub(super) async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
     let mut query = QueryBuilder::new(COLUMNS);
     query.push("where id = ").push_bind(id.as_str()).push(" and purged_at is null");
     one(tx, query).await
 }
 
-/// The task's episode with this very recording, if any.
+/// The task's episode with this recording, if any.
 pub(super) async fn by_recording(
     tx: &mut Transaction<'_, Sqlite>,
     task: &TaskId,
@@ -162,8 +162,8 @@ async fn one(tx: &mut Transaction<'_, Sqlite>, mut query: QueryBuilder<Sqlite>) 
     row.map(EpisodeRow::read).transpose()
 }
 
-/// Makes an episode visible, with its first label. When the task had this recording and lost it for good, it is that
-/// episode again.
+/// Makes an episode visible, with its first label. If the task had this recording and it was deleted for good, the row
+/// of that episode is restored instead.
 pub(super) async fn insert(
     tx: &mut Transaction<'_, Sqlite>,
     inspected: &InspectedEpisode,

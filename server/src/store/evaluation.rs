@@ -54,7 +54,7 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, evaluation: &Evalua
 }
 
 impl Store {
-    /// Stores an evaluation that ran elsewhere; its policy exists.
+    /// Stores an evaluation that ran elsewhere; its policy must exist.
     ///
     /// # Errors
     /// Internal.

@@ -10,14 +10,14 @@ const FILE_LIMIT_REACHED: &str = "the server's database cannot be written: its f
      the server's process, or the disk fails. Nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= \
      of its service), then try again";
 
-/// SQLite's codes, with the extended part where it is needed.
+/// SQLite's codes, extended ones where they are needed.
 const BUSY: i32 = 5;
 const READ_ONLY: i32 = 8;
 const FULL: i32 = 13;
-/// Writing, syncing, cutting a file, and making room for the index of the log.
+/// The codes of writing, syncing, truncating a file, and extending the index of the log.
 const WRITE_FAILED: [i32; 5] = [778, 1034, 1290, 1546, 4874];
 
-/// Converts a database error into ours, with the action that failed.
+/// Converts a database error into [`Error`], with the action that failed.
 pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
     move |error| {
         if matches!(error, sqlx::Error::PoolTimedOut) {
@@ -35,7 +35,7 @@ pub(super) fn fault(doing: &'static str) -> impl FnOnce(sqlx::Error) -> Error {
     }
 }
 
-/// The cause in the disk, if there is one. `limited`: this process has a file size limit.
+/// The disk's fault behind an error, if there is one. `limited`: this process has a file size limit.
 fn refusal(code: i32, limited: bool) -> Option<&'static str> {
     match code {
         FULL => Some(DISK_FULL),
@@ -56,7 +56,7 @@ mod tests {
     use super::super::{ReadOnlyDatabase, testing};
     use crate::{domain::episode::Outcome, error::Kind};
 
-    /// SQLite reports a database that may not grow and a full disk alike.
+    /// SQLite reports a database at its maximum size in the same way as a full disk.
     #[tokio::test]
     async fn a_full_disk_refuses_writes_until_there_is_room() {
         let (_dir, store) = testing::store().await;
@@ -75,7 +75,7 @@ mod tests {
         assert_eq!(error.kind(), Kind::Exhausted, "{error}");
         assert!(error.message().contains("disk is full") && error.to_string().contains("opening an upload"), "{error}");
         assert_eq!(store.tasks().await.unwrap().len(), 1, "reading still works");
-        // SQLite has rolled back by itself: the connection must not stay in the ended transaction.
+        // SQLite has rolled back automatically: the connection must not stay in the ended transaction.
         let again = store.insert_upload(&testing::upload(&task, &[7; 100]), None).await.err().map(|error| error.kind());
         assert!(matches!(again, None | Some(Kind::Exhausted)), "{again:?}");
         testing::run(&store, &format!("{pages}1000000")).await;
@@ -93,7 +93,7 @@ mod tests {
         assert!(error.message().contains("cannot be written"), "{error}");
     }
 
-    /// The end-to-end tests have a real limit; here is every code.
+    /// The end-to-end tests have a real limit; this test covers every code.
     #[test]
     fn a_failed_write_of_a_process_with_a_file_size_limit_names_the_limit() {
         use super::{DISK_FULL, DISK_READ_ONLY, FILE_LIMIT_REACHED, FULL, READ_ONLY, WRITE_FAILED, refusal};
@@ -104,7 +104,7 @@ mod tests {
         assert_eq!(refusal(1, true), None);
     }
 
-    /// A slow disk delays writers, and no reader.
+    /// A slow disk delays writers, but no reader.
     #[tokio::test]
     async fn a_slow_write_holds_up_no_reader() {
         let (_dir, store) = testing::store().await;

@@ -33,7 +33,7 @@ impl Store {
     /// Ends an attempt with its result.
     ///
     /// # Errors
-    /// Precondition when the attempt is over; Cancelled when the job was asked to stop.
+    /// Precondition when the attempt has ended; Cancelled when the job was asked to stop.
     pub(crate) async fn finish_job(&self, attempt: &Attempt, result: &JobResult) -> Result<queue::Moved> {
         let mut tx = self.write().await?;
         let job = queue::running(&mut tx, attempt).await?.ok_or_else(queue::attempt_is_over)?;

@@ -13,7 +13,7 @@ use crate::{
     error::{Error, Result},
 };
 
-/// A job with the ids it needs, comma between; conditions follow.
+/// A job with the ids of its needs, separated by commas; conditions follow.
 macro_rules! select_jobs {
     ($rest:literal) => {
         concat!(
@@ -102,7 +102,7 @@ impl Store {
         found.ok_or_else(|| Error::not_found("job", id))?.read()
     }
 
-    /// The job that makes or made this result, whatever its state.
+    /// The job that makes or made this result, in any state.
     pub(crate) async fn job_of_result(&self, result_id: &str) -> Result<Option<Job>> {
         let found: Option<JobRow> = sqlx::query_as(select_jobs!("where result_id = ?"))
             .bind(result_id)
@@ -112,8 +112,8 @@ impl Store {
         found.map(JobRow::read).transpose()
     }
 
-    /// Jobs of a task whose specs name one of these ids (of snapshots, results or datasets), oldest first. A spec
-    /// contains an id only where it names it, so this finds all of them, whether or not they had to wait for it.
+    /// Jobs of a task whose specs name one of these ids (of snapshots, results or datasets), oldest first. Ids occur in
+    /// a spec only where they name an object, so the result has all such jobs, whether or not they had to wait.
     pub(crate) async fn jobs_naming(&self, task: &TaskId, ids: &[&str]) -> Result<Vec<Job>> {
         let rows: Vec<JobRow> = sqlx::query_as(select_jobs!(
             "where task_id = ? and exists (select 1 from json_each(?) where instr(jobs.spec, value) > 0) order by id"
@@ -166,7 +166,7 @@ impl Store {
         if let Some(before) = before {
             query.push(" and id < ").push_bind(before.as_str());
         }
-        // One more than requested shows whether there is a next page.
+        // One row more than requested shows whether there is a next page.
         query.push(" order by id desc limit ").push_bind(i64::from(size) + 1);
         let rows: Vec<JobRow> = query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing jobs"))?;
         let size = usize::try_from(size).unwrap_or(usize::MAX);
@@ -176,11 +176,11 @@ impl Store {
         Ok((jobs, next))
     }
 
-    /// Queues a whole plan or no job of it.
+    /// Queues all jobs of a plan in one transaction.
     ///
     /// # Errors
     /// NotFound when a job to wait for is unknown; Precondition when one failed or was cancelled; Exists when another
-    /// job has taken its key meanwhile, or equals a plan's job that may exist only once.
+    /// job took its key in the meantime, or equals a plan's job that may exist only once.
     pub(crate) async fn insert_plan(&self, plan: &Plan) -> Result<Vec<Job>> {
         let mut tx = self.write().await?;
         if let Some(first) = plan.jobs.first().filter(|_| plan.once) {

@@ -81,7 +81,7 @@ impl Store {
         Ok(candidates)
     }
 
-    /// The episodes a run has scores of, in the snapshot's order: to read those one by one.
+    /// The episodes with scores in a run, in the snapshot's order, for reading them one by one.
     ///
     /// # Errors
     /// As for [`Store::score_run`].

@@ -1,5 +1,5 @@
-//! The database's own row: its name for the folder of its blobs and its generation, held against the stamp that lies
-//! among the blobs, so that a database of another folder, or an older copy, never decides what is removed.
+//! The database's own row: its name for the folder of its blobs and its generation, compared with the stamp among the
+//! blobs, so that a database of another folder, or an older copy, never decides which blobs are removed.
 
 mod fit;
 
@@ -27,7 +27,7 @@ struct Lab {
     folder: String,
     stamped: bool,
     generation: i64,
-    /// Episodes that there should be, less those that there are.
+    /// Expected number of episodes minus the actual number.
     missing: i64,
 }
 
@@ -41,9 +41,9 @@ macro_rules! columns {
 /// The relation of a database to a stamp.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Comparison {
-    /// Both have one name for the folder.
+    /// Both have the same name for the folder.
     pub(crate) same_folder: bool,
-    /// It is the same, and the database is not older.
+    /// The folder is the same, and the database is not older.
     pub(crate) current: bool,
     /// The database is not a mixture of two copies.
     pub(crate) whole: bool,
@@ -58,16 +58,16 @@ pub(super) struct Tie {
 
 impl Store {
     /// Opens the database of a data folder whose blobs it must belong to, creates it in a new folder, and starts a new
-    /// generation of both. `accept` takes a database that does not belong to the blobs as it is.
+    /// generation of both. `accept` uses a database unchanged although it does not belong to the blobs.
     ///
     /// # Errors
-    /// Precondition, with the ways out, when the database is missing, damaged, of another folder, or older than the blobs,
-    /// and when there is nothing to accept; as for [`Store::open`].
+    /// Precondition, with the remedies, when the database is missing, damaged, of another folder, or older than the
+    /// blobs, and when there is nothing to accept; as for [`Store::open`].
     pub(crate) async fn open_with_blobs(data_dir: &Path, blobs: &Blobs, accept: bool) -> Result<Self> {
         let path = data_folder::database(data_dir);
         let found = found(&path, data_dir).await?;
         let stamp = match Stamp::read(data_dir) {
-            // A crash, or a full disk, while the first stamp was made.
+            // After a crash or on a full disk during the first stamp.
             Err(_) if accept || found.as_ref().is_some_and(|lab| !lab.stamped) => None,
             stamp => stamp?,
         };
@@ -97,15 +97,15 @@ impl Store {
         store.tie(data_dir, stamp.map_or(0, |stamp| stamp.generation)).await
     }
 
-    /// Ties the database to its folder: a new generation in both, first here and then on the stamp, so that a crash in
+    /// Ties the database to its folder: a new generation in both, first here and then in the stamp, so that a crash in
     /// between leaves the stamp behind, which is accepted.
     ///
     /// # Errors
-    /// When the database or the disk refuses.
+    /// When the database or the disk fails.
     pub(crate) async fn tie(self, data_dir: &Path, least: u64) -> Result<Self> {
         let lab = match self.start_generation(least).await {
             Ok(lab) => lab,
-            // A full disk is not in the way of the start: the generation stays.
+            // A full disk must not prevent the start, so the generation stays.
             Err(error) if error.kind() == Kind::Exhausted => {
                 tracing::error!(%error, "the generation of the database stays as it is");
                 lab(&self.writer).await?
@@ -120,7 +120,7 @@ impl Store {
             sqlx::query("update lab set stamped = 1").execute(&mut *tx).await.map_err(fault("noting the stamp"))?;
             self.commit(tx).await?;
         }
-        // The write-ahead log exists by now.
+        // The write-ahead log exists from here on.
         let presence = Presence::note(data_dir)?;
         let _: std::result::Result<(), _> = self.tie.set(Tie { presence, stamp });
         Ok(self)
@@ -137,8 +137,8 @@ impl Store {
         Ok(lab)
     }
 
-    /// Commits a write whose loss in an older copy of the database must be noticed: when this returns, the stamp has the
-    /// new generation.
+    /// Commits a write whose loss in an older copy of the database must be detected: when this returns, the stamp has
+    /// the new generation.
     pub(super) async fn commit_generation(&self, mut tx: sqlx::Transaction<'static, sqlx::Sqlite>) -> Result<()> {
         let generation: i64 = sqlx::query_scalar("update lab set generation = generation + 1 returning generation")
             .fetch_one(&mut *tx)
@@ -153,17 +153,17 @@ impl Store {
     /// Whether the files of the database, its stamp and its lock are still the ones that were opened.
     ///
     /// # Errors
-    /// Precondition names what was deleted or replaced.
+    /// Precondition names the file that was deleted or replaced.
     pub(crate) fn verify(&self) -> Result<()> {
         self.tie.get().map_or(Ok(()), |tie| tie.presence.verify())
     }
 
-    /// Ends once one of those files was found deleted or replaced; never for a database that is only looked at.
+    /// A token that is cancelled once one of those files is found deleted or replaced; never for a read-only database.
     pub(crate) fn lost(&self) -> CancellationToken {
         self.tie.get().map(|tie| tie.presence.lost()).unwrap_or_default()
     }
 
-    /// Why the stamp of a data folder does not belong to this database; `None` when it does.
+    /// The reason why the stamp of a data folder does not belong to this database; `None` when it does.
     ///
     /// # Errors
     /// When the database or the stamp cannot be read.

@@ -12,7 +12,7 @@ impl Store {
     /// Stores a worker's report; returns whether the job was asked to stop.
     ///
     /// # Errors
-    /// Precondition when the attempt is over.
+    /// Precondition when the attempt has ended.
     pub(crate) async fn report_progress(&self, attempt: &Attempt, progress: &Progress) -> Result<bool> {
         let mut tx = self.write().await?;
         let job = queue::running(&mut tx, attempt).await?.ok_or_else(queue::attempt_is_over)?;
@@ -84,7 +84,7 @@ fn metric((sequence, step, name, value): MetricRow) -> Result<Metric> {
     Ok(Metric { sequence, step: row::count("job_metrics.step", step)?, name, value })
 }
 
-/// Forgets the metrics of steps that the next attempt will do again.
+/// Removes the metrics of steps that the next attempt will repeat.
 pub(super) async fn cut_back(
     tx: &mut Transaction<'_, Sqlite>,
     job: &JobId,

@@ -87,14 +87,15 @@ impl Store {
         let doing = |error: sqlx::Error| Error::internal(format!("opening the database {}", path.display()), error);
         let writer = lasting(1).after_release(|connection, _| {
             Box::pin(async move {
-                // Dropped transactions are rolled back by now. On a full disk SQLite rolls back by itself without the
-                // connection noticing, which would then refuse every transaction. A new connection takes its place.
+                // Dropped transactions are rolled back by now. On a full disk SQLite rolls back automatically and the
+                // connection does not notice, so that it would reject every transaction. A new connection then takes
+                // its place.
                 connection.ping().await?;
                 Ok(!connection.is_in_transaction())
             })
         });
         let writer = writer.connect_with(options.clone()).await.map_err(doing)?;
-        // A later connection never makes a database in the place of one that was deleted.
+        // A later connection must not create a database in place of one that was deleted.
         let options = options.create_if_missing(false);
         writer.set_connect_options(options.clone());
         check_version(&writer).await?;
@@ -109,7 +110,8 @@ impl Store {
             }
             Error::internal("migrating the database", error)
         })?;
-        // All from the beginning: one that is opened under load comes late, and its memory when there is least.
+        // All connections from the beginning: one that is opened under load is late, and its memory is needed when
+        // least is free.
         let readers = lasting(READERS).min_connections(READERS).connect_with(options).await.map_err(doing)?;
         Ok(Self { writer, readers, tie: Arc::default() })
     }
@@ -128,7 +130,7 @@ impl Store {
     /// Commits a write: it is on disk, in the database at the path, when this returns.
     ///
     /// # Errors
-    /// Precondition when the database was deleted or replaced; as the disk fails.
+    /// Precondition when the database was deleted or replaced; the errors of the disk.
     async fn commit(&self, transaction: Transaction<'static, Sqlite>) -> Result<()> {
         transaction.commit().await.map_err(fault("committing a write"))?;
         self.verify()
@@ -140,7 +142,7 @@ impl Store {
     }
 }
 
-/// A pool whose connections stay open: a new one would open whatever file is at the path by then.
+/// A pool whose connections stay open, because a new one would open whatever file is then at the path.
 fn lasting(connections: u32) -> SqlitePoolOptions {
     SqlitePoolOptions::new().max_connections(connections).idle_timeout(None).max_lifetime(None)
 }

@@ -1,4 +1,4 @@
-//! Opening a database for writing beside a running server: tokens are issued and revoked while it serves.
+//! Opening a database for writing beside a running server: used to issue and revoke tokens while it serves.
 
 use std::{path::Path, time::Duration};
 
@@ -10,15 +10,15 @@ use super::{
 };
 use crate::error::{Error, Result};
 
-/// A server that has just started may still be migrating: so long it is waited for.
+/// Longest wait for a server that has just started and may still be migrating.
 const STARTING: Duration = Duration::from_secs(10);
 const POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 impl Store {
-    /// Opens a database that a server may have open. It is not migrated: that would change it under that server.
+    /// Opens a database that a server may have open. The database is not migrated, because the server uses its schema.
     ///
     /// # Errors
-    /// Precondition when it is not there, or is of another version than this program.
+    /// Precondition when the database is missing, or has another schema version than this program.
     pub(crate) async fn open_shared(path: &Path) -> Result<Self> {
         let unusable =
             |problem: String| Error::precondition(format!("cannot use the database {}: {problem}", path.display()));

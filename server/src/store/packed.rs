@@ -1,4 +1,4 @@
-//! Arrays packed into blobs: little-endian values one after the other, one entry a step.
+//! Arrays packed into blobs: little-endian values in sequence, one entry for each step.
 
 use crate::error::{Error, Result};
 

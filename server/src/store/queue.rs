@@ -1,4 +1,4 @@
-//! State changes of jobs: claimed, ended, cancelled. Each one checks `JobState::may_become`.
+//! Changes of jobs' states: claimed, ended, cancelled. Each one checks `JobState::may_become`.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -13,10 +13,10 @@ use crate::{
     error::{Error, Result},
 };
 
-/// A job that moved, and the blob that its row no longer names.
+/// A job whose state changed, and the blob that its row no longer names.
 #[derive(Debug)]
 pub(crate) struct Moved {
-    /// The job as it is now.
+    /// The job after the change.
     pub(crate) job: Job,
     /// Its previous checkpoint, if it is no longer needed.
     pub(crate) dropped: Option<BlobId>,
@@ -47,7 +47,7 @@ impl Store {
         Ok(job)
     }
 
-    /// The job of a running attempt; `None` when that attempt is over or never was.
+    /// The job of a running attempt; `None` for an attempt that has ended or is unknown.
     pub(crate) async fn attempted(&self, attempt: &Attempt) -> Result<Option<Job>> {
         let running: bool = sqlx::query_scalar(
             "select exists (select 1 from jobs where id = ? and token_hash = ? and state = 'running')",
@@ -60,7 +60,7 @@ impl Store {
         if running { self.job(&attempt.job_id).await.map(Some) } else { Ok(None) }
     }
 
-    /// Ends an attempt without a result. `None` when it was over already.
+    /// Ends an attempt without a result. `None` when it had already ended.
     pub(crate) async fn end_attempt(&self, attempt: &Attempt, end: &AttemptEnd) -> Result<Option<Moved>> {
         let mut tx = self.write().await?;
         let Some(job) = running(&mut tx, attempt).await? else { return Ok(None) };
@@ -120,10 +120,10 @@ impl Store {
         Ok(moved)
     }
 
-    /// Names the blob to resume from; the answer is the blob it named until now.
+    /// Names the blob to resume from; returns the blob that was named before.
     ///
     /// # Errors
-    /// Precondition when the attempt is over.
+    /// Precondition when the attempt has ended.
     pub(crate) async fn save_checkpoint(&self, attempt: &Attempt, step: u64, blob: &BlobId) -> Result<Option<BlobId>> {
         let mut tx = self.write().await?;
         let job = running(&mut tx, attempt).await?.ok_or_else(attempt_is_over)?;
@@ -155,7 +155,7 @@ impl Store {
     }
 }
 
-/// The error of a worker whose attempt is over.
+/// The error of a worker whose attempt has ended.
 pub(super) fn attempt_is_over() -> Error {
     Error::precondition("this attempt of the job is over")
 }
@@ -172,8 +172,8 @@ pub(super) async fn running(tx: &mut Transaction<'_, Sqlite>, attempt: &Attempt)
     if held.is_some() { by_id(tx, &attempt.job_id).await } else { Ok(None) }
 }
 
-/// Moves a job to `next`. Its worker's reports are refused afterwards; if it has ended, its checkpoint is dropped, and
-/// the jobs that wait for a failed result end, too.
+/// Changes a job's state to `next`. Its worker's reports are rejected afterwards; if it has ended, its checkpoint is
+/// dropped, and the jobs that wait for a failed result end too.
 pub(super) async fn advance(
     tx: &mut Transaction<'_, Sqlite>,
     job: &Job,
@@ -204,7 +204,7 @@ pub(super) async fn advance(
     Ok(Moved { job: reread(tx, &job.id).await?, dropped: job.checkpoint.clone().filter(|_| ended) })
 }
 
-/// Ends every queued job that waits, directly or not, for a job that will give no result.
+/// Ends every queued job that waits, directly or not, for a job without a result.
 async fn drop_dependents(tx: &mut Transaction<'_, Sqlite>, id: &JobId, state: JobState) -> Result<()> {
     let (message, error) = match state {
         JobState::Failed => ("failed", format!("{id}, which this job waits for, failed")),

@@ -11,12 +11,12 @@ use tempfile::TempDir;
 use super::{MIGRATIONS, Store, check_version, fault};
 use crate::error::{Error, Kind, Result};
 
-/// A database that is not written.
+/// A database that is only read.
 #[derive(Debug)]
 pub(crate) struct ReadOnlyDatabase {
-    /// For reading; every write is refused.
+    /// For reading; every write is rejected.
     pub(crate) store: Store,
-    /// The newest migration it has.
+    /// The newest migration in the database.
     pub(crate) schema: i64,
     /// The folder of a migrated copy of an older database.
     _copy: Option<TempDir>,
@@ -27,7 +27,7 @@ pub(crate) fn newest_schema() -> i64 {
     MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or_default()
 }
 
-/// Refuses a database migrated by a newer program; returns its newest migration, 0 for none.
+/// Rejects a database migrated by a newer program; returns its newest migration, 0 for none.
 pub(super) async fn known_schema(pool: &SqlitePool, path: &Path) -> Result<i64> {
     let there: bool = sqlx::query_scalar("select exists (select 1 from sqlite_master where name = '_sqlx_migrations')")
         .fetch_one(pool)
@@ -96,8 +96,8 @@ impl ReadOnlyDatabase {
 }
 
 impl Store {
-    /// Copies the database at `from`, of whatever schema, to a new file at `to`, without open uploads, whose files are
-    /// not copied.
+    /// Copies the database at `from`, of any schema, to a new file at `to`, without open uploads, whose files are not
+    /// copied.
     ///
     /// # Errors
     /// As for [`ReadOnlyDatabase::open`] and [`Store::copy_to`].
@@ -115,10 +115,10 @@ impl Store {
         Ok(())
     }
 
-    /// Writes the database at one moment to a new, self-contained file, beside concurrent readers and writers.
+    /// Writes the database at one moment to a new, self-contained file, while others read and write.
     ///
-    /// `VACUUM INTO` reads in one transaction, which in WAL mode blocks no other. SQLite's backup API starts again
-    /// whenever another process has written, so that a busy server could prevent a backup from ever ending.
+    /// `VACUUM INTO` reads in one transaction, which in WAL mode does not block others. SQLite's backup API starts
+    /// again whenever another process has written, so a busy server could keep a backup from ever ending.
     ///
     /// # Errors
     /// Exhausted when the disk is full; Internal when the database is damaged or the file exists already.

@@ -1,10 +1,10 @@
 //! Conversions from columns: words, ids, counts and packed arrays to domain values.
 //!
-//! An unreadable row is our fault, never the caller's.
+//! An unreadable row is a fault of the server, never of the caller.
 
 use crate::error::{Error, Result};
 
-/// Reads a column that must hold one of our words or ids.
+/// Reads a column that must contain a known word or id.
 pub(super) fn parsed<T>(column: &str, value: Option<T>) -> Result<T> {
     value.ok_or_else(|| Error::internal(format!("reading the column {column}"), "the value is not one of ours"))
 }
@@ -14,12 +14,12 @@ pub(super) fn id<T: TryFrom<String, Error = String>>(column: &str, text: String)
     T::try_from(text).map_err(|problem| Error::internal(format!("reading the column {column}"), problem))
 }
 
-/// Reads a column that counts something.
+/// Reads a column with a count.
 pub(super) fn count(column: &str, value: i64) -> Result<u64> {
     parsed(column, u64::try_from(value).ok())
 }
 
-/// Makes a count fit a column.
+/// Converts a count to a column's type.
 pub(super) fn stored(value: u64) -> i64 {
     i64::try_from(value).unwrap_or(i64::MAX)
 }

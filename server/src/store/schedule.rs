@@ -1,4 +1,4 @@
-//! Rows of schedules, and how many episodes were labelled since each last started.
+//! Rows of schedules, and the number of episodes labelled since each last started.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -57,7 +57,7 @@ impl ScheduleRow {
             next_run_at: self.next_run_at.map(Millis),
             last_run_at: self.last_run_at.map(Millis),
             label_mark: self.label_mark,
-            // Counting continues while it is paused, but that count is dropped.
+            // Labels are also counted during a pause, but that count is dropped.
             labelled_since: if self.paused { 0 } else { self.labelled_since },
             last_error: self.last_error,
         })
@@ -65,7 +65,7 @@ impl ScheduleRow {
 }
 
 impl Store {
-    /// Keeps a new schedule; labels given until now do not count.
+    /// Stores a new schedule; labels before it are not counted.
     ///
     /// # Errors
     /// Exists when the task has a schedule of this name.
@@ -127,7 +127,7 @@ impl Store {
         rows.into_iter().map(ScheduleRow::read).collect()
     }
 
-    /// The newest label there is.
+    /// The number of the newest label.
     pub(crate) async fn newest_label(&self) -> Result<i64> {
         sqlx::query_scalar("select coalesce(max(id), 0) from labels")
             .fetch_one(self.read())
@@ -160,7 +160,7 @@ impl Store {
         self.schedule(id).await
     }
 
-    /// Notes why a schedule could not start, and when cron tries again.
+    /// Stores the reason why a schedule could not start, and when cron tries again.
     pub(crate) async fn schedule_failed(
         &self,
         id: &ScheduleId,
@@ -194,7 +194,7 @@ impl Store {
     }
 }
 
-/// Moves a schedule on because it has started.
+/// Stores the state of a schedule after its start.
 pub(super) async fn started(tx: &mut Transaction<'_, Sqlite>, start: &ScheduleStart) -> Result<()> {
     sqlx::query("update schedules set last_run_at = ?, next_run_at = ?, label_mark = ?, last_error = '' where id = ?")
         .bind(start.at.0)

@@ -1,4 +1,4 @@
-//! Score runs and the scores themselves: one row an episode, arrays packed.
+//! Score runs and their scores: one row for each episode, arrays packed.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -192,7 +192,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn run_counts(&self, run: &ScoreRun) -> Result<RunCounts> {
-        // The length of a blob is in its row's header: no array is read.
+        // The length of a blob is in its row's header, so no array is read.
         let (episodes, segments): (i64, i64) = sqlx::query_as(
             "select count(*), coalesce(sum(length(q)) / 4, 0) from episode_scores \
              where score_run_id = ? and role = 'imperfect'",
@@ -201,7 +201,7 @@ impl Store {
         .fetch_one(self.read())
         .await
         .map_err(fault("counting a run's segments"))?;
-        // Not from the scores: a single expert has none, for an episode never matches itself.
+        // Not counted from the scores: a single expert has none, because an episode never matches itself.
         let experts: i64 = sqlx::query_scalar(
             "select coalesce(sum(steps), 0) from snapshot_episodes join episodes on episodes.id = episode_id \
              where snapshot_id = ? and role = 'expert'",

@@ -52,7 +52,7 @@ impl Store {
         rows.into_iter().map(read).collect()
     }
 
-    /// Has the sidecars of these episodes written again.
+    /// Queues the sidecars of these episodes to be written again.
     pub(crate) async fn queue_sidecars(&self, ids: &[EpisodeId]) -> Result<()> {
         let mut tx = self.write().await?;
         for id in ids {
@@ -65,14 +65,15 @@ impl Store {
         self.commit(tx).await
     }
 
-    /// Accepts the existing sidecars as they are, until a row changes.
+    /// Accepts the existing sidecars unchanged, until a row changes.
     pub(crate) async fn forget_queued_sidecars(&self) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("delete from sidecar_queue").execute(&mut *tx).await.map_err(fault("keeping the sidecars"))?;
         self.commit(tx).await
     }
 
-    /// These rows' sidecars are on disk as the rows were when they were listed.
+    /// Removes rows from the queue: their sidecars are on disk with the content that the rows had when they were
+    /// listed.
     pub(crate) async fn note_described(&self, rows: &[Undescribed]) -> Result<()> {
         let mut tx = self.write().await?;
         for row in rows {
@@ -146,7 +147,7 @@ impl Store {
         Ok((task.id.clone(), true))
     }
 
-    /// Updates an episode's label and its place in the trash from its sidecar; true when either differed.
+    /// Updates an episode's label and its presence in the trash from its sidecar; true when either differed.
     pub(crate) async fn update_episode(&self, described: &Recording) -> Result<bool> {
         let mut tx = self.write().await?;
         let Some(mut episode) = episode::by_id(&mut tx, &described.episode.id).await? else { return Ok(false) };
@@ -156,7 +157,7 @@ impl Store {
             return Ok(false);
         }
         (episode.outcome, episode.cohort) = (described.episode.outcome, described.episode.cohort.clone());
-        // Its days in the trash start again.
+        // The retention time in the trash starts again.
         let deleted_at = described.episode.deleted_at.map(|_| Millis::now().0);
         sqlx::query("update episodes set outcome = ?, cohort = ?, deleted_at = ?, delete_forced = 0 where id = ?")
             .bind(episode.outcome.as_str())
@@ -173,11 +174,11 @@ impl Store {
         Ok(true)
     }
 
-    /// Makes the row of an episode again, with its present label as its first one; false when the database has it, or
+    /// Restores the row of an episode, with its present label as its first one; false when the database has the row, or
     /// its task has the recording as another episode.
     ///
     /// # Errors
-    /// NotFound when its task is not there.
+    /// NotFound when its task does not exist.
     pub(crate) async fn restore_episode(&self, described: Recording) -> Result<bool> {
         self.task_by_id(&described.episode.task_id).await?;
         let mut tx = self.write().await?;
@@ -199,7 +200,7 @@ impl Store {
         let inspected = InspectedEpisode { episode, report };
         episode::insert(&mut tx, &inspected, &author).await?;
         if let Some(deleted_at) = deleted_at {
-            // Its days in the trash start again: how long it was there is unknown.
+            // The retention time in the trash starts again, because the time spent there is unknown.
             sqlx::query("update episodes set deleted_at = ? where id = ?")
                 .bind(deleted_at.0.max(Millis::now().0))
                 .bind(inspected.episode.id.as_str())

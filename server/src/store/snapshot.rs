@@ -141,7 +141,7 @@ impl Store {
         rows.into_iter().map(SnapshotRow::read).collect()
     }
 
-    /// The episodes of a snapshot in its order, each with its role and with outcome and cohort as they were then.
+    /// The episodes of a snapshot in its order, each with its role and with its outcome and cohort at that time.
     ///
     /// # Errors
     /// NotFound; Precondition when a recording was deleted for good.
@@ -167,7 +167,8 @@ impl Store {
 
 /// The task's episodes selected by the rule, with their outcomes.
 ///
-/// Ordered by content and not by arrival: the trained model depends on the order, and concurrent pushes arrive in any.
+/// Ordered by content, not by arrival: the trained model depends on the order, and concurrent uploads arrive in any
+/// order.
 async fn members_now(
     tx: &mut Transaction<'_, Sqlite>,
     task: &TaskId,

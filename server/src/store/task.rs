@@ -80,7 +80,7 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn task(&self, name_or_id: &str) -> Result<Task> {
-        // An id wins, should a task be named like another one's id.
+        // An id takes precedence over a task with that name.
         sqlx::query_as::<_, TaskRow>(
             "select id, spec, created_at from tasks where id = ?1 or name = ?1 order by id = ?1 desc limit 1",
         )
@@ -106,7 +106,7 @@ impl Store {
             .read()
     }
 
-    /// Every task with its episodes counted, oldest first.
+    /// Every task with the counts of its episodes, oldest first.
     pub(crate) async fn tasks(&self) -> Result<Vec<(Task, OutcomeCounts)>> {
         sqlx::query_as::<_, CountedRow>(
             "select tasks.id, spec, tasks.created_at, \

@@ -16,10 +16,10 @@ use crate::domain::{
     time::Millis,
 };
 
-/// Makes contents differ.
+/// A counter that makes contents differ.
 static CONTENT: AtomicU64 = AtomicU64::new(0);
 
-/// A fresh database; it is gone with the folder.
+/// A fresh database, removed with the folder.
 pub(crate) async fn store() -> (TempDir, Store) {
     let dir = tempfile::tempdir().unwrap();
     let store = Store::open(&dir.path().join("gleaner.db")).await.unwrap();
@@ -82,7 +82,7 @@ pub(crate) fn inspected(task: &Task, upload: &Upload) -> InspectedEpisode {
     InspectedEpisode { episode, report: Report { steps: 20, mapping: "plain".into(), ..Report::default() } }
 }
 
-/// A stored episode of 20 steps with content of its own (rows only, no blob).
+/// A stored episode of 20 steps with unique content (rows only, no blob).
 pub(crate) async fn episode(store: &Store, task: &Task, outcome: Outcome, cohort: &str) -> Episode {
     let content = format!("recording {}", CONTENT.fetch_add(1, Ordering::Relaxed));
     let upload = Upload { outcome, cohort: cohort.to_owned(), ..upload(task, content.as_bytes()) };

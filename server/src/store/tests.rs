@@ -1,4 +1,4 @@
-//! A database of an earlier version is brought up to date with every row it had.
+//! A database of an earlier version is migrated with every row it had.
 
 mod course;
 mod pages;

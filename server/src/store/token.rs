@@ -1,4 +1,4 @@
-//! Rows of tokens. The token itself is never here, only its hash.
+//! Rows of tokens. Only the hash of a token is stored.
 
 use super::{Store, fault, is_duplicate, row};
 use crate::{
@@ -43,7 +43,7 @@ impl TokenRow {
 }
 
 impl Store {
-    /// Keeps a new token by its hash.
+    /// Stores a new token by its hash.
     ///
     /// # Errors
     /// Exists when a live token has the name.
@@ -70,7 +70,7 @@ impl Store {
         self.commit(tx).await
     }
 
-    /// Every token there ever was with its hash, oldest first.
+    /// Every token ever issued, with its hash, oldest first.
     pub(crate) async fn tokens(&self) -> Result<Vec<(String, Token)>> {
         let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
         query.push("order by id");
@@ -79,7 +79,7 @@ impl Store {
         rows.into_iter().map(TokenRow::read).collect()
     }
 
-    /// Ends a token, found by its id or by the name of a live one. Ended twice, it stays as it ended first.
+    /// Revokes a token, found by its id or by the name of a live one. A second call does not change the time.
     ///
     /// # Errors
     /// NotFound.
@@ -105,7 +105,7 @@ impl Store {
         Ok(token)
     }
 
-    /// Notes that a token was used.
+    /// Records a use of a token.
     pub(crate) async fn token_used(&self, id: &TokenId, at: Millis) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("update tokens set last_used_at = max(coalesce(last_used_at, 0), ?) where id = ?")

@@ -1,4 +1,4 @@
-//! Episodes that are deleted: into the trash, back from it, and out of it for good.
+//! Deleted episodes: moved into the trash, restored from it, and removed for good.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -15,20 +15,20 @@ use crate::{
 /// The counts of a sweep of the trash.
 #[derive(Debug, Default)]
 pub(crate) struct Swept {
-    /// Episodes that are gone with their rows.
+    /// Episodes that are removed with their rows.
     pub(crate) removed: u64,
-    /// Episodes whose recordings are removed; snapshots hold their rows.
+    /// Episodes whose recordings are removed; snapshots keep their rows.
     pub(crate) purged: u64,
     /// Their ids and recordings, which no other row may need any more.
     pub(crate) episodes: Vec<(EpisodeId, BlobId)>,
 }
 
 impl Store {
-    /// Moves all these episodes to the trash or, if one must stay, none. The result is in the order of `ids`. An
+    /// Moves all these episodes to the trash, or none if one of them must stay. The result is in the order of `ids`. An
     /// episode already in the trash keeps its date.
     ///
     /// # Errors
-    /// NotFound names the first unknown episode; Precondition the first that a snapshot holds, unless `force`.
+    /// NotFound names the first unknown episode; Precondition the first that a snapshot contains, unless `force`.
     pub(crate) async fn delete_episodes(&self, ids: &[EpisodeId], force: bool) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let mut deleted = Vec::with_capacity(ids.len());
@@ -54,10 +54,10 @@ impl Store {
         Ok(deleted)
     }
 
-    /// Takes all these episodes out of the trash, or none. One that is not in it stays as it is.
+    /// Takes all these episodes out of the trash, or none. An episode outside the trash is left unchanged.
     ///
     /// # Errors
-    /// NotFound names the first that is unknown or gone for good.
+    /// NotFound names the first that is unknown or deleted for good.
     pub(crate) async fn undelete_episodes(&self, ids: &[EpisodeId]) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let mut back = Vec::with_capacity(ids.len());
@@ -76,8 +76,8 @@ impl Store {
         Ok(back)
     }
 
-    /// Removes for good what was moved to the trash before `time`. An episode held by a snapshot keeps its row, and is
-    /// removed only if it was deleted by force and no job of its task is running.
+    /// Removes for good the episodes that were moved to the trash before `time`. An episode in a snapshot keeps its
+    /// row, and is removed only if it was deleted by force and no job of its task is running.
     pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
         let mut tx = self.write().await?;
         let gone: Vec<(String, String)> = sqlx::query_as(
@@ -94,7 +94,7 @@ impl Store {
                 sqlx::query(query).bind(id).execute(&mut *tx).await.map_err(fault("emptying the trash"))?;
             }
         }
-        // The newest labels may have gone, and their numbers are given again.
+        // The newest labels may have been removed, and their numbers are used again.
         sqlx::query("update schedules set label_mark = min(label_mark, (select coalesce(max(id), 0) from labels))")
             .execute(&mut *tx)
             .await
@@ -118,7 +118,7 @@ impl Store {
         Ok(Swept { removed, purged: counted, episodes })
     }
 
-    /// Refuses a snapshot with a removed recording: it can no longer be trained on.
+    /// Rejects a snapshot with a removed recording: it can no longer be trained on.
     ///
     /// # Errors
     /// Precondition.
@@ -150,7 +150,7 @@ impl Store {
     }
 }
 
-/// Refuses when snapshots or results need the episode, and names them.
+/// Rejects the deletion when snapshots or results need the episode, and names them.
 async fn refuse_if_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<()> {
     let (snapshots, first): (i64, Option<String>) =
         sqlx::query_as("select count(*), min(snapshot_id) from snapshot_episodes where episode_id = ?")

@@ -49,7 +49,7 @@ impl Store {
     /// Opens an upload, unless its client has `most` open already; returns whether it was opened. `None`: no limit.
     pub(crate) async fn insert_upload(&self, upload: &Upload, most: Option<u64>) -> Result<bool> {
         let mut tx = self.write().await?;
-        // Counted and inserted in one statement: concurrent starts cannot pass the limit together.
+        // Counted and inserted in one statement, so that concurrent calls cannot exceed the limit together.
         let inserted = sqlx::query(
             "insert into uploads (id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author, \
                  client, created_at) select ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11 \
@@ -105,7 +105,7 @@ impl Store {
         rows.into_iter().map(UploadRow::read).collect()
     }
 
-    /// Raises an upload's committed size; it never falls. Call it once the bytes are synced.
+    /// Raises an upload's committed size; it never falls. Must be called after the bytes are synced.
     ///
     /// # Errors
     /// NotFound when the upload is not open any more.
@@ -142,7 +142,7 @@ impl Store {
     }
 
     /// Ends an upload: in one transaction its row is removed and the episode becomes visible. When the same content has
-    /// become visible meanwhile, that episode is returned, whatever its label.
+    /// become visible in the meantime, that episode is returned, whatever its label.
     pub(crate) async fn finish_upload(&self, upload: &Upload, inspected: &InspectedEpisode) -> Result<Episode> {
         let mut tx = self.write().await?;
         delete(&mut tx, &upload.id).await?;

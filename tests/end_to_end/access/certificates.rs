@@ -1,21 +1,23 @@
-//! Certificates of `gleaner-server tls`, with a real server and the `gleaner` command; and what the command says when
+//! Certificates of `gleaner-server tls` with a real server and the `gleaner` command, and the errors of the command when
 //! server and client do not trust each other or do not both encrypt.
 
-use std::{path::PathBuf, process::Stdio, time::Duration};
+use std::{path::PathBuf, time::Duration};
 
 use rcgen::{CertificateParams, CertifiedIssuer, KeyPair, date_time_ymd};
 use tempfile::TempDir;
-use tokio::process::{Child, Command};
 
-use super::{PATIENCE, guarded::authority};
-use crate::server::listening;
+use crate::support::{
+    command,
+    process::{GLEANER, Running, Signal, signal},
+    secure::authority,
+    server::serve,
+    wait::within,
+};
 
-const SERVER: &str = env!("CARGO_BIN_EXE_gleaner-server-under-test");
-const GLEANER: &str = env!("CARGO_BIN_EXE_gleaner-under-test");
-/// A refusal comes within this time; it takes milliseconds.
+/// The longest time to an error, which takes milliseconds.
 const AT_ONCE: Duration = Duration::from_secs(10);
 
-/// A folder with certificates, and servers over it.
+/// A data folder with certificates.
 struct Lab(TempDir);
 
 impl Lab {
@@ -25,34 +27,27 @@ impl Lab {
         lab
     }
 
-    async fn tls(&self, words: &[&str]) -> String {
-        let output =
-            Command::new(SERVER).arg("tls").args(words).arg("--data-dir").arg(self.0.path()).output().await.unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-        String::from_utf8(output.stdout).unwrap()
+    async fn tls(&self, words: &[&str]) {
+        let (success, text) = command::server_text(&[&["tls"], words].concat(), self.0.path()).await;
+        assert!(success, "{text}");
     }
 
     fn file(&self, name: &str) -> String {
         self.0.path().join("tls").join(name).to_str().unwrap().to_owned()
     }
 
-    /// Starts a server with these flags; its address without the scheme.
-    async fn serve(&self, flags: &[&str]) -> (Child, String) {
-        let mut child = Command::new(SERVER)
-            .args(["serve", "--listen", "127.0.0.1:0", "--workers", "0", "--data-dir"])
-            .arg(self.0.path())
-            .args(flags)
-            .stdout(Stdio::piped())
-            .stderr(std::fs::File::create(self.log()).unwrap())
-            .kill_on_drop(true)
-            .spawn()
-            .unwrap();
-        let (url, _) = listening(&mut child).await.expect("the server ended before it listened");
-        let (_, address) = url.split_once("://").unwrap();
-        (child, address.to_owned())
+    /// Starts a server with these flags; returns it with its address without the scheme.
+    async fn serve(&self, flags: &[&str]) -> (Running, String) {
+        let flags = [&["--workers", "0"], flags].concat();
+        let mut command = serve(self.0.path(), &flags, "127.0.0.1:0");
+        command.env("GLEANER_LOG", "info");
+        let server = Running::start(command.stderr(std::fs::File::create(self.log()).unwrap())).await;
+        let (_, address) = server.url.split_once("://").unwrap();
+        let address = address.to_owned();
+        (server, address)
     }
 
-    async fn serve_encrypted(&self, flags: &[&str]) -> (Child, String) {
+    async fn serve_encrypted(&self, flags: &[&str]) -> (Running, String) {
         let (cert, key) = (self.file("server.pem"), self.file("server.key"));
         self.serve(&[&["--tls-cert", &cert, "--tls-key", &key], flags].concat()).await
     }
@@ -62,18 +57,18 @@ impl Lab {
     }
 }
 
-/// `gleaner task list` with these flags; its errors, empty when it went well.
+/// `gleaner task list` with these flags; returns its errors, which are empty on success.
 async fn list(flags: &[&str]) -> String {
-    let command =
-        Command::new(GLEANER).args(flags).args(["task", "list"]).stdin(Stdio::null()).kill_on_drop(true).output();
-    let output = tokio::time::timeout(AT_ONCE, command).await.expect("the command does not end").unwrap();
-    if output.status.success() { String::new() } else { String::from_utf8(output.stderr).unwrap() }
+    let mut command = tokio::process::Command::new(GLEANER);
+    let command = command::run(command.args(flags).args(["task", "list"]));
+    let output = tokio::time::timeout(AT_ONCE, command).await.expect("the command does not end");
+    if output.success { String::new() } else { output.errors }
 }
 
 #[tokio::test]
-async fn the_command_line_accepts_the_servers_certificate_also_once_it_is_renewed() {
+async fn command_line_accepts_a_renewed_server_certificate() {
     let lab = Lab::new().await;
-    let (child, address) = lab.serve_encrypted(&[]).await;
+    let (running, address) = lab.serve_encrypted(&[]).await;
     let port = address.rsplit(':').next().unwrap();
     let (ca, first) = (lab.file("ca.pem"), std::fs::read(lab.file("server.pem")).unwrap());
     for host in ["127.0.0.1", "localhost"] {
@@ -82,22 +77,21 @@ async fn the_command_line_accepts_the_servers_certificate_also_once_it_is_renewe
 
     lab.tls(&["renew"]).await;
     assert_ne!(std::fs::read(lab.file("server.pem")).unwrap(), first);
-    let pid = rustix::process::Pid::from_raw(child.id().unwrap().try_into().unwrap()).unwrap();
-    rustix::process::kill_process(pid, rustix::process::Signal::HUP).unwrap();
+    signal(running.pid(), Signal::HUP);
     let server = format!("https://{address}");
-    let read_again = async {
+    let reloaded = async {
         while !std::fs::read_to_string(lab.log()).unwrap().contains("the certificate was read again") {
             assert_eq!(list(&["--server", &server, "--ca", &ca]).await, "");
         }
     };
-    tokio::time::timeout(PATIENCE, read_again).await.unwrap();
+    within("the certificate is reloaded", reloaded).await;
     assert_eq!(list(&["--server", &server, "--ca", &ca]).await, "");
     let log = std::fs::read_to_string(lab.log()).unwrap();
-    assert!(!log.contains("the server's certificate"), "nothing is wrong with it: {log}");
+    assert!(!log.contains("the server's certificate"), "an unexpected warning: {log}");
 }
 
 #[tokio::test]
-async fn a_client_certificate_lets_the_command_line_in_and_its_lack_is_said() {
+async fn missing_client_certificate_is_named_in_the_error() {
     let lab = Lab::new().await;
     lab.tls(&["client", "arm1"]).await;
     let ca = lab.file("ca.pem");
@@ -105,18 +99,18 @@ async fn a_client_certificate_lets_the_command_line_in_and_its_lack_is_said() {
     let server = format!("https://{address}");
     let (cert, key) = (lab.file("client-arm1.pem"), lab.file("client-arm1.key"));
     assert_eq!(list(&["--server", &server, "--ca", &ca, "--client-cert", &cert, "--client-key", &key]).await, "");
-    let said = list(&["--server", &server, "--ca", &ca]).await;
-    assert!(said.contains("--client-cert"), "{said}");
+    let text = list(&["--server", &server, "--ca", &ca]).await;
+    assert!(text.contains("--client-cert"), "{text}");
 }
 
 #[tokio::test]
-async fn a_handshake_that_fails_ends_at_once_with_its_reason_and_the_fix() {
-    let (lab, stranger) = (Lab::new().await, Lab::new().await);
+async fn failed_handshake_ends_at_once_with_reason_and_fix() {
+    let (lab, other) = (Lab::new().await, Lab::new().await);
     let (_encrypted, address) = lab.serve_encrypted(&[]).await;
-    let (_plain, plain) = stranger.serve(&[]).await;
+    let (_plain, plain) = other.serve(&[]).await;
     let ca = lab.file("ca.pem");
     for (flags, part) in [
-        (vec!["--server", "https://@", "--ca", "stranger"], "--ca"),
+        (vec!["--server", "https://@", "--ca", "other"], "--ca"),
         (vec!["--server", "https://@"], "--ca"),
         (vec!["--server", "http://@"], "https://"),
         (vec!["--server", "https://plain", "--ca", "own"], "http://"),
@@ -124,19 +118,19 @@ async fn a_handshake_that_fails_ends_at_once_with_its_reason_and_the_fix() {
         let flags: Vec<String> = flags
             .into_iter()
             .map(|flag| match flag {
-                "stranger" => stranger.file("ca.pem"),
+                "other" => other.file("ca.pem"),
                 "own" => ca.clone(),
                 flag => flag.replace('@', &address).replace("plain", &plain),
             })
             .collect();
         let flags: Vec<&str> = flags.iter().map(String::as_str).collect();
-        let said = list(&flags).await;
-        assert!(said.starts_with("error: ") && said.contains(part), "{flags:?}: {said}");
+        let text = list(&flags).await;
+        assert!(text.starts_with("error: ") && text.contains(part), "{flags:?}: {text}");
     }
 }
 
 #[tokio::test]
-async fn certificates_for_other_names_or_times_are_refused_with_the_fix_and_the_server_warns_of_them() {
+async fn certificate_for_another_name_or_time_is_rejected_with_the_fix() {
     let lab = Lab::new().await;
     let authority = authority();
     std::fs::write(lab.file("other-ca.pem"), authority.pem()).unwrap();
@@ -159,14 +153,14 @@ async fn certificates_for_other_names_or_times_are_refused_with_the_fix_and_the_
     for (name, change, part, warning) in cases {
         issue(&lab, &authority, name, change);
         let (_child, address) = lab.serve_encrypted(&[]).await;
-        let said = list(&["--server", &format!("https://{address}"), "--ca", &lab.file("other-ca.pem")]).await;
-        assert!(said.starts_with("error: ") && said.contains(part), "{said}");
+        let text = list(&["--server", &format!("https://{address}"), "--ca", &lab.file("other-ca.pem")]).await;
+        assert!(text.starts_with("error: ") && text.contains(part), "{text}");
         let log = std::fs::read_to_string(lab.log()).unwrap();
         assert!(warning.is_none_or(|warning| log.contains(warning)), "{log}");
     }
 }
 
-/// Puts a certificate of another authority in place of the server's.
+/// Replaces the server's certificate by one of another authority.
 fn issue(lab: &Lab, authority: &CertifiedIssuer<'static, KeyPair>, name: &str, change: fn(&mut CertificateParams)) {
     let mut params = CertificateParams::new(vec![name.to_owned()]).unwrap();
     change(&mut params);

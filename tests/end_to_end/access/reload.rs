@@ -1,39 +1,38 @@
-//! SIGHUP: the certificate is read again, and without one nothing happens.
+//! SIGHUP reloads the certificate, and has no effect on a server without one.
 
 use gleaner_proto::v1::ListTasksRequest;
 
-use super::{PATIENCE, guarded::Guarded, list};
-use crate::{api::Api, server::TestServer};
-
-const READ_AGAIN: &str = "the certificate was read again";
+use super::list;
+use crate::support::{
+    lab,
+    process::{Signal, signal},
+    secure::SecureServer,
+    wait::until,
+};
 
 #[tokio::test]
-async fn at_a_hangup_the_certificate_is_read_again_and_a_renewed_one_is_served() {
-    let mut server = Guarded::start(&["--workers", "0"], &[]).await;
+async fn sighup_reloads_the_certificate() {
+    let mut server = SecureServer::start(&["--workers", "0"], &[]).await;
     let viewer = server.token("viewer", &[]).await;
     let open = server.client(Some(&viewer)).await;
-    // Not a file has changed.
+    // The files are unchanged.
     server.hang_up();
-    let read = async {
-        while !server.log().contains(READ_AGAIN) {
-            list(&open).await;
-        }
-    };
-    tokio::time::timeout(PATIENCE, read).await.unwrap();
+    until("the certificate is reloaded", async || {
+        list(&open).await;
+        server.log().contains("the certificate was read again").then_some(())
+    })
+    .await;
 
     server.renew();
     server.hang_up();
-    let renewed = async { while server.connect(Some(&viewer)).await.is_err() {} };
-    tokio::time::timeout(PATIENCE, renewed).await.unwrap();
-    assert_eq!(list(&open).await, tonic::Code::Ok, "who was there goes on");
+    until("the new certificate is served", async || server.connect(Some(&viewer)).await.ok()).await;
+    assert_eq!(list(&open).await, tonic::Code::Ok, "the open connection continues");
 }
 
 #[tokio::test]
-async fn a_server_without_a_certificate_outlives_a_hangup() {
-    let mut server = TestServer::start_with(&["--workers", "0"]).await;
-    let mut api = Api::connect(&server).await;
-    let pid = rustix::process::Pid::from_raw(server.pid().try_into().unwrap()).unwrap();
-    rustix::process::kill_process(pid, rustix::process::Signal::HUP).unwrap();
+async fn sighup_does_not_end_a_server_without_a_certificate() {
+    let (mut server, mut api) = lab::idle().await;
+    signal(server.pid(), Signal::HUP);
     api.tasks.list_tasks(ListTasksRequest::default()).await.unwrap();
-    assert!(server.stop().await, "it was ended by the hangup");
+    assert!(server.stop().await, "SIGHUP ended the server");
 }

@@ -1,43 +1,44 @@
-//! Training that is killed over and over ends with the same weights, the same state of the optimiser and the same
-//! losses as training that never was.
+//! Training that is killed many times ends with the same weights, optimiser state and losses as uninterrupted training.
 
 use std::{collections::BTreeSet, path::Path, time::Duration};
 
 use gleaner_proto::v1::*;
 use rand::{RngExt as _, rngs::StdRng};
-use rustix::process::{Pid, Signal, kill_process};
 
-use super::{Settings, check};
-use crate::{api::Api, lab, server::TestServer};
+use crate::support::{
+    api::Api,
+    crash::{Settings, check},
+    files, lab,
+    server::TestServer,
+    wait::within,
+};
 
-/// Where a worker has done everything and told nobody: the last checkpoint, which holds the optimiser's state, is still
-/// there, and so is the result.
+/// The fail point between the end of a worker's job and its report: the last checkpoint, with the state of the optimiser,
+/// and the result both exist.
 const LAST_MOMENT: &str = "result.blob_kept";
 
-/// What a training job leaves.
+/// The files and metrics of a training job.
 #[derive(Debug, PartialEq)]
-struct Left {
-    /// The digests of its last checkpoint and of its result: weights, and the state of the optimiser. They are taken at
-    /// two moments, because the last checkpoint goes when the result is named.
+struct Trained {
+    /// The digests of its last checkpoint (weights and the state of the optimiser) and of its result. They are read at two
+    /// moments, because the checkpoint is removed once the result is committed.
     blobs: [BTreeSet<String>; 2],
     /// Every metric but the time a step took.
     metrics: Vec<(u64, String, u64)>,
 }
 
-/// Its blobs, beside those of the recordings.
+/// The digests' last parts of all blobs except those that existed before.
 fn blobs(data_dir: &Path, before: &BTreeSet<String>) -> BTreeSet<String> {
-    let names =
-        super::blob_files(data_dir).into_iter().map(|path| path.file_name().unwrap().to_str().unwrap().to_owned());
+    let names = files::blobs(data_dir).into_iter().map(|path| path.file_name().unwrap().to_str().unwrap().to_owned());
     let names: BTreeSet<String> = names.collect();
     names.difference(before).cloned().collect()
 }
 
-/// Those that a row names: after a kill, and for a moment after a job's end, a checkpoint may be left that is removed
-/// later.
+/// The blobs with a row: after a kill, and for a moment after the end of a job, a checkpoint without one may be left.
 async fn named(data_dir: &Path, before: &BTreeSet<String>) -> BTreeSet<String> {
-    let said = check::check_is_clean(data_dir).await;
+    let text = check::expect_sound(data_dir).await;
     let mut named = blobs(data_dir, before);
-    named.retain(|blob| !said.lines().any(|line| line.starts_with("note: blob ") && line.contains(blob)));
+    named.retain(|blob| !text.lines().any(|line| line.starts_with("note: blob ") && line.contains(blob)));
     named
 }
 
@@ -56,36 +57,36 @@ async fn submit(api: &mut Api, steps: u32) -> Job {
     let request = SubmitJobRequest {
         task: lab::TASK.into(),
         spec: Some(JobSpec { spec: Some(spec(steps)) }),
-        // Kills of the worker alone count.
+        // Kills of the worker alone count as attempts.
         max_attempts: Some(90),
         ..SubmitJobRequest::default()
     };
     api.jobs.submit_job(request).await.unwrap().into_inner().job.unwrap()
 }
 
-/// Lets the job run to its last moment, where the server dies with it, looks, and lets it end.
-async fn end(server: &mut TestServer, job: &str, before: &BTreeSet<String>) -> Left {
+/// Runs the job to its last fail point, where the server dies with it, then to its end.
+async fn end(server: &mut TestServer, job: &str, before: &BTreeSet<String>) -> Trained {
     assert!(server.start_where_it_was(Some(LAST_MOMENT)).await);
-    server.died().await;
+    server.ended().await;
     let checkpoint = named(server.data_dir(), before).await;
     assert!(server.start_where_it_was(None).await);
     let mut api = Api::connect(server).await;
     let ended = api.watch(job).await;
     assert_eq!(ended.state(), JobState::Succeeded, "{}", ended.error);
     let result = named(server.data_dir(), before).await;
-    Left { blobs: [checkpoint, result], metrics: metrics(&mut api, job).await }
+    Trained { blobs: [checkpoint, result], metrics: metrics(&mut api, job).await }
 }
 
-/// Waits until this life of the job is beyond a step, and follows it for a random moment longer: to anywhere in the steps
-/// after it, or in the writing of a checkpoint.
-async fn beyond(api: &mut Api, job: &str, step: u64, random: &mut StdRng) -> u64 {
+/// Waits until this attempt of the job has passed a step, and for a random time after it: into any later step, or into the
+/// write of a checkpoint.
+async fn pass_step(api: &mut Api, job: &str, step: u64, random: &mut StdRng) -> u64 {
     let request = WatchJobRequest { job_id: job.to_owned() };
     let mut events = api.jobs.watch_job(request).await.unwrap().into_inner();
     let mut reached = None;
     let watching = async {
         while let Some(event) = events.message().await.unwrap() {
             let newest = event.metrics.iter().map(|metric| metric.step).max().unwrap_or(0);
-            // What the first event says was said before this life.
+            // The first event repeats metrics of earlier attempts.
             let first = *reached.get_or_insert(newest);
             if newest > first && newest >= step {
                 return newest;
@@ -94,20 +95,18 @@ async fn beyond(api: &mut Api, job: &str, step: u64, random: &mut StdRng) -> u64
         }
         panic!("the job ended before its last kill");
     };
-    let newest = tokio::time::timeout(Duration::from_secs(240), watching).await.expect("the job took too long");
+    let newest = within("the job passes the step", watching).await;
     let moment = Duration::from_millis(random.random_range(0..120));
     let _ = tokio::time::timeout(moment, async { while let Ok(Some(_)) = events.message().await {} }).await;
     newest
 }
 
 #[tokio::test]
-async fn training_killed_at_random_steps_ends_as_if_it_never_was() {
+async fn killed_training_equals_uninterrupted_training() {
     let settings = Settings::read();
     let kills = settings.training_kills;
     let steps = u32::try_from(kills).unwrap() * 12 + 40;
-    let mut server = TestServer::start().await;
-    let mut api = Api::connect(&server).await;
-    lab::set_up(&mut api).await;
+    let (mut server, mut api, _) = lab::with_episodes(&[]).await;
     let recordings = blobs(server.data_dir(), &BTreeSet::new());
 
     let straight = api.succeed(lab::TASK, spec(steps)).await;
@@ -118,7 +117,7 @@ async fn training_killed_at_random_steps_ends_as_if_it_never_was() {
 
     assert!(server.start_where_it_was(Some(LAST_MOMENT)).await);
     let once = submit(&mut Api::connect(&server).await, steps).await;
-    server.died().await;
+    server.ended().await;
     let once = end(&mut server, &once.id, &recordings).await;
     let [checkpoint, again] = &once.blobs;
     assert_eq!(*again, result, "the same weights as without a crash");
@@ -131,14 +130,10 @@ async fn training_killed_at_random_steps_ends_as_if_it_never_was() {
     for kill in 0..kills {
         let step = 12 * kill as u64 + random.random_range(1..12);
         let mut api = Api::connect(&server).await;
-        killed_at.push(beyond(&mut api, &job.id, step, &mut random).await);
+        killed_at.push(pass_step(&mut api, &job.id, step, &mut random).await);
         // The worker alone, or the server and with it the worker.
         if kill % 2 == 0 {
-            for worker in server.workers() {
-                let pid = Pid::from_raw(i32::try_from(worker).unwrap()).unwrap();
-                // One that has ended by itself meanwhile is gone.
-                let _ = kill_process(pid, Signal::KILL);
-            }
+            server.kill_workers();
         } else {
             server.kill().await;
             assert!(server.start_where_it_was(None).await);

@@ -1,17 +1,15 @@
-//! A clock that jumps, seen from the server: everything that is dated in its folder becomes so much older at once.
+//! A clock that jumps ahead: every date in the data folder is suddenly older.
 
 use std::{path::Path, process::Command};
 
 use gleaner_proto::v1::*;
 
-use super::{
-    folder::{Folder, swept},
-    ids,
+use crate::support::{
+    api::Api,
+    data_folder::{UsedFolder, swept},
 };
-use crate::api::Api;
 
-/// Makes the folder as it would look to a server whose clock is forty days ahead. Without `jump` the database has seen
-/// those days pass.
+/// Makes every date of the folder forty days older. Without `jump`, the database has recorded that the days passed.
 fn age(data: &Path, jump: bool) {
     let seen = if jump { "seen_at - 40 * 86400000" } else { "seen_at" };
     let script = "import sqlite3, sys\n\
@@ -26,14 +24,13 @@ fn age(data: &Path, jump: bool) {
 }
 
 #[tokio::test]
-async fn forty_days_of_a_wrong_clock_empty_no_trash_and_forty_days_that_passed_do() {
+async fn clock_jump_empties_no_trash() {
     for jump in [true, false] {
-        let lab = Folder::used().await;
+        let lab = UsedFolder::copy().await;
         let mut server = swept(lab.path(), &["--workers", "0"]).await;
         let mut api = Api::connect(&server).await;
-        let deleted = ids(&mut api).await.remove(0);
-        let delete = DeleteEpisodesRequest { episode_ids: vec![deleted.clone()], force: false };
-        api.episodes.delete_episodes(delete).await.unwrap();
+        let deleted = api.episode_ids().await.remove(0);
+        api.delete(&deleted).await;
         assert!(server.stop().await);
         age(lab.path(), jump);
         lab.backdate();
@@ -43,8 +40,8 @@ async fn forty_days_of_a_wrong_clock_empty_no_trash_and_forty_days_that_passed_d
         let back = api.episodes.undelete_episodes(undelete).await;
         assert_eq!(back.is_ok(), jump, "{back:?}");
         if jump {
-            assert_eq!(ids(&mut api).await, lab.ids());
-            lab.nothing_is_lost();
+            assert_eq!(api.episode_ids().await, lab.ids());
+            lab.expect_all_recordings();
         }
     }
 }

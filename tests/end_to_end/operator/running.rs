@@ -1,18 +1,21 @@
-//! Slips under a running server: it notices at the next write, acknowledges nothing more and gives the reason.
+//! Mistakes under a running server: from the next write on, changes are rejected with the reason.
 
-use std::{fs, path::Path, time::Duration};
+use std::{fs, path::Path};
 
 use gleaner_proto::v1::*;
 use tonic::Code;
 
-use super::{folder::Folder, ids};
-use crate::{
+use crate::support::{
     api::Api,
+    data_folder::{UsedFolder, expect_rejected, swept},
+    errors::expect_error,
+    http,
     lab::{self, RECORDINGS},
     server::TestServer,
+    wait::{until, within},
 };
 
-/// A part of the refusal, and what is done to the folder.
+/// A part of the error, and the effect of a mistake on a folder.
 type Mistake = (&'static str, fn(&Path));
 
 const MISTAKES: [Mistake; 6] = [
@@ -28,81 +31,70 @@ const MISTAKES: [Mistake; 6] = [
 ];
 
 #[tokio::test]
-async fn nothing_is_acknowledged_once_the_folder_was_changed_under_the_server() {
+async fn changed_data_folder_stops_acknowledgements() {
     for (message, mistake) in MISTAKES {
-        let lab = Folder::used().await;
+        let lab = UsedFolder::copy().await;
         let server = TestServer::start_over(lab.path(), &["--workers", "0", "--web-listen", "127.0.0.1:0"]).await;
         let mut api = Api::connect(&server).await;
-        let before = ids(&mut api).await;
+        let before = api.episode_ids().await;
         mistake(lab.path());
-        let label = LabelEpisodesRequest {
-            episode_ids: vec![before[0].clone()],
-            outcome: Outcome::Unknown.into(),
-            ..Default::default()
-        };
-        let refused = api.episodes.label_episodes(label).await.unwrap_err();
-        assert_eq!(refused.code(), Code::FailedPrecondition, "{message}: {refused}");
-        assert!(refused.message().contains(message), "{message}: {refused}");
-        let refused = lab::push(&mut api, lab::TASK, &RECORDINGS[9]).await.unwrap_err();
-        assert!(refused.message().contains("no change is acknowledged"), "{message}: {refused}");
-        // Reads go on, and the health changes for its watchers.
-        assert_eq!(ids(&mut api).await, before, "{message}");
-        not_serving(&server, message).await;
+        let rejected = api.label(&before[0], Outcome::Unknown).await.unwrap_err();
+        expect_error(&rejected, Code::FailedPrecondition, &[message]);
+        let rejected = lab::push(&mut api, lab::TASK, &RECORDINGS[9]).await.unwrap_err();
+        assert!(rejected.message().contains("no change is acknowledged"), "{message}: {rejected}");
+        // Reads continue, and watchers of the health receive the change.
+        assert_eq!(api.episode_ids().await, before, "{message}");
+        expect_not_serving(&server, message).await;
     }
 }
 
-async fn not_serving(server: &TestServer, message: &str) {
+async fn expect_not_serving(server: &TestServer, message: &str) {
     let channel = tonic::transport::Endpoint::from_shared(server.url().to_owned()).unwrap().connect().await.unwrap();
     let mut health = tonic_health::pb::health_client::HealthClient::new(channel);
     let request = tonic_health::pb::HealthCheckRequest::default();
     let mut watched = health.watch(request).await.unwrap().into_inner();
     let stopped = async {
-        while let Some(answer) = watched.message().await.unwrap() {
-            if answer.status == 2 {
+        while let Some(response) = watched.message().await.unwrap() {
+            if response.status == 2 {
                 return;
             }
         }
-        panic!("{message}: the health's stream ended");
+        panic!("{message}: the stream of the health ended");
     };
-    tokio::time::timeout(Duration::from_secs(30), stopped).await.expect("the health stays SERVING");
-    let page = crate::telemetry::get(&format!("{}/healthz", server.pages())).await;
+    within("the health turns NOT_SERVING", stopped).await;
+    let page = http::get(&format!("{}/healthz", server.pages())).await;
     assert!(page.contains(message), "{message}: {page}");
 }
 
-/// What the open database holds is saved beside it, and takes its place.
+/// The server saves the content of the open database beside the deleted file.
 #[tokio::test]
-async fn what_a_deleted_database_held_is_saved_and_taken_up_again() {
-    let lab = Folder::used().await;
+async fn content_of_a_deleted_database_is_saved_and_usable() {
+    let lab = UsedFolder::copy().await;
     let mut server = TestServer::start_over(lab.path(), &["--workers", "0"]).await;
     let mut api = Api::connect(&server).await;
     let newest = lab::push(&mut api, lab::TASK, &RECORDINGS[9]).await.unwrap();
-    // The log and its index stay: they belong to the database that is gone.
+    // The log and its index, which belong to the deleted database, stay.
     fs::remove_file(lab.path().join("gleaner.db")).unwrap();
     let saved = || {
         let found = fs::read_dir(lab.path()).unwrap().map(|entry| entry.unwrap().path());
         let mut saved = found.filter(|path| path.to_str().unwrap().contains("gleaner-saved-"));
         saved.find(|path| !path.to_str().unwrap().ends_with("-journal"))
     };
-    let there = async {
-        while saved().is_none() {
-            tokio::task::yield_now().await;
-        }
-    };
-    tokio::time::timeout(Duration::from_secs(30), there).await.expect("nothing is saved");
-    // A server that is asked to stop ends what it has begun.
+    until("the content is saved", async || saved()).await;
+    // A stop waits for the save.
     server.stop().await;
     let saved = saved().unwrap();
     let content = fs::read(&saved).unwrap();
     fs::rename(saved, lab.path().join("gleaner.db")).unwrap();
     if lab.path().join("gleaner.db-wal").exists() {
-        super::folder::refused(lab.path()).await;
-        assert!(fs::read(lab.path().join("gleaner.db")).unwrap() == content, "another database's log was taken in");
+        expect_rejected(lab.path()).await;
+        assert!(fs::read(lab.path().join("gleaner.db")).unwrap() == content, "the log of another database was applied");
         for suffix in ["-wal", "-shm"] {
             fs::remove_file(lab.path().join(format!("gleaner.db{suffix}"))).unwrap();
         }
     }
-    let server = super::swept(lab.path(), &["--workers", "0"]).await;
-    let found = ids(&mut Api::connect(&server).await).await;
+    let server = swept(lab.path(), &["--workers", "0"]).await;
+    let found = Api::connect(&server).await.episode_ids().await;
     assert!(found.contains(&newest.id) && found.len() == lab.ids().len() + 1, "{found:?}");
-    lab.nothing_is_lost();
+    lab.expect_all_recordings();
 }

@@ -2,46 +2,50 @@
 
 use gleaner_proto::v1::*;
 
-use super::{alive, nobody, refuse};
-use crate::{api::Api, lab, shared::shared};
+use crate::support::{
+    api::Api,
+    errors::{absent_id, expect_alive, expect_errors},
+    lab,
+    shared::shared,
+};
 
 #[tokio::test]
-async fn datasets_that_cannot_be() {
+async fn invalid_datasets_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let create = |run: &str, selection| CreateDatasetRequest { score_run_id: run.to_owned(), selection };
     let run = shared.run.as_str();
-    refuse!(api.datasets:
+    expect_errors!(api.datasets:
         create_dataset(create("run_7", Some(lab::above(0.5)))) => InvalidArgument ["score_run_id: "];
-        create_dataset(create(&nobody("run"), Some(lab::above(0.5)))) => NotFound [&nobody("run")];
+        create_dataset(create(&absent_id("run"), Some(lab::above(0.5)))) => NotFound [&absent_id("run")];
         create_dataset(create(run, None)) => InvalidArgument ["selection: "];
         create_dataset(create(run, Some(Selection { rule: None }))) => InvalidArgument ["selection: "];
         create_dataset(create(run, Some(lab::above(1.5)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::above(f64::NAN)))) => InvalidArgument ["selection.beta: "];
         create_dataset(create(run, Some(lab::top(0.0)))) => InvalidArgument ["selection.top_fraction: "];
         get_dataset(GetDatasetRequest { dataset_id: "x".into() }) => InvalidArgument ["dataset_id: "];
-        get_dataset(GetDatasetRequest { dataset_id: nobody("ds") }) => NotFound [&nobody("ds")];
-        list_datasets(ListDatasetsRequest { task: "nobody".into() }) => NotFound ["nobody"];
+        get_dataset(GetDatasetRequest { dataset_id: absent_id("ds") }) => NotFound [&absent_id("ds")];
+        list_datasets(ListDatasetsRequest { task: "absent".into() }) => NotFound ["absent"];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
 #[tokio::test]
-async fn contents_that_are_not_there() {
+async fn unknown_contents_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let stream = |id: &str| StreamSegmentsRequest { dataset_id: id.to_owned(), ..StreamSegmentsRequest::default() };
     let download =
         |export: &str, name: &str| DownloadExportFileRequest { export_id: export.to_owned(), name: name.to_owned() };
-    refuse!(api.datasets:
+    expect_errors!(api.datasets:
         stream_segments(stream("ds_7")) => InvalidArgument ["dataset_id: "];
-        stream_segments(stream(&nobody("ds"))) => NotFound [&nobody("ds")];
+        stream_segments(stream(&absent_id("ds"))) => NotFound [&absent_id("ds")];
         list_export_files(ListExportFilesRequest { export_id: "x".into() }) => InvalidArgument ["export_id: "];
-        list_export_files(ListExportFilesRequest { export_id: nobody("exp") }) => NotFound [&nobody("exp")];
+        list_export_files(ListExportFilesRequest { export_id: absent_id("exp") }) => NotFound [&absent_id("exp")];
         download_export_file(download("x", "manifest.jsonl")) => InvalidArgument ["export_id: "];
-        download_export_file(download(&nobody("exp"), "manifest.jsonl")) => NotFound [&nobody("exp")];
-        download_export_file(download(&nobody("exp"), "")) => InvalidArgument ["name: "];
-        download_export_file(download(&nobody("exp"), "a\0")) => InvalidArgument ["name: "];
+        download_export_file(download(&absent_id("exp"), "manifest.jsonl")) => NotFound [&absent_id("exp")];
+        download_export_file(download(&absent_id("exp"), "")) => InvalidArgument ["name: "];
+        download_export_file(download(&absent_id("exp"), "a\0")) => InvalidArgument ["name: "];
     );
     let dataset = api
         .datasets
@@ -53,9 +57,9 @@ async fn contents_that_are_not_there() {
         .unwrap();
     let spec = ExportSpec { dataset_id: dataset.id, format: ExportFormat::Mcap.into() };
     let export = api.succeed(lab::TASK, job_spec::Spec::Export(spec)).await.result_id;
-    // A name is looked up among the export's own, never a path.
-    refuse!(api.datasets:
+    // A name is one of the export's files and never a path.
+    expect_errors!(api.datasets:
         download_export_file(download(&export, "../../gleaner.db")) => NotFound ["../../gleaner.db"];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }

@@ -2,16 +2,14 @@
 
 use gleaner_proto::v1::*;
 
-use super::{alive, nobody, refuse};
-use crate::{
+use crate::support::{
     api::Api,
+    errors::{absent_id, expect_alive, expect_errors},
     lab::{self, RECORDINGS},
     shared::shared,
 };
 
-type Spoil = fn(&mut StartUploadRequest);
-
-fn start(spoil: Spoil) -> StartUploadRequest {
+fn start(change: fn(&mut StartUploadRequest)) -> StartUploadRequest {
     let mut request = StartUploadRequest {
         task: lab::TASK.into(),
         file_name: "x.mcap".into(),
@@ -21,20 +19,20 @@ fn start(spoil: Spoil) -> StartUploadRequest {
         cohort: "c".into(),
         author: "tests".into(),
     };
-    spoil(&mut request);
+    change(&mut request);
     request
 }
 
 #[tokio::test]
-async fn uploads_that_cannot_begin() {
+async fn invalid_uploads_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let known = || blake3::hash(&RECORDINGS[0].bytes).to_hex().to_string();
     let mut relabelled = start(|r| r.outcome = Outcome::Failure.into());
     (relabelled.blake3, relabelled.size_bytes) = (known(), RECORDINGS[0].bytes.len() as u64);
-    refuse!(api.episodes:
+    expect_errors!(api.episodes:
         start_upload(start(|r| r.task.clear())) => NotFound ["task"];
-        start_upload(start(|r| r.task = "nobody".into())) => NotFound ["nobody"];
+        start_upload(start(|r| r.task = "absent".into())) => NotFound ["absent"];
         start_upload(start(|r| r.file_name.clear())) => InvalidArgument ["file_name: "];
         start_upload(start(|r| r.file_name = "a\nb".into())) => InvalidArgument ["file_name: "];
         start_upload(start(|r| r.file_name = "x".repeat(256))) => InvalidArgument ["file_name: "];
@@ -47,7 +45,7 @@ async fn uploads_that_cannot_begin() {
         start_upload(start(|r| r.author = "\u{1b}[2J".into())) => InvalidArgument ["author: "];
         start_upload(relabelled) => AlreadyExists ["success"];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
 fn chunk(upload_id: &str, offset: u64, bytes: usize) -> WriteUploadRequest {
@@ -55,39 +53,39 @@ fn chunk(upload_id: &str, offset: u64, bytes: usize) -> WriteUploadRequest {
 }
 
 #[tokio::test]
-async fn bytes_that_do_not_fit_their_upload() {
+async fn chunks_that_do_not_fit_their_upload_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let first = api.episodes.start_upload(start(|r| r.blake3 = "0a".repeat(32))).await.unwrap().into_inner().upload_id;
     let other = api.episodes.start_upload(start(|r| r.blake3 = "0b".repeat(32))).await.unwrap().into_inner().upload_id;
     let send = |chunks: &[WriteUploadRequest]| tokio_stream::iter(chunks.to_vec());
-    refuse!(api.episodes:
+    expect_errors!(api.episodes:
         write_upload(send(&[])) => InvalidArgument ["upload_id: "];
         write_upload(send(&[chunk("", 0, 1)])) => InvalidArgument ["upload_id: "];
         write_upload(send(&[chunk("up_../x", 0, 1)])) => InvalidArgument ["upload_id: "];
-        write_upload(send(&[chunk(&nobody("up"), 0, 1)])) => NotFound [&nobody("up"), "start again"];
+        write_upload(send(&[chunk(&absent_id("up"), 0, 1)])) => NotFound [&absent_id("up"), "start again"];
         write_upload(send(&[chunk(&first, 3, 1)])) => InvalidArgument ["offset: "];
         write_upload(send(&[chunk(&first, 0, 1), chunk(&first, 0, 1)])) => InvalidArgument ["offset: "];
         write_upload(send(&[chunk(&first, 1, 1), chunk(&other, 2, 1)])) => InvalidArgument ["upload_id: "];
         write_upload(send(&[chunk(&other, 0, 5)])) => InvalidArgument ["declared size of 4 bytes"];
         write_upload(send(&[chunk(&other, 0, (2 << 20) + 1)])) => InvalidArgument ["data: "];
         get_upload(GetUploadRequest { upload_id: "x".into() }) => InvalidArgument ["upload_id: "];
-        get_upload(GetUploadRequest { upload_id: nobody("up") }) => NotFound [&nobody("up"), "start again"];
+        get_upload(GetUploadRequest { upload_id: absent_id("up") }) => NotFound [&absent_id("up"), "start again"];
         finish_upload(FinishUploadRequest { upload_id: "x".into() }) => InvalidArgument ["upload_id: "];
-        finish_upload(FinishUploadRequest { upload_id: nobody("up") }) => NotFound [&nobody("up")];
+        finish_upload(FinishUploadRequest { upload_id: absent_id("up") }) => NotFound [&absent_id("up")];
         finish_upload(FinishUploadRequest { upload_id: other.clone() }) => FailedPrecondition ["of 4 bytes"];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
-fn list(spoil: fn(&mut ListEpisodesRequest)) -> ListEpisodesRequest {
+fn list(change: fn(&mut ListEpisodesRequest)) -> ListEpisodesRequest {
     let mut request = ListEpisodesRequest { task: lab::TASK.into(), ..ListEpisodesRequest::default() };
-    spoil(&mut request);
+    change(&mut request);
     request
 }
 
 #[tokio::test]
-async fn episodes_that_are_not_there() {
+async fn invalid_episode_requests_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let known = shared.episodes[0].id.clone();
@@ -96,17 +94,17 @@ async fn episodes_that_are_not_there() {
         outcome,
         ..LabelEpisodesRequest::default()
     };
-    let said = |cohort: &str, author: &str, reason: &str| LabelEpisodesRequest {
+    let label_as = |cohort: &str, author: &str, reason: &str| LabelEpisodesRequest {
         cohort: Some(cohort.to_owned()),
         author: author.to_owned(),
         reason: reason.to_owned(),
         ..label(&[&known], 1)
     };
-    let unknown = nobody("ep");
-    refuse!(api.episodes:
+    let unknown = absent_id("ep");
+    expect_errors!(api.episodes:
         get_episode(GetEpisodeRequest { episode_id: "ep_../../x".into() }) => InvalidArgument ["episode_id: "];
         get_episode(GetEpisodeRequest { episode_id: unknown.clone() }) => NotFound [&unknown];
-        list_episodes(list(|r| r.task = "nobody".into())) => NotFound ["nobody"];
+        list_episodes(list(|r| r.task = "absent".into())) => NotFound ["absent"];
         list_episodes(list(|r| r.outcome = 77)) => InvalidArgument ["outcome: "];
         list_episodes(list(|r| r.page_size = 1001)) => InvalidArgument ["page_size: "];
         list_episodes(list(|r| r.page_token = "1".into())) => InvalidArgument ["page_token: "];
@@ -116,30 +114,30 @@ async fn episodes_that_are_not_there() {
         label_episodes(label(&[&known, &unknown], 1)) => NotFound [&unknown];
         label_episodes(label(&[&known], 0)) => InvalidArgument ["outcome: "];
         label_episodes(label(&[&known], -1)) => InvalidArgument ["outcome: "];
-        label_episodes(said(&"x".repeat(256), "", "")) => InvalidArgument ["cohort: "];
-        label_episodes(said("", "\0", "")) => InvalidArgument ["author: "];
-        label_episodes(said("", "", &"x".repeat(256))) => InvalidArgument ["reason: "];
+        label_episodes(label_as(&"x".repeat(256), "", "")) => InvalidArgument ["cohort: "];
+        label_episodes(label_as("", "\0", "")) => InvalidArgument ["author: "];
+        label_episodes(label_as("", "", &"x".repeat(256))) => InvalidArgument ["reason: "];
         list_labels(ListLabelsRequest { episode_id: "x".into() }) => InvalidArgument ["episode_id: "];
         list_labels(ListLabelsRequest { episode_id: unknown.clone() }) => NotFound [&unknown];
         download_episode(DownloadEpisodeRequest { episode_id: "x".into() }) => InvalidArgument ["episode_id: "];
         download_episode(DownloadEpisodeRequest { episode_id: unknown.clone() }) => NotFound [&unknown];
     );
     let labels = api.episodes.list_labels(ListLabelsRequest { episode_id: known }).await.unwrap().into_inner().labels;
-    assert_eq!(labels.len(), 1, "what was refused changed nothing");
+    assert_eq!(labels.len(), 1, "a rejected request changed the labels");
 }
 
 #[tokio::test]
-async fn deletions_that_cannot_be() {
+async fn invalid_deletions_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    let (held, unknown) = (shared.episodes[0].id.clone(), nobody("ep"));
+    let (held, unknown) = (shared.episodes[0].id.clone(), absent_id("ep"));
     let delete = |ids: &[&str]| DeleteEpisodesRequest {
         episode_ids: ids.iter().map(|&id| id.to_owned()).collect(),
         force: false,
     };
     let undelete =
         |ids: &[&str]| UndeleteEpisodesRequest { episode_ids: ids.iter().map(|&id| id.to_owned()).collect() };
-    refuse!(api.episodes:
+    expect_errors!(api.episodes:
         delete_episodes(delete(&[])) => InvalidArgument ["episode_ids: "];
         delete_episodes(delete(&["../x"])) => InvalidArgument ["episode_ids[0]: "];
         delete_episodes(delete(&[&unknown])) => NotFound [&unknown];

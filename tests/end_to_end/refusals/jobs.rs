@@ -1,15 +1,17 @@
-//! JobService. What can be wrong inside a job's spec is in `bad_settings` and, field by field, beside the conversions.
+//! JobService. Invalid settings of a job are in `bad_settings` and, field by field, beside the conversions.
 
 use gleaner_proto::v1::*;
 use tonic::Code;
 
-use super::{alive, nobody, refuse};
-use crate::{api::Api, bad_input::refused, lab, shared::shared};
-
-type Spoil = fn(&mut SubmitJobRequest);
+use crate::support::{
+    api::Api,
+    errors::{absent_id, expect_alive, expect_error, expect_errors},
+    lab,
+    shared::shared,
+};
 
 #[tokio::test]
-async fn jobs_that_cannot_be_queued() {
+async fn invalid_jobs_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let good = SubmitJobRequest {
@@ -17,30 +19,30 @@ async fn jobs_that_cannot_be_queued() {
         spec: Some(JobSpec { spec: Some(lab::pretrain(2)) }),
         ..SubmitJobRequest::default()
     };
-    let with = |spoil: Spoil| {
+    let with = |change: fn(&mut SubmitJobRequest)| {
         let mut request = good.clone();
-        spoil(&mut request);
+        change(&mut request);
         request
     };
-    refuse!(api.jobs:
+    expect_errors!(api.jobs:
         submit_job(with(|r| r.task.clear())) => InvalidArgument ["task: "];
-        submit_job(with(|r| r.task = "nobody".into())) => NotFound ["nobody"];
+        submit_job(with(|r| r.task = "absent".into())) => NotFound ["absent"];
         submit_job(with(|r| r.spec = None)) => InvalidArgument ["spec: "];
         submit_job(with(|r| r.spec = Some(JobSpec { spec: None }))) => InvalidArgument ["spec: "];
         submit_job(with(|r| r.needs = vec!["x".into()])) => InvalidArgument ["needs[0]: "];
-        submit_job(with(|r| r.needs = vec![nobody("job"); 101])) => InvalidArgument ["needs: are 101"];
-        submit_job(with(|r| r.needs = vec![nobody("job")])) => NotFound [&nobody("job")];
+        submit_job(with(|r| r.needs = vec![absent_id("job"); 101])) => InvalidArgument ["needs: are 101"];
+        submit_job(with(|r| r.needs = vec![absent_id("job")])) => NotFound [&absent_id("job")];
         submit_job(with(|r| r.max_attempts = Some(0))) => InvalidArgument ["max_attempts: "];
         submit_job(with(|r| r.max_attempts = Some(101))) => InvalidArgument ["max_attempts: "];
         submit_job(with(|r| r.key = "x".repeat(201))) => InvalidArgument ["key: "];
         submit_job(with(|r| r.key = "\0".into())) => InvalidArgument ["key: "];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
-/// What a spec names must be there, of the right kind and of this task.
+/// The inputs of a spec must exist and belong to the task.
 #[tokio::test]
-async fn inputs_that_are_not_there() {
+async fn jobs_with_unknown_inputs_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let pretrain = |snapshot: &str| {
@@ -64,37 +66,37 @@ async fn inputs_that_are_not_there() {
     let absent = |spec, id: String| (spec, Code::NotFound, id);
     for (spec, code, words) in [
         wrong(pretrain("x"), "spec.pretrain.snapshot_id: "),
-        absent(pretrain(&nobody("snap")), nobody("snap")),
+        absent(pretrain(&absent_id("snap")), absent_id("snap")),
         wrong(score("", "", ""), "spec.score.encoder_id: "),
-        absent(score(&nobody("enc"), "", ""), nobody("enc")),
+        absent(score(&absent_id("enc"), "", ""), absent_id("enc")),
         wrong(score(encoder, "x", ""), "spec.score.snapshot_id: "),
-        absent(score(encoder, &nobody("snap"), ""), nobody("snap")),
-        absent(score(encoder, "", &nobody("run")), nobody("run")),
+        absent(score(encoder, &absent_id("snap"), ""), absent_id("snap")),
+        absent(score(encoder, "", &absent_id("run")), absent_id("run")),
         wrong(lab::train(Data::DatasetId("x".into()), 2), "spec.train.dataset_id: "),
-        absent(lab::train(Data::DatasetId(nobody("ds")), 2), nobody("ds")),
+        absent(lab::train(Data::DatasetId(absent_id("ds")), 2), absent_id("ds")),
         wrong(lab::train(Data::ExpertsOf("x".into()), 2), "spec.train.experts_of: "),
-        absent(lab::train(Data::ExpertsOf(nobody("enc")), 2), nobody("enc")),
+        absent(lab::train(Data::ExpertsOf(absent_id("enc")), 2), absent_id("enc")),
         wrong(lab::train(Data::ExpertsIn("x".into()), 2), "spec.train.experts_in: "),
         wrong(export("x", 1), "spec.export.dataset_id: "),
-        absent(export(&nobody("ds"), 1), nobody("ds")),
-        wrong(export(&nobody("ds"), 9), "spec.export.format: "),
+        absent(export(&absent_id("ds"), 1), absent_id("ds")),
+        wrong(export(&absent_id("ds"), 9), "spec.export.format: "),
         wrong(evaluate(Subject::PolicyId("x".into())), "spec.evaluate.policy_id: "),
-        absent(evaluate(Subject::PolicyId(nobody("pol"))), nobody("pol")),
+        absent(evaluate(Subject::PolicyId(absent_id("pol"))), absent_id("pol")),
         wrong(evaluate(Subject::Deployment("../x".into())), "spec.evaluate.deployment: "),
-        absent(evaluate(Subject::Deployment("nobody@prod".into())), "nobody@prod".to_owned()),
+        absent(evaluate(Subject::Deployment("absent@prod".into())), "absent@prod".to_owned()),
     ] {
-        refused(&api.submit(lab::TASK, spec).await.unwrap_err(), code, &[&words]);
+        expect_error(&api.submit(lab::TASK, spec).await.unwrap_err(), code, &[&words]);
     }
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
-/// A setting that no job has.
+/// A setting of no job.
 fn unknown() -> Option<prost_types::Struct> {
-    lab::settings(serde_json::json!({"unheard": 1}))
+    lab::settings(serde_json::json!({"no_such_setting": 1}))
 }
 
 #[tokio::test]
-async fn pipelines_that_have_gaps() {
+async fn incomplete_pipelines_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let whole = PipelineSpec {
@@ -104,54 +106,55 @@ async fn pipelines_that_have_gaps() {
         train: Some(TrainSpec::default()),
         ..PipelineSpec::default()
     };
-    let submit = |task: &str, spoil: fn(&mut PipelineSpec)| {
+    let submit = |task: &str, change: fn(&mut PipelineSpec)| {
         let mut pipeline = whole.clone();
-        spoil(&mut pipeline);
+        change(&mut pipeline);
         SubmitPipelineRequest { task: task.to_owned(), pipeline: Some(pipeline), priority: 0 }
     };
-    let data = |r: &mut PipelineSpec| r.train.as_mut().unwrap().data = Some(train_spec::Data::ExpertsOf(nobody("enc")));
+    let data =
+        |r: &mut PipelineSpec| r.train.as_mut().unwrap().data = Some(train_spec::Data::ExpertsOf(absent_id("enc")));
     let subject = |r: &mut PipelineSpec| {
-        let subject = Some(evaluate_spec::Subject::PolicyId(nobody("pol")));
+        let subject = Some(evaluate_spec::Subject::PolicyId(absent_id("pol")));
         r.evaluate = Some(EvaluateSpec { subject, ..EvaluateSpec::default() });
     };
     let named = |r: &mut PipelineSpec| {
-        r.scoring = Some(ScoreSpec { encoder_id: nobody("enc"), ..ScoreSpec::default() });
+        r.scoring = Some(ScoreSpec { encoder_id: absent_id("enc"), ..ScoreSpec::default() });
     };
-    refuse!(api.jobs:
+    expect_errors!(api.jobs:
         submit_pipeline(submit("", |_| {})) => InvalidArgument ["task: "];
-        submit_pipeline(submit("nobody", |_| {})) => NotFound ["nobody"];
+        submit_pipeline(submit("absent", |_| {})) => NotFound ["absent"];
         submit_pipeline(SubmitPipelineRequest { task: lab::TASK.into(), ..Default::default() }) => InvalidArgument ["pipeline: "];
         submit_pipeline(submit(lab::TASK, |r| r.pretrain = None)) => InvalidArgument ["pipeline.pretrain: "];
-        submit_pipeline(submit(lab::TASK, |r| r.pretrain.as_mut().unwrap().settings = unknown())) => InvalidArgument ["pipeline.pretrain.settings.unheard: "];
+        submit_pipeline(submit(lab::TASK, |r| r.pretrain.as_mut().unwrap().settings = unknown())) => InvalidArgument ["pipeline.pretrain.settings.no_such_setting: "];
         submit_pipeline(submit(lab::TASK, |r| r.score = false)) => InvalidArgument ["pipeline.beta: "];
         submit_pipeline(submit(lab::TASK, |r| r.beta = Some(2.0))) => InvalidArgument ["pipeline.beta: "];
         submit_pipeline(submit(lab::TASK, |r| r.beta = None)) => InvalidArgument ["pipeline.train: "];
         submit_pipeline(submit(lab::TASK, |r| r.top_fraction = Some(0.5))) => InvalidArgument ["pipeline.top_fraction: "];
         submit_pipeline(submit(lab::TASK, |r| (r.beta, r.top_fraction) = (None, Some(0.0)))) => InvalidArgument ["pipeline.top_fraction: "];
-        submit_pipeline(submit(lab::TASK, |r| r.train.as_mut().unwrap().settings = unknown())) => InvalidArgument ["pipeline.train.settings.unheard: "];
+        submit_pipeline(submit(lab::TASK, |r| r.train.as_mut().unwrap().settings = unknown())) => InvalidArgument ["pipeline.train.settings.no_such_setting: "];
         submit_pipeline(submit(lab::TASK, data)) => InvalidArgument ["pipeline.train.data: "];
         submit_pipeline(submit(lab::TASK, named)) => InvalidArgument ["pipeline.scoring.encoder_id: "];
         submit_pipeline(submit(lab::TASK, subject)) => InvalidArgument ["pipeline.evaluate.subject: "];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
 #[tokio::test]
-async fn jobs_that_are_not_there() {
+async fn unknown_jobs_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    let list = |spoil: fn(&mut ListJobsRequest)| {
+    let list = |change: fn(&mut ListJobsRequest)| {
         let mut request = ListJobsRequest::default();
-        spoil(&mut request);
+        change(&mut request);
         request
     };
-    let unknown = nobody("job");
+    let unknown = absent_id("job");
     let all = api.jobs.list_jobs(ListJobsRequest::default()).await.unwrap().into_inner().jobs;
     let ended = all.iter().find(|job| job.state() == JobState::Succeeded).unwrap().id.clone();
-    refuse!(api.jobs:
+    expect_errors!(api.jobs:
         get_job(GetJobRequest { job_id: "x".into() }) => InvalidArgument ["job_id: "];
         get_job(GetJobRequest { job_id: unknown.clone() }) => NotFound [&unknown];
-        list_jobs(list(|r| r.task = "nobody".into())) => NotFound ["nobody"];
+        list_jobs(list(|r| r.task = "absent".into())) => NotFound ["absent"];
         list_jobs(list(|r| r.state = 77)) => InvalidArgument ["state: "];
         list_jobs(list(|r| r.page_size = 1001)) => InvalidArgument ["page_size: "];
         list_jobs(list(|r| r.page_token = "1".into())) => InvalidArgument ["page_token: "];
@@ -163,5 +166,5 @@ async fn jobs_that_are_not_there() {
         list_metrics(ListMetricsRequest { job_id: "x".into() }) => InvalidArgument ["job_id: "];
         list_metrics(ListMetricsRequest { job_id: unknown.clone() }) => NotFound [&unknown];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }

@@ -1,12 +1,11 @@
-//! Limits on recordings are flags of the server, and reach the process that reads them.
+//! Limits on recordings are flags of the server and apply in the inspector; limits on uploads and images.
 
 use gleaner_proto::v1::*;
 use tonic::Code;
 
-use super::{alive, refuse};
-use crate::{
+use crate::support::{
     api::Api,
-    bad_input::refused,
+    errors::{expect_alive, expect_error, expect_errors},
     lab::{self, RECORDINGS},
     server::TestServer,
 };
@@ -21,38 +20,33 @@ async fn each_limit_on_recordings_is_a_flag() {
         ("--max-channels", "2", "more than 2 "),
         ("--max-name-bytes", "5", "may have 5"),
     ] {
-        let server = TestServer::start_with(&["--workers", "0", flag, value]).await;
-        let mut api = Api::connect(&server).await;
-        lab::create_task(&mut api).await;
-        refused(&lab::push(&mut api, lab::TASK, recording).await.unwrap_err(), Code::InvalidArgument, &[words]);
-        alive(&mut api).await;
+        let (_server, mut api) = lab::with_task(&["--workers", "0", flag, value]).await;
+        expect_error(&lab::push(&mut api, lab::TASK, recording).await.unwrap_err(), Code::InvalidArgument, &[words]);
+        expect_alive(&mut api).await;
     }
 }
 
 #[tokio::test]
-async fn uploads_beyond_the_callers_limit_are_refused() {
-    let server = TestServer::start_with(&["--workers", "0", "--max-open-uploads-per-caller", "2"]).await;
-    let mut api = Api::connect(&server).await;
-    lab::create_task(&mut api).await;
+async fn uploads_beyond_the_limit_of_a_caller_are_rejected() {
+    let (_server, mut api) = lab::with_task(&["--workers", "0", "--max-open-uploads-per-caller", "2"]).await;
     let first = lab::start(&mut api, lab::TASK, &RECORDINGS[0]).await.unwrap().upload_id;
     lab::start(&mut api, lab::TASK, &RECORDINGS[1]).await.unwrap();
     let words = ["2 uploads", "--max-open-uploads-per-caller", "--keep-uploads-days"];
-    refused(&lab::start(&mut api, lab::TASK, &RECORDINGS[2]).await.unwrap_err(), Code::ResourceExhausted, &words);
-    let anew = StartUploadRequest { author: "another name".into(), ..lab::upload(lab::TASK, &RECORDINGS[2]) };
-    refused(&api.episodes.start_upload(anew).await.unwrap_err(), Code::ResourceExhausted, &words);
+    expect_error(&lab::start(&mut api, lab::TASK, &RECORDINGS[2]).await.unwrap_err(), Code::ResourceExhausted, &words);
+    let renamed = StartUploadRequest { author: "another name".into(), ..lab::upload(lab::TASK, &RECORDINGS[2]) };
+    expect_error(&api.episodes.start_upload(renamed).await.unwrap_err(), Code::ResourceExhausted, &words);
 
     lab::write(&mut api, &first, 0, RECORDINGS[0].bytes.clone()).await.unwrap();
     lab::finish(&mut api, &first).await.unwrap();
     lab::push(&mut api, lab::TASK, &RECORDINGS[2]).await.unwrap();
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
 #[tokio::test]
-async fn images_over_the_limit_make_no_task() {
+async fn task_with_images_over_the_limit_is_rejected() {
     let server = TestServer::start_with(&["--workers", "0", "--max-image-pixels", "255"]).await;
     let mut api = Api::connect(&server).await;
-    let sim = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config());
-    let spec = Some(gleaner_core::proto::task::spec_to_proto(sim.clone()));
-    refuse!(api.tasks: create_task(CreateTaskRequest { spec }) => InvalidArgument ["spec.cameras[0]: 256 pixels"];);
-    alive(&mut api).await;
+    let spec = Some(lab::spec_message());
+    expect_errors!(api.tasks: create_task(CreateTaskRequest { spec }) => InvalidArgument ["spec.cameras[0]: 256 pixels"];);
+    expect_alive(&mut api).await;
 }

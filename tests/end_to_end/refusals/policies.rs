@@ -1,5 +1,5 @@
-//! PolicyService, and the two rpcs of the Open Inference Protocol that only look. Wrong observations are in `live`, wrong
-//! tensors in `inference`.
+//! PolicyService, and the rpcs of the Open Inference Protocol that describe models. Invalid observations are in `serving`,
+//! invalid tensors in `inference`.
 
 use gleaner_proto::{
     inference::{
@@ -9,14 +9,14 @@ use gleaner_proto::{
     v1::*,
 };
 
-use super::{alive, nobody, refuse};
-use crate::{
+use crate::support::{
     api::Api,
+    errors::{absent_id, expect_alive, expect_errors},
     shared::{NAME, shared},
 };
 
 #[tokio::test]
-async fn policies_that_are_not_there() {
+async fn invalid_policy_requests_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let deploy = |name: &str, policy: &str, run: &str| DeployRequest {
@@ -24,35 +24,35 @@ async fn policies_that_are_not_there() {
         policy_id: policy.to_owned(),
         score_run_id: run.to_owned(),
     };
-    let (policy, unknown) = (shared.policy.as_str(), nobody("pol"));
+    let (policy, unknown) = (shared.policy.as_str(), absent_id("pol"));
     let roll_back = |name: &str| RollBackRequest { name: name.to_owned() };
     let act = |deployment: &str| ActRequest { deployment: deployment.to_owned(), observations: vec![] };
-    refuse!(api.policies:
-        list_policies(ListPoliciesRequest { task: "nobody".into() }) => NotFound ["nobody"];
+    expect_errors!(api.policies:
+        list_policies(ListPoliciesRequest { task: "absent".into() }) => NotFound ["absent"];
         deploy(deploy("", policy, "")) => InvalidArgument ["name: "];
         deploy(deploy("../prod", policy, "")) => InvalidArgument ["name: "];
         deploy(deploy(&"x".repeat(129), policy, "")) => InvalidArgument ["name: "];
         deploy(deploy("x@prod", "pol_7", "")) => InvalidArgument ["policy_id: "];
         deploy(deploy("x@prod", &unknown, "")) => NotFound [&unknown];
         deploy(deploy("x@prod", policy, "run_7")) => InvalidArgument ["score_run_id: "];
-        deploy(deploy("x@prod", policy, &nobody("run"))) => NotFound [&nobody("run")];
+        deploy(deploy("x@prod", policy, &absent_id("run"))) => NotFound [&absent_id("run")];
         roll_back(roll_back("a b")) => InvalidArgument ["name: "];
-        roll_back(roll_back("nobody@prod")) => NotFound ["nobody@prod"];
+        roll_back(roll_back("absent@prod")) => NotFound ["absent@prod"];
         roll_back(roll_back(NAME)) => FailedPrecondition [NAME];
-        list_deployments(ListDeploymentsRequest { task: "nobody".into() }) => NotFound ["nobody"];
+        list_deployments(ListDeploymentsRequest { task: "absent".into() }) => NotFound ["absent"];
         act(act("../x")) => InvalidArgument ["deployment: "];
-        act(act("nobody@prod")) => NotFound ["nobody@prod"];
+        act(act("absent@prod")) => NotFound ["absent@prod"];
         act(act(NAME)) => InvalidArgument ["observations: "];
         list_evaluations(ListEvaluationsRequest { policy_id: "x".into() }) => InvalidArgument ["policy_id: "];
         list_evaluations(ListEvaluationsRequest { policy_id: unknown.clone() }) => NotFound [&unknown];
         get_evaluation(GetEvaluationRequest { evaluation_id: "x".into() }) => InvalidArgument ["evaluation_id: "];
-        get_evaluation(GetEvaluationRequest { evaluation_id: nobody("eval") }) => NotFound [&nobody("eval")];
+        get_evaluation(GetEvaluationRequest { evaluation_id: absent_id("eval") }) => NotFound [&absent_id("eval")];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
 #[tokio::test]
-async fn evaluations_that_make_no_sense() {
+async fn invalid_evaluations_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let seed = SeedResult { seed: 1, episodes: 10, successes: 3, mean_steps: 20.0 };
@@ -62,9 +62,9 @@ async fn evaluations_that_make_no_sense() {
         seeds,
     };
     let of = |seeds| report(&shared.policy, "lab/bench", seeds);
-    refuse!(api.policies:
+    expect_errors!(api.policies:
         report_evaluation(report("x", "lab", vec![seed])) => InvalidArgument ["policy_id: "];
-        report_evaluation(report(&nobody("pol"), "lab", vec![seed])) => NotFound [&nobody("pol")];
+        report_evaluation(report(&absent_id("pol"), "lab", vec![seed])) => NotFound [&absent_id("pol")];
         report_evaluation(report(&shared.policy, "", vec![seed])) => InvalidArgument ["simulation: "];
         report_evaluation(report(&shared.policy, &"x".repeat(201), vec![seed])) => InvalidArgument ["simulation: "];
         report_evaluation(of(vec![])) => InvalidArgument ["seeds: "];
@@ -73,28 +73,29 @@ async fn evaluations_that_make_no_sense() {
         report_evaluation(of(vec![SeedResult { successes: 11, ..seed }])) => InvalidArgument ["seeds[0].successes: "];
         report_evaluation(of(vec![SeedResult { mean_steps: f64::NAN, ..seed }])) => InvalidArgument ["seeds[0].mean_steps: "];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
 #[tokio::test]
-async fn models_that_are_not_there() {
-    struct Face {
+async fn unknown_models_are_rejected() {
+    struct Clients {
         models: GrpcInferenceServiceClient<tonic::transport::Channel>,
     }
     let shared = shared().await;
-    let mut face = Face { models: GrpcInferenceServiceClient::connect(shared.server.url().to_owned()).await.unwrap() };
+    let mut clients =
+        Clients { models: GrpcInferenceServiceClient::connect(shared.server.url().to_owned()).await.unwrap() };
     let describe =
         |name: &str, version: &str| ModelMetadataRequest { name: name.to_owned(), version: version.to_owned() };
     let ready = |name: &str, version: &str| ModelReadyRequest { name: name.to_owned(), version: version.to_owned() };
-    refuse!(face.models:
+    expect_errors!(clients.models:
         model_metadata(describe("../x", "")) => InvalidArgument ["name: "];
-        model_metadata(describe("nobody", "")) => NotFound ["nobody"];
+        model_metadata(describe("absent", "")) => NotFound ["absent"];
         model_metadata(describe(NAME, "7")) => InvalidArgument ["version: "];
-        model_metadata(describe(NAME, &nobody("pol"))) => NotFound [NAME];
+        model_metadata(describe(NAME, &absent_id("pol"))) => NotFound [NAME];
         model_ready(ready("", "")) => InvalidArgument ["name: "];
         model_ready(ready(NAME, "x")) => InvalidArgument ["version: "];
         repository_index(RepositoryIndexRequest { repository_name: "x".into(), ready: false }) => InvalidArgument ["repository_name: "];
     );
-    let answer = face.models.model_ready(ready("nobody", "")).await.unwrap().into_inner();
-    assert!(!answer.ready, "what is not there is not ready, and asking is no mistake");
+    let response = clients.models.model_ready(ready("absent", "")).await.unwrap().into_inner();
+    assert!(!response.ready, "an unknown model is not ready");
 }

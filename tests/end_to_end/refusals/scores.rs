@@ -1,15 +1,19 @@
-//! ScoreService. What can be wrong with recordings and steps that are scored as they come is in `scoring`.
+//! ScoreService. Invalid recordings and steps of live scoring are in `scoring`.
 
 use gleaner_proto::v1::*;
 
-use super::{alive, nobody, refuse};
-use crate::{api::Api, lab, shared::shared};
+use crate::support::{
+    api::Api,
+    errors::{absent_id, expect_alive, expect_errors},
+    lab,
+    shared::shared,
+};
 
 #[tokio::test]
-async fn scores_that_are_not_there() {
+async fn invalid_score_requests_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    let (run, unknown) = (shared.run.as_str(), nobody("run"));
+    let (run, unknown) = (shared.run.as_str(), absent_id("run"));
     let of = |run: &str, episode: &str| GetEpisodeScoresRequest {
         score_run_id: run.to_owned(),
         episode_id: episode.to_owned(),
@@ -17,14 +21,14 @@ async fn scores_that_are_not_there() {
     let histogram = |run: &str, bins, betas| GetHistogramRequest { score_run_id: run.to_owned(), bins, betas };
     let count =
         |run: &str, selections| CountKeptRequest { score_run_id: run.to_owned(), selections, per_episode: false };
-    refuse!(api.scores:
+    expect_errors!(api.scores:
         get_score_run(GetScoreRunRequest { score_run_id: "x".into() }) => InvalidArgument ["score_run_id: "];
         get_score_run(GetScoreRunRequest { score_run_id: unknown.clone() }) => NotFound [&unknown];
-        list_score_runs(ListScoreRunsRequest { task: "nobody".into() }) => NotFound ["nobody"];
-        get_episode_scores(of("x", &nobody("ep"))) => InvalidArgument ["score_run_id: "];
+        list_score_runs(ListScoreRunsRequest { task: "absent".into() }) => NotFound ["absent"];
+        get_episode_scores(of("x", &absent_id("ep"))) => InvalidArgument ["score_run_id: "];
         get_episode_scores(of(run, "x")) => InvalidArgument ["episode_id: "];
-        get_episode_scores(of(&unknown, &nobody("ep"))) => NotFound [&unknown];
-        get_episode_scores(of(run, &nobody("ep"))) => NotFound [&nobody("ep")];
+        get_episode_scores(of(&unknown, &absent_id("ep"))) => NotFound [&unknown];
+        get_episode_scores(of(run, &absent_id("ep"))) => NotFound [&absent_id("ep")];
         get_histogram(histogram("x", 0, vec![])) => InvalidArgument ["score_run_id: "];
         get_histogram(histogram(&unknown, 0, vec![])) => NotFound [&unknown];
         get_histogram(histogram(run, 1001, vec![])) => InvalidArgument ["bins: "];
@@ -37,5 +41,5 @@ async fn scores_that_are_not_there() {
         count_kept(count(run, vec![lab::above(0.5), Selection { rule: None }])) => InvalidArgument ["selections[1]: "];
         count_kept(count(run, vec![lab::top(2.0)])) => InvalidArgument ["selections[0].top_fraction: "];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }

@@ -1,23 +1,18 @@
-//! The table of bad input in `docs/reliability.md` has no gap: a row for every field of every request, and a test that is
-//! there in every row.
+//! The table of bad input in `docs/reliability.md`: every field of every request has a row, and every row names a test that
+//! exists.
 
-use std::{
-    collections::{BTreeMap, BTreeSet},
-    path::Path,
-};
+use std::collections::{BTreeMap, BTreeSet};
 
 use prost_reflect::{DescriptorPool, Kind, MessageDescriptor};
 
-/// What a row of a field with no wrong value says first.
+use crate::support::files::{self, root};
+
+/// The first word of a row whose field has no wrong value.
 const ANY: &str = "any";
 
 struct Row {
     wrong: String,
     tests: Vec<String>,
-}
-
-fn root() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
 }
 
 /// The words between backticks.
@@ -68,36 +63,22 @@ fn inputs() -> BTreeSet<String> {
     found
 }
 
-fn sources(dir: &Path, into: &mut String) {
-    for entry in dir.read_dir().unwrap() {
-        let path = entry.unwrap().path();
-        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
-            sources(&path, into);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            into.push_str(&std::fs::read_to_string(path).unwrap());
-        }
-    }
-}
-
 #[test]
-fn every_input_has_a_row_and_every_row_a_test() {
+fn every_field_of_a_request_has_a_row_and_every_row_a_test() {
     let (rows, inputs) = (rows(), inputs());
     let named: BTreeSet<String> = rows.keys().cloned().collect();
     let missing: Vec<&String> = inputs.difference(&named).collect();
     assert!(missing.is_empty(), "no row for {missing:?}");
     let gone: Vec<&String> = named.difference(&inputs).collect();
-    assert!(gone.is_empty(), "rows for what no request has: {gone:?}");
+    assert!(gone.is_empty(), "rows without a field of a request: {gone:?}");
 
-    let mut code = String::new();
-    for room in ["crates", "server", "client", "tests"] {
-        sources(&root().join(room), &mut code);
-    }
+    let code: String = files::sources("", "rs").iter().map(|path| files::source(path).1).collect();
     for (input, Row { wrong, tests }) in &rows {
         assert!(!tests.is_empty() || wrong.starts_with(ANY), "{input} names no test");
         for test in tests {
             let at = code.find(&format!("fn {test}(")).unwrap_or_else(|| panic!("{input}: there is no test {test}"));
             let before = code[..at].lines().rev().take(2).collect::<String>();
-            assert!(before.contains("test]"), "{test}, which {input} names, is no test");
+            assert!(before.contains("test]"), "{test}, which {input} names, is not a test");
         }
     }
 }

@@ -3,12 +3,17 @@
 use gleaner_proto::v1::*;
 use tonic::Code;
 
-use super::{alive, refuse};
-use crate::{api::Api, bad_input::refused, lab, shared::shared};
+use crate::support::{
+    api::Api,
+    errors::{expect_alive, expect_error, expect_errors},
+    lab,
+    shared::shared,
+};
 
-type Spoil = fn(&mut TaskSpec);
+/// The beginning of an error, and the change of a valid spec that causes it.
+type Case = (&'static str, fn(&mut TaskSpec));
 
-const SPOILED: &[(&str, Spoil)] = &[
+const CASES: &[Case] = &[
     ("spec.name: ", |s| s.name.clear()),
     ("spec.name: ", |s| s.name = "../etc/passwd".into()),
     ("spec.name: ", |s| s.name = "x".repeat(129)),
@@ -52,37 +57,36 @@ const SPOILED: &[(&str, Spoil)] = &[
 ];
 
 #[tokio::test]
-async fn tasks_that_cannot_be_made() {
+async fn every_invalid_field_of_a_task_is_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    let sim = gleaner_sim::task_spec(gleaner_sim::Task::PickCube, &lab::sim_config());
-    let good = TaskSpec { name: "never_made".into(), ..gleaner_core::proto::task::spec_to_proto(sim.clone()) };
-    for (words, spoil) in SPOILED {
+    let good = TaskSpec { name: "never_created".into(), ..lab::spec_message() };
+    for (words, change) in CASES {
         let mut spec = good.clone();
-        spoil(&mut spec);
+        change(&mut spec);
         let error = api.tasks.create_task(CreateTaskRequest { spec: Some(spec) }).await.unwrap_err();
-        refused(&error, Code::InvalidArgument, &[]);
+        expect_error(&error, Code::InvalidArgument, &[]);
         assert!(error.message().starts_with(words), "{words} was expected: {error}");
     }
-    refuse!(api.tasks:
+    expect_errors!(api.tasks:
         create_task(CreateTaskRequest { spec: None }) => InvalidArgument ["spec: "];
         create_task(CreateTaskRequest { spec: Some(TaskSpec { name: lab::TASK.into(), ..good }) }) => AlreadyExists [lab::TASK];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }
 
 #[tokio::test]
-async fn tasks_that_are_not_there() {
+async fn unknown_tasks_are_rejected() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
-    let ask = |task: &str| GetTaskRequest { task: task.to_owned() };
-    refuse!(api.tasks:
-        get_task(ask("")) => NotFound ["task"];
-        get_task(ask("nobody")) => NotFound ["nobody"];
-        get_task(ask("task_01ARZ3NDEKTSV4RRFFQ69G5FAV")) => NotFound ["task_01ARZ3NDEKTSV4RRFFQ69G5FAV"];
-        get_task(ask("../../etc/passwd\0")) => NotFound ["etc"];
-        // What is repeated to the caller is cut.
-        get_task(ask(&"ü".repeat(1 << 20))) => NotFound ["(and more)"];
+    let get = |task: &str| GetTaskRequest { task: task.to_owned() };
+    expect_errors!(api.tasks:
+        get_task(get("")) => NotFound ["task"];
+        get_task(get("absent")) => NotFound ["absent"];
+        get_task(get("task_01ARZ3NDEKTSV4RRFFQ69G5FAV")) => NotFound ["task_01ARZ3NDEKTSV4RRFFQ69G5FAV"];
+        get_task(get("../../etc/passwd\0")) => NotFound ["etc"];
+        // The error repeats only the beginning of a long name.
+        get_task(get(&"ü".repeat(1 << 20))) => NotFound ["(and more)"];
     );
-    alive(&mut api).await;
+    expect_alive(&mut api).await;
 }

@@ -1,19 +1,22 @@
-//! WorkerService: without the token of a running attempt nobody gets in, whatever they ask.
+//! WorkerService: every call requires the token of a running attempt.
 
 use gleaner_proto::v1::{worker_service_client::WorkerServiceClient, *};
 use tonic::{Code, Request, transport::Channel};
 
-use super::{alive, nobody, refuse};
-use crate::{api::Api, bad_input::refused, shared::shared};
+use crate::support::{
+    api::Api,
+    errors::{absent_id, expect_alive, expect_error, expect_errors},
+    shared::shared,
+};
 
 #[tokio::test]
-async fn workers_without_a_token() {
-    struct Face {
+async fn workers_without_a_token_are_rejected() {
+    struct Clients {
         workers: WorkerServiceClient<Channel>,
     }
     let shared = shared().await;
-    let mut face = Face { workers: WorkerServiceClient::connect(shared.server.workers_url()).await.unwrap() };
-    refuse!(face.workers:
+    let mut clients = Clients { workers: WorkerServiceClient::connect(shared.server.workers_url()).await.unwrap() };
+    expect_errors!(clients.workers:
         get_assignment(GetAssignmentRequest {}) => Unauthenticated ["token"];
         stream_base_scores(StreamBaseScoresRequest {}) => Unauthenticated ["token"];
         report_progress(ReportProgressRequest::default()) => Unauthenticated ["token"];
@@ -21,11 +24,11 @@ async fn workers_without_a_token() {
         complete_job(tokio_stream::iter([CompleteJobRequest::default()])) => Unauthenticated ["token"];
         fail_job(FailJobRequest::default()) => Unauthenticated ["token"];
     );
-    for token in ["Bearer ", "Bearer x", "Basic abc", &format!("Bearer {}.{}", nobody("job"), "0".repeat(64))] {
+    for token in ["Bearer ", "Bearer x", "Basic abc", &format!("Bearer {}.{}", absent_id("job"), "0".repeat(64))] {
         let mut request = Request::new(GetAssignmentRequest {});
         request.metadata_mut().insert("authorization", token.parse().unwrap());
-        let error = face.workers.get_assignment(request).await.unwrap_err();
-        refused(&error, Code::Unauthenticated, &["token"]);
+        let error = clients.workers.get_assignment(request).await.unwrap_err();
+        expect_error(&error, Code::Unauthenticated, &["token"]);
     }
-    alive(&mut Api::connect(&shared.server).await).await;
+    expect_alive(&mut Api::connect(&shared.server).await).await;
 }

@@ -1,4 +1,4 @@
-"""Demonstrations as files: one MCAP an episode, named by agent, seed and outcome. What is there is not made again."""
+"""Demonstrations as files: one MCAP per episode, named by agent, seed and outcome. Existing files are kept."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from metaworld_example.lab import done, felt
 from metaworld_example.recorder import Recorder
 from metaworld_example.simulator import RATE_HZ, MetaWorld
 
-# Each agent has placements of its own, and none is ever evaluated on (see trials).
+# Each agent has its own placements, which evaluations never use (see trials).
 SEEDS_APART = 100_000
 
 
@@ -26,7 +26,7 @@ class Demonstration:
 
 
 def collect(env: MetaWorld, task: str, folder: Path, experts: int, each: int) -> Iterator[Demonstration]:
-    """The expert's episodes, then so many of each imperfect agent; one that fails is kept for what it is.
+    """Yields the episodes of the expert, then `each` of every imperfect agent; failed episodes are kept.
 
     An expert that fails is no expert there: another placement is taken in its place.
     """

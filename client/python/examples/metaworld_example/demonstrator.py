@@ -1,4 +1,4 @@
-"""Who gives the demonstrations: Meta-World's scripted expert, and the same expert spoiled. Knows no files."""
+"""The agents of the demonstrations: Meta-World's scripted expert, and the expert with faults. Independent of files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RELEASE_STEPS = (8, 20)
 
 @dataclass(frozen=True)
 class Agent:
-    """How the expert is spoiled; `amount` 0 leaves it whole.
+    """The fault of an agent; with `amount` 0 it equals the expert.
 
     noise    white noise of this deviation on every value of the action
     goal     told a goal that is off by N(0, amount · 10 cm) in x and y
@@ -34,7 +34,7 @@ IMPERFECT = (Agent("noise", "noise", 0.5), Agent("wrong_goal", "goal", 1.0), Age
 
 
 class Demonstrator:
-    """One episode's agent: a state of Meta-World in, an action in [-1, 1] out."""
+    """The agent of one episode: from a state of Meta-World to an action in [-1, 1]."""
 
     def __init__(self, task: str, agent: Agent, seed: int) -> None:
         self._policy = ENV_POLICY_MAP[task]()
@@ -53,7 +53,7 @@ class Demonstrator:
         told = state.copy()
         told[GOAL] += self._goal_off
         with warnings.catch_warnings():
-            # The scripted policies say at every step that the environment will clip; it does.
+            # The scripted policies warn at every step that the environment clips their actions.
             warnings.simplefilter("ignore")
             action = np.asarray(self._policy.get_action(told), np.float64)
         if self._agent.spoiled == "noise":

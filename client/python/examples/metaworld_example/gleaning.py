@@ -1,4 +1,4 @@
-"""The jobs on the server: task, pretraining, scores, dataset, two policies. What was ordered is not ordered again."""
+"""The jobs on the server: task, pretraining, scores, dataset, two policies. Existing jobs are not submitted again."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WITHOUT, WITH = "experts only", "with gleaned segments"
 
 @dataclass(frozen=True)
 class Gleaned:
-    """What the jobs made."""
+    """The results of the jobs."""
 
     encoder: str
     run: str
@@ -31,7 +31,7 @@ class Gleaned:
 
 
 def push(client: gleaner.Client, plan: Plan, demonstrations: Iterable[Demonstration]) -> Iterator[Episode]:
-    """Sends the recordings, labelled by outcome, with the agent for a cohort; those that are there are not sent."""
+    """Pushes the recordings, labelled by outcome, with the agent as cohort; recordings on the server are skipped."""
     try:
         client.tasks.create(task_spec(plan.server_task, plan.size))
     except gleaner.AlreadyExists:
@@ -51,14 +51,14 @@ def _same_task(client: gleaner.Client, plan: Plan) -> None:
 
 
 def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleaned:
-    """Pretrains, scores, selects, trains twice and deploys; shows how far each job is."""
+    """Pretrains, scores, selects, trains twice and deploys; shows the progress of each job."""
     there = sum(1 for _ in client.episodes.list(plan.server_task))
     if there != len(episodes):
         raise SystemExit(
             f"the server's task {plan.server_task} holds {there} episodes, not the {len(episodes)} of this run; "
             "give the run a --label of its own"
         )
-    # An imperfect agent's lucky success is still imperfect data: roles go by who showed it, not by how it went.
+    # Roles depend on the agent, because a success of an imperfect agent is imperfect data too.
     rule = {"expert_cohorts": [EXPERT.name], "imperfect_cohorts": [agent.name for agent in IMPERFECT]}
     pretrain = _job(
         client,
@@ -81,7 +81,7 @@ def glean(client: gleaner.Client, plan: Plan, episodes: list[Episode]) -> Gleane
 
 
 def _job(client: gleaner.Client, plan: Plan, kind: str, spec: dict[str, Any], name: str = "") -> Job:
-    # The key names the work: ordered again, by a run that was stopped too, the first job is the answer.
+    # The key identifies the work: a second submission, also of a resumed run, returns the first job.
     digest = hashlib.sha256(json.dumps(spec, sort_keys=True).encode()).hexdigest()[:16]
     job = getattr(client.jobs, kind)(plan.server_task, key=f"metaworld {kind} {digest}", **spec)
     with Progress(f"{kind} {name}".strip()) as progress:
@@ -93,6 +93,6 @@ def _job(client: gleaner.Client, plan: Plan, kind: str, spec: dict[str, Any], na
 def _deploy(client: gleaner.Client, name: str, policy_id: str, run: str) -> str:
     deployed = {known.name: (known.policy_id, known.score_run_id) for known in client.deployments()}
     if deployed.get(name) != (policy_id, run):
-        # The score run goes with it, so that every session hears how well it keeps to what experts do.
+        # With a score run every session receives live scores.
         client.deploy(name, policy_id, score_run=run)
     return name

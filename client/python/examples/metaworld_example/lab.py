@@ -1,4 +1,4 @@
-"""Between Meta-World and the task: what the server is told of it, and what a policy gets to see. Knows no files."""
+"""The task of Meta-World: its spec, and the inputs of a policy. Independent of files."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import gleaner
 from metaworld_example.recorder import ACTION_TOPIC, STATE_TOPIC, camera_topic
 from metaworld_example.simulator import CAMERAS, RATE_HZ, MetaWorld, State
 
-# Field and how many values: what a robot would feel and be told, but never where the object is. That is to be seen.
+# Fields and their sizes. The position of the object is not among them: a policy must use the images.
 PROPRIOCEPTION = {"joints": 7, "hand": 3, "gripper": 1, "goal": 3}
 ACTION = {"motion": 3, "closing": 1}
 
 
 def task_spec(name: str, size: int) -> dict[str, Any]:
-    """The task as the server is told of it."""
+    """The spec of the task."""
     fields = [(STATE_TOPIC, name) for name in PROPRIOCEPTION] + [(ACTION_TOPIC, name) for name in ACTION]
     mapping = {
         "name": "metaworld",
@@ -47,10 +47,10 @@ def done(action: NDArray[np.float32]) -> dict[str, NDArray[np.float32]]:
 
 
 class MetaWorldAdapter(gleaner.Adapter):
-    """What the policy sees and feels; its action is the environment's."""
+    """The images and proprioception of a policy; its action is the environment's."""
 
     def cameras(self, env: MetaWorld, observation: State) -> dict[str, NDArray[np.uint8]]:
-        """Both pictures."""
+        """The images of both cameras."""
         return env.images()
 
     def proprioception(self, env: MetaWorld, observation: State) -> NDArray[np.float32]:

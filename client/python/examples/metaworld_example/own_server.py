@@ -1,4 +1,4 @@
-"""A server for one run, over a folder of the run's own: started on a free port, stopped at the end."""
+"""A server for one run, over the run's folder: started on a free port, stopped at the end."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ _STOPPING_S = 40.0
 
 @contextmanager
 def own_server(program: Path, data: Path) -> Iterator[str]:
-    """The server's address. What it holds is there again when it is started over the same folder."""
+    """Yields the address of the server, whose data stay in the folder."""
     command = [str(program), "serve", "--listen", "127.0.0.1:0", "--data-dir", str(data)]
-    # By the environment, so that its workers hear it too.
+    # An environment variable also applies to the workers.
     quiet = {"GLEANER_LOG": "warn", **os.environ}
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=quiet) as process:
         try:

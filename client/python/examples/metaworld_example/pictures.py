@@ -1,4 +1,4 @@
-"""Pictures: what a policy saw on the way to success and to failure, and q along imperfect episodes."""
+"""Pictures: the images of a successful and a failed episode, and q along imperfect episodes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ENLARGED = 2
 
 
 class Watching(MetaWorldAdapter):
-    """Keeps what the cameras see, and the live scores of the policy by step."""
+    """Keeps the images of the cameras, and the live scores of the policy by step."""
 
     def __init__(self, policy: gleaner.Policy) -> None:
         self._policy = policy
@@ -31,12 +31,12 @@ class Watching(MetaWorldAdapter):
         self.q: dict[int, float] = {}
 
     def cameras(self, env: MetaWorld, observation: State) -> Frames:
-        """Both pictures."""
+        """The images of both cameras."""
         self.seen.append(env.images())
         return self.seen[-1]
 
     def action(self, env: MetaWorld, action: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The action itself; with it came the newest score."""
+        """The action itself; its reply has the newest score."""
         score = self._policy.score
         if score is not None:
             self.q[round(score.stamp_ns * RATE_HZ / 1e9)] = score.q
@@ -46,7 +46,7 @@ class Watching(MetaWorldAdapter):
 def strips(
     client: gleaner.Client, env: MetaWorld, deployment: str, trials: gleaner.Trials, folder: Path
 ) -> dict[str, Path]:
-    """A solved and a failed episode, run again: a strip of each, and both live scores; what never was is left out."""
+    """Repeats a solved and a failed episode, if there are any; returns a strip of each and both live scores."""
     shown: dict[str, Path] = {}
     curves: dict[str, dict[int, float]] = {}
     for outcome, success in (("success", True), ("failure", False)):

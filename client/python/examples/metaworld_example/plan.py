@@ -1,4 +1,4 @@
-"""Everything that can be chosen about a run, with defaults that take half an hour on two processor cores."""
+"""The settings of a run, with defaults that take half an hour on two processor cores."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SAID = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A run."""
+    """The settings of a run."""
 
     task: str = "pick-place-v3"
     label: str = ""
@@ -51,12 +51,12 @@ class Plan:
 
     @property
     def name(self) -> str:
-        """Of this run: the task's, and the label."""
+        """The name of the run: the task and the label."""
         return "-".join(filter(None, (self.task, self.label)))
 
     @property
     def folder(self) -> Path:
-        """Of this run."""
+        """The folder of the run."""
         return self.out / self.name
 
     @property

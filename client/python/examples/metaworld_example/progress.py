@@ -1,4 +1,4 @@
-"""How far a stage is: one line that is written over on a terminal, a line now and then in a log."""
+"""The progress of a stage: one line that is overwritten on a terminal, occasional lines in a log."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _EVERY_S = 20.0
 
 
 class Progress:
-    """One stage."""
+    """The progress of one stage."""
 
     def __init__(self, stage: str) -> None:
         self._stage = stage
@@ -19,7 +19,7 @@ class Progress:
         self._last = ""
 
     def at(self, done: int, total: int, note: str = "") -> None:
-        """Shows how far it is."""
+        """Shows the progress."""
         now = time.monotonic()
         share = f"{done}/{total}" if total else f"{done}"
         self._last = f"{self._stage}: {share} {note}".rstrip()

@@ -1,4 +1,4 @@
-"""One episode as an MCAP file: pictures as foxglove.CompressedImage, numbers as JSON. Knows no simulator."""
+"""One episode as an MCAP file: images as foxglove.CompressedImage, numbers as JSON. Independent of the simulator."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from PIL import Image
 
 STATE_TOPIC = "/arm/state"
 ACTION_TOPIC = "/arm/action"
-# Episodes of a simulator have no date: a fixed one, so that the same seed is the same file.
+# The date is fixed, so that a seed always gives the same file.
 BEGIN_NS = 1_700_000_000_000_000_000
 
 Numbers = Mapping[str, NDArray[np.float32]]
 
 
 def camera_topic(camera: str) -> str:
-    """Where a camera's pictures are."""
+    """The topic of a camera's images."""
     return f"/camera/{camera}"
 
 
 class Recorder:
-    """Writes steps as they come. The file is there once it is kept, whole, or not at all."""
+    """Writes an episode step by step. The file exists only once it is complete and kept."""
 
     def __init__(self, part: Path, rate_hz: float, about: Mapping[str, str]) -> None:
         self._part = part
         self._period_ns = round(1e9 / rate_hz)
         self._steps = 0
         self._file = self._part.open("wb")
-        # Pictures are compressed already.
+        # Images are compressed already.
         self._mcap = Writer(self._file, compression=CompressionType.NONE)
         self._mcap.start(library="gleaner metaworld example")
         self._mcap.add_metadata("episode", dict(about))
         self._channels: dict[str, int] = {}
 
     def step(self, images: Mapping[str, NDArray[np.uint8]], state: Numbers, action: Numbers) -> None:
-        """One step: what was seen and felt, then what was done."""
+        """Writes one step: the observation, then the action."""
         stamp_ns = BEGIN_NS + self._steps * self._period_ns
         for camera, image in images.items():
             self._picture(camera_topic(camera), stamp_ns, image)
@@ -53,7 +53,7 @@ class Recorder:
         self._steps += 1
 
     def keep(self, path: Path) -> None:
-        """Ends the recording and gives it its name."""
+        """Ends the recording and renames it."""
         self._mcap.finish()
         self._file.close()
         self._part.replace(path)
@@ -66,7 +66,7 @@ class Recorder:
                 build_file_descriptor_set(CompressedImage).SerializeToString(),
             )
             self._channels[topic] = self._mcap.register_channel(topic, "protobuf", schema)
-        # PNG keeps every pixel, so that the policy learns from just what it will see.
+        # PNG keeps every pixel, so that a policy is trained on the images of its sessions.
         coded = io.BytesIO()
         Image.fromarray(image).save(coded, "PNG")
         stamp = Timestamp()

@@ -1,4 +1,4 @@
-"""The report: what was shown, what was kept, how the policies did. Markdown to read, JSON to compute with."""
+"""The report: demonstrations, kept segments, results of the policies. Markdown for people, JSON for programs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def write(
     gleaned: Gleaned,
     results: Mapping[str, gleaner.Trials],
 ) -> Path:
-    """Writes pictures, report.json and report.md into the run's folder; the path of the last."""
+    """Writes pictures, report.json and report.md into the folder of the run; returns the path of report.md."""
     found = {
         "plan": {name: str(value) for name, value in asdict(plan).items() if name != "token"},
         "demonstrations": _demonstrations(client, plan, gleaned),

@@ -21,7 +21,7 @@ STAGES = ("collect", "push", "glean", "evaluate", "all")
 
 
 def main(about: str) -> None:
-    """What the command line asks for."""
+    """Runs the stages of the command line."""
     until, plan = parse(STAGES, about)
     plan.folder.mkdir(parents=True, exist_ok=True)
     env = MetaWorld(plan.task, plan.size)

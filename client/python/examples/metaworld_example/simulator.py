@@ -1,4 +1,4 @@
-"""A task of Meta-World as a Gymnasium environment at 40 Hz, with cameras that are fast on a CPU. Knows no server."""
+"""A task of Meta-World as a Gymnasium environment at 40 Hz, with fast rendering on a CPU. Independent of the server."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 from metaworld.env_dict import ALL_V3_ENVIRONMENTS
 from numpy.typing import NDArray
 
-# The task's name for a camera, and Meta-World's. Both move with the hand: with where the hand is, which is felt, they
-# show where the object is.
+# The task's name of a camera, and Meta-World's. Both move with the hand, whose position is in the proprioception, so that
+# their images show the position of the object.
 CAMERAS = {"behind": "behindGripper", "wrist": "gripperPOV"}
 RATE_HZ = 40.0
 # Meta-World moves at 80 Hz.
@@ -32,7 +32,7 @@ class MetaWorld(gymnasium.Env[State, NDArray[np.float32]]):
         if task not in ALL_V3_ENVIRONMENTS:
             raise ValueError(f"task {task}: Meta-World has none of this name; it has {', '.join(ALL_V3_ENVIRONMENTS)}")
         env: Any = ALL_V3_ENVIRONMENTS[task]()
-        # Placements come from our seed, and the goal is part of the state: the scripted expert needs it.
+        # Placements come from the seed, and the goal is part of the state, because the scripted expert needs it.
         env._partially_observable = False
         env._freeze_rand_vec = False
         env.seeded_rand_vec = True
@@ -52,7 +52,7 @@ class MetaWorld(gymnasium.Env[State, NDArray[np.float32]]):
         self._arm = [int(env.model.joint(name).qposadr[0]) for name in arm]
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[State, dict[str, Any]]:
-        """Begins the episode of a seed: the same seed is the same episode, whatever came before."""
+        """Starts the episode of a seed: the same seed always gives the same episode."""
         super().reset(seed=seed)
         if seed is not None:
             self._env.seed(seed)
@@ -72,7 +72,7 @@ class MetaWorld(gymnasium.Env[State, NDArray[np.float32]]):
         return state, float(reward), success, self._steps >= self._max_steps, {"success": success}
 
     def images(self) -> Frames:
-        """What the cameras see now: size × size × RGB each."""
+        """The current images of the cameras: size × size × RGB each."""
         seen = {}
         for name, camera in CAMERAS.items():
             self._renderer.update_scene(self._env.data, camera)

@@ -1,4 +1,4 @@
-"""Closed-loop episodes over gRPC, kept one by one: a run that was stopped goes on with the next."""
+"""Closed-loop episodes over gRPC, stored one by one, so that an interrupted run resumes with the next."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from metaworld_example.plan import Plan
 from metaworld_example.progress import Progress
 from metaworld_example.simulator import MetaWorld
 
-# Far from every demonstration's.
+# Far from the seeds of all demonstrations.
 SEED = 10_000_000
 
 
 def trials(client: gleaner.Client, env: MetaWorld, plan: Plan, deployment: str) -> gleaner.Trials:
-    """The plan's episodes of a deployment, those in the file counted; the server keeps the result with the policy."""
+    """Evaluates a deployment, except for episodes in the file; the server stores the result with the policy."""
     file = plan.folder / "trials.jsonl"
     policy_id = next(known.policy_id for known in client.deployments() if known.name == deployment)
     done = _read(file, policy_id)[: plan.episodes]

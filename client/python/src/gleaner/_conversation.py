@@ -1,4 +1,4 @@
-"""A bidirectional stream: messages out at any time, answers with a time limit. Must not know messages."""
+"""A bidirectional stream: messages out at any time, answers with a time limit. Independent of messages."""
 
 from __future__ import annotations
 

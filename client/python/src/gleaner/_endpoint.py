@@ -13,7 +13,7 @@ from gleaner.errors import invalid
 
 @dataclass(frozen=True)
 class Endpoint:
-    """The arguments of `connect`. Worker processes of a data loader use a copy to connect by themselves."""
+    """The arguments of `connect`. Worker processes of a data loader use a copy for their own connections."""
 
     address: str
     token: str | None = field(default=None, repr=False)

@@ -1,4 +1,4 @@
-"""Escaping of text from servers and recordings for terminals. Must not know messages."""
+"""Escaping of text from servers and recordings for terminals. Independent of messages."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calls: one channel, time limits and errors. Must not know services."""
+"""Calls: one channel, time limits and errors. Independent of services."""
 
 from __future__ import annotations
 

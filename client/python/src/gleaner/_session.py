@@ -1,4 +1,4 @@
-"""A session on the wire: open, observe, close. Knows messages; must not know arrays."""
+"""A session on the wire: open, observe, close. It handles messages, not arrays."""
 
 from __future__ import annotations
 

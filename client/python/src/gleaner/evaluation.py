@@ -1,4 +1,4 @@
-"""Closed-loop trials of a policy in any Gymnasium environment. Knows no server but to report to."""
+"""Closed-loop trials of a policy in any Gymnasium environment. It needs a server only to report results."""
 
 from __future__ import annotations
 

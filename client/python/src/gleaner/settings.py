@@ -1,4 +1,4 @@
-"""Settings of jobs, as typed keywords. Choices are words: `preset="tiny"`; what is left out takes the default.
+"""Settings of jobs, as typed keywords. Choices are words: `preset="tiny"`; missing settings have their default.
 
 The settings themselves are generated from the server's schema (`gleaner._proto.kinds`).
 """

@@ -1,4 +1,4 @@
-"""Tasks: named robot skills and how to find their steps in a recording."""
+"""Tasks: named robot skills, and the place of their steps in recordings."""
 
 from __future__ import annotations
 

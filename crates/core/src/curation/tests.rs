@@ -24,7 +24,7 @@ fn row(steps: u64, created_at: i64, outcome: Outcome) -> TableRow {
     TableRow { episode, label_version: 1, labelled_by: String::new(), labelled_at: Millis(0) }
 }
 
-/// An episode's mean q: that of its steps, none for 0.
+/// An episode's mean q: its steps as a number; `None` for 0 steps.
 fn mean_q(rows: &[TableRow]) -> impl Fn(&EpisodeId) -> Option<f64> {
     let all: std::collections::HashMap<_, _> =
         rows.iter().map(|row| (row.episode.id.clone(), f64::from(u32::try_from(row.episode.steps).unwrap()))).collect();
@@ -51,7 +51,8 @@ fn every_key_has_a_word() {
 }
 
 proptest! {
-    /// The order does not depend on how the rows came, and the reverse is the reverse but for ties, which stay by id.
+    /// The order does not depend on the order of input; descending order is the reverse, except for ties, which stay
+    /// ordered by id.
     #[test]
     fn order_is_one(values in proptest::collection::vec((0..4_u64, 0..3_i64, 0..3_usize), 0..20), key in 0..SortKey::ALL.len()) {
         let outcomes = [Outcome::Success, Outcome::Failure, Outcome::Unknown];

@@ -10,7 +10,7 @@ use crate::{
     selection::Selection,
 };
 
-/// What to stream of a dataset.
+/// The parts of a dataset to stream.
 pub struct SegmentsRequest {
     /// The dataset.
     pub dataset_id: DatasetId,
@@ -36,7 +36,7 @@ pub fn export_id(text: &str) -> Result<ExportId> {
     ExportId::parse("export_id", text)
 }
 
-/// Reads the run and the selection of a new dataset.
+/// Reads the score run and the selection of a new dataset.
 ///
 /// # Errors
 /// Invalid names the field.

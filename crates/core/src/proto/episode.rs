@@ -10,7 +10,7 @@ use crate::{
     id::{EpisodeId, TaskId},
 };
 
-/// Most episodes labelled or deleted in one act.
+/// Most episodes labelled or deleted in one call.
 const MANY_EPISODES: usize = 10_000;
 
 /// Reads an episode's id.
@@ -49,7 +49,7 @@ pub fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
 
 /// Which episodes to list.
 pub struct Listing {
-    /// The episodes meant.
+    /// The filter of the episodes.
     pub filter: EpisodeFilter,
     /// The last episode of the page before; `None` for the first page.
     pub after: Option<EpisodeId>,
@@ -57,7 +57,7 @@ pub struct Listing {
     pub size: u32,
 }
 
-/// Which of the task's episodes to list. A page token is the id of the last episode before the page.
+/// The filter and page of a list of episodes. A page token is the id of the last episode of the page before.
 pub fn list_request(request: v1::ListEpisodesRequest, task_id: TaskId) -> Result<Listing> {
     let v1::ListEpisodesRequest { task: _, outcome, cohort, page_size, page_token, deleted } = request;
     let after = match page_token.as_str() {
@@ -84,7 +84,7 @@ pub fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<EpisodeId
     Ok((ids, label))
 }
 
-/// Some episodes, but not none.
+/// Episode ids; an empty list is rejected.
 fn episode_ids_of(episode_ids: &[String]) -> Result<Vec<EpisodeId>> {
     if episode_ids.is_empty() || episode_ids.len() > MANY_EPISODES {
         return Err(Error::invalid("episode_ids", format!("name 1 to {MANY_EPISODES} episodes")));
@@ -93,12 +93,12 @@ fn episode_ids_of(episode_ids: &[String]) -> Result<Vec<EpisodeId>> {
     ids.collect()
 }
 
-/// The episodes to delete, and whether by force.
+/// The episodes to delete, and whether deletion is forced.
 pub fn delete_request(request: &v1::DeleteEpisodesRequest) -> Result<(Vec<EpisodeId>, bool)> {
     Ok((episode_ids_of(&request.episode_ids)?, request.force))
 }
 
-/// The episodes to take back.
+/// The episodes to restore.
 pub fn undelete_request(request: &v1::UndeleteEpisodesRequest) -> Result<Vec<EpisodeId>> {
     episode_ids_of(&request.episode_ids)
 }
@@ -137,7 +137,7 @@ pub fn episode(episode: Episode) -> v1::Episode {
     }
 }
 
-/// An episode and what its inspection found.
+/// An episode with the report of its inspection.
 pub fn inspected(inspected: InspectedEpisode) -> (v1::Episode, v1::Report) {
     let duration_s = inspected.episode.duration_s;
     (episode(inspected.episode), report(inspected.report, duration_s))
@@ -156,7 +156,7 @@ fn finding(finding: Finding) -> v1::Finding {
         Severity::Warning => v1::Severity::Warning,
         Severity::Error => v1::Severity::Error,
     };
-    // The word that JSON has for it, such as missing_topic.
+    // The JSON word of the code, such as missing_topic.
     let code = serde_json::to_value(code).ok().and_then(|code| code.as_str().map(str::to_owned)).unwrap_or_default();
     v1::Finding { severity: severity.into(), code, subject, first_step, detail }
 }

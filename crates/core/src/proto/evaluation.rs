@@ -24,10 +24,10 @@ pub fn evaluation_id(text: &str) -> Result<EvaluationId> {
     EvaluationId::parse("evaluation_id", text)
 }
 
-/// The policy, where it was tried, and what came of each seed.
+/// The policy, the name of the simulation, and the results of each seed.
 ///
 /// # Errors
-/// Invalid names the field and the mend.
+/// Invalid names the field and the remedy.
 pub fn report_request(request: v1::ReportEvaluationRequest) -> Result<(PolicyId, String, Vec<SeedResult>)> {
     let v1::ReportEvaluationRequest { policy_id: policy, simulation, seeds } = request;
     let policy = policy_id(&policy)?;
@@ -41,10 +41,10 @@ pub fn report_request(request: v1::ReportEvaluationRequest) -> Result<(PolicyId,
     Ok((policy, simulation, seeds_from_proto("seeds", seeds)?))
 }
 
-/// Reads what came of each seed.
+/// Reads the results of each seed.
 ///
 /// # Errors
-/// Invalid when there is no trial, a seed comes twice, or a count makes no sense.
+/// Invalid when there is no trial, a seed comes twice, or the counts contradict each other.
 pub fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<SeedResult>> {
     if seeds.is_empty() || seeds.len() > MAX_SEEDS {
         return Err(Error::invalid(at, format!("are {}, must be between 1 and {MAX_SEEDS}", seeds.len())));
@@ -73,7 +73,7 @@ pub fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<Seed
     Ok(read)
 }
 
-/// What came of one seed.
+/// The results of one seed.
 pub fn seed_to_proto(result: SeedResult) -> v1::SeedResult {
     let SeedResult { seed, episodes, successes, mean_steps } = result;
     v1::SeedResult { seed, episodes, successes, mean_steps }

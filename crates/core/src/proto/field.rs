@@ -1,4 +1,5 @@
-//! Reading single fields of a request: what is missing, empty or out of range is named with its mend.
+//! Reading single fields of a request: a missing, empty or out-of-range value is rejected with the field's name and a
+//! remedy.
 
 use prost_types::Timestamp;
 
@@ -13,7 +14,7 @@ pub fn required<T>(field: &str, value: Option<T>) -> Result<T> {
     value.ok_or_else(|| Error::invalid(field, "must be set"))
 }
 
-/// A text that must not be empty, nor longer than 255 bytes, nor hold control characters.
+/// A text of 1 to 255 bytes without control characters.
 pub fn text(field: &str, value: String) -> Result<String> {
     if value.is_empty() {
         return Err(Error::invalid(field, "must not be empty"));

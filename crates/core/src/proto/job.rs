@@ -11,9 +11,9 @@ use crate::{
     schedule::PipelineSpec,
 };
 
-/// More attempts than this help nobody.
+/// Most attempts of a job; more would not help.
 const MAX_ATTEMPTS: u32 = 100;
-/// Most jobs to wait for.
+/// Most jobs that one job may wait for.
 const MAX_NEEDS: usize = 100;
 /// Longest key, in characters.
 const LONGEST_KEY: usize = 200;
@@ -23,10 +23,10 @@ pub fn job_id(text: &str) -> Result<JobId> {
     JobId::parse("job_id", text)
 }
 
-/// The task's name or id, what to do, and how to queue it.
+/// The task's name or id, the order, and the settings of its queueing.
 ///
 /// # Errors
-/// Invalid names the field and the mend.
+/// Invalid names the field and the remedy.
 pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder, Queueing)> {
     let v1::SubmitJobRequest { task, spec, priority, needs, max_attempts, key } = request;
     if needs.len() > MAX_NEEDS {
@@ -46,25 +46,25 @@ pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder
 /// The task's name or id, the pipeline, and the priority of its jobs.
 ///
 /// # Errors
-/// Invalid names the field and the mend.
+/// Invalid names the field and the remedy.
 pub fn pipeline_request(request: v1::SubmitPipelineRequest) -> Result<(String, PipelineSpec, i32)> {
     let v1::SubmitPipelineRequest { task, pipeline, priority } = request;
     Ok((field::text("task", task)?, order::pipeline(pipeline)?, priority))
 }
 
-/// Which page of which jobs.
+/// Filter and page of a list of jobs.
 pub struct ListRequest {
     /// The task's name or id; empty: every task.
     pub task: String,
     /// Only in this state.
     pub state: Option<JobState>,
-    /// Jobs on the page.
+    /// Number of jobs on the page.
     pub size: u32,
-    /// Where the page begins.
+    /// The oldest job of the page before; `None` for the first page.
     pub before: Option<JobId>,
 }
 
-/// Reads which jobs to list.
+/// Reads the filter and page of a list of jobs.
 ///
 /// # Errors
 /// Invalid names the field.
@@ -157,7 +157,7 @@ pub fn metric(metric: Metric) -> v1::Metric {
     v1::Metric { step, name, value }
 }
 
-/// How a job stands, and what is new.
+/// A job's state, and its new metrics.
 pub fn watched((now, metrics): (Job, Vec<Metric>)) -> v1::WatchJobResponse {
     v1::WatchJobResponse { job: Some(job(now)), metrics: metrics.into_iter().map(metric).collect() }
 }

@@ -8,7 +8,7 @@ use crate::{
 };
 use gleaner_proto::v1;
 
-/// Everything that a client may choose.
+/// Every kind that a client may choose.
 pub fn list() -> v1::ListKindsResponse {
     let of = |family: Family| family.kinds().iter().cloned().map(kind).collect();
     v1::ListKindsResponse {

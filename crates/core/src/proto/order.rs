@@ -1,4 +1,5 @@
-//! Orders on the wire, with what is left out filled in; complete specs back. One kind of job, one file.
+//! Orders on the wire, with defaults for what is left out, and the conversion of complete specs back. One file for each
+//! kind of job.
 
 mod evaluate;
 mod pipeline;
@@ -18,10 +19,10 @@ use crate::{
     order::{JobOrder, Subject},
 };
 
-/// Reads what a job is to do.
+/// Reads the order of a job.
 ///
 /// # Errors
-/// Invalid names the field, such as `spec.pretrain.optim.steps`, and the mend.
+/// Invalid names the field, such as `spec.pretrain.optim.steps`, and the remedy.
 pub fn order(spec: Option<v1::JobSpec>) -> Result<JobOrder> {
     let v1::JobSpec { spec } = field::required("spec", spec)?;
     match field::required("spec", spec)? {

@@ -26,7 +26,7 @@ pub fn deployment_name(field: &str, name: String) -> Result<String> {
     Ok(name)
 }
 
-/// Reads the name, the policy and the score run to score with, if any.
+/// Reads the deployment's name, the policy, and the score run whose scorer is used, if any.
 ///
 /// # Errors
 /// Invalid names the field.
@@ -147,7 +147,7 @@ pub fn action_steps(actions: Vec<Vec<f32>>) -> Vec<v1::ActionStep> {
     actions.into_iter().map(|values| v1::ActionStep { values }).collect()
 }
 
-/// The time that the parts of an answer took.
+/// Time spent in each stage of a response.
 pub fn timings(spent: Timings) -> v1::Timings {
     let Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size } = spent;
     v1::Timings { decode_us, queue_us, batch_us, model_us, total_us, batch_size }

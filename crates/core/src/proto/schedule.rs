@@ -44,10 +44,10 @@ impl NewSchedule {
     }
 }
 
-/// The task's name or id, and the schedule to make; cron counts from `now`.
+/// The task's name or id, and the schedule to create; cron counts from `now`.
 ///
 /// # Errors
-/// Invalid names the field and the mend.
+/// Invalid names the field and the remedy.
 pub fn create_request(request: v1::CreateScheduleRequest, now: Millis) -> Result<(String, NewSchedule)> {
     let v1::CreateScheduleRequest { task, name, trigger, pipeline } = request;
     let trigger = match trigger {

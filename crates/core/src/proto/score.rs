@@ -22,7 +22,7 @@ pub fn score_run_id(text: &str) -> Result<ScoreRunId> {
     ScoreRunId::parse("score_run_id", text)
 }
 
-/// A threshold that a caller gave in `field`.
+/// A threshold in the request's `field`.
 pub fn beta(field: &str, beta: f64) -> Result<f64> {
     if (0.0..=1.0).contains(&beta) {
         return Ok(beta);
@@ -30,7 +30,7 @@ pub fn beta(field: &str, beta: f64) -> Result<f64> {
     Err(Error::invalid(field, format!("is {beta}, must be between 0 and 1")))
 }
 
-/// A part of all segments that a caller gave in `field`.
+/// A part of all segments in the request's `field`.
 pub fn top_fraction(field: &str, part: f64) -> Result<f64> {
     if part > 0.0 && part <= 1.0 {
         return Ok(part);
@@ -38,7 +38,7 @@ pub fn top_fraction(field: &str, part: f64) -> Result<f64> {
     Err(Error::invalid(field, format!("is {part}, must be above 0 and at most 1")))
 }
 
-/// Reads the run and the episode whose scores are wanted.
+/// Reads the run and the episode of the requested scores.
 ///
 /// # Errors
 /// Invalid names the field.
@@ -80,7 +80,7 @@ pub fn histogram_response(histogram: &Histogram) -> v1::GetHistogramResponse {
     }
 }
 
-/// A score run with how much it covers.
+/// A score run with its counts.
 pub fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
     let ScoreRun {
         id,
@@ -113,7 +113,7 @@ pub fn score_run(run: ScoreRun, counts: RunCounts) -> v1::ScoreRun {
     }
 }
 
-/// A selection that a caller gave in `at`.
+/// A selection at the path `at` of the request.
 ///
 /// # Errors
 /// Invalid when it is missing or out of range.
@@ -136,7 +136,7 @@ pub fn selection_to_proto(selection: Selection) -> v1::Selection {
     v1::Selection { rule: Some(rule) }
 }
 
-/// The run, the selections to count, and whether to tell of each episode.
+/// The run, the selections to count, and whether each episode is listed.
 ///
 /// # Errors
 /// Invalid when there is no selection, too many, or one that is out of range.
@@ -151,7 +151,7 @@ pub fn count_request(request: v1::CountKeptRequest) -> Result<(ScoreRunId, Vec<S
     Ok((score_run_id(&run)?, selections, per_episode))
 }
 
-/// What one selection would keep.
+/// The segments that one selection would keep.
 pub fn what_if(counted: WhatIf, per_episode: bool) -> v1::KeptBySelection {
     let WhatIf { selection, threshold, total, cohorts, episodes } = counted;
     let cohorts = cohorts.into_iter().map(|(cohort, of)| v1::KeptOfCohort { cohort, kept: Some(kept(of)) });
@@ -172,7 +172,7 @@ fn kept(kept: Kept) -> v1::Kept {
     v1::Kept { segments, of_segments, episodes, of_episodes }
 }
 
-/// One episode's scores; `expert_ids` are what `match_episode` counts in.
+/// One episode's scores; `match_episode` are indices into `expert_ids`.
 pub fn episode_scores(scores: EpisodeScores, expert_ids: Vec<EpisodeId>) -> v1::EpisodeScores {
     let EpisodeScores { episode_id, role, w, q, match_episode, match_step, distances } = scores;
     let distance = |modality: usize| distances.iter().map(|all| all[modality]).collect();

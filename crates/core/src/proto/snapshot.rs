@@ -26,10 +26,11 @@ pub fn create_request(request: v1::CreateSnapshotRequest) -> Result<(String, Rol
 /// Most cohorts on one side of a rule.
 const MAX_COHORTS: usize = 1000;
 
-/// Reads a rule; none is the default one: success is expert, failure imperfect.
+/// Reads a rule; a missing one is the default rule: success is expert, failure imperfect.
 ///
 /// # Errors
-/// Invalid when a cohort is on both sides or is no tag, when there are too many, or a limit is negative or not a number.
+/// Invalid when a cohort is on both sides or is not a tag, when there are too many cohorts, or a limit is negative or
+/// not a number.
 pub fn rule_from_proto(at: &str, rule: Option<v1::RoleRule>) -> Result<RoleRule> {
     let v1::RoleRule { expert_cohorts, imperfect_cohorts, imperfect_per_expert, max_experts, seed } =
         rule.unwrap_or_default();
@@ -93,7 +94,7 @@ pub fn snapshot(snapshot: Snapshot) -> v1::Snapshot {
     }
 }
 
-/// An episode as a snapshot holds it.
+/// An episode as frozen in a snapshot.
 pub fn snapshot_episode(member: SnapshotEpisode) -> v1::SnapshotEpisode {
     let SnapshotEpisode { episode_id, outcome, cohort, role, steps } = member;
     v1::SnapshotEpisode {

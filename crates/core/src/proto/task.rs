@@ -9,13 +9,13 @@ use crate::{
     task::{OutcomeCounts, Task},
 };
 
-/// What a message that a step may follow by is worth when the client says nothing, as a share of a period.
+/// Default tolerance, as a share of a period, when the message has none.
 const TOLERANCE: f64 = 0.25;
 
 /// A specification from its message. Its rules are checked where tasks are created.
 ///
 /// # Errors
-/// Invalid under `spec.alignment` when this build does not know the alignment.
+/// Invalid under `spec.alignment` for an alignment that this build does not have.
 pub fn spec_from_proto(spec: v1::TaskSpec) -> Result<TaskSpec> {
     let v1::TaskSpec { name, rate_hz, cameras, proprioception, action, alignment, tolerance, mappings } = spec;
     Ok(TaskSpec {

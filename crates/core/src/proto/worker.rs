@@ -1,4 +1,5 @@
-//! A worker's calls, both ways: the server answers through `to`-conversions, the worker reads them and reports.
+//! The calls of a worker, both ways: the server sends and the worker reads assignments; the worker sends and the server
+//! reads reports.
 
 mod completion;
 mod kept;
@@ -16,10 +17,10 @@ use crate::{
     work::{FrozenRun, InputEpisode, Inputs, Progress},
 };
 
-/// Longest error of a worker that is kept, in characters.
+/// Longest stored error of a worker, in characters.
 const LONGEST_ERROR: usize = 2000;
 
-/// What a worker is given.
+/// The assignment of a worker.
 pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
     let Inputs { task: spec, experts, imperfect, kept, encoder, checkpoint, segment_length, policy, base } = inputs;
     let (kept, match_episode_ids) = kept::to(kept);
@@ -43,13 +44,13 @@ pub fn assignment(assigned: Job, inputs: Inputs) -> v1::GetAssignmentResponse {
     }
 }
 
-/// One episode's scores of the run that a job goes on from.
+/// One episode's scores of the run that a job extends.
 pub fn base_scores(scores: EpisodeScores) -> v1::StreamBaseScoresResponse {
     let scores = EpisodeScores { q: Vec::new(), ..scores };
     v1::StreamBaseScoresResponse { scores: Some(score::episode_scores(scores, Vec::new())) }
 }
 
-/// Reads them, without q.
+/// Reads one episode's scores of that run, without q.
 ///
 /// # Errors
 /// Invalid when the server speaks another version.
@@ -62,7 +63,7 @@ fn episode_to(episode: InputEpisode) -> v1::AssignedEpisode {
     v1::AssignedEpisode { episode_id: id.into(), recording: recording.into(), steps, file_name }
 }
 
-/// What the worker reads: which job, what to do, and with what.
+/// Reads an assignment: the job, its order and its inputs.
 ///
 /// # Errors
 /// Invalid when the server speaks another version.
@@ -152,7 +153,7 @@ pub fn checkpoint_request(request: v1::SaveCheckpointRequest) -> Result<(u64, Bl
     Ok((step, BlobId::parse("blob", &blob)?))
 }
 
-/// What went wrong, shortened if it is long, and whether another attempt could help.
+/// The worker's error, shortened if it is long, and whether another attempt could help.
 pub fn fail_request(request: v1::FailJobRequest) -> (String, bool) {
     let v1::FailJobRequest { error, retry } = request;
     let error = if error.is_empty() { "the worker gave no reason".to_owned() } else { error };

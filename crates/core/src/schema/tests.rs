@@ -1,4 +1,4 @@
-//! What a setting accepts, and how it rejects the rest.
+//! Values that a setting accepts, and the errors for those it rejects.
 
 use serde_json::json;
 

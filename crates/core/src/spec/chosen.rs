@@ -1,4 +1,4 @@
-//! A kind that a job has chosen, with its own settings.
+//! The kind that a job chooses, with its own settings.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,7 @@ use crate::kinds::Family;
 use crate::schema::{Problem, Setting, Shape, Values, complete};
 use crate::settings::Group;
 
-/// A policy or scorer by its name, with the settings that it has besides those of its job, complete.
+/// A policy or scorer by its name, with its complete settings of its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Chosen {
     /// The kind's name.

@@ -4,7 +4,7 @@ use super::groups::Device;
 use crate::schema::{Problem, Setting, Shape, Values, complete, integer_in};
 use crate::settings::{Group as _, Words as _};
 
-/// Seeds are below this, so that none shares an attempt with another.
+/// Upper bound of seeds, so that no two seeds share an attempt.
 const SEED_LIMIT: u64 = u32::MAX as u64;
 
 crate::settings! {
@@ -54,8 +54,8 @@ impl EvaluateSpec {
         values
     }
 
-    /// The simulator's seeds of a seed's attempts, 2³² · (seed + 1) and on: no two seeds share one, and none is that of
-    /// a small recorded set.
+    /// The simulator's seeds of a seed's attempts, from 2³² · (seed + 1) upwards: no two seeds share one, and none is a
+    /// seed of a small recorded set.
     pub fn attempts(&self, seed: u64) -> impl Iterator<Item = u64> + use<> {
         let first = seed.saturating_add(1).saturating_mul(1 << 32);
         (0..u64::from(self.episodes)).map(move |attempt| first.saturating_add(attempt))

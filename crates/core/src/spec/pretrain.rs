@@ -19,7 +19,7 @@ pub struct PretrainSpec {
     pub optim: OptimSpec,
     /// How the run is carried out.
     pub run: RunSpec,
-    /// Intra-op threads, set by the worker; `None` leaves the process as it is. Numbers repeat bit for bit only
+    /// Intra-op threads, set by the worker; `None` keeps the setting of the process. Numbers repeat bit for bit only
     /// between runs with the same number of threads.
     pub threads: Option<u32>,
 }

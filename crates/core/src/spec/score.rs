@@ -20,13 +20,13 @@ crate::words! {
 /// Settings of a score job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreSpec {
-    /// What gives the scores.
+    /// The scorer.
     pub scorer: Chosen,
-    /// How similarities become scores.
+    /// The mapping of similarities to scores.
     pub normaliser: NormaliserKind,
-    /// Where to run.
+    /// The device of the job.
     pub device: Device,
-    /// Intra-op threads, set by the worker; `None` leaves the process as it is.
+    /// Intra-op threads, set by the worker; `None` keeps the setting of the process.
     pub threads: Option<u32>,
 }
 

@@ -1,7 +1,7 @@
 //! Specs as earlier versions stored them, in rows and in checkpoints, and the identity of a run.
 //!
 //! Earlier versions nested groups (`optim`, `model`, `act`, `augmentation`), stored `threads`, and stored the settings
-//! of every policy and scorer whichever was chosen.
+//! of every policy and scorer whether chosen or not.
 
 use serde_json::{Value, json};
 
@@ -32,21 +32,21 @@ pub(super) fn score(mut values: Values) -> Values {
     used(Family::Scorer, flat(values))
 }
 
-/// Groups merged into the map that holds them.
+/// Merges groups into the map that contains them.
 fn flat(values: Values) -> Values {
     let mut flat = Values::new();
     for (name, value) in values {
         if let Value::Object(group) = value {
             flat.extend(group);
         } else if name != "threads" {
-            // A worker sets the threads for itself.
+            // A worker sets its threads itself.
             flat.insert(name, value);
         }
     }
     flat
 }
 
-/// Without the settings that the chosen kind does not have and another kind has.
+/// Removes the settings that the chosen kind lacks and another kind has.
 fn used(family: Family, mut values: Values) -> Values {
     let name = values.get(family.as_str()).and_then(Value::as_str).unwrap_or(family.default_name());
     let Some(kind) = family.find(name) else { return values };
@@ -58,7 +58,7 @@ fn used(family: Family, mut values: Values) -> Values {
     values
 }
 
-/// The settings that decide a run's result, as JSON: without those of how it is carried out.
+/// The settings that decide a run's result, as JSON: without those of its execution.
 pub(super) fn identity(mut values: Values) -> String {
     for name in ["checkpoint_every", "device"] {
         values.remove(name);

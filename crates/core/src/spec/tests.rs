@@ -1,4 +1,4 @@
-//! Specs from settings and from what earlier versions stored.
+//! Specs from settings and from the forms of earlier versions.
 
 use serde_json::{Value, json};
 
@@ -123,7 +123,7 @@ fn every_default_is_allowed_by_its_own_setting() {
     assert!(Family::Policy.kinds().len() > 3);
 }
 
-/// `make kinds` writes the file.
+/// The file is written by `make kinds`.
 #[test]
 fn the_settings_written_for_other_languages_are_these() {
     let written = serde_json::to_string_pretty(&jobs()).unwrap() + "\n";

@@ -10,7 +10,7 @@ use crate::settings::Group as _;
 /// Settings of a training job.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TrainSpec {
-    /// Which policy, with its own settings.
+    /// The policy, with its own settings.
     pub policy: Chosen,
     /// Random changes to images.
     pub augmentation: Augmentation,
@@ -20,7 +20,7 @@ pub struct TrainSpec {
     pub lambda: f64,
     /// How the run is carried out.
     pub run: RunSpec,
-    /// Intra-op threads, set by the worker; `None` leaves the process as it is.
+    /// Intra-op threads, set by the worker; `None` keeps the setting of the process.
     pub threads: Option<u32>,
 }
 

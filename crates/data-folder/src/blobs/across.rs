@@ -15,7 +15,7 @@ const DRAFT: &str = ".draft-";
 /// `to` is complete or missing.
 ///
 /// # Errors
-/// As the disks'; then `from` still exists.
+/// The error of the disk; then `from` still exists.
 pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
     match fs::rename(from, to) {
         Err(error) if error.kind() == io::ErrorKind::CrossesDevices => {
@@ -33,7 +33,7 @@ pub(super) fn rename(from: &Path, to: &Path) -> io::Result<()> {
 /// A draft file, to be written and then renamed in its folder.
 ///
 /// # Errors
-/// As the disk's.
+/// The error of the disk.
 pub(super) fn draft(folder: &Path) -> io::Result<NamedTempFile> {
     tempfile::Builder::new().prefix(DRAFT).tempfile_in(folder)
 }
@@ -47,7 +47,7 @@ pub(super) fn is_draft(path: &Path) -> bool {
 mod tests {
     use super::*;
 
-    /// Memory and disk are two file systems on most machines; where they are one, this is a plain rename.
+    /// Memory and disk are two file systems on most machines; on one file system, this is a plain rename.
     #[test]
     fn a_file_of_another_disk_arrives_whole() {
         let here = tempfile::tempdir().unwrap();

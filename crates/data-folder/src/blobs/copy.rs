@@ -26,7 +26,7 @@ impl Blobs {
     /// right or, with `verify`, if its digest matches.
     ///
     /// # Errors
-    /// When this side's disk fails.
+    /// When the destination's disk fails.
     pub fn copy_from(&self, source: &Self, id: &BlobId, verify: bool) -> Result<Copied> {
         let (from, to) = (source.path(id), self.path(id));
         let mut file = match File::open(&from) {

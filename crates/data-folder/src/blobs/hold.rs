@@ -2,12 +2,12 @@
 //!
 //! Three parties, two locks:
 //!
-//! - *naming*: find or put a blob, then commit the row that names it;
-//! - *removing*: check that no row names a blob, then remove it. Within the server the two exclude each other, so that
-//!   a blob is never removed between the check and the row. Workers put blobs from their own processes, but only the
-//!   server writes rows: at worst a blob is removed before it is named, and the worker tries again;
+//! - *naming*: finding or storing a blob, then committing the row that names it;
+//! - *removing*: checking that no row names a blob, then removing it. Within the server the two exclude each other, so
+//!   that a blob is never removed between the check and the row. Workers store blobs from their own processes, but only
+//!   the server writes rows: at worst a blob is removed before it is named, and the worker retries;
 //! - *copying*: another process (`backup`, `check`) that reads rows and then the blobs they name. Meanwhile the server
-//!   removes no blob; a later sweep removes what stayed.
+//!   removes no blob; a later sweep removes the blobs that were kept.
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -22,32 +22,32 @@ use gleaner_core::error::Result;
 /// Locked during a copy, and briefly during a removal.
 const FILE: &str = "copying.lock";
 
-/// While it is held, existing blobs stay.
+/// Existing blobs stay while this is held.
 #[derive(Debug)]
 pub struct Naming {
     _held: OwnedRwLockReadGuard<()>,
 }
 
-/// While it is held, no row begins to name a blob. Required to remove one.
+/// No row begins to name a blob while this is held. Required to remove a blob.
 #[derive(Debug)]
 pub struct Removing {
     _held: OwnedRwLockWriteGuard<()>,
     _nobody_copies: File,
 }
 
-/// While it is held, a server on this data folder removes no blob.
+/// A server on this data folder removes no blob while this is held.
 #[derive(Debug)]
 pub struct Copying {
     _held: Option<File>,
 }
 
 impl Blobs {
-    /// To be held from before a blob is looked up or put until the row that names it is committed.
+    /// The lock to hold from before a blob is looked up or stored until the row that names it is committed.
     pub async fn naming(&self) -> Naming {
         Naming { _held: std::sync::Arc::clone(&self.naming).read_owned().await }
     }
 
-    /// To be held from before the rows are read until the blob is removed, and no longer. `None` during a copy.
+    /// The lock to hold from before the rows are read until the blob is removed, and no longer. `None` during a copy.
     ///
     /// # Errors
     /// When the lock's file cannot be used.

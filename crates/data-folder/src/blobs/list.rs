@@ -19,7 +19,7 @@ pub struct Found {
     pub path: PathBuf,
     /// Its size in bytes.
     pub size_bytes: u64,
-    /// When it was put last.
+    /// Time of the last [`Blobs::place`].
     pub placed: SystemTime,
 }
 
@@ -33,7 +33,7 @@ impl Found {
 }
 
 impl Blobs {
-    /// Every file among the blobs; files removed meanwhile are left out.
+    /// Every file among the blobs; files removed during the listing are left out.
     ///
     /// # Errors
     /// When the folders cannot be read.
@@ -42,7 +42,7 @@ impl Blobs {
         for path in names(&self.root)? {
             match path.file_name().and_then(|name| name.to_str()) {
                 Some(name) if is_hex(name) => self.list_folder(&path, &mut found)?,
-                // A separate disk has folders of its file system among the blobs.
+                // A file system mounted among the blobs has folders of its own there, such as `lost+found`.
                 Some(_) | None if path.is_dir() => {}
                 Some(stamp::FILE) => {}
                 Some(_) | None => found.extend(look(path, None)?),

@@ -1,7 +1,7 @@
 //! Blobs: immutable files named by the BLAKE3 of their content.
 //!
-//! Plain blocking code, because workers use it too; the server calls it off its runtime. Must not know rows. A blob is
-//! complete or missing: it is written beside its place, synced, renamed, and its folder synced.
+//! Plain blocking code, because workers use it too; the server calls it off its runtime. Must not depend on rows. A
+//! blob is complete or missing: it is written beside its final path, synced, renamed, and its folder synced.
 
 mod across;
 mod copy;
@@ -103,7 +103,7 @@ impl Blobs {
         Ok(id)
     }
 
-    /// Renames a complete file with the digest `id` to its place, replacing a blob of that name, whose content is the
+    /// Renames a complete file with the digest `id` to its path, replacing a blob of that name, whose content is the
     /// same.
     ///
     /// # Errors
@@ -112,14 +112,13 @@ impl Blobs {
         let place = self.path(id);
         let folder = place.parent().unwrap_or(&self.root);
         let file = File::open(from).map_err(fault("opening", from))?;
-        // The sweep reads this time: a blob put a moment ago may have no row yet.
+        // The sweep reads this time: a blob stored a moment ago may have no row yet.
         file.set_modified(SystemTime::now()).map_err(fault("dating", from))?;
         file.sync_all().map_err(fault("syncing", from))?;
         crate::fail_point::pass("blob.synced");
         fs::create_dir_all(folder).map_err(fault("making the folder", folder))?;
         across::rename(from, &place).map_err(fault("renaming to", &place))?;
-        // If both were names of one file, as after a crash, the rename did not remove `from`. This is never the last
-        // name.
+        // After a crash both may be names of one file; the rename then leaves `from`, which is never the last name.
         if from != place && fs::metadata(from).is_ok_and(|left| left.nlink() > 1) {
             fs::remove_file(from).map_err(fault("removing", from))?;
         }
@@ -145,7 +144,7 @@ impl Blobs {
         Ok(bytes)
     }
 
-    /// When a blob was put last; `None` when it is missing.
+    /// Time of the last [`Self::place`] of a blob; `None` when it is missing.
     pub fn placed(&self, id: &BlobId) -> Option<SystemTime> {
         fs::metadata(self.path(id)).and_then(|file| file.modified()).ok()
     }
@@ -217,7 +216,7 @@ mod tests {
         let id = blobs.put(b"steps").unwrap();
         fs::write(blobs.path(&id), b"stepz").unwrap();
         assert!(blobs.get(&id).unwrap_err().to_string().contains("damaged"));
-        // Putting it again repairs it.
+        // Storing the content again repairs the blob.
         blobs.put(b"steps").unwrap();
         assert_eq!(blobs.get(&id).unwrap(), b"steps");
     }

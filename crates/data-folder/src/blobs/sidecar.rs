@@ -1,5 +1,5 @@
 //! Sidecars: small descriptions beside the blobs, one for each row of a blob, and one for each task. A lost database is
-//! rebuilt from them. Their content is the caller's; this module names, writes and reads them.
+//! rebuilt from them. The caller defines their content; this module names, writes and reads them.
 
 use std::{
     fs,
@@ -44,7 +44,7 @@ impl Blobs {
     /// Removes the description of a deleted row; a missing one is not an error.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub fn forget_description(&self, blob: &BlobId, id: &str) -> Result<()> {
         let path = beside(&self.path(blob), id);
         match fs::remove_file(&path) {
@@ -60,7 +60,7 @@ impl Blobs {
     /// The descriptions of tasks.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub fn task_descriptions(&self) -> Result<Vec<Vec<u8>>> {
         read_all(names(&self.root.join(TASKS))?.into_iter().filter(|path| is_one(path)))
     }

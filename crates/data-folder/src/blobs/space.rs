@@ -1,6 +1,6 @@
-//! The free space of the disk, and the limit below which new data is refused.
+//! The free space of the disk, and the limit below which new data is rejected.
 //!
-//! Blobs, parts of uploads and recordings lie on the disk of the database. Large writes are refused while the database
+//! Blobs, parts of uploads and recordings lie on the disk of the database. Large writes are rejected while the database
 //! still has room, because a full disk would keep it from storing labels or ends of jobs.
 
 use std::path::Path;
@@ -19,26 +19,26 @@ const NOTHING: u64 = 1 << 20;
 #[derive(Debug, Clone, Default)]
 pub(super) struct Space {
     spare: u64,
-    /// Set by tests in place of the disk's free space.
+    /// The free space in tests, in place of the disk's.
     #[cfg(any(test, feature = "testing"))]
     played: Option<Arc<AtomicU64>>,
 }
 
 impl Blobs {
-    /// The same blobs with this many bytes of the disk kept free.
+    /// The same blobs with this many bytes of the disk reserved.
     pub fn sparing(mut self, bytes: u64) -> Self {
         self.space.spare = bytes;
         self
     }
 
-    /// The same blobs with this free space, for tests.
+    /// The same blobs with simulated free space, for tests.
     #[cfg(any(test, feature = "testing"))]
     pub fn playing(mut self, free: &Arc<AtomicU64>) -> Self {
         self.space.played = Some(Arc::clone(free));
         self
     }
 
-    /// Checks that this many more bytes may be written. It reads the free space and reserves none.
+    /// Checks that this many more bytes may be written. The check reserves no space.
     ///
     /// # Errors
     /// Exhausted when too little would stay free, or the disk is read-only.
@@ -60,7 +60,7 @@ impl Blobs {
         self.expect_room(0).is_err() || self.free().is_ok_and(|free| free < NOTHING)
     }
 
-    /// Maps a fault of another process on this disk: with no space left, the full disk is its probable cause.
+    /// Maps an error of another process on this disk: without free space, the full disk is its probable cause.
     pub fn blame(&self, fault: Error) -> Error {
         let full = self.free().is_ok_and(|free| free < NOTHING);
         if fault.kind() == Kind::Internal && full {

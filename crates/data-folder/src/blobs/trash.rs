@@ -1,5 +1,5 @@
-//! The trash of blobs: blobs without a row move there with their sidecars and stay for the trash's days. The folder is
-//! beside the blobs, so a move is a rename on one disk.
+//! The trash of blobs: blobs without a row move there with their sidecars and stay there for the retention time of the
+//! trash. The folder is beside the blobs, so a move is a rename on one disk.
 
 use std::{
     fs::{self, File},
@@ -15,7 +15,7 @@ use gleaner_core::{error::Result, id::BlobId};
 pub(super) const FOLDER: &str = "trash";
 
 impl Blobs {
-    /// The blobs in the trash, laid out like the blobs themselves.
+    /// The blobs in the trash, with the layout of the blobs themselves.
     pub(super) fn trash(&self) -> Self {
         Self { root: self.root.join(FOLDER), ..self.clone() }
     }
@@ -24,15 +24,15 @@ impl Blobs {
     /// The caller has checked the rows since it took `_removing`.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub fn discard(&self, id: &BlobId, _removing: &Removing) -> Result<Option<u64>> {
         self.move_blob(id, &self.trash())
     }
 
-    /// Takes a blob back out of the trash, with its sidecars; true when it was there.
+    /// Restores a blob and its sidecars from the trash; true when the blob was there.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub fn take_back(&self, id: &BlobId) -> Result<bool> {
         self.trash().move_blob(id, self).map(|size| size.is_some())
     }
@@ -40,7 +40,7 @@ impl Blobs {
     /// Moves a blob that has no row to a path outside the blobs, on any disk, and removes its sidecars.
     ///
     /// # Errors
-    /// Internal when the disk refuses; then the blob is in one of the two places.
+    /// Internal when the disk fails; then the blob is in one of the two places.
     pub fn move_out(&self, id: &BlobId, to: &Path) -> Result<()> {
         let from = self.path(id);
         across::rename(&from, to).map_err(fault("renaming to", to))?;
@@ -55,15 +55,15 @@ impl Blobs {
         self.trash().list()
     }
 
-    /// Deletes the blobs that moved to the trash before `time` and for which `stays` is false, given their descriptions;
-    /// returns the number of blobs and of bytes.
+    /// Deletes the blobs that moved to the trash before `time` and for which `stays`, given their descriptions, is
+    /// false. Returns the number of blobs and of bytes.
     ///
     /// # Errors
-    /// Internal when the disk refuses.
+    /// Internal when the disk fails.
     pub fn empty_trash(&self, time: SystemTime, stays: impl Fn(&Found, &[Vec<u8>]) -> bool) -> Result<(u64, u64)> {
         let (mut blobs, mut bytes) = (0, 0);
         for found in self.list_trash()?.into_iter().filter(|found| found.placed < time) {
-            // A blob whose name or descriptions cannot be read is left for a person.
+            // A blob whose name or descriptions cannot be read is left for manual inspection.
             let Some(Ok(described)) = found.id.as_ref().map(|id| self.descriptions(id)) else { continue };
             if stays(&found, &described) {
                 continue;
@@ -78,7 +78,7 @@ impl Blobs {
         Ok((blobs, bytes))
     }
 
-    /// Moves the sidecars first and syncs them before the blob follows. Readers look at both places.
+    /// Moves the sidecars and syncs them before it moves the blob. Readers look at both places.
     fn move_blob(&self, id: &BlobId, to: &Self) -> Result<Option<u64>> {
         let (from, place) = (self.path(id), to.path(id));
         let folder = place.parent().unwrap_or(&to.root);
@@ -96,7 +96,7 @@ impl Blobs {
             folder.map_or(Ok(()), sync_folder)?;
         }
         crate::fail_point::pass("trash.sidecars_moved");
-        // Its days in the trash count from now.
+        // The retention time in the trash starts now.
         let dated = File::open(&from).and_then(|file| file.set_modified(SystemTime::now()));
         dated.map_err(fault("dating", &from))?;
         fs::rename(&from, &place).map_err(fault("renaming to", &place))?;

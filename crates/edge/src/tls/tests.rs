@@ -1,4 +1,5 @@
-//! Real handshakes over loopback: with a good certificate, with and without a client's own, and after a change of files.
+//! Real handshakes over loopback: with a valid certificate, with and without a client's own, and after a change of
+//! files.
 
 use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, IsCa, KeyPair};
 use tempfile::TempDir;
@@ -45,7 +46,7 @@ impl Bench {
         self.dir.path().join(name)
     }
 
-    /// Puts a new certificate and key in place; gives back the certificate.
+    /// Replaces certificate and key by new ones; returns the certificate.
     fn renew(&self) -> String {
         let (cert, key) = issue(&self.authority);
         std::fs::write(self.path("cert"), &cert).unwrap();
@@ -88,7 +89,7 @@ fn open(files: TlsFiles) -> Result<Tls, EdgeError> {
     Tls::open(files, |_| Vec::new())
 }
 
-/// Shakes hands and sends a byte there and back; the certificate that the server showed.
+/// Shakes hands and sends a byte there and back; returns the server's certificate.
 async fn exchange(tls: &Arc<Tls>, client: &TlsConnector) -> io::Result<CertificateDer<'static>> {
     let listener = TcpListener::bind("127.0.0.1:0").await?;
     let address = listener.local_addr()?;
@@ -131,7 +132,7 @@ async fn a_renewed_certificate_is_used_and_a_broken_one_is_not() {
     let tls = bench.open(false);
     let client = bench.client(None);
     let first = exchange(&tls, &client).await.unwrap();
-    // Amid a renewal: the new key is not there yet.
+    // In the middle of a renewal: the new key is not written yet.
     std::fs::write(bench.path("cert"), issue(&bench.authority).0).unwrap();
     assert!(tls.files.read(|_| Vec::new()).is_err());
     assert_eq!(exchange(&tls, &client).await.unwrap(), first);
@@ -151,7 +152,7 @@ fn a_file_that_is_given_its_old_time_has_changed() {
     let written = std::fs::metadata(&cert).unwrap().modified().unwrap();
     let mut content = std::fs::read(&cert).unwrap();
     let begun = std::time::Instant::now();
-    // Again, because the system's clock for files has steps.
+    // Repeated, because the file system's clock is coarse.
     while files.stamps() == before {
         assert!(begun.elapsed() < Duration::from_secs(10), "nothing shows");
         content.reverse();

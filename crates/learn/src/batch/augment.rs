@@ -1,5 +1,5 @@
-//! Random changes to a batch's images: shifted with the edge repeated, colour lightened and
-//! stretched. Depth is shifted with its colour and otherwise left: it is a measure, not a look.
+//! Random changes to a batch's images: shifted with the edge repeated, and with brightness and contrast changed. Depth
+//! is shifted with its colour and otherwise unchanged, because it is a measurement.
 
 use std::collections::HashMap;
 
@@ -12,7 +12,7 @@ use gleaner_core::Augmentation;
 
 const COLOURS: i64 = 3;
 
-/// What happens to all images of one episode in one batch.
+/// The change of all images of one episode in one batch.
 #[derive(Debug, Clone, Copy)]
 struct Change {
     /// Pixels down and right.
@@ -24,8 +24,8 @@ struct Change {
 }
 
 impl Batch {
-    /// Changes the images as `augmentation` says. One draw for each episode of the batch: each frame
-    /// is there once for all windows that hold it, and the motion within a window stays as it was.
+    /// Changes the images according to `augmentation`. Each episode of the batch has one draw: each frame is stored
+    /// once for all windows that contain it, and the motion within a window is preserved.
     pub(crate) fn augment(&mut self, augmentation: &Augmentation, rng: &mut ChaCha8Rng) {
         if *augmentation == Augmentation::default() {
             return;
@@ -45,7 +45,7 @@ impl Batch {
 }
 
 impl Change {
-    /// Draws every number whatever is asked for, so that one setting does not move another's draws.
+    /// Draws every number for any setting, so that one setting does not change another's draws.
     fn draw(augmentation: &Augmentation, rng: &mut ChaCha8Rng) -> Self {
         let pixels = i64::from(augmentation.shift_pixels);
         let shift = [(); 2].map(|()| rng.random_range(-pixels..=pixels));
@@ -55,7 +55,7 @@ impl Change {
     }
 }
 
-/// `[N, C, H, W]` shifted each by its change.
+/// `[N, C, H, W]`, each image shifted by its change.
 fn shift(images: &Tensor, changes: &[Change]) -> Tensor {
     let size = images.size();
     let mut images = images.shallow_clone();
@@ -70,7 +70,7 @@ fn shift(images: &Tensor, changes: &[Change]) -> Tensor {
     images
 }
 
-/// `[N, C, H, W]` with colours changed each by its change.
+/// `[N, C, H, W]`, the colours of each image changed by its change.
 fn jitter(images: &Tensor, changes: &[Change]) -> Tensor {
     let each = |value: fn(&Change) -> f32| {
         let values: Vec<f32> = changes.iter().map(value).collect();

@@ -1,4 +1,4 @@
-//! The actions that begin where each segment ends: what a policy should do next. Needs no image.
+//! The actions that begin where each segment ends: the target of a policy. Needs no image.
 
 use tch::{Device, Tensor};
 
@@ -8,15 +8,15 @@ use crate::trajectory::Trajectory;
 
 /// The chunks a_t … a_{t+k−1} of W segments that end at their t.
 pub(crate) struct Chunks {
-    /// `[W, k, A]` in physical units; 0 where it does not count.
+    /// `[W, k, A]` in physical units; 0 where the action does not count.
     pub(crate) action: Tensor,
-    /// `[W, k]` of `bool`: whether the action counts. The first always does.
+    /// `[W, k]` of `bool`: whether the action counts. The first one always counts.
     pub(crate) counted: Tensor,
 }
 
 impl Chunks {
-    /// Chunks of `length` actions of segments of `data`, of which so many count as stands beside
-    /// each segment; these must be within its episode.
+    /// Chunks of `length` actions of segments of `data`. The number beside each segment is how many of its actions
+    /// count; these must be within its episode.
     pub(crate) fn collect(
         shape: &TaskShape,
         data: &[&Trajectory],

@@ -1,6 +1,5 @@
-//! Which segments make a batch: stretches of neighbours, so that the frames they share are
-//! encoded once. Every segment is equally likely, except that an episode with fewer segments than
-//! a stretch has cannot fill one.
+//! The choice of a batch's segments: stretches of neighbours, so that the frames they share are encoded once. Every
+//! segment is equally likely, except that an episode with fewer segments than a stretch cannot fill one.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -23,7 +22,7 @@ pub(crate) struct Segment {
 #[derive(Debug)]
 pub(crate) struct Segments {
     all: Vec<Segment>,
-    /// Where each episode's segments begin, and at last where all end.
+    /// First segment of each episode, and the number of segments as the last entry.
     bounds: Vec<usize>,
 }
 
@@ -54,18 +53,18 @@ impl Segments {
         Self { all, bounds }
     }
 
-    /// All of them.
+    /// All segments.
     pub(crate) fn all(&self) -> &[Segment] {
         &self.all
     }
 
-    /// Whether there is nothing to draw.
+    /// Whether there is no segment to draw.
     pub(crate) fn is_empty(&self) -> bool {
         self.all.is_empty()
     }
 
-    /// How many steps in a row, from the one `segment` ends at and up to `limit`, end a segment that
-    /// can be drawn.
+    /// The number of consecutive steps, starting at the end of `segment` and at most `limit`, that end a segment of the
+    /// list.
     pub(crate) fn run(&self, segment: &Segment, limit: usize) -> usize {
         let episode = &self.all[self.bounds[segment.trajectory]..self.bounds[segment.trajectory + 1]];
         let from = episode.partition_point(|other| other.step < segment.step);
@@ -79,8 +78,8 @@ impl Segments {
         run
     }
 
-    /// Draws `count` segments in stretches of up to `stretch`. A stretch that reaches the end of
-    /// its episode goes on at its beginning; that is what makes all segments equally likely.
+    /// Draws `count` segments in stretches of up to `stretch`. A stretch that reaches the end of its episode wraps
+    /// around to the start, which makes all segments equally likely.
     pub(crate) fn draw(&self, rng: &mut ChaCha8Rng, count: u32, stretch: u32) -> Vec<Segment> {
         let (count, stretch) = (count as usize, stretch as usize);
         let mut drawn = Vec::with_capacity(count);

@@ -42,8 +42,8 @@ fn camera_images(camera: &CameraShape, images: &[&[u8]], device: Device) -> Tens
     Tensor::cat(&[colour, depth], 1)
 }
 
-/// Depth z in metres as z / (1 + z): the hand's centimetres keep their weight beside a far wall,
-/// and "no reading" stays 0.
+/// Depth z in metres as z / (1 + z): centimetres at the hand keep their weight beside a distant wall, and "no reading"
+/// stays 0.
 pub(crate) fn squash(millimetres: u16) -> f32 {
     let metres = f32::from(millimetres) / 1000.0;
     metres / (1.0 + metres)

@@ -1,5 +1,5 @@
-//! The door between plain arrays and tensors: draws segments, lays out their windows so that each
-//! step is there once, and moves bytes and floats into tensors. Knows nothing of the model.
+//! From plain arrays to tensors: draws segments, lays out their windows so that each
+//! step is there once, and moves bytes and floats into tensors. Independent of the model.
 
 mod augment;
 mod chunks;
@@ -17,7 +17,7 @@ use tch::{Device, Tensor};
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
-/// The tensors of some segments. Each of the N steps they touch is there once.
+/// The tensors of some segments. Each of their N steps is stored once.
 pub(crate) struct Batch {
     /// Per camera `[N, C, H, W]`, values in 0 … 1.
     pub(crate) images: Vec<Tensor>,
@@ -25,7 +25,7 @@ pub(crate) struct Batch {
     pub(crate) proprioception: Tensor,
     /// `[N, A]` in physical units.
     pub(crate) action: Tensor,
-    /// Where each place of each window lies among the steps.
+    /// The step of each place of each window.
     pub(crate) windows: Windows,
     /// `[W]`, the segments' weights.
     pub(crate) weight: Tensor,
@@ -34,7 +34,7 @@ pub(crate) struct Batch {
 }
 
 impl Batch {
-    /// Collects what `segments` of `data` touch; `window` is the number of steps in a segment.
+    /// Collects the steps of `segments` of `data`; `window` is the number of steps in a segment.
     pub(crate) fn collect(
         shape: &TaskShape,
         data: &[&Trajectory],
@@ -75,7 +75,7 @@ pub(crate) fn values(tensor: &Tensor) -> Vec<f32> {
     values
 }
 
-/// A length as the tensor library wants it. Lengths of things in memory always fit.
+/// A length in the tensor library's type. Lengths in memory always fit.
 pub(crate) fn int(length: usize) -> i64 {
     i64::try_from(length).unwrap_or(i64::MAX)
 }

@@ -1,5 +1,5 @@
-//! How windows lie over steps: which steps are needed, once each, and where every place of every
-//! window finds its step. Places before the episode are padding.
+//! The layout of windows over steps: the required steps, once each, and the step of every place of every window. Places
+//! before the episode are padding.
 
 use std::collections::HashMap;
 
@@ -9,8 +9,8 @@ use super::{Segment, int};
 
 /// Layout of W windows of L steps over N steps.
 pub(crate) struct Windows {
-    /// `[W * L]` of `i64`, places into the N steps; a padded place points at its episode's
-    /// first step, whose content nobody may see there.
+    /// `[W * L]` of `i64`, indices into the N steps; a padded place has the index of its episode's first step, whose
+    /// content must not be read there.
     pub(crate) index: Tensor,
     /// `[W, L]` of `bool`: whether the place is inside the episode.
     pub(crate) valid: Tensor,
@@ -49,7 +49,7 @@ impl Windows {
         (windows, steps)
     }
 
-    /// The layout of `count` windows of `length` steps whose steps lie one after the other.
+    /// The layout of `count` windows of `length` steps whose steps are in sequence.
     pub(crate) fn in_order(valid_places: Vec<bool>, length: usize, device: Device) -> Self {
         let index: Vec<i64> = (0..valid_places.len()).map(int).collect();
         Self {

@@ -1,5 +1,4 @@
-//! Histories side by side as tensors, checked first; and frames to embeddings. What both a policy and a live scorer do
-//! before their own pass.
+//! Histories as tensors, after their checks, and frames as embeddings: the input of policies and live scorers.
 
 use tch::{Device, Tensor, no_grad_guard};
 
@@ -8,13 +7,13 @@ use crate::batch::{Windows, rows, values};
 use crate::error::{LearnError, guard};
 use crate::shape::TaskShape;
 
-/// Frames encoded in one pass; bounds memory, whatever is asked.
+/// Frames encoded in one pass; bounds memory for any number of frames.
 const CHUNK: usize = 64;
 
-/// What histories must look like for one model.
+/// The required form of histories for one model.
 pub(crate) struct Layout<'a> {
     pub(crate) shape: &'a TaskShape,
-    /// Steps of history it sees, l + 1.
+    /// Steps of history in its input, l + 1.
     pub(crate) window: usize,
     /// Values of an image embedding, d.
     pub(crate) width: usize,
@@ -27,14 +26,14 @@ pub(crate) struct Stacked {
     pub(crate) embedded: Tensor,
     /// `[N, M]` in physical units.
     pub(crate) proprioception: Tensor,
-    /// `[N, A]` in physical units; zeros where not known.
+    /// `[N, A]` in physical units; zeros where unknown.
     pub(crate) action: Tensor,
     pub(crate) windows: Windows,
 }
 
 impl Layout<'_> {
-    /// Encodes frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes), with `embed`, which makes
-    /// `[N, d]` of N of them.
+    /// Encodes frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes), by `embed`, which maps N
+    /// frames to `[N, d]`.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
@@ -95,7 +94,7 @@ impl Layout<'_> {
         Ok(())
     }
 
-    /// Histories that were checked, as tensors.
+    /// Checked histories as tensors.
     pub(crate) fn stack(&self, histories: &[&History]) -> Stacked {
         let (shape, width) = (self.shape, self.width);
         let (mut o, mut m, mut a, mut valid) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());

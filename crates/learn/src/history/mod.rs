@@ -1,5 +1,4 @@
-//! What a session remembers from one step to the next: plain data, so it can wait anywhere for its model. Knows
-//! neither policies nor scores, which both look at it.
+//! The history of a session: plain data, which policies and scores read. Independent of both.
 
 mod layout;
 
@@ -10,7 +9,7 @@ pub(crate) use layout::{Layout, Stacked};
 use crate::error::LearnError;
 
 /// One step's images, encoded by [`Policy::embed`](crate::Policy::embed) or
-/// [`LiveScorer::embed`](crate::LiveScorer::embed). Means something only to what made it.
+/// [`LiveScorer::embed`](crate::LiveScorer::embed). Valid only for the model that made it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Embedding(Vec<f32>);
 
@@ -19,15 +18,14 @@ pub struct Embedding(Vec<f32>);
 struct Step {
     embedding: Embedding,
     proprioception: Vec<f32>,
-    /// a_t as really executed; unknown until it was.
+    /// The action that was executed; `None` until it is set.
     executed: Option<Vec<f32>>,
 }
 
 /// The last `l + 1` steps of a session: o_i … o_t, m_i … m_t and a_i … a_{t−1}.
 ///
-/// Per control step: [`push`](History::push) the observation, let
-/// [`Policy::act`](crate::Policy::act) choose an action, then [`set_executed`](History::set_executed)
-/// what the robot really did.
+/// In each control step: [`push`](History::push) the observation, call [`Policy::act`](crate::Policy::act) for an
+/// action, then [`set_executed`](History::set_executed) the action that the robot executed.
 #[derive(Debug, Clone)]
 pub struct History {
     window: usize,
@@ -45,7 +43,7 @@ impl History {
         self.steps.len()
     }
 
-    /// Whether nothing was pushed yet.
+    /// Whether the history has no step yet.
     pub fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
@@ -55,11 +53,11 @@ impl History {
         self.steps.back().is_some_and(|step| step.executed.is_some())
     }
 
-    /// Adds the newest observation; the oldest step is forgotten when there are more than `l + 1`.
+    /// Adds the newest observation; the oldest step is removed when there are more than `l + 1`.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] if the action of the step before was never told, unless that step
-    /// is forgotten anyway.
+    /// [`LearnError::Invalid`] if the action of the step before was never set, unless that step is removed by this
+    /// call.
     pub fn push(&mut self, embedding: Embedding, proprioception: Vec<f32>) -> Result<(), LearnError> {
         if self.window > 1 && self.steps.back().is_some_and(|step| step.executed.is_none()) {
             return Err(LearnError::invalid(
@@ -75,11 +73,10 @@ impl History {
         Ok(())
     }
 
-    /// Says what was really executed at the newest step, in physical units. Saying it again
-    /// replaces it.
+    /// Sets the action that was executed at the newest step, in physical units. A second call replaces it.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] if nothing was pushed yet.
+    /// [`LearnError::Invalid`] if the history is empty.
     pub fn set_executed(&mut self, action: Vec<f32>) -> Result<(), LearnError> {
         match self.steps.back_mut() {
             Some(step) => {

@@ -45,7 +45,7 @@ impl Heads {
         }
     }
 
-    /// H_o: `[..., d]` to all cameras' down-sampled images, flat and one after the other.
+    /// H_o: `[..., d]` to all cameras' down-sampled images, flattened and concatenated.
     pub(crate) fn image(&self, z: &Tensor) -> Tensor {
         self.image.forward(z)
     }

@@ -38,9 +38,9 @@ impl ImageEncoder {
     }
 }
 
-/// One camera's encoder: each of the last stage's channels looks for one thing and says where it
-/// is (the mean place under a softmax over all places) and how clearly it is seen. Where a thing
-/// is counts most in manipulation, and this way it is learnt from few demonstrations.
+/// One camera's encoder: each channel of the last stage detects one feature and returns its position (the mean place
+/// under a softmax over all places) and the strength of the detection. Positions matter most in manipulation, and this
+/// form learns them from few demonstrations.
 struct CameraEncoder {
     stages: nn::SequentialT,
     /// `[places, 2]`: x and y of each place in -1 … 1.
@@ -85,7 +85,7 @@ impl CameraEncoder {
     }
 }
 
-/// Convolution, group norm and ReLU. A side shrinks to ceil(side / stride), whatever it was.
+/// Convolution, group norm and ReLU. A side of any length shrinks to ceil(side / stride).
 fn add_stage(stages: nn::SequentialT, path: &nn::Path<'_>, [inputs, outputs, stride]: [i64; 3]) -> nn::SequentialT {
     let kernel = if stride == 4 { 5 } else { 3 };
     let config = nn::ConvConfig { stride, padding: kernel / 2, bias: false, ..Default::default() };

@@ -1,5 +1,5 @@
-//! The multi-modality transformer T(·) with its heads: plain layers and their shapes. Knows
-//! nothing of losses, optimisers or scores.
+//! The multi-modality transformer T(·) with its heads: plain layers and their shapes. Independent of losses, optimisers
+//! and scores.
 
 mod heads;
 mod image_encoder;
@@ -42,7 +42,7 @@ pub(crate) struct Network {
 }
 
 impl Network {
-    /// The network with first weights drawn from `seed`.
+    /// The network with initial weights drawn from `seed`.
     pub(crate) fn new(shape: &TaskShape, spec: ModelSpec, statistics: Statistics, seed: u64, device: Device) -> Self {
         let network = Self::build(shape, spec, statistics, device);
         weights::draw(&network.parameters(), seed);
@@ -102,17 +102,17 @@ impl Network {
         usize::try_from(Size::of(self.spec.preset).width).unwrap_or(0)
     }
 
-    /// Images, per camera `[N, C, H, W]`, to one embedding a step `[N, d]`.
+    /// Images, per camera `[N, C, H, W]`, to one embedding for each step `[N, d]`.
     pub(crate) fn embed_images(&self, images: &[Tensor]) -> Tensor {
         self.encode(&self.statistics.images(images))
     }
 
-    /// Frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes), to one embedding each `[N, d]`.
+    /// Frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes), to one embedding each `[N, d]`.
     pub(crate) fn embed_frames(&self, frames: &[&[u8]]) -> Tensor {
         self.encode(&self.statistics.frames(&self.shape, frames, self.device()))
     }
 
-    /// Standardised images, per camera `[N, C, H, W]`, to one embedding a step `[N, d]`.
+    /// Standardised images, per camera `[N, C, H, W]`, to one embedding for each step `[N, d]`.
     pub(crate) fn encode(&self, images: &[Tensor]) -> Tensor {
         self.images.forward(images)
     }
@@ -132,14 +132,14 @@ impl Network {
 
     /// Features z of the last `keep` steps of each window, `[W, keep, 3, d]`.
     ///
-    /// `steps` is `[N, 3, d]`; `hidden` `[W, L, 3]` says which elements are masked out, M(τ).
+    /// `steps` is `[N, 3, d]`; `hidden` `[W, L, 3]` marks the elements that are masked out, M(τ).
     pub(crate) fn features(&self, steps: &Tensor, windows: &Windows, view: View<'_>, keep: usize) -> Tensor {
         let tokens = self.tokens.windows(steps, windows, view.hidden);
         self.transformer.forward(&tokens, &self.mask(windows, view.attention), keep)
     }
 
-    /// Which token sees which. Making it costs as much as a layer of one window, so what nearly every pass needs is
-    /// there already.
+    /// The attention mask. Computing one costs as much as a layer of one window, so the mask of nearly every pass is
+    /// precomputed.
     fn mask(&self, windows: &Windows, attention: Attention) -> Tensor {
         if windows.length != self.spec.window() || windows.valid_places.contains(&false) {
             return mask(&windows.valid, attention);
@@ -151,19 +151,19 @@ impl Network {
     }
 }
 
-/// How a pass sees its windows.
+/// Visibility within the windows of a pass.
 #[derive(Clone, Copy)]
 pub(crate) struct View<'a> {
-    /// Which tokens see which.
+    /// Attention between tokens.
     pub(crate) attention: Attention,
     /// `[W, L, 3]` of `bool`: elements replaced by the mask token.
     pub(crate) hidden: Option<&'a Tensor>,
 }
 
 impl View<'_> {
-    /// Nothing hidden, every token sees every other.
+    /// No element hidden, every token attends to every other.
     pub(crate) const WHOLE: Self = View { attention: Attention::Bidirectional, hidden: None };
-    /// Nothing hidden, a token sees itself and what came before.
+    /// No element hidden, a token attends to itself and those before it.
     pub(crate) const CAUSAL: Self = View { attention: Attention::Causal, hidden: None };
 }
 

@@ -13,7 +13,7 @@ pub(crate) struct Size {
     pub(crate) heads: i64,
     /// Channels of the image encoder's stages; the last repeats if an image needs more stages.
     pub(crate) channels: &'static [i64],
-    /// Longest side of the image H_o predicts.
+    /// Longest side of the image that H_o predicts.
     pub(crate) target: u32,
 }
 

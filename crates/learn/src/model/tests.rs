@@ -1,4 +1,4 @@
-//! What a window's features may and may not depend on.
+//! Dependences of a window's features: required and forbidden ones.
 
 use super::*;
 use crate::batch::{Segment, Segments, values};
@@ -52,7 +52,7 @@ fn padding_never_leaks() {
     let steps = network.batch_steps(&batch);
     for view in [View::WHOLE, View::CAUSAL] {
         let plain = network.features(&steps, &batch.windows, view, 2);
-        // Padded places now point at a step of nonsense.
+        // Padded places now have the index of an arbitrary step.
         let nonsense = Tensor::cat(&[&steps, &(steps.narrow(0, 0, 1) * 50.0 - 7.0)], 0);
         let windows = Windows {
             index: Tensor::from_slice(&[2i64, 2, 0, 1]),

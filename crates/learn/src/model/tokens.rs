@@ -1,5 +1,5 @@
-//! Steps to tokens. What does not depend on the window (the projections) is done once per step;
-//! what does (mask token, modality and time embeddings) is added when windows are laid out.
+//! Steps to tokens. Projections do not depend on the window and are computed once per step; the mask token and the
+//! embeddings of modality and time do, and are added when windows are laid out.
 
 use tch::Tensor;
 use tch::nn::{self, Module};
@@ -34,9 +34,9 @@ pub(crate) struct Tokens {
     action: nn::Linear,
     /// `[3, d]`.
     modality: Tensor,
-    /// `[L, 1, d]`; the last place is the window's end, wherever padding ends.
+    /// `[L, 1, d]`; the last entry is the window's end, wherever padding ends.
     time: Tensor,
-    /// `[3, d]`: what stands for a masked element.
+    /// `[3, d]`: the replacement of a masked element.
     mask: Tensor,
 }
 

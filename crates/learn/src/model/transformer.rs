@@ -1,4 +1,4 @@
-//! A pre-norm transformer over the tokens of a window, and which token may see which.
+//! A pre-norm transformer over the tokens of a window, and its attention masks.
 
 use tch::nn::{self, Module};
 use tch::{Device, Kind, Tensor};
@@ -7,19 +7,19 @@ use super::Size;
 use super::tokens::MODALITIES;
 use crate::batch::int;
 
-/// Which tokens of a window see which.
+/// Attention between the tokens of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Attention {
-    /// Every token sees every other.
+    /// Every token attends to every other.
     Bidirectional,
-    /// A token sees itself and those before it; m_t never sees a_t.
+    /// A token attends to itself and those before it; m_t never attends to a_t.
     Causal,
 }
 
-/// `[W, 1, 3 L, 3 L]` of `bool`, true where the query (row) may see the key (column).
+/// `[W, 1, 3 L, 3 L]` of `bool`, true where the query (row) may attend to the key (column).
 ///
-/// No token of the episode sees padding. Every token sees itself: a padded query would otherwise
-/// see nothing at all and its softmax would not be a number.
+/// No token of the episode attends to padding. Every token attends to itself, because the softmax of a padded query
+/// without any key would not be a number.
 pub(crate) fn mask(valid: &Tensor, attention: Attention) -> Tensor {
     let keys = valid.repeat_interleave_self_int(MODALITIES, 1, None);
     let size = keys.size()[1];
@@ -34,7 +34,8 @@ pub(crate) fn mask(valid: &Tensor, attention: Attention) -> Tensor {
     }
 }
 
-/// As [`mask`], of windows of `length` steps without padding: `[1, 1, 3 L, 3 L]`, to be added to what a softmax takes.
+/// As [`mask`], of windows of `length` steps without padding: `[1, 1, 3 L, 3 L]`, to be added to the input of a
+/// softmax.
 pub(super) fn whole_mask(length: usize, attention: Attention, device: Device) -> Tensor {
     let seen = mask(&Tensor::ones([1, int(length)], (Kind::Bool, device)), attention);
     let nothing = Tensor::zeros(seen.size().as_slice(), (Kind::Float, device));
@@ -69,7 +70,7 @@ impl Block {
         }
     }
 
-    /// `x` is `[W, S, d]`; gives the last `keep` tokens `[W, keep, d]`.
+    /// `x` is `[W, S, d]`; returns the last `keep` tokens `[W, keep, d]`.
     fn forward(&self, x: &Tensor, mask: &Tensor, keep: i64) -> Tensor {
         let first = x.size()[1] - keep;
         let normed = self.before_attention.forward(x);
@@ -110,15 +111,15 @@ impl Transformer {
         Self { blocks, norm }
     }
 
-    /// Tokens `[W, 3 L, d]` to features of the last `keep` steps `[W, keep, 3, d]`. The last
-    /// block works on those alone.
+    /// Tokens `[W, 3 L, d]` to features of the last `keep` steps `[W, keep, 3, d]`. The last block processes those
+    /// alone.
     pub(super) fn forward(&self, tokens: &Tensor, mask: &Tensor, keep: usize) -> Tensor {
         let kept = int(keep) * MODALITIES;
         self.last_tokens(tokens, mask, kept).unflatten(1, [-1, MODALITIES])
     }
 
-    /// Tokens `[W, S, d]`, of which `mask` `[W or 1, 1, S, S]` says who sees whom, to features of
-    /// the last `kept` of them `[W, kept, d]`.
+    /// Tokens `[W, S, d]`, whose attention is `mask` `[W or 1, 1, S, S]`, to features of the last `kept` of them `[W,
+    /// kept, d]`.
     pub(crate) fn last_tokens(&self, tokens: &Tensor, mask: &Tensor, kept: i64) -> Tensor {
         let all = tokens.size()[1];
         let mut x = tokens.shallow_clone();

@@ -1,7 +1,7 @@
-//! First weights from our own random numbers, and weights from a checkpoint.
+//! Initial weights from this crate's own random numbers, and weights from a checkpoint.
 //!
-//! The library's initialisers draw from a process-wide generator; a run must depend on its seed
-//! alone, so every parameter is drawn again here.
+//! The library's initialisers draw from a process-wide generator; a run must depend on its seed alone, so every
+//! parameter is drawn again here.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use tch::{Tensor, nn, no_grad_guard};
 use crate::error::LearnError;
 use crate::random::{Purpose, generator};
 
-/// Deviation of embeddings at first.
+/// Initial standard deviation of embeddings.
 const EMBEDDING: f64 = 0.1;
 
 /// Every parameter in name order.
@@ -20,9 +20,8 @@ pub(crate) fn sorted(store: &nn::VarStore) -> Vec<(String, Tensor)> {
     sorted.into_iter().collect()
 }
 
-/// Draws `parameters`, which come in name order: matrices and kernels uniform with variance
-/// `1 / inputs` (kernels, which a ReLU follows, `2 / inputs`), embeddings uniform with a fixed
-/// deviation, norms 1, biases 0.
+/// Draws `parameters`, given in name order: matrices and kernels uniform with variance `1 / inputs` (kernels, which a
+/// ReLU follows, `2 / inputs`), embeddings uniform with a fixed deviation, norms 1, biases 0.
 pub(crate) fn draw(parameters: &[(String, Tensor)], seed: u64) {
     let _no_grad = no_grad_guard();
     for (place, (name, parameter)) in (0u64..).zip(parameters) {

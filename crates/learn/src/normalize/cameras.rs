@@ -1,4 +1,4 @@
-//! Statistics of the cameras' images: of what the image encoder reads and of what H_o predicts.
+//! Statistics of the cameras' images: of the input of the image encoder and of the targets of H_o.
 
 use tch::{Device, Kind, Tensor};
 
@@ -8,31 +8,31 @@ use crate::batch::images;
 use crate::shape::{CameraShape, TaskShape};
 use crate::trajectory::Trajectory;
 
-/// Images looked at for the image statistics; an even sample of the steps when there are more.
+/// Number of images in the sample of the image statistics; an even sample of the steps when there are more.
 const SAMPLED_FRAMES: usize = 2_048;
 const CHUNK: usize = 64;
 
 /// Statistics of one camera's images.
 pub(crate) struct CameraStandard {
-    /// What the image encoder reads: per channel, `[C, 1, 1]`.
+    /// Statistics of the image encoder's input: per channel, `[C, 1, 1]`.
     pub(crate) input: Standard,
-    /// What H_o predicts: the down-sampled image less its mean image `[C, h, w]`, in units of the
-    /// channel's remaining deviation `[C, 1, 1]`. So the static background costs nothing, and a
-    /// pixel that hardly ever changes is not blown up.
+    /// Statistics of H_o's target: the down-sampled image minus its mean image `[C, h, w]`, in units of the channel's
+    /// remaining deviation `[C, 1, 1]`. So the static background costs nothing, and a pixel that hardly ever changes is
+    /// not amplified.
     pub(crate) target: Standard,
     /// `input` for bytes.
     pub(super) lookup: Lookup,
 }
 
 impl CameraStandard {
-    /// What H_o should predict, `[N, C, h, w]`, for images `[N, C, H, W]`.
+    /// The targets of H_o, `[N, C, h, w]`, for images `[N, C, H, W]`.
     pub(crate) fn small(&self, images: &Tensor) -> Tensor {
         let size = self.target.mean.size();
         self.target.apply(&images.adaptive_avg_pool2d(&size[1..]))
     }
 }
 
-/// Height and width of the image H_o predicts.
+/// Height and width of the image that H_o predicts.
 pub(crate) fn target_size(camera: &CameraShape, target: u32) -> [i64; 2] {
     [camera.height, camera.width].map(|side| i64::from(side.min(target)))
 }
@@ -69,7 +69,7 @@ pub(super) fn measure(shape: &TaskShape, data: &[&Trajectory], target: u32, devi
 }
 
 impl Sums {
-    /// Of `[N, C, H, W]`; pixels are averaged, images are summed.
+    /// The sums of `[N, C, H, W]`; pixels are averaged, images are summed.
     fn of(images: &Tensor, size: [i64; 2]) -> Self {
         let mean = |x: &Tensor| {
             x.mean_dim([2i64, 3].as_slice(), true, Kind::Double).sum_dim_intlist([0i64].as_slice(), false, Kind::Double)

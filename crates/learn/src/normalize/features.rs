@@ -1,5 +1,5 @@
 //! The scale of features: their mean and covariance over D_u, measured once at the end of
-//! pretraining and kept with the encoder. Knows nothing of how features are compared.
+//! pretraining and kept with the encoder. Independent of the comparison of features.
 
 use std::collections::BTreeMap;
 
@@ -10,14 +10,14 @@ use crate::error::LearnError;
 
 /// Names of the modalities in a checkpoint.
 const MODALITIES: [&str; 3] = ["image", "proprioception", "action"];
-/// Directions that vary by less than this part of the largest variance are noise: they are not
-/// blown up to the size of the others.
+/// Directions whose variance is below this part of the largest variance are noise and are not amplified to the size of
+/// the others.
 const NOISE: f64 = 1e-3;
 
 /// Whitening of z^o, z^m and z^a: (z − μ) U (Λ + ε λ_max)^(−1/2), with Σ = U Λ Uᵀ the covariance.
 ///
-/// A feature's few widest directions say where the arm is and what is seen; what an action does
-/// to them is a narrow one. Under the plain L2 distance the first drown the second.
+/// A feature's few widest directions encode the position of the arm and the scene; the effect of an action on them is a
+/// narrow one. Under the plain L2 distance the wide directions outweigh the narrow ones.
 pub(crate) struct FeatureScale {
     /// Per modality `[d]`.
     mean: [Tensor; 3],
@@ -86,7 +86,7 @@ fn name(modality: &str, what: &str) -> String {
 mod tests {
     use super::*;
 
-    /// `[N, 2]` whose first column varies a thousand times as much as the second, and with it.
+    /// `[N, 2]`: the first column varies a thousand times as much as the second, with which it is correlated.
     fn narrow() -> Tensor {
         let x = Tensor::arange(64i64, (Kind::Float, Device::Cpu)) - 7.0;
         let y = (&x * 0.7).sin() + &x * 1e-1;

@@ -1,5 +1,5 @@
 //! Frames' bytes straight to standardised images: bit for bit what [`images`](crate::batch::images) and
-//! [`Statistics::images`] give, but in one pass over the bytes. For whoever waits for few frames.
+//! [`Statistics::images`] give, but in one pass over the bytes. For few frames with low latency.
 
 use std::sync::OnceLock;
 
@@ -9,7 +9,7 @@ use super::{Standard, Statistics};
 use crate::batch::{int, squash, values};
 use crate::shape::{CameraShape, TaskShape};
 
-/// What each value of a byte becomes, for each colour.
+/// The value of each byte, for each colour.
 type Colours = [[f32; 256]; 3];
 
 /// One camera's statistics as plain numbers.
@@ -40,7 +40,7 @@ impl Numbers {
         Self { colours, depth: mean.get(3).copied().zip(deviation.get(3).copied()) }
     }
 
-    /// Writes one image's planes one after the other.
+    /// Writes one image's planes in sequence.
     fn standardise(&self, image: &[u8], pixels: usize, planes: &mut [f32]) {
         let (colour, depth) = image.split_at(pixels * 3);
         let (reds, rest) = planes.split_at_mut(pixels);

@@ -1,5 +1,5 @@
 //! Standardisation: mean and deviation of everything the model reads or predicts, measured once
-//! over D_u and kept in every checkpoint. Knows nothing of the model.
+//! over D_u and kept in every checkpoint. Independent of the model.
 
 mod cameras;
 mod features;
@@ -19,7 +19,7 @@ use crate::trajectory::Trajectory;
 use cameras::CameraStandard;
 use frames::Lookup;
 
-/// A deviation below this part of the values' size is rounding noise: the dimension is constant.
+/// A deviation below this part of the values' magnitude is rounding noise: the dimension is constant.
 const CONSTANT: f64 = 1e-6;
 
 /// `(x - mean) / deviation`, and back.
@@ -49,8 +49,8 @@ impl Standard {
         x * &self.deviation + &self.mean
     }
 
-    /// From doubles. Where the deviation is noise beside `size` it becomes 1, so that a constant
-    /// dimension is only centred and its scale passes through.
+    /// Statistics from doubles. Where the deviation is noise relative to `size`, it becomes 1, so that a constant
+    /// dimension is only centred and its scale is unchanged.
     fn new(mean: &Tensor, deviation: &Tensor, size: &Tensor, device: Device) -> Self {
         let noise = (size.abs() + 1.0) * CONSTANT;
         let deviation = deviation.where_self(&deviation.gt_tensor(&noise), &deviation.ones_like());
@@ -60,7 +60,7 @@ impl Standard {
         }
     }
 
-    /// Per dimension of `[T, D]`.
+    /// Statistics per dimension of `[T, D]`.
     fn of_rows(rows: &Tensor, device: Device) -> Self {
         let rows = rows.to_kind(Kind::Double);
         let mean = rows.mean_dim([0i64].as_slice(), false, Kind::Double);

@@ -1,8 +1,7 @@
 //! Action autoregression, AA: predict each action from the history before it.
 //!
-//! L_AA = max_θ E_τ Σ_t log P_θ(a_t | his(a_t)), his(a_t) = (o_i, m_i, a_i), …, (o_t, m_t). A
-//! causal pass; a_t is read from the token of m_t, which sees o_i … m_t and never a_t. Here as a
-//! loss to minimise.
+//! L_AA = max_θ E_τ Σ_t log P_θ(a_t | his(a_t)), his(a_t) = (o_i, m_i, a_i), …, (o_t, m_t). A causal pass; a_t is read
+//! from the token of m_t, which attends to o_i … m_t and never to a_t. Implemented as a loss to minimise.
 
 use tch::Tensor;
 
@@ -21,14 +20,13 @@ pub(super) const OBJECTIVE: Objective = Objective {
     },
 };
 
-/// The standardised action each step's history calls for, `[W, K, A]`, from the causal pass's
-/// features `[W, K, 3, d]`.
+/// The standardised action after each step's history, `[W, K, A]`, from the causal pass's features `[W, K, 3, d]`.
 pub(crate) fn predict(network: &Network, features: &Tensor) -> Tensor {
     network.heads.action(&Modality::Proprioception.of(features))
 }
 
-/// `prediction` and `target` are `[W, L, A]`; padding, where `valid` `[W, L]` is false, does not
-/// count; a scalar.
+/// The loss, a scalar. `prediction` and `target` are `[W, L, A]`; padding, where `valid` `[W, L]` is false, does not
+/// count.
 pub(crate) fn loss(prediction: &Tensor, target: &Tensor, valid: &Tensor) -> Tensor {
     let errors = squared_error(prediction, target);
     let valid = valid.to_kind(errors.kind());

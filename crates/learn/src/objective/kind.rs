@@ -1,4 +1,4 @@
-//! What an objective is: its loss on the passes over a batch. Must not depend on which objectives there are.
+//! The definition of an objective: its loss on the passes over a batch. Must not depend on the list of objectives.
 
 use gleaner_core::kinds::{Kind, Needs};
 use tch::Tensor;
@@ -11,12 +11,12 @@ pub(crate) struct Objective {
     pub(super) name: &'static str,
     /// The name for people.
     pub(super) title: &'static str,
-    /// What it is, in one sentence.
+    /// Description in one sentence.
     pub(super) about: &'static str,
     /// The name of its loss among the metrics.
     pub(crate) metric: &'static str,
-    /// Whether it trains the pass in which all elements attend to each other, which features come from; otherwise the
-    /// causal pass.
+    /// Whether it trains the pass in which all elements attend to each other, the source of features; otherwise it
+    /// trains the causal pass.
     pub(super) bidirectional: bool,
     /// Its loss, a scalar to minimise.
     pub(crate) loss: fn(&Passes<'_>) -> Tensor,

@@ -26,8 +26,8 @@ pub(crate) fn find(names: &[String]) -> Result<Vec<&'static Objective>, LearnErr
     Ok(chosen)
 }
 
-/// The pass that features come from: the paper's, in which all elements attend to each other; of an encoder without an
-/// objective that trains it, the causal one.
+/// The pass from which features are taken: the paper's, in which all elements attend to each other; for an encoder
+/// without an objective that trains it, the causal one.
 pub(crate) fn features_view(objectives: &[String]) -> View<'static> {
     let trains = |name: &String| OBJECTIVES.iter().any(|listed| listed.name == name && listed.bidirectional);
     if objectives.iter().any(trains) { View::WHOLE } else { View::CAUSAL }

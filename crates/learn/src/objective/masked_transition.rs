@@ -1,7 +1,7 @@
-//! Masked transition prediction, MTP: predict what is masked.
+//! Masked transition prediction, MTP: predict the masked elements.
 //!
-//! L_MTP = max_θ E_τ Σ_t I(e_t) log P_θ(e_t | M(τ)), with e_t in {o_t, m_t, a_t} and I(e_t) = 1
-//! where e_t is masked. Here as a loss to minimise.
+//! L_MTP = max_θ E_τ Σ_t I(e_t) log P_θ(e_t | M(τ)), with e_t in {o_t, m_t, a_t} and I(e_t) = 1 where e_t is masked.
+//! Implemented as a loss to minimise.
 
 use tch::Tensor;
 
@@ -16,7 +16,7 @@ pub(super) const OBJECTIVE: Objective = Objective {
     loss: |passes| loss(&passes.masked().errors, &passes.masked().masked),
 };
 
-/// `errors` `[W, L, 3]` of a pass over M(τ), `masked` `[W, L, 3]` the indicator; a scalar.
+/// The loss, a scalar: `errors` `[W, L, 3]` are those of a pass over M(τ), `masked` `[W, L, 3]` is the indicator.
 pub(crate) fn loss(errors: &Tensor, masked: &Tensor) -> Tensor {
     modality_mean(errors, masked)
 }
@@ -35,7 +35,7 @@ mod tests {
         let masked = [false, false, false, false, true, true];
         let masked = Windows::grid(&masked, &[1, 2, 3], Device::Cpu);
         let valid = Windows::grid(&[false, true], &[1, 2], Device::Cpu);
-        // MTP: o has none, m 2, a 4. TR: o 1, m and a have none. The padded 9s count nowhere.
+        // MTP: o has no error, m 2, a 4. TR: o 1, m and a have no error. The padded 9s never count.
         assert_eq!(loss(&errors, &masked).double_value(&[]), 2.0);
         let reconstructed = reconstruction::loss(&errors, &masked, &valid);
         assert!((reconstructed.double_value(&[]) - 1.0 / 3.0).abs() < 1e-7);

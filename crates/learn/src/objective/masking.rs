@@ -1,14 +1,14 @@
-//! M(τ): which elements of a segment are masked.
+//! M(τ): the choice of a segment's masked elements.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-/// The ratios a sample's own ratio is drawn from.
+/// The ratios from which a sample draws its own.
 pub(crate) const RATIOS: [f64; 4] = [0.4, 0.3, 0.2, 0.1];
 const MODALITIES: usize = 3;
 
-/// Draws the indicator I(e_t) of `[W, L, 3]` elements, row-major, where `valid` `[W, L]` says which
-/// places are inside the episode.
+/// Draws the indicator I(e_t) of `[W, L, 3]` elements, row-major, where `valid` `[W, L]` marks the places inside the
+/// episode.
 ///
 /// Each sample draws its ratio, each valid element is masked with that probability on its own.
 /// Padding is never masked; at least one element is, and at least one is not.
@@ -58,8 +58,8 @@ mod tests {
         let share = |n: usize, of: usize| n as f64 / of as f64;
         let mean = share(counts.iter().sum(), masked.len());
         assert!((mean - 0.25).abs() < 0.01, "{mean}");
-        // P(12 or more of 21) = mean over the ratios of the binomial tail: 0.0874/4 at 0.4,
-        // 0.0087/4 at 0.3, nothing beyond; one fixed ratio of 0.25 would give 0.0021.
+        // P(12 or more of 21) = mean over the ratios of the binomial tail: 0.0874/4 at 0.4, 0.0087/4 at 0.3, 0 for the
+        // others; one fixed ratio of 0.25 would give 0.0021.
         let tail = share(counts.iter().filter(|n| **n >= 12).count(), counts.len());
         assert!((0.018..0.03).contains(&tail), "{tail}");
     }

@@ -1,10 +1,9 @@
 //! The self-supervised objectives of pretraining, one a file, and what they share: the errors of
-//! the heads' predictions. Knows nothing of batches or optimisers.
+//! the heads' predictions. Independent of batches and optimisers.
 //!
-//! log P is Gaussian with fixed variance, so minus log P is the squared error up to constants. The
-//! error of an element is the mean over its values of standardised m or a, or of the down-sampled
-//! standardised image. A loss is the mean over its elements, taken per modality first, so that
-//! o, m and a weigh the same whatever their sizes.
+//! log P is Gaussian with fixed variance, so minus log P is the squared error up to constants. The error of an element
+//! is the mean over its values of standardised m or a, or of the down-sampled standardised image. A loss is the mean
+//! over its elements, taken per modality first, so that o, m and a have equal weight for any sizes.
 
 pub(crate) mod action_autoregression;
 mod kind;
@@ -23,7 +22,7 @@ use tch::Tensor;
 use crate::batch::{Batch, int};
 use crate::model::{Modality, Network};
 
-/// What the heads should say at each place of each window, standardised.
+/// The target of the heads at each place of each window, standardised.
 pub(crate) struct Targets {
     /// `[W, L, O]`.
     image: Tensor,

@@ -1,4 +1,4 @@
-//! The transformer's passes over one batch, each made once and only if an objective asks for it.
+//! The transformer's passes over one batch, each computed once and only if an objective needs it.
 
 use std::cell::OnceCell;
 
@@ -29,7 +29,7 @@ pub(super) struct Masked {
 }
 
 impl<'a> Passes<'a> {
-    /// For one step of a training with this seed.
+    /// The passes of one training step; `seed` and `step` determine the masks.
     pub(crate) fn new(network: &'a Network, batch: &'a Batch, seed: u64, step: u64) -> Self {
         let steps = network.batch_steps(batch);
         let targets = Targets::new(network, batch);

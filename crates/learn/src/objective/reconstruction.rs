@@ -1,7 +1,7 @@
-//! Transition reconstruction, TR: give back what is not masked.
+//! Transition reconstruction, TR: reconstruct the unmasked elements.
 //!
-//! L_TR = max_θ E_τ Σ_t (1 − I(e_t)) log P_θ(e_t | M(τ)). Same pass as MTP, the other elements.
-//! Here as a loss to minimise.
+//! L_TR = max_θ E_τ Σ_t (1 − I(e_t)) log P_θ(e_t | M(τ)). Same pass as MTP, the other elements. Implemented as a loss
+//! to minimise.
 
 use tch::Tensor;
 
@@ -16,8 +16,7 @@ pub(super) const OBJECTIVE: Objective = Objective {
     loss: |passes| loss(&passes.masked().errors, &passes.masked().masked, &passes.windows.valid),
 };
 
-/// `errors` and `masked` as in MTP; `valid` `[W, L]` leaves padding out, which is not masked
-/// either; a scalar.
+/// The loss, a scalar: `errors` and `masked` as in MTP; `valid` `[W, L]` excludes padding, which is not masked either.
 pub(crate) fn loss(errors: &Tensor, masked: &Tensor, valid: &Tensor) -> Tensor {
     let kept = masked.logical_not().logical_and(&valid.unsqueeze(-1));
     modality_mean(errors, &kept)

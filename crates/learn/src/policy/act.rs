@@ -1,14 +1,14 @@
 //! The policy `act`: action chunking with transformers (Zhao et al. 2023), a conditional VAE over
 //! chunks a_t … a_{t+k−1} given o_t and m_t.
 //!
-//! Training: a style encoder reads m_t and the chunk and gives q(z | m, a) = N(μ, σ²); a decoder
-//! predicts the chunk from o_t, m_t and z. The loss is L1 + kl_weight · KL(q ‖ N(0, 1)), L1 the mean
-//! over the chunk's k places of the standardised actions' absolute errors. Acting: z = 0.
+//! Training: a style encoder reads m_t and the chunk and returns q(z | m, a) = N(μ, σ²); a decoder predicts the chunk
+//! from o_t, m_t and z. The loss is L1 + kl_weight · KL(q ‖ N(0, 1)), L1 the mean over the chunk's k places of the
+//! standardised actions' absolute errors. Acting: z = 0.
 //!
-//! A place of the chunk beyond the episode's end does not count, and in an imperfect episode no place
-//! from the first step on whose segment was not kept: what follows there was judged too poor to
-//! imitate, and a chunk must not bring it in through the back door. Places that do not count are
-//! hidden from the style encoder and cost nothing. The sum is always divided by k, so that an action
+//! A place of the chunk beyond the episode's end does not count. In an imperfect episode no place counts from the first
+//! step on whose segment was not kept: the actions there were scored too low to imitate, and a chunk must not include
+//! them. Places that do not count are hidden from the style encoder and cost nothing. The sum is always divided by k,
+//! so that an action has the same weight in every chunk that contains it. A chunk's weight is the q of its first step.
 //! weighs the same in whichever chunk it stands. A chunk's weight is the q of its first step.
 
 mod layers;

@@ -28,7 +28,7 @@ pub(super) const KIND: PolicyKind = PolicyKind {
     load,
 };
 
-/// Width of the hidden layers in widths of the image embedding.
+/// Width of the hidden layers, in multiples of the image embedding's width.
 const HIDDEN: i64 = 4;
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {

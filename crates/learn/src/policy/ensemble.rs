@@ -68,7 +68,7 @@ mod tests {
         let third = (-0.02f64).exp();
         let expected = (3.0 + second * 6.0 + third * 9.0) / (1.0 + second + third);
         assert!((f64::from(ensemble.push(2, chunk(&[9.0, 9.0, 9.0])).unwrap()[0]) - expected).abs() < 1e-6);
-        // Step 3 was skipped: at 4 only the chunk of step 2 still has a say.
+        // Step 3 was skipped: only the chunk of step 2 reaches step 4.
         let expected = (9.0 + second) / (1.0 + second);
         assert!((f64::from(ensemble.push(4, chunk(&[1.0])).unwrap()[0]) - expected).abs() < 1e-6);
         assert_eq!(ensemble.0.len(), 2);

@@ -1,8 +1,8 @@
-//! The policy `finetune`: the pretrained transformer itself, trained on by weighted behaviour
-//! cloning. A causal pass; the action is read from the last m token by the head of AA.
+//! The policy `finetune`: the pretrained transformer, trained further by weighted behaviour cloning. A causal pass; the
+//! action is read from the last m token by the head of AA.
 //!
-//! In training some windows' past is hidden, as pretraining hides elements, so that the newest step
-//! must do; acting sees all.
+//! In training the past of some windows is hidden, as pretraining hides elements, so that the newest step has to
+//! suffice; acting uses all steps.
 //!
 //! −log P_θ′(a_{i+l} | τ), Gaussian with fixed variance: the squared error of the standardised action.
 
@@ -68,14 +68,14 @@ pub(super) fn load(info: &CheckpointInfo, named: &BTreeMap<String, Tensor>, devi
     Ok(Box::new(CausalTransformer { network, history: info.settings()? }))
 }
 
-/// The transformer as a policy, wherever its first weights come from.
+/// The transformer as a policy, independent of the source of its initial weights.
 pub(super) struct CausalTransformer {
     pub(super) network: Network,
     pub(super) history: HistorySpec,
 }
 
 impl CausalTransformer {
-    /// The standardised a_t of each window, `[W, 1, A]`. The last layer works on step t alone.
+    /// The standardised a_t of each window, `[W, 1, A]`. The last layer processes step t alone.
     fn predict(&self, input: &PolicyInput) -> Tensor {
         let steps = self.network.steps(&input.embedded, &input.proprioception, &input.action);
         let view = View { attention: Attention::Causal, hidden: input.hidden.as_ref() };

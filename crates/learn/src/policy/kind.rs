@@ -1,5 +1,5 @@
-//! What a policy is: how one is made, its loss on a batch, how it acts. Must not depend on which policies there are, on
-//! the origin of batches, or on sessions.
+//! The definition of a policy: its construction, its loss on a batch, its actions. Must not depend on the list of
+//! policies, on the origin of batches, or on sessions.
 
 use std::collections::BTreeMap;
 
@@ -18,21 +18,21 @@ use crate::trajectory::Trajectory;
 /// A policy, or the reason why it cannot be made.
 pub(super) type NewPolicy = Result<Box<dyn PolicyModel>, LearnError>;
 
-/// One kind of policy: its description, its settings, and how one is made.
+/// One kind of policy: its description, its settings, and its constructors.
 pub(super) struct PolicyKind {
     /// The word in settings, such as `tf_bc`.
     pub(super) name: &'static str,
     /// The name for people.
     pub(super) title: &'static str,
-    /// What it is, in one sentence.
+    /// Description in one sentence.
     pub(super) about: &'static str,
-    /// What it cannot do without.
+    /// Its requirements.
     pub(super) needs: Needs,
-    /// The settings that it has besides those of every training.
+    /// Its settings besides those of every training.
     pub(super) settings: fn() -> Vec<Setting>,
-    /// The size of the model that it will have.
+    /// The size of its model.
     pub(super) model: fn(&PolicyInit<'_>) -> Result<ModelSpec, LearnError>,
-    /// The policy before its first step; the header holds the model and the policy's settings.
+    /// The policy before its first step; the header has the model and the policy's settings.
     pub(super) init: fn(&PolicyInit<'_>, &CheckpointInfo) -> NewPolicy,
     /// The policy with the weights of a checkpoint.
     pub(super) load: fn(&CheckpointInfo, &BTreeMap<String, Tensor>, Device) -> NewPolicy,
@@ -46,7 +46,7 @@ impl PolicyKind {
     }
 }
 
-/// What a policy is made from.
+/// The inputs from which a policy is made.
 pub(super) struct PolicyInit<'a> {
     pub(super) shape: &'a TaskShape,
     /// A pretrained encoder's checkpoint.
@@ -64,13 +64,12 @@ impl PolicyInit<'_> {
     }
 }
 
-/// One kind of policy, π(a_t … a_{t+k−1} | history). `Send`: a session's policy lives on a thread of
-/// its own.
+/// One kind of policy, π(a_t … a_{t+k−1} | history). `Send`, because a session's policy runs on a separate thread.
 pub(super) trait PolicyModel: Send {
-    /// What it was made for.
+    /// The task and sizes it was made for.
     fn info(&self) -> PolicyInfo<'_>;
 
-    /// How often training hides a window's past, 0 … 1.
+    /// The chance that training hides a window's past, 0 … 1.
     fn history_dropout(&self) -> f64 {
         0.0
     }
@@ -78,49 +77,49 @@ pub(super) trait PolicyModel: Send {
     /// Every parameter in name order.
     fn parameters(&self) -> Vec<(String, Tensor)>;
 
-    /// Standardised images, per camera `[N, C, H, W]`, to one embedding a step, `[N, d]`.
+    /// Standardised images, per camera `[N, C, H, W]`, to one embedding for each step, `[N, d]`.
     fn encode(&self, images: &[Tensor]) -> Tensor;
 
-    /// As [`PolicyModel::encode`], of images of 0 … 1.
+    /// As [`PolicyModel::encode`], for images with values in 0 … 1.
     fn embed_images(&self, images: &[Tensor]) -> Tensor {
         self.encode(&self.info().statistics.images(images))
     }
 
-    /// −log P of what should be done after each window, up to constants. `rng` is for noise.
+    /// −log P of the target actions after each window, up to constants. `rng` is for noise.
     fn losses(&self, input: &PolicyInput, wanted: &Chunks, rng: &mut ChaCha8Rng) -> Losses;
 
-    /// What to do after each window: standardised, `[W, k, A]`.
+    /// The next actions after each window: standardised, `[W, k, A]`.
     fn act(&self, input: &PolicyInput) -> Tensor;
 }
 
-/// What a policy was made for.
+/// The task and sizes of a policy.
 pub(super) struct PolicyInfo<'a> {
     pub(super) shape: &'a TaskShape,
     pub(super) statistics: &'a Statistics,
     pub(super) device: Device,
-    /// Steps of history it sees, l + 1.
+    /// Steps of history in its input, l + 1.
     pub(super) window: usize,
-    /// Actions it gives at once, k.
+    /// Actions predicted at once, k.
     pub(super) chunk: usize,
     /// Values of an image embedding, d.
     pub(super) width: usize,
 }
 
-/// What a policy sees: windows over N steps whose images are embedded.
+/// The input of a policy: windows over N steps whose images are embedded.
 pub(super) struct PolicyInput {
     /// `[N, d]`.
     pub(super) embedded: Tensor,
     /// `[N, M]` in physical units.
     pub(super) proprioception: Tensor,
-    /// `[N, A]` in physical units; each window's last is not known when acting, so none may look.
+    /// `[N, A]` in physical units. Each window's last action is unknown when acting and must not be read.
     pub(super) action: Tensor,
     pub(super) windows: Windows,
-    /// `[W, L, 3]`: which o, m and a of the windows are hidden, in training.
+    /// `[W, L, 3]`: the o, m and a of the windows that are hidden, in training.
     pub(super) hidden: Option<Tensor>,
 }
 
 impl PolicyInput {
-    /// Of `steps` `[N, …]` the newest one of each window, `[W, …]`.
+    /// The newest step of each window, `[W, …]`, of `steps` `[N, …]`.
     pub(super) fn newest(&self, steps: &Tensor) -> Tensor {
         let places = self.windows.index.view([-1, int(self.windows.length)]).select(1, -1);
         steps.index_select(0, &places)
@@ -131,6 +130,6 @@ impl PolicyInput {
 pub(super) struct Losses {
     /// `[W]`.
     pub(super) each: Tensor,
-    /// What they are made of, `[W]` each, for the metrics.
+    /// Their terms, `[W]` each, for the metrics.
     pub(super) parts: Vec<(&'static str, Tensor)>,
 }

@@ -1,5 +1,5 @@
-//! Step three of SSDF: policies. One policy, one file, and its two lines here; the rest
-//! trains and runs policies without knowing which they are.
+//! Step three of SSDF: policies. One file for each policy, and its two lines here; training and serving do not depend
+//! on the policy.
 
 mod act;
 mod bc;
@@ -32,7 +32,7 @@ const POLICIES: [&PolicyKind; 5] = [&finetune::KIND, &tf_bc::KIND, &bc::KIND, &a
 /// The policy of that name.
 fn find(name: &str) -> Result<&'static PolicyKind, LearnError> {
     let found = POLICIES.into_iter().find(|kind| kind.name == name);
-    // The error names those there are.
+    // The error lists the known names.
     found.ok_or_else(|| Family::Policy.kind(name).err().map_or_else(|| unlisted(name), LearnError::from))
 }
 

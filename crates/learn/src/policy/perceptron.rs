@@ -1,5 +1,5 @@
-//! The policy `perceptron`, a baseline: a two-layer perceptron from proprioception alone to a_t. The worth of images and of
-//! the history shows against it.
+//! The policy `perceptron`, a baseline: a two-layer perceptron from proprioception alone to a_t. The comparison with it
+//! shows the value of images and of the history.
 //!
 //! −log P(a_t | m_t), Gaussian with fixed variance: the squared error of the standardised action.
 

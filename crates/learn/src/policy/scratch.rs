@@ -1,5 +1,5 @@
-//! What a policy from scratch starts with when it is not the transformer: a store of weights,
-//! statistics of what it learns from, and the image encoder. It sees one step.
+//! The start of policies that are trained from scratch and are not the transformer: a store of weights, statistics of
+//! the training data, and the image encoder. The input is one step.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ use crate::model::{ImageEncoder, Size, weights};
 use crate::normalize::Statistics;
 use crate::shape::TaskShape;
 
-/// The parts every such policy has; its own go into `store` under [`Scratch::root`].
+/// The parts of every such policy; its own layers are in `store` under [`Scratch::root`].
 pub(super) struct Scratch {
     pub(super) shape: TaskShape,
     pub(super) statistics: Statistics,
@@ -23,21 +23,21 @@ pub(super) struct Scratch {
     images: ImageEncoder,
 }
 
-/// The model of a policy that sees one step: a history of l = 0.
+/// The model of a policy whose input is one step: a history of l = 0.
 pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
     let SizeSpec { preset } = from.chosen().read()?;
     Ok(ModelSpec { preset, segment_length: 0 })
 }
 
 impl Scratch {
-    /// With statistics of the training's episodes; no weight is drawn yet.
+    /// A start with statistics of the training's episodes; no weight is drawn yet.
     pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
         let target = Size::of(info.model.preset).target;
         let statistics = Statistics::measure(from.shape, from.data, target, from.device);
         Ok(Self::build(info, statistics, from.device))
     }
 
-    /// With the statistics in `named`; no weight is loaded yet.
+    /// A start with the statistics in `named`; no weight is loaded yet.
     pub(super) fn load(
         info: &CheckpointInfo,
         named: &BTreeMap<String, Tensor>,
@@ -54,7 +54,7 @@ impl Scratch {
         Self { shape: info.shape.clone(), statistics, size, store, images }
     }
 
-    /// Where a policy's own layers go.
+    /// The path of a policy's own layers.
     pub(super) fn root(&self) -> nn::Path<'_> {
         self.store.root() / "policy"
     }
@@ -63,12 +63,12 @@ impl Scratch {
         weights::sorted(&self.store)
     }
 
-    /// Draws every weight, once all layers are there.
+    /// Draws every weight, after all layers are added.
     pub(super) fn draw(&self, seed: u64) {
         weights::draw(&self.parameters(), seed);
     }
 
-    /// Loads every weight, once all layers are there.
+    /// Loads every weight, after all layers are added.
     pub(super) fn take(&self, named: &BTreeMap<String, Tensor>) -> Result<(), LearnError> {
         weights::load(&self.parameters(), named)
     }
@@ -77,7 +77,7 @@ impl Scratch {
         self.images.forward(images)
     }
 
-    /// What a policy that gives `chunk` actions at once was made for.
+    /// The description of a policy that predicts `chunk` actions at once.
     pub(super) fn info(&self, chunk: usize) -> PolicyInfo<'_> {
         PolicyInfo {
             shape: &self.shape,

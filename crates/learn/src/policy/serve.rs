@@ -1,5 +1,5 @@
-//! A trained policy that acts: embeds each frame once, acts for many sessions in one pass. Knows
-//! nothing of sessions themselves, nor of which kind of policy it is.
+//! A trained policy that acts: it embeds each frame once and acts for many sessions in one pass. Independent of the kind of
+//! policy and of how sessions are served.
 
 use std::fmt;
 
@@ -15,7 +15,7 @@ use crate::history::{Embedding, History, Layout, Stacked};
 use crate::shape::TaskShape;
 use crate::train::Learner;
 
-/// A policy ready to act. `Send`: give it a thread of its own.
+/// A policy ready to act. `Send`, so that it can have a separate thread.
 pub struct Policy {
     info: CheckpointInfo,
     model: Box<dyn PolicyModel>,
@@ -31,15 +31,15 @@ impl Policy {
     /// Loads a policy checkpoint of any kind, on the CPU.
     ///
     /// # Errors
-    /// [`LearnError::Checkpoint`] or [`LearnError::Version`] if `bytes` are no usable policy.
+    /// [`LearnError::Checkpoint`] or [`LearnError::Version`] if `bytes` are not a usable policy.
     pub fn load(bytes: &[u8]) -> Result<Self, LearnError> {
         Self::load_on(bytes, Device::Cpu)
     }
 
-    /// As [`Policy::load`], on a device of choice.
+    /// As [`Policy::load`], on a chosen device.
     ///
     /// # Errors
-    /// As [`Policy::load`], and [`LearnError::Invalid`] if there is no such device.
+    /// As [`Policy::load`], and [`LearnError::Invalid`] if the device does not exist.
     pub fn load_on(bytes: &[u8], device: Device) -> Result<Self, LearnError> {
         guard(|| {
             let device = device::open(device, None)?;
@@ -58,17 +58,17 @@ impl Policy {
         &self.info.shape
     }
 
-    /// The segment length l; make a [`History`] with it. 0 for a policy without history.
+    /// The segment length l, for a new [`History`]. 0 for a policy without history.
     pub fn segment_length(&self) -> u32 {
         self.info.model.segment_length
     }
 
-    /// Actions that [`Policy::act`] gives at once, k; 1 but for ACT.
+    /// Actions that [`Policy::act`] returns for each history, k; 1 except for ACT.
     pub fn chunk_length(&self) -> u32 {
         u32::try_from(self.model.info().chunk).unwrap_or(u32::MAX)
     }
 
-    /// Encodes frames, each laid out as one step of [`FrameBytes`](crate::FrameBytes).
+    /// Encodes frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes).
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
@@ -78,8 +78,8 @@ impl Policy {
         layout(&about).embed(frames, |frames| self.model.encode(&images(frames)))
     }
 
-    /// The next k actions of each history, the first for now, in physical units; one pass for all.
-    /// k is [`Policy::chunk_length`]; [`Ensemble`](crate::Ensemble) makes one action of many chunks.
+    /// The next k actions of each history, the first for now, in physical units; one pass for all. k is
+    /// [`Policy::chunk_length`]; [`Ensemble`](crate::Ensemble) combines chunks into one action.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, or holds values
@@ -92,7 +92,7 @@ impl Policy {
         }
         guard(|| {
             let _no_grad = no_grad_guard();
-            // The newest action is not known yet, and no policy looks at it.
+            // The newest action is not known yet, and no policy reads it.
             let Stacked { embedded, proprioception, action, windows } = layout(&about).stack(histories);
             let input = PolicyInput { embedded, proprioception, action, windows, hidden: None };
             let chunks = self.model.act(&input);
@@ -103,7 +103,7 @@ impl Policy {
     }
 }
 
-/// What histories must look like for a policy.
+/// The required form of histories for a policy.
 fn layout<'a>(about: &PolicyInfo<'a>) -> Layout<'a> {
     Layout { shape: about.shape, window: about.window, width: about.width, device: about.device }
 }

@@ -74,7 +74,7 @@ pub(super) fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel
     (kind.init)(&from, &info).unwrap()
 }
 
-/// Runs `policy` on an unseen square: how far the hand is from it after `steps`.
+/// Runs `policy` on an unseen square; returns the distance of the hand from it after `steps`.
 fn final_distance(policy: &Policy, square: [f32; 2], steps: u64) -> f32 {
     let mut hand = [0.5f32, 0.5];
     let mut history = History::new(policy.segment_length());

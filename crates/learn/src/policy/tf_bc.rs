@@ -1,5 +1,5 @@
-//! The policy `tf_bc`: the transformer of `finetune` and its loss, but from scratch, its statistics
-//! measured on what it learns from. What pretraining is worth shows against it.
+//! The policy `tf_bc`: the transformer of `finetune` and its loss, but from scratch, with statistics of its training
+//! data. The comparison with it shows the value of pretraining.
 
 use gleaner_core::kinds::Needs;
 use gleaner_core::{Group as _, ModelSpec};

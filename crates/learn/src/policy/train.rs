@@ -1,4 +1,4 @@
-//! Training any policy by weighted behaviour cloning. Knows nothing of which policy it is.
+//! Training of any policy by weighted behaviour cloning. Independent of the policy.
 //!
 //! L_full = E_{τ∼D_e}[−log P_θ′(a | τ)] + λ E_{τ∼D_f}[−q(τ) log P_θ′(a | τ)].
 
@@ -20,19 +20,17 @@ use crate::trajectory::{Trajectory, WeightedSegments};
 
 type Policy = Box<dyn PolicyModel>;
 
-/// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and gives its checkpoint.
-/// `finetune` goes on from the pretrained `encoder`, and with nothing kept it is SSDF-base; the other
-/// policies start from scratch and look at no encoder.
+/// Trains a policy on the `experts` (D_e) and the `kept` segments (D_f) and returns its checkpoint.
+/// `finetune` starts from the pretrained `encoder`, and without kept segments it is SSDF-base; the other policies start
+/// from scratch without an encoder.
 ///
-/// Each step takes the mean over a batch of expert segments and λ times the mean of q · loss over
-/// a batch of kept ones. `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`,
-/// `loss_expert`, `loss_kept` (before λ; only if something is kept), for ACT `loss_l1` and `loss_kl`
-/// (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`.
+/// Each step takes the mean over a batch of expert segments and λ times the mean of q · loss over a batch of kept ones.
+/// `resume` as in [`pretrain`](crate::pretrain). Metrics: `loss`, `loss_expert`, `loss_kept` (before λ; only with kept
+/// segments), for ACT `loss_l1` and `loss_kl` (of the expert batch), `grad_norm`, `learning_rate`, `ms_per_step`.
 ///
 /// # Errors
-/// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for
-/// an encoder that cannot be used, [`LearnError::Cancelled`], [`LearnError::Diverged`], and what
-/// the tensor library may give.
+/// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for an encoder that
+/// cannot be used, [`LearnError::Cancelled`], [`LearnError::Diverged`], and errors of the tensor library.
 pub fn train_policy(
     shape: &TaskShape,
     encoder: Option<&[u8]>,
@@ -87,19 +85,19 @@ fn begin(from: &PolicyInit<'_>, resume: Option<&[u8]>) -> Result<Resumed<Policy>
     Ok(Resumed::Unfinished(Box::new(Training::start((kind.init)(from, &info)?, info))))
 }
 
-/// Episodes and which of their segments count.
+/// Episodes and the segments of them that count.
 pub(super) struct Source<'a> {
     pub(super) data: Vec<&'a Trajectory>,
     pub(super) segments: Segments,
 }
 
-/// Where the two batches of a step come from.
+/// The sources of the two batches of a step.
 struct Sources<'a> {
     experts: Source<'a>,
     kept: Source<'a>,
 }
 
-/// What makes one batch's random numbers: seed, step, and the purposes of segments, images, noise.
+/// The parameters of one batch's random numbers: seed, step, and the purposes of segments, images, noise.
 struct Draw {
     seed: u64,
     step: u64,
@@ -112,7 +110,7 @@ const KEPT: [Purpose; 3] = [Purpose::KeptBatch, Purpose::KeptAugmentation, Purpo
 impl<'a> Sources<'a> {
     fn new(shape: &TaskShape, experts: &'a [Trajectory], kept: &'a [WeightedSegments], spec: &TrainSpec) -> Self {
         let experts: Vec<&Trajectory> = experts.iter().collect();
-        // λ = 0 makes kept segments worth nothing, so they are not even read.
+        // With λ = 0 kept segments have no weight, so they are not even read.
         let kept = if spec.lambda > 0.0 { kept } else { &[] };
         Self {
             experts: Source { segments: Segments::every(shape, &experts), data: experts },
@@ -139,7 +137,7 @@ impl<'a> Sources<'a> {
 }
 
 impl Source<'_> {
-    /// Mean of weight · −log P over a batch drawn from here, and the losses it is made of.
+    /// Mean of weight · −log P over a batch drawn from this source, and its terms.
     fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, draw: &Draw) -> (Tensor, Losses) {
         let [mut segments, mut images, mut noise] =
             draw.purposes.map(|purpose| generator(draw.seed, purpose, draw.step));
@@ -150,7 +148,7 @@ impl Source<'_> {
         mean_loss(policy, batch, hidden, &wanted, &mut noise)
     }
 
-    /// What `policy` sees of `drawn` segments, and what it should do.
+    /// The input of `policy` for `drawn` segments, and its targets.
     pub(super) fn collect(&self, policy: &dyn PolicyModel, drawn: &[Segment]) -> (Batch, Chunks) {
         let info = policy.info();
         let batch = Batch::collect(info.shape, &self.data, drawn, info.window, info.device);
@@ -161,8 +159,8 @@ impl Source<'_> {
     }
 }
 
-/// All of a window's steps but the last, of each window with chance `dropout`: `[W, L, 3]`. `None` if there is no past
-/// to hide, or never.
+/// All steps of a window but the last, for each window with chance `dropout`: `[W, L, 3]`. `None` if there is no past
+/// to hide, or the chance is 0.
 fn hide_past(windows: &Windows, dropout: f64, rng: &mut ChaCha8Rng) -> Option<Tensor> {
     if windows.length < 2 || dropout == 0.0 {
         return None;

@@ -1,4 +1,4 @@
-//! An earlier run to go on from, checked, and its matches in the numbers of the run that does.
+//! The earlier run that a run extends: its checks, and its matches in the numbering of the new run.
 
 use std::collections::{HashMap, HashSet};
 
@@ -9,16 +9,16 @@ use crate::error::LearnError;
 use crate::shape::TaskShape;
 use crate::trajectory::Trajectory;
 
-/// What is known before the search begins.
+/// The scores that exist before the search begins.
 #[derive(Default)]
 pub(super) struct Known<'a> {
     scores: HashMap<&'a str, &'a EpisodeScores>,
-    /// The number now, and the steps, of every expert of the earlier run.
+    /// The new number, and the number of steps, of every expert of the earlier run.
     experts: Vec<(u32, usize)>,
 }
 
 impl<'a> Known<'a> {
-    /// What `base` knows, for `experts` in the order of their numbers and the `imperfect`.
+    /// The scores of `base`, for `experts` in the order of their numbers and the `imperfect`.
     pub(super) fn new(
         base: &'a ScoreBase,
         shape: &TaskShape,
@@ -43,7 +43,7 @@ impl<'a> Known<'a> {
         Ok(known)
     }
 
-    /// Whether expert `number` was one of the earlier run's.
+    /// The numbers of the earlier run's experts.
     pub(super) fn had(&self) -> HashSet<u32> {
         self.experts.iter().map(|(number, _)| *number).collect()
     }
@@ -59,7 +59,7 @@ impl<'a> Known<'a> {
         Some((0..scores.w.len()).map(known).collect())
     }
 
-    /// Fails unless the earlier scores of `episode`, if there are any, can be its.
+    /// Fails unless the earlier scores of `episode`, if any, fit it.
     fn check(&self, episode: &Trajectory, shape: &TaskShape) -> Result<(), LearnError> {
         let Some(scores) = self.scores.get(episode.id.as_str()) else { return Ok(()) };
         let steps = episode.steps(shape);

@@ -1,4 +1,4 @@
-//! How segments are compared with those of experts: in which features, by which similarity, scaled by what.
+//! The comparison of segments with those of experts: its features, its similarity and its scales.
 
 use gleaner_core::Words as _;
 use gleaner_core::schema::Shape;
@@ -52,7 +52,7 @@ gleaner_core::settings! {
     }
 }
 
-/// What is compared.
+/// The values that are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Source {
     /// The encoder's features.
@@ -61,12 +61,12 @@ pub(super) enum Source {
     Observations,
 }
 
-/// How segments are compared.
+/// The comparison of segments.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Comparison {
-    /// What is compared.
+    /// The values that are compared.
     pub(super) source: Source,
-    /// By which similarity.
+    /// The similarity.
     pub(super) similarity: Similarity,
     /// Whether similarities are scaled by the local spread of experts.
     pub(super) local_scale: bool,

@@ -1,5 +1,5 @@
 //! A finished score run kept ready: scores what is not stored, a session's newest segment or a whole episode, as the
-//! run would have. Knows nothing of sessions but their histories.
+//! run would have. Of sessions it uses the histories only.
 
 use std::collections::HashSet;
 use std::fmt;
@@ -26,22 +26,23 @@ pub struct SegmentScore {
     pub w: f64,
     /// Quality q in 0 … 1, by the run's normaliser.
     pub q: f32,
-    /// The nearest expert segment's episode, an index into the experts given.
+    /// The nearest expert segment's episode, an index into the given experts.
     pub match_episode: u32,
-    /// The step it ends at.
+    /// The step at which that segment ends.
     pub match_step: u32,
     /// The distances of o, m and a to it, before any modality scale.
     pub distances: [f32; 3],
 }
 
-/// A finished run of [`score`](fn@crate::score), ready for more. `Send`: give it a thread of its own.
+/// A finished run of [`score`](fn@crate::score), ready for more segments. `Send`, so that it can have a separate
+/// thread.
 pub struct LiveScorer {
     opened: Opened,
     comparison: Comparison,
     index: Index,
-    /// For every number that matches count in, the expert's place in the order given.
+    /// For every number in matches, the expert's index in the given order.
     places: Vec<u32>,
-    /// Per number and step, how near experts are around it; `None` if w is measured against nothing.
+    /// Per number and step, the local scale of experts; `None` if w is not scaled.
     local: Option<Vec<Vec<f64>>>,
     normaliser: Normaliser,
 }
@@ -53,12 +54,12 @@ impl fmt::Debug for LiveScorer {
 }
 
 impl LiveScorer {
-    /// Takes up a run: its encoder, its experts, its settings and the normaliser it ended with. Encodes the experts.
+    /// Loads a run: its encoder, its experts, its settings and its frozen normaliser. Encodes the experts.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] for settings that give no live score (the classifier's, whose every score depends on
-    /// all episodes, and the raw one's, whose observations histories do not keep), for no expert, or for one that does
-    /// not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
+    /// [`LearnError::Invalid`] for settings without live scores (those of the classifier, whose every score depends on
+    /// all episodes, and of the raw scorer, whose observations are not part of histories), for a missing expert, or for
+    /// one that does not fit; [`LearnError::Checkpoint`] or [`LearnError::Version`] if `encoder` cannot be used.
     pub fn load(
         encoder: &[u8],
         experts: &[Trajectory],
@@ -100,12 +101,12 @@ impl LiveScorer {
         &self.opened.network.shape
     }
 
-    /// The segment length l; make a [`History`] with it.
+    /// The segment length l, for a new [`History`].
     pub fn segment_length(&self) -> u32 {
         self.opened.network.spec.segment_length
     }
 
-    /// Encodes frames for this scorer, each laid out as one step of [`FrameBytes`](crate::FrameBytes).
+    /// Encodes frames for this scorer, each with the layout of one step of [`FrameBytes`](crate::FrameBytes).
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a frame's length does not fit the shape.
@@ -113,8 +114,8 @@ impl LiveScorer {
         self.layout().embed(frames, |frames| self.opened.network.embed_frames(frames))
     }
 
-    /// The score of the newest segment of each history; one pass for all. Its last action must be set: a segment is
-    /// judged by what was done.
+    /// The score of the newest segment of each history; one pass for all. Its last action must be set, because a
+    /// segment is scored by the executed actions.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, holds values that do not fit the
@@ -138,7 +139,7 @@ impl LiveScorer {
         })
     }
 
-    /// The scores of every segment of an episode that is not stored: bit for bit what the run would have given.
+    /// The scores of every segment of an unstored episode: bit for bit those of the run.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if the episode does not fit the shape.
@@ -168,7 +169,7 @@ impl LiveScorer {
 
     fn segment(&self, found: &Match) -> SegmentScore {
         let (episode, step) = (found.group as usize, found.row as usize);
-        // Not −distance: that would make −0 of the best there is.
+        // Not −distance, which would make −0 of the best w.
         let w = 0.0 - found.distance;
         let measured = self.local.as_ref().map_or(w, |local| w / local[episode][step]);
         SegmentScore {
@@ -190,7 +191,7 @@ impl LiveScorer {
     }
 }
 
-/// How near experts are to one another around each of their segments; `None` if there is only one.
+/// The local scale around each segment of the experts; `None` with a single expert.
 fn local_scale(experts: &[Features], index: &Index, metric: Metric) -> Result<Option<Vec<Vec<f64>>>, LearnError> {
     let alone = |(number, features): (u32, &Features)| {
         let matches = index.nearest(features, Some(number))?;

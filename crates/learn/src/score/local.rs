@@ -1,10 +1,10 @@
-//! The local scale of a similarity: how near experts are to one another around the matched segment.
+//! The local scale of a similarity: the distance between experts around the matched segment.
 //!
 //! Where experts differ widely (free reaching, each from elsewhere) even a good segment is far from
 //! its match, and where they agree (all holding the cube) even a bad one is near. So w alone ranks
 //! phases of a task, not the quality within them. q = norm(w / ρ(τ*)) does not: with τ* the match,
 //! ρ(τ*) = the mean over the k expert segments nearest to τ* of their distance to the nearest
-//! segment of another expert. w / ρ is about −1 wherever an expert is. Knows nothing of norm.
+//! segment of another expert. w / ρ is about −1 wherever an expert is. Independent of norm.
 
 use gleaner_search::{Metric, Neighbours};
 
@@ -12,14 +12,14 @@ use super::EpisodeScores;
 use super::features::Features;
 use crate::error::LearnError;
 
-/// k: enough that one odd expert does not set the scale, few enough that it stays local.
+/// k: enough that a single unusual expert does not set the scale, few enough that the scale stays local.
 const NEIGHBOURS: usize = 10;
-/// A local scale is at least this part of the mean one, so that experts recorded twice do not make
-/// all else infinitely far.
+/// Lower bound of a local scale, as a part of the mean one: experts recorded twice must not make all other distances
+/// infinite.
 const LEAST: f64 = 1e-3;
 
-/// w of every segment of `episode`, relative to the local scale of its match, of which `local` has one per
-/// expert, in the order that matches count in, and step; without, or without matches, w itself.
+/// w of every segment of `episode`, relative to the local scale of its match. `local` has one scale for each expert, in
+/// the order of match numbers, and step; without scales or matches the result is w itself.
 pub(super) fn relative(local: Option<&Vec<Vec<f64>>>, episode: &EpisodeScores) -> impl Iterator<Item = f64> {
     (0..episode.w.len()).map(move |at| match (local, episode.match_episode.get(at)) {
         (Some(local), Some(expert)) => episode.w[at] / local[*expert as usize][episode.match_step[at] as usize],
@@ -27,8 +27,8 @@ pub(super) fn relative(local: Option<&Vec<Vec<f64>>>, episode: &EpisodeScores) -
     })
 }
 
-/// ρ of every segment of every expert under `metric`. `alone` is w of each against the other experts; `go_on` is called
-/// after each episode and may end the work.
+/// ρ of every segment of every expert under `metric`. `alone` is w of each expert against the others; `go_on` is called
+/// after each episode and may return an error to stop.
 pub(super) fn means(
     experts: &[Features],
     metric: Metric,
@@ -48,7 +48,7 @@ pub(super) fn means(
     Ok(means)
 }
 
-/// The mean of `distances` at `places`, added in one order whatever theirs.
+/// The mean of `distances` at `places`, added in a fixed order, whatever the order of `places`.
 fn mean(mut places: Vec<usize>, distances: &[f64]) -> f64 {
     places.sort_unstable();
     #[expect(clippy::cast_precision_loss, reason = "a handful")]

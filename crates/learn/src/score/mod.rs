@@ -1,8 +1,7 @@
-//! Step two of SSDF: how good each imperfect segment is, by its similarity to the nearest expert
-//! segment.
+//! Step two of SSDF: the quality of each imperfect segment, by its similarity to the nearest expert segment.
 //!
-//! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1]. The
-//! paper leaves norm open; [`local`] says what a similarity is measured against before it is scaled.
+//! w(τ_imp) = max over τ_exp ∈ D_e of sim(τ_imp, τ_exp), q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1]. The paper leaves norm
+//! open; [`local`] defines the scale of similarities before they are normalised.
 
 mod base;
 mod classifier;
@@ -40,35 +39,34 @@ use gleaner_core::{PretrainSpec, ScoreSpec};
 use run::{Found, Progress, Run, count};
 use scorer::Scorer;
 
-/// The scores of one episode's segments, by the episode's name; place t is the segment that ends at step t. w is the
-/// classifier's log p(expert) if that scores, and q is in 0 … 1. `match_episode` counts in the experts given. Distances are
-/// before any modality scale.
+/// The scores of one episode's segments, by the episode's name; entry t is the segment that ends at step t. w is the
+/// classifier's log p(expert) if that is the scorer, and q is in 0 … 1. `match_episode` is an index into the given
+/// experts. Distances are before any modality scale.
 pub type EpisodeScores = gleaner_core::score::EpisodeScores<String>;
 
-/// What a score run found.
+/// The result of a score run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scores {
-    /// The imperfect episodes, in the order given.
+    /// The imperfect episodes, in the given order.
     pub imperfect: Vec<EpisodeScores>,
-    /// The experts, each against the other experts: what w and q look like for good data. Empty
-    /// if there is only one expert.
+    /// The experts, each compared with the other experts, as a reference for good data. Empty with one expert.
     pub experts: Vec<EpisodeScores>,
-    /// What made q of w.
+    /// The conversion from w to q.
     pub normaliser: Normaliser,
 }
 
-/// What an earlier run found, to go on from.
+/// The results of an earlier run that is extended.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ScoreBase {
     /// The earlier run's normaliser; the new run keeps it.
     pub normaliser: Normaliser,
-    /// The ids of the earlier run's experts, which its `match_episode` counts in.
+    /// The ids of the earlier run's experts, to which its `match_episode` refers.
     pub experts: Vec<String>,
     /// The scores of its imperfect episodes and of its experts; q is ignored.
     pub scores: Vec<EpisodeScores>,
 }
 
-/// What is scored.
+/// The inputs of a score run.
 #[derive(Clone, Copy)]
 pub struct ScoreInputs<'a> {
     /// The pretrained encoder's checkpoint.
@@ -77,34 +75,33 @@ pub struct ScoreInputs<'a> {
     pub experts: &'a [Trajectory],
     /// D_i.
     pub imperfect: &'a [Trajectory],
-    /// Features of these episodes under this encoder and [`features_kind`]: what it has is not encoded again.
+    /// Features of these episodes under this encoder and [`features_kind`]; episodes in it are not encoded again.
     pub kept: &'a dyn FeatureStore,
 }
 
 /// Scores every segment of the imperfect episodes (D_i) against every segment of the experts (D_e) under a pretrained
 /// encoder.
 ///
-/// The nearest expert segment is exact; ties go to the expert whose id sorts first, then the first
-/// step, so the order of the episodes does not matter. An episode never matches itself: an expert
-/// of the same id is left out. Progress counts segments; nothing is checkpointed. Metric:
-/// `segments_per_second`.
+/// The nearest expert segment is exact; ties go to the expert whose id sorts first, then to the first step, so the
+/// order of the episodes does not matter. An episode never matches itself: an expert of the same id is left out.
+/// Progress counts segments; there are no checkpoints. Metric: `segments_per_second`.
 ///
 /// # Errors
-/// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for
-/// an encoder that cannot be used, [`LearnError::Cancelled`], and what the tensor library may give.
+/// [`LearnError::Invalid`] for bad input, [`LearnError::Checkpoint`] or [`LearnError::Version`] for an encoder that
+/// cannot be used, [`LearnError::Cancelled`], and errors of the tensor library.
 pub fn score(inputs: ScoreInputs<'_>, spec: &ScoreSpec, monitor: &mut dyn Monitor) -> Result<Scores, LearnError> {
     Call { inputs, spec, scorer: scorer::open(&spec.scorer)? }.run(None, monitor)
 }
 
-/// Goes on from an earlier run of the same encoder and settings with more experts, more imperfect
+/// Extends an earlier run of the same encoder and settings with more experts, more imperfect
 /// episodes, or both. Episodes the earlier run scored are compared only with the experts it did not
 /// have, and not even encoded if there are none. The result is bit for bit what [`score`] gives
 /// for the same episodes under the earlier run's normaliser. The local scale is measured on the experts
 /// there are, so with new experts q may change where w does not.
 ///
 /// # Errors
-/// As [`score`]; also [`LearnError::Invalid`] if an expert of the earlier run is missing, if its
-/// scores do not fit the episodes, or for the classifier, whose every score depends on all episodes.
+/// As [`score`]; also [`LearnError::Invalid`] if an expert of the earlier run is missing, if the scores do not fit the
+/// episodes, or for the classifier, whose every score depends on all episodes.
 pub fn extend_scores(
     inputs: ScoreInputs<'_>,
     base: &ScoreBase,
@@ -124,7 +121,7 @@ pub fn extend_scores(
     Call { inputs, spec, scorer }.run(Some(base), monitor)
 }
 
-/// A pretrained encoder, opened.
+/// A decoded pretrained encoder.
 struct Opened {
     network: Network,
     scale: Option<Scale>,
@@ -150,7 +147,7 @@ impl Opened {
     }
 }
 
-/// What both ways to score are called with.
+/// Arguments that both ways to score share.
 struct Call<'a> {
     inputs: ScoreInputs<'a>,
     spec: &'a ScoreSpec,
@@ -198,8 +195,8 @@ impl Call<'_> {
         Ok(())
     }
 
-    /// The scores by nearest expert segments, without q, in the orders given. Experts are numbered
-    /// in the order of their ids.
+    /// The scores by nearest expert segments, without q, in the given orders. Experts are numbered in the order of
+    /// their ids.
     fn by_nearest(
         &self,
         encoder: Encoder<'_>,
@@ -227,7 +224,7 @@ impl Call<'_> {
     }
 }
 
-/// What is said of experts in the order of their numbers, in the order given.
+/// Values of experts in the order of their numbers, rearranged to the given order.
 fn placed<T>(places: &[u32], of_numbers: Vec<T>) -> Vec<T> {
     let mut placed: Vec<(u32, T)> = places.iter().copied().zip(of_numbers).collect();
     placed.sort_by_key(|(place, _)| *place);

@@ -3,28 +3,28 @@
 use crate::error::LearnError;
 use gleaner_core::NormaliserKind;
 
-/// Quantiles kept: evenly spaced from the smallest to the largest similarity.
+/// Number of stored quantiles: evenly spaced from the smallest to the largest similarity.
 const QUANTILES: usize = 1001;
 
-/// q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1], frozen with a score run, so that a later segment is measured
-/// by the same scale. With a local scale ρ, w here is w / ρ.
+/// q(τ_imp) = norm(w(τ_imp)) ∈ [0, 1], frozen with a score run, so that later segments have the same scale. With a
+/// local scale ρ, w here is w / ρ.
 ///
-/// `minmax`: q = (w − lo) / (hi − lo), clamped to 0 … 1. `quantile`: the share of the run's
-/// imperfect segments with a smaller w, between `quantiles` by straight lines.
+/// `minmax`: q = (w − lo) / (hi − lo), clamped to 0 … 1. `quantile`: the share of the run's imperfect segments with a
+/// smaller w, interpolated linearly between `quantiles`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Normaliser {
-    /// Which of the two.
+    /// The kind of normaliser.
     pub kind: NormaliserKind,
-    /// The smallest similarity of the run's imperfect segments; it becomes 0.
+    /// The smallest similarity of the run's imperfect segments; it maps to 0.
     pub lo: f64,
-    /// The largest; it becomes 1.
+    /// The largest similarity; it maps to 1.
     pub hi: f64,
     /// 1001 evenly spaced quantiles of the similarities, low to high; empty for `minmax`.
     pub quantiles: Vec<f64>,
 }
 
 impl Normaliser {
-    /// The one of `kind` over `similarities`.
+    /// The normaliser of `kind` over `similarities`.
     pub(crate) fn fit(kind: NormaliserKind, mut similarities: Vec<f64>) -> Self {
         similarities.sort_by(f64::total_cmp);
         let quantiles = match kind {
@@ -37,9 +37,8 @@ impl Normaliser {
 
     /// The quality of similarity `w`.
     ///
-    /// The largest similarity of the run always has 1. If all were equal there is no scale: then
-    /// what is at least as similar has quality 1 and the rest 0, which is what the clamped line
-    /// tends to.
+    /// The largest similarity of the run always maps to 1. If all were equal there is no scale: a similarity at least
+    /// as high then maps to 1 and a lower one to 0, the limit of the clamped line.
     pub fn q(&self, w: f64) -> f32 {
         if w >= self.hi {
             return 1.0;
@@ -56,8 +55,8 @@ impl Normaliser {
         q
     }
 
-    /// Where `w` lies among the quantiles, 0 … 1. On a flat stretch, its lower end: what is as
-    /// similar is not less similar.
+    /// The rank of `w` among the quantiles, 0 … 1. On a flat stretch it is the lower end, because an equal similarity
+    /// is not a lower one.
     fn share(&self, w: f64) -> f64 {
         let above = self.quantiles.partition_point(|quantile| *quantile < w);
         let (Some(below), Some(next)) = (above.checked_sub(1), self.quantiles.get(above)) else {
@@ -69,7 +68,7 @@ impl Normaliser {
         share
     }
 
-    /// Fails unless this is a normaliser that a run could have found.
+    /// Fails unless this is a possible normaliser of a run.
     pub(crate) fn validate(&self, field: &str) -> Result<(), LearnError> {
         let wrong = |message: &str| Err(LearnError::invalid(field, message));
         if !(self.lo.is_finite() && self.hi.is_finite() && self.lo <= self.hi) {
@@ -87,7 +86,7 @@ impl Normaliser {
     }
 }
 
-/// Quantile `k` of [`QUANTILES`] of `sorted`, between neighbours by a straight line.
+/// Quantile `k` of [`QUANTILES`] of `sorted`, interpolated linearly between neighbours.
 #[expect(clippy::cast_precision_loss, reason = "far fewer segments than 2^52")]
 fn quantile(sorted: &[f64], k: usize) -> f64 {
     let (Some(steps), last) = (sorted.len().checked_sub(1), QUANTILES - 1) else { return 0.0 };

@@ -1,4 +1,4 @@
-//! One score run by nearest expert segments under way, anew or going on from an earlier one.
+//! A score run by nearest expert segments, from the start or as an extension of an earlier run.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ use crate::model::Network;
 use crate::train::Monitor;
 use crate::trajectory::Trajectory;
 
-/// Counts what is done, tells the monitor and asks it whether to go on.
+/// Counts scored segments, reports them to the monitor, and checks for cancellation.
 pub(super) struct Progress<'a> {
     monitor: &'a mut dyn Monitor,
     total: u64,
@@ -45,7 +45,7 @@ pub(super) fn count<'a>(network: &Network, episodes: impl IntoIterator<Item = &'
     episodes.into_iter().map(|episode| episode.steps(&network.shape) as u64).sum()
 }
 
-/// Features of episode `of` that can be compared.
+/// The features of episode `of`; fails unless they can be compared.
 pub(super) fn sound(features: Features, of: &str) -> Result<Features, LearnError> {
     if features.comparable() {
         return Ok(features);
@@ -54,35 +54,34 @@ pub(super) fn sound(features: Features, of: &str) -> Result<Features, LearnError
     Err(LearnError::Checkpoint(message))
 }
 
-/// A run under way.
+/// A running computation.
 pub(super) struct Run<'a> {
     pub(super) encoder: Encoder<'a>,
     pub(super) comparison: &'a Comparison,
-    /// In the order of their numbers.
+    /// Experts in the order of their numbers.
     pub(super) experts: &'a [&'a Trajectory],
-    /// For every number, the expert's place in the order given.
+    /// For every number, the expert's index in the given order.
     pub(super) places: &'a [u32],
     pub(super) known: &'a Known<'a>,
-    /// Features of earlier runs; `None` where they are not worth keeping.
+    /// Features of earlier runs; `None` where storing them does not pay off.
     pub(super) kept: Option<&'a dyn FeatureStore>,
     pub(super) progress: Progress<'a>,
 }
 
-/// What a run finds, without q.
+/// The result of a run, without q.
 pub(super) struct Found {
-    /// In the order given.
+    /// The imperfect episodes, in the given order.
     pub(super) imperfect: Vec<EpisodeScores>,
-    /// Each against the others.
+    /// The experts, each against the others.
     pub(super) experts: Vec<EpisodeScores>,
-    /// Per expert, of each segment, how near experts are around it; `None` if similarities are measured against
-    /// nothing.
+    /// Per expert and segment, the local scale; `None` if similarities are not scaled.
     pub(super) local: Option<Vec<Vec<f64>>>,
 }
 
-/// What queries are compared with.
+/// The indexes that queries are compared with.
 struct Indexes {
     all: Index,
-    /// The experts that the earlier run did not have; `None` if it had all.
+    /// The experts that the earlier run lacks; `None` if it lacks none.
     new: Option<Index>,
 }
 
@@ -127,7 +126,7 @@ impl Run<'_> {
         Ok(Found { imperfect: scored, experts, local })
     }
 
-    /// How near experts are to one another around each of their segments; `None` if there is only one.
+    /// The local scale around each segment of the experts; `None` with a single expert.
     fn local(
         &mut self,
         features: &[Features],
@@ -142,7 +141,7 @@ impl Run<'_> {
         local::means(features, metric, &alone, || progress.advance(0)).map(Some)
     }
 
-    /// There is nothing to compare: everything is as it was.
+    /// The result of a run without any new comparison: the scores of the earlier run.
     fn unchanged(&self, imperfect: &[Trajectory]) -> Found {
         let same = |episode: &Trajectory, role| {
             let matches: Vec<Match> = self.known.matches(&episode.id)?.into_iter().flatten().collect();
@@ -171,8 +170,7 @@ impl Run<'_> {
         })
     }
 
-    /// The nearest expert segments of episode `id`, an expert of the same id left out; `None` if
-    /// that leaves no expert.
+    /// The nearest expert segments of episode `id`, without an expert of the same id; `None` if no expert is left.
     fn nearest(
         &self,
         (id, role): (&str, Role),
@@ -221,7 +219,7 @@ impl Run<'_> {
         EpisodeScores {
             episode_id: id.to_owned(),
             role,
-            // Not −distance: that would make −0 of the best there is.
+            // Not −distance, which would make −0 of the best w.
             w: matches.iter().map(|found| 0.0 - found.distance).collect(),
             q: Vec::new(),
             match_episode: matches.iter().map(|found| self.places[found.group as usize]).collect(),

@@ -1,8 +1,8 @@
 //! Similarities as the search's metrics.
 //!
 //! sim(τ_imp, τ_exp) is minus the metric's distance: Σ over o, m, a of −‖z_imp − z_exp‖₂, or of cos(z_imp, z_exp) − 1.
-//! `last_*` and `segment_*` differ in the features, not here: z of the last step, or of all the segment's steps one
-//! after the other.
+//! `last_*` and `segment_*` differ in the features, not here: z of the last step, or of all the segment's steps
+//! concatenated.
 
 use gleaner_search::{Distance, Metric};
 

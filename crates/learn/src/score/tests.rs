@@ -23,7 +23,7 @@ pub(super) fn encoder() -> Vec<u8> {
     ENCODER.get_or_init(train).clone()
 }
 
-/// Every way to compare: scorer, similarity.
+/// Every combination of scorer and similarity.
 fn specs() -> Vec<ScoreSpec> {
     let similarities = Similarity::ALL.iter().map(|word| word.value.as_str());
     let of = |scorer: &'static str| {
@@ -32,12 +32,12 @@ fn specs() -> Vec<ScoreSpec> {
     ["ssdf", "raw"].into_iter().flat_map(of).collect()
 }
 
-/// Some of them, each scorer and each kind of similarity among them.
+/// Some of the combinations, with each scorer and each kind of similarity.
 fn some_specs() -> Vec<ScoreSpec> {
     specs().into_iter().step_by(3).collect()
 }
 
-/// Scores, keeping no features.
+/// Scores without a store of features.
 pub(super) fn score_anew(
     experts: &[Trajectory],
     imperfect: &[Trajectory],
@@ -155,5 +155,5 @@ fn a_cancelled_run_stops() {
     }
 }
 
-/// Going on from an earlier run.
+/// Tests of runs that extend an earlier one.
 mod extend;

@@ -1,7 +1,7 @@
 //! One chunk: its header, and the records that it unpacks to.
 //!
-//! The container crate unpacks no more of a chunk than its header claims, so the claim is held against the limits
-//! first. The crate still panics on some hostile bytes; such a panic is contained here and counts as damage.
+//! The `mcap` crate unpacks no more of a chunk than its header states, so that size is compared with the limits first. The
+//! crate still panics on some hostile bytes; such a panic is caught here and counts as damage.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
@@ -13,10 +13,10 @@ use super::index::ChunkHead;
 use crate::error::RecordingError;
 use crate::limits::Limits;
 
-/// Takes a record of a chunk: whether the chunk has a checksum, kind, body, and where it begins in the unpacked chunk.
+/// Receives a record of a chunk: whether the chunk has a checksum, kind, body, and where it begins in the unpacked chunk.
 type Visit<'a> = &'a mut dyn FnMut(bool, u8, &[u8], u64) -> Result<(), RecordingError>;
 
-/// Visits the records of a chunk and returns its header; `None` when the file ends within the chunk. With `whole`, no
+/// Visits the records of a chunk and returns its header; `None` if the file ends within the chunk. With `whole`, no
 /// record is visited before the chunk's checksum has been compared.
 pub(super) fn read(
     frames: &mut Frames,

@@ -33,7 +33,7 @@ pub(super) struct Frame {
     pub(super) opcode: u8,
     /// Bytes of the body.
     pub(super) length: u64,
-    /// Where the record begins in the file.
+    /// The offset of the record in the file.
     pub(super) offset: u64,
     pub(super) head: [u8; HEAD_BYTES],
 }
@@ -90,7 +90,7 @@ impl Frames {
         Ok(count)
     }
 
-    /// Reads `length` bytes; false when the file has fewer.
+    /// Reads `length` bytes; false if the file has fewer.
     pub(super) fn body(&mut self, length: u64, buffer: &mut Vec<u8>) -> Result<bool, RecordingError> {
         buffer.clear();
         let read = (&mut self.file).take(length).read_to_end(buffer);
@@ -100,7 +100,7 @@ impl Frames {
         Ok(count == length)
     }
 
-    /// Skips `length` bytes; false when the file has fewer.
+    /// Skips `length` bytes; false if the file has fewer.
     pub(super) fn skip(&mut self, length: u64) -> Result<bool, RecordingError> {
         let (mut rest, mut buffer) = (length, [0; 8192]);
         while rest > 0 {

@@ -25,7 +25,7 @@ pub(super) struct ChunkHead {
 pub(super) struct ChunkIndex {
     /// The [`chunk_key`] of the chunk.
     pub(super) chunk: u64,
-    /// Of each channel, where the chunk's message index begins in the file.
+    /// The offset of the chunk's message index of each channel.
     pub(super) offsets: BTreeMap<u16, u64>,
     /// Bytes of all message indexes of the chunk.
     pub(super) length: u64,
@@ -156,7 +156,7 @@ pub(super) fn message_index(body: &[u8]) -> Option<(u16, Entries)> {
     Some((channel, entries))
 }
 
-/// Whether an attachment matches its checksum; `None` when its fields do not fit its length.
+/// Whether an attachment matches its checksum; `None` if its fields do not fit its length.
 pub(super) fn attachment(body: &[u8]) -> Option<bool> {
     let mut fields = Fields { rest: body };
     let (_log_time, _creation_time) = (fields.u64()?, fields.u64()?);
@@ -181,7 +181,7 @@ pub(super) fn fits(opcode: u8, body: &[u8]) -> bool {
     }
 }
 
-/// The checksum that ends the data section; 0 when the writer calculated none.
+/// The checksum that ends the data section; 0 if the writer calculated none.
 pub(super) fn data_end(body: &[u8]) -> Option<u32> {
     Fields { rest: body }.u32()
 }

@@ -21,7 +21,7 @@ pub(crate) struct Problem {
     pub(crate) detail: String,
 }
 
-/// Where a record lies.
+/// The place of a record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Place {
     /// In a chunk; whether the chunk has a checksum.
@@ -37,25 +37,25 @@ struct OpenChunk {
     key: u64,
     messages: BTreeMap<u16, Entries>,
     indexed: BTreeMap<u16, Entries>,
-    /// Where each channel's message index begins.
+    /// The offset of each channel's message index.
     offsets: BTreeMap<u16, u64>,
     index_bytes: u64,
 }
 
-/// What has been read of a file so far.
+/// The parts of a file that have been read so far.
 #[derive(Default)]
 pub(super) struct Integrity {
     counts: Counts,
     /// Schemas, channels and messages outside of chunks that have a checksum.
     unchecked: u64,
-    /// What each identifier of a schema (true) or channel was declared as.
+    /// The declaration of each identifier of a schema (true) or channel.
     declared: HashMap<(bool, u16), u64>,
     open: Option<OpenChunk>,
-    /// Of each chunk that no chunk index has named so far, the places and the length of its message indexes.
+    /// The places and the length of the message indexes of each chunk without a chunk index so far.
     chunks: HashMap<u64, (BTreeMap<u16, u64>, u64)>,
     chunk_indexes: u64,
     statistics: Option<Statistics>,
-    /// Where the summary section begins.
+    /// The offset of the summary section.
     summary_start: Option<u64>,
     problems: Vec<Problem>,
 }
@@ -94,7 +94,7 @@ impl Integrity {
         }
     }
 
-    /// Adds an attachment: whether its checksum is right; `None` when its fields do not fit its length.
+    /// Adds an attachment: whether its checksum is right; `None` if its fields do not fit its length.
     pub(super) fn attachment(&mut self, right: Option<bool>) {
         self.counts.attachments += 1;
         match right {
@@ -137,7 +137,7 @@ impl Integrity {
         });
     }
 
-    /// Adds a message index; `None` when its body does not fit its length.
+    /// Adds a message index; `None` if its body does not fit its length.
     pub(super) fn message_index(&mut self, frame: &Frame, index: Option<(u16, Entries)>) {
         let Some((channel, entries)) = index else { return self.unfit("message index") };
         let doubled = self.open.as_mut().is_none_or(|open| {
@@ -171,7 +171,7 @@ impl Integrity {
         }
     }
 
-    /// Adds a chunk index; `None` when its body does not fit its length.
+    /// Adds a chunk index; `None` if its body does not fit its length.
     pub(super) fn chunk_index(&mut self, index: Option<ChunkIndex>) {
         let Some(index) = index else { return self.unfit("chunk index") };
         self.chunk_indexes += 1;
@@ -186,7 +186,7 @@ impl Integrity {
         self.add(FindingCode::SummaryMismatch, "chunk index", format!("{problem}; record or copy the file again"));
     }
 
-    /// Adds the statistics; `None` when their body does not fit its length.
+    /// Adds the statistics; `None` if their body does not fit its length.
     pub(super) fn statistics(&mut self, statistics: Option<Statistics>) {
         match statistics {
             Some(statistics) => self.statistics = Some(statistics),

@@ -1,5 +1,5 @@
-//! The bodies of the few records that matter, parsed here, because the container crate reserves memory for
-//! a string before it knows that the string is there.
+//! The bodies of the used records, parsed here, because the `mcap` crate reserves memory for a string before it has read
+//! the string.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use mcap::records::{MessageHeader, op};
 
 use crate::error::RecordingError;
 
-/// A record that matters here.
+/// A record that this crate uses.
 #[derive(Debug)]
 pub(crate) enum Record<'a> {
     Header { profile: &'a str },
@@ -17,7 +17,7 @@ pub(crate) enum Record<'a> {
     Metadata { name: &'a str, values: BTreeMap<String, String> },
 }
 
-/// Parses a record's body; `None` for a kind that does not matter.
+/// Parses the body of a record; `None` for an unused kind.
 pub(super) fn parse(opcode: u8, body: &[u8]) -> Result<Option<Record<'_>>, RecordingError> {
     let mut fields = Fields { rest: body };
     let record = match opcode {

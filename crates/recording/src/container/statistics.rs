@@ -22,7 +22,7 @@ pub(super) struct Counts {
 #[derive(Debug, Default)]
 struct Declared {
     data: BTreeSet<u16>,
-    /// Those in the summary section, which repeats all or none of the others.
+    /// The identifiers in the summary section, which repeats all or none of the others.
     summary: BTreeSet<u16>,
 }
 

@@ -44,7 +44,7 @@ fn reads_whole_files() {
 }
 
 #[test]
-fn a_cut_at_any_byte_keeps_the_whole_messages_before_it() {
+fn truncated_file_keeps_its_complete_messages() {
     let bytes = ten_messages(mcap::WriteOptions::new().use_chunks(false));
     let mut last = 0;
     for cut in 8..bytes.len() {

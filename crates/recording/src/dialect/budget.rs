@@ -1,12 +1,12 @@
-//! How many values one message may become.
+//! The limit on the values of one message.
 //!
-//! A few bytes can stand for many values: fields that are left out have defaults, and messages lie in messages. What
-//! a message costs must follow its size, so the values are counted before they are made.
+//! A few bytes can stand for many values, because missing fields have defaults and messages are nested. The values are
+//! counted before they are created, so that the cost of a message is bounded.
 
 /// Most values of one message, arrays of plain numbers and bytes aside.
 const MOST_VALUES: usize = 1 << 21;
 
-/// What is left for one message.
+/// The number of values that a message may still create.
 pub(super) struct Budget(usize);
 
 impl Budget {
@@ -14,7 +14,7 @@ impl Budget {
         Self(MOST_VALUES)
     }
 
-    /// Takes so many values.
+    /// Subtracts this number of values.
     pub(super) fn take(&mut self, values: usize) -> Result<(), String> {
         self.0 = self
             .0

@@ -1,11 +1,10 @@
-//! JSON messages: read without their schema, since they describe themselves.
+//! JSON messages, which are read without a schema.
 //!
-//! How deep they may nest is counted before they are read, so that no stack follows a message.
+//! The nesting depth is checked before a message is parsed, so that the stack stays bounded.
 
 use super::Value;
 
-/// Reads one JSON message that nests no deeper than so many levels. Arrays of numbers become numeric arrays; null is
-/// left out.
+/// Parses one JSON message of at most this nesting depth. Arrays of numbers become numeric arrays; null is omitted.
 pub(crate) fn decode(bytes: &[u8], depth: usize) -> Result<Value<'static>, String> {
     if deeper(bytes, depth) {
         return Err(format!("the message nests more than {depth} levels deep; record flatter messages"));
@@ -15,8 +14,8 @@ pub(crate) fn decode(bytes: &[u8], depth: usize) -> Result<Value<'static>, Strin
     convert(json).ok_or_else(|| "the message is null".to_owned())
 }
 
-/// Whether arrays and objects lie deeper in one another than so many levels. Of what is no JSON nothing is asked: the
-/// reader refuses it.
+/// Whether arrays and objects are nested deeper than this. The result is irrelevant for text that is not JSON, which the
+/// parser rejects.
 fn deeper(bytes: &[u8], depth: usize) -> bool {
     let (mut level, mut in_text, mut escaped) = (0_usize, false, false);
     for byte in bytes {
@@ -61,12 +60,12 @@ mod tests {
 
     #[test]
     fn reads_fields_arrays_and_stamp() {
-        let text = br#"{"timestamp":{"sec":3,"nsec":4},"q":[1,2.5],"on":true,"who":"me","gone":null}"#;
+        let text = br#"{"timestamp":{"sec":3,"nsec":4},"q":[1,2.5],"on":true,"by":"me","gone":null}"#;
         let value = decode(text, 64).unwrap();
         assert_eq!(value.stamp(), Some(3_000_000_004));
         assert_eq!(value.field("q"), Some(&Value::Numbers(vec![1.0, 2.5])));
         assert_eq!(value.number("on"), Some(1.0));
-        assert_eq!(value.text("who"), Some("me"));
+        assert_eq!(value.text("by"), Some("me"));
         assert_eq!(value.field("gone"), None);
     }
 

@@ -19,13 +19,13 @@ pub(crate) struct Decoder {
 impl Decoder {
     /// Finds the type `name` in a serialized `FileDescriptorSet`.
     pub(crate) fn new(name: &str, descriptors: &[u8]) -> Result<Self, String> {
-        let mend = "record with the complete FileDescriptorSet of the type as the schema";
+        let fix = "record with the complete FileDescriptorSet of the type as the schema";
         let set = FileDescriptorSet::decode(descriptors)
-            .map_err(|error| format!("the schema is not a FileDescriptorSet ({error}); {mend}"))?;
-        let pool = contained(|| pool(set)).unwrap_or_else(|| Err("they make no sense".to_owned()));
-        let pool = pool.map_err(|error| format!("the schema's descriptors don't fit together ({error}); {mend}"))?;
+            .map_err(|error| format!("the schema is not a FileDescriptorSet ({error}); {fix}"))?;
+        let pool = contained(|| pool(set)).unwrap_or_else(|| Err("they are inconsistent".to_owned()));
+        let pool = pool.map_err(|error| format!("the schema's descriptors don't fit together ({error}); {fix}"))?;
         let message =
-            pool.get_message_by_name(name).ok_or_else(|| format!("the schema does not describe `{name}`; {mend}"))?;
+            pool.get_message_by_name(name).ok_or_else(|| format!("the schema does not describe `{name}`; {fix}"))?;
         Ok(Self { message })
     }
 
@@ -36,11 +36,11 @@ impl Decoder {
             let message = DynamicMessage::decode(self.message.clone(), bytes).map_err(|error| error.to_string())?;
             convert_message(message, &mut Budget::new())
         };
-        contained(read).unwrap_or_else(|| Err("they make no sense".to_owned())).map_err(wrong)
+        contained(read).unwrap_or_else(|| Err("they are inconsistent".to_owned())).map_err(wrong)
     }
 }
 
-/// The well-known types are at hand, since some recorders leave them out.
+/// The pool includes the well-known types, because some recorders omit them.
 fn pool(set: FileDescriptorSet) -> Result<DescriptorPool, String> {
     let mut pool = DescriptorPool::global();
     let files = set.file.into_iter().filter(|file| pool.get_file_by_name(file.name()).is_none()).collect::<Vec<_>>();
@@ -153,9 +153,9 @@ mod tests {
         assert!(decoder.decode(&[0x0a, 0x7f]).unwrap_err().contains(&name));
     }
 
-    /// What fuzzing found: the reflection crate panics while it words its error.
+    /// Found by fuzzing: the reflection crate panics while it formats its error.
     #[test]
-    fn two_files_of_one_name_are_refused_in_words() {
+    fn two_files_with_one_name_are_refused() {
         let (name, set) = state_schema();
         let mut set = FileDescriptorSet::decode(set.as_slice()).unwrap();
         let own = set.file.iter().find(|file| DescriptorPool::global().get_file_by_name(file.name()).is_none());

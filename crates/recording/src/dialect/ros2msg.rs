@@ -26,7 +26,7 @@ pub(crate) struct FieldDefinition {
     pub(crate) count: Count,
 }
 
-/// What one element of a field is.
+/// The type of one element of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Scalar(Scalar),
@@ -52,7 +52,7 @@ pub(crate) enum Scalar {
     F64,
 }
 
-/// How many elements a field has.
+/// The number of elements of a field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Count {
     One,

@@ -1,4 +1,4 @@
-//! The one view of a decoded message that the rest of the crate sees.
+//! A decoded message, independent of its dialect.
 
 use std::borrow::Cow;
 
@@ -48,7 +48,7 @@ impl<'a> Value<'a> {
     }
 
     /// The header stamp in nanoseconds: foxglove's `timestamp` or ROS's `header.stamp`.
-    /// A stamp of zero is one that nobody set.
+    /// A stamp of zero counts as unset.
     pub(crate) fn stamp(&self) -> Option<i64> {
         let stamp = self.field("timestamp").or_else(|| self.field("header")?.field("stamp"))?;
         let seconds = stamp.number("seconds").or_else(|| stamp.number("sec"))?;
@@ -69,7 +69,7 @@ impl<'a> Value<'a> {
             Self::Bytes(bytes) => out.extend(bytes.iter().map(|&byte| f64::from(byte))),
             Self::List(items) if items.is_empty() => {}
             Self::Text(_) | Self::List(_) | Self::Message(_) => {
-                return Err(format!("a number is wanted but this is {}", self.kind()));
+                return Err(format!("expected a number, got {}", self.kind()));
             }
         }
         Ok(())
@@ -82,13 +82,13 @@ impl<'a> Value<'a> {
             Self::List(items) => items.iter().try_for_each(|item| item.append_texts(out))?,
             Self::Numbers(numbers) if numbers.is_empty() => {}
             Self::Number(_) | Self::Numbers(_) | Self::Bytes(_) | Self::Message(_) => {
-                return Err(format!("a name is wanted but this is {}", self.kind()));
+                return Err(format!("expected a name, got {}", self.kind()));
             }
         }
         Ok(())
     }
 
-    /// What this is, for an error.
+    /// A description of the kind, for an error.
     pub(crate) fn kind(&self) -> String {
         match self {
             Self::Number(_) => "a number".to_owned(),

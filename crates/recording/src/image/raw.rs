@@ -19,7 +19,7 @@ pub(crate) struct RawImage<'a> {
 /// Converts to height × width × 3 bytes of RGB.
 pub(crate) fn raw_color(image: RawImage<'_>, height: u32, width: u32) -> Result<Vec<u8>, RecordingError> {
     check_size((height, width), (image.height, image.width))?;
-    // Where red, green and blue stand in a pixel of so many bytes.
+    // The bytes of a pixel, and the places of red, green and blue.
     let (bytes, order) = match image.encoding {
         "rgb8" => (3, [0, 1, 2]),
         "bgr8" | "8UC3" => (3, [2, 1, 0]),
@@ -80,11 +80,11 @@ fn millimetres(metres: f32) -> u16 {
 }
 
 impl<'a> RawImage<'a> {
-    /// The rows without their padding, for pixels of so many bytes. All lengths are checked first.
+    /// The rows without their padding, for pixels of this size. All lengths are checked first.
     fn rows(&self, pixel_bytes: usize) -> Result<impl Iterator<Item = &'a [u8]> + use<'a>, RecordingError> {
         let (height, width, step) = (self.height as usize, self.width as usize, self.step as usize);
         let row = width.checked_mul(pixel_bytes);
-        // A step of zero is one that nobody set: rows without padding.
+        // A step of zero is unset: the rows have no padding.
         let step = if step == 0 { row.unwrap_or_default() } else { step };
         let needed = height.checked_sub(1).and_then(|rows| rows.checked_mul(step)).zip(row);
         let needed = needed.and_then(|(before, row)| before.checked_add(row));

@@ -1,4 +1,4 @@
-//! Tests of the room above.
+//! Tests of the parent module.
 
 use image::ImageEncoder;
 
@@ -65,7 +65,7 @@ fn broken_and_mistaken_images_are_errors() {
 }
 
 #[test]
-fn a_false_size_in_the_header_reserves_nothing() {
+fn false_image_size_reserves_no_memory() {
     let mut png = png(&gradient(2, 2), 2, 2, ExtendedColorType::Rgb8);
     png[16..24].copy_from_slice(&[0x7f, 0xff, 0xff, 0xff, 0x7f, 0xff, 0xff, 0xff]);
     assert!(decode_color(&png, PixelFormat::Auto, 2, 2).is_err());

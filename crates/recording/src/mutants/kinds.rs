@@ -6,7 +6,7 @@ use mcap::records::op;
 use super::Random;
 use super::parts::{Part, inner, join, rebuilt, split};
 
-/// Makes a mutant; `None` when the recording cannot be damaged that way.
+/// Makes a mutant; `None` if the recording cannot be damaged that way.
 type Make = fn(&[u8], &mut Random) -> Option<Vec<u8>>;
 
 /// Every kind by name.
@@ -165,7 +165,7 @@ fn edit(bytes: &[u8], random: &mut Random, kinds: &[u8]) -> Option<Vec<u8>> {
     Some(join(&parts))
 }
 
-/// Where the checksums are: of chunks (0), of the data section (1), of the summary (2).
+/// The places of the checksums of chunks (0), of the data section (1) or of the summary (2).
 fn checksums(parts: &[Part], which: usize) -> Vec<(usize, usize)> {
     let (opcode, begin) = [(op::CHUNK, 24), (op::DATA_END, 0), (op::FOOTER, 16)][which];
     let of_kind = |(_, part): &(usize, &Part)| part.opcode == opcode && part.body.len() >= begin + 4;

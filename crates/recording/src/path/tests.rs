@@ -1,4 +1,4 @@
-//! Tests of the room above.
+//! Tests of the parent module.
 
 use super::*;
 
@@ -50,7 +50,7 @@ fn picks_by_name_in_the_wanted_order() {
 }
 
 #[test]
-fn says_what_is_missing_and_what_there_is() {
+fn error_names_the_missing_field_and_the_existing_ones() {
     let Err(Missing::Path(problem)) = numbers("velocity") else { panic!("found a velocity") };
     assert!(problem.contains("`velocity`") && problem.contains("position"), "{problem}");
     assert!(matches!(numbers("position[2]"), Err(Missing::Path(_))));

@@ -1,4 +1,4 @@
-//! Which mapping fits a recording: one of the task's own, or the one of what this crate writes itself.
+//! The choice of the mapping that fits a recording: one of the task, or the one of this crate's writer.
 //!
 //! Recorded sessions of a task are in this crate's dialect, whatever dialects the task's demonstrations come in, so
 //! every task reads it.
@@ -22,8 +22,8 @@ pub(crate) fn readable(spec: &TaskSpec) -> Cow<'_, TaskSpec> {
     Cow::Owned(spec)
 }
 
-/// The mapping with the most topics among those of which all are there. Only the first `own` are the task's: one
-/// beyond is chosen when none of those fits and it does, and is never what a finding speaks of.
+/// The mapping with the most topics among those whose topics all exist. Only the first `own` are the task's: a later one
+/// is chosen if it fits and none of those does, and no finding names it.
 pub(crate) fn choose_mapping(
     tracks: &Tracks,
     spec: &TaskSpec,
@@ -40,7 +40,7 @@ pub(crate) fn choose_mapping(
         return Ok(at);
     }
     let Some((at, mapping)) = best else {
-        let problem = "the task has none; add one that says where its cameras and fields are in a recording";
+        let problem = "the task has none; add one with the topics of its cameras and fields";
         return Err(RecordingError::Spec { field: "mappings".into(), problem: problem.into() });
     };
     report.mapping.clone_from(&mapping.name);

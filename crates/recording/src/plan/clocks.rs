@@ -14,8 +14,8 @@ pub(crate) struct Clocks {
 }
 
 impl Clocks {
-    /// Header stamps first. Only when some topic has none, and the others' are of another clock than the
-    /// recorder's, is the one clock that all share used: log time.
+    /// Header stamps are preferred. Log times, the clock that all topics share, are used only if some topic has no header
+    /// stamps and the stamps of the others are of another clock than the recorder's.
     pub(crate) fn new(tracks: &Tracks, mapping: &Mapping, spec: &TaskSpec, report: &mut Report) -> Self {
         let topics = mapping.topics(spec);
         let headless = topics.iter().find(|&&topic| stamps(tracks, topic).iter().all(|stamp| stamp.header.is_none()));

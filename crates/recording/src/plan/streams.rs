@@ -6,7 +6,7 @@ use crate::picture::Channel;
 use crate::tracks::{FieldTrack, Tracks};
 use gleaner_core::{FieldSpec, TaskSpec};
 
-/// Something that a step takes one message of.
+/// A stream of which each step uses one message.
 pub(crate) struct Stream<'a> {
     /// Topic or field, for findings.
     pub(crate) subject: String,
@@ -15,7 +15,7 @@ pub(crate) struct Stream<'a> {
     pub(crate) source: Source<'a>,
 }
 
-/// What a stream's messages carry.
+/// The content of a stream's messages.
 pub(crate) enum Source<'a> {
     Images {
         /// Index of the camera in the task.
@@ -26,7 +26,7 @@ pub(crate) enum Source<'a> {
 }
 
 impl Stream<'_> {
-    /// Whether this is the field of that name; a topic could be called the same.
+    /// Whether this is the field of that name; a topic can have the same name.
     pub(crate) fn is_field(&self, name: &str) -> bool {
         matches!(self.source, Source::Field(_)) && self.subject == name
     }
@@ -51,7 +51,7 @@ impl Stream<'_> {
 }
 
 /// All streams of a mapping: images in the order of the cameras, then fields in the order of proprioception
-/// and action. `None` when a field has no values.
+/// and action. `None` if a field has no values.
 pub(crate) fn streams<'a>(
     tracks: &'a Tracks,
     mapping: usize,

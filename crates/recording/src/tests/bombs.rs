@@ -1,4 +1,4 @@
-//! Small files that ask for much: each is refused by a limit, in words, before what it asks for is reserved.
+//! Small files with large claims: a limit rejects each before memory is reserved.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -34,11 +34,11 @@ fn refusal(bytes: &[u8], limits: &Limits) -> String {
 /// 32 MiB of zeros in a chunk of some kilobytes.
 fn bomb(compression: Compression) -> Vec<u8> {
     let bytes = file(WriteOptions::new().compression(Some(compression)), &[("/x", &vec![0; 32 << 20])]);
-    assert!(bytes.len() < 1 << 20, "{} bytes are no bomb", bytes.len());
+    assert!(bytes.len() < 1 << 20, "{} bytes are too many for a bomb", bytes.len());
     bytes
 }
 
-/// Where the first chunk says how large it unpacks.
+/// The offset of the first chunk's unpacked size.
 fn unpacked_at(bytes: &[u8]) -> usize {
     let mut at = mcap::MAGIC.len();
     while bytes[at] != op::CHUNK {
@@ -54,7 +54,7 @@ fn a_chunk_that_unpacks_to_too_much_is_refused() {
         // One large record, and very many small ones.
         let small: Vec<(&str, &[u8])> = vec![("/x", &[0; 4096]); 1 << 10];
         let many = file(WriteOptions::new().compression(Some(compression)).chunk_size(Some(1 << 30)), &small);
-        assert!(many.len() < 1 << 18, "{} bytes are no bomb", many.len());
+        assert!(many.len() < 1 << 18, "{} bytes are too many for a bomb", many.len());
         for bytes in [bomb(compression), many] {
             let message = refusal(&bytes, &limits);
             assert!(message.contains("may unpack to 1048576"), "{compression:?}: {message}");
@@ -63,7 +63,7 @@ fn a_chunk_that_unpacks_to_too_much_is_refused() {
 }
 
 #[test]
-fn a_chunk_that_lies_about_what_it_unpacks_to_costs_no_more_than_it_says() {
+fn chunk_with_a_wrong_size_uses_only_the_stated_memory() {
     let limits = Limits { chunk_bytes: 1 << 20, ..Limits::default() };
     for compression in [Compression::Zstd, Compression::Lz4] {
         let mut bytes = bomb(compression);
@@ -88,7 +88,7 @@ fn records_are_counted_and_measured() {
     assert!(message.contains("more than 50 records"), "{message}");
     let message = refusal(&bytes, &Limits { record_bytes: 30, ..Limits::default() });
     assert!(message.contains("may have 30"), "{message}");
-    // A chunk full of nothing: its zeros read as very many records of kind 0 and no length.
+    // The zeros of the chunk parse as very many records of kind 0 and length 0.
     let message = refusal(&after_zeros(&bytes), &Limits { records: 10_000, ..Limits::default() });
     assert!(message.contains("more than 10000 records"), "{message}");
 }
@@ -137,11 +137,11 @@ fn thousands_of_channels_parse_their_schema_once() {
     writer.finish().unwrap();
     let begun = std::time::Instant::now();
     assert!(read_bytes(&writer.into_inner().into_inner(), &numbers_only()).is_err());
-    assert!(begun.elapsed().as_secs() < 10, "each channel parsed its schema anew: {:?}", begun.elapsed());
+    assert!(begun.elapsed().as_secs() < 10, "each channel parsed its schema: {:?}", begun.elapsed());
 }
 
 #[test]
-fn a_deep_message_is_a_finding_and_not_a_crash() {
+fn deep_message_is_a_finding() {
     let mut scene = Scene::steps(5);
     let deep = (0..100).fold(serde_json::json!(1), |inner, _| serde_json::json!([inner]));
     for message in scene.messages.iter_mut().filter(|message| message.0 == "/tool") {
@@ -160,7 +160,7 @@ fn images_over_the_limit_are_refused_before_the_file_is_opened() {
     assert!(error.to_string().contains("cameras[0]: 128 pixels"), "{error}");
 }
 
-/// Two bytes for an empty message that has a thousand fields by default.
+/// An empty message of two bytes with a thousand default fields.
 #[test]
 fn defaults_do_not_multiply() {
     let field = |number: i32, name: &str, kind: Type, type_name: Option<&str>, label: Label| FieldDescriptorProto {
@@ -190,7 +190,7 @@ fn defaults_do_not_multiply() {
     assert!(problem.contains("more than 2097152 fields"), "{problem}");
 }
 
-/// A byte sixty levels down costs sixty messages.
+/// A byte at a depth of sixty levels needs sixty messages.
 #[test]
 fn depth_does_not_multiply() {
     let mut schema = "M0[] many".to_owned();

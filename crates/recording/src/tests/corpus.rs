@@ -1,4 +1,4 @@
-//! All real recordings that are at hand: none may have an error, and each step holds one tick.
+//! Real recordings, where a folder of them exists: they have no errors, and each step is one tick.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -6,7 +6,7 @@ use std::time::Instant;
 use super::pick_cube;
 use crate::{FindingCode, Severity, extract, read_episode};
 
-/// The recordings of one dialect; empty, and said so, where they are not at hand.
+/// The recordings of one dialect; empty, with a line that the test is skipped, without a folder of them.
 fn recordings(folder: &str) -> Vec<PathBuf> {
     let default = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/episodes");
     let root = std::env::var_os("GLEANER_EPISODES").map_or_else(default, PathBuf::from);
@@ -35,7 +35,7 @@ fn check(folder: &str) {
         // Every message of every topic belongs to a step of its own.
         assert!(report.topics.iter().all(|topic| topic.used && topic.messages == report.steps), "{}", path.display());
         assert!((report.rate_hz - 20.0).abs() < 0.5, "{}", report.rate_hz);
-        // The tool and the goal are of one tick: goal − tool is what the recording says it is.
+        // The tool and the goal belong to one tick: goal − tool equals the recorded difference.
         for row in reading.episode.proprioception().chunks_exact(38) {
             for axis in 0..3 {
                 let difference = row[32 + axis] - row[25 + axis] - row[35 + axis];

@@ -1,4 +1,4 @@
-//! Damaged and hostile files: what is whole is salvaged, and nothing of this crate panics.
+//! Damaged and hostile files: the intact part is read, and the crate never panics.
 
 use super::scene::{Scene, numbers_only, read_bytes};
 use super::{fixture, pick_cube};
@@ -6,7 +6,7 @@ use crate::write::tests::{written, written_arm};
 use crate::{FindingCode, Limits, RecordingError, Severity};
 
 #[test]
-fn a_cut_file_gives_the_steps_before_the_cut_and_says_so() {
+fn truncated_file_gives_its_steps_and_a_finding() {
     let (bytes, spec) = (Scene::steps(20).mcap(), numbers_only());
     let mut last = 0;
     for cut in [900, 1200, 1500, 2000, 3000, 4000] {
@@ -19,7 +19,7 @@ fn a_cut_file_gives_the_steps_before_the_cut_and_says_so() {
 }
 
 #[test]
-fn a_real_chunked_recording_cut_anywhere_is_read_or_refused_in_words() {
+fn truncated_real_recording_is_read_or_refused_with_an_error() {
     let (bytes, spec) = (std::fs::read(fixture("pick_cube_ros2.mcap")).unwrap(), pick_cube());
     let mut salvaged = 0;
     for cut in (0..bytes.len()).step_by(bytes.len() / 40) {

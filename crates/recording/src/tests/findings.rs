@@ -7,7 +7,7 @@ use crate::write::tests::{written, written_arm};
 use crate::{FindingCode, RecordingError, Severity};
 
 #[test]
-fn a_sound_recording_has_none() {
+fn sound_recording_has_no_findings() {
     let report = Scene::steps(30).report(&numbers_only());
     assert_eq!(report.findings, []);
     assert_eq!((report.steps, report.messages, report.dropped_ticks), (30, 90, 0));
@@ -25,7 +25,7 @@ fn missing_topics_name_the_nearest_mapping() {
 }
 
 #[test]
-fn missing_fields_and_wrong_sizes_say_what_there_is() {
+fn missing_fields_and_wrong_sizes_name_the_existing_ones() {
     let scene = Scene::steps(5).change("/tool", |_, _, content| {
         *content = json!({"y": 1.0});
         true
@@ -53,7 +53,7 @@ fn values_that_are_not_finite_name_value_and_step() {
 }
 
 #[test]
-fn gaps_are_told_for_the_clock_and_for_a_stream() {
+fn gaps_of_the_clock_and_of_a_stream_are_findings() {
     let clock = Scene::steps(12).change("/command", |at, _, _| !(4..8).contains(&at));
     let finding = check(&clock.report(&numbers_only()), Severity::Warning, FindingCode::Gap, "clock");
     assert_eq!(finding.first_step, Some(4));
@@ -66,7 +66,7 @@ fn gaps_are_told_for_the_clock_and_for_a_stream() {
 }
 
 #[test]
-fn a_frozen_joint_is_told_once_and_a_resting_arm_not_at_all() {
+fn frozen_joint_is_one_finding_and_a_resting_arm_is_none() {
     let mut spec = numbers_only();
     spec.proprioception[0].size = 3;
     let scene = |joints: [f64; 3]| {
@@ -87,7 +87,7 @@ fn a_frozen_joint_is_told_once_and_a_resting_arm_not_at_all() {
 }
 
 #[test]
-fn another_rate_too_few_steps_and_bad_messages_are_told() {
+fn another_rate_too_few_steps_and_bad_messages_are_findings() {
     let mut slow = numbers_only();
     slow.rate_hz = 20.0;
     check(&Scene::steps(12).report(&slow), Severity::Warning, FindingCode::OffRate, "clock");
@@ -101,7 +101,7 @@ fn another_rate_too_few_steps_and_bad_messages_are_told() {
 }
 
 #[test]
-fn images_of_another_size_are_told_once() {
+fn images_of_another_size_are_one_finding() {
     let mut spec = written_arm();
     spec.cameras[0].width = 8;
     let Err(RecordingError::Rejected(report)) = read_bytes(&written(5), &spec) else { panic!("accepted") };

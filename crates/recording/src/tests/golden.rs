@@ -1,4 +1,4 @@
-//! One real recording of each dialect against values that other libraries worked out.
+//! One real recording of each dialect, compared with values that other libraries calculated.
 
 use serde::Deserialize;
 

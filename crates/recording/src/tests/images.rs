@@ -84,7 +84,7 @@ fn text_that_is_not_base64_is_named() {
 }
 
 #[test]
-fn a_camera_that_stands_still_while_the_robot_moves_is_a_finding() {
+fn camera_frozen_while_the_robot_moves_is_a_finding() {
     let scene = |color_at: fn(usize) -> usize| {
         scene(45, move |step| (raw("rgb8", 3, &color(color_at(step))), raw("16UC1", 2, &depth(step))))
     };

@@ -35,7 +35,7 @@ fn chunks(parts: &[Part]) -> Vec<usize> {
 }
 
 #[test]
-fn a_sound_recording_contradicts_nothing() {
+fn sound_recording_has_no_contradictions() {
     for bytes in [chunked(80), Scene::steps(80).mcap()] {
         let reading = read(&bytes);
         assert_eq!((reading.report.steps, reading.report.findings.as_slice()), (80, &[][..]));
@@ -143,7 +143,7 @@ fn a_doubled_chunk_is_a_finding() {
 }
 
 #[test]
-fn a_wrong_checksum_is_a_finding_where_chunks_vouch_for_the_data_and_else_a_refusal() {
+fn wrong_checksum_is_a_finding_if_chunks_have_checksums_and_an_error_otherwise() {
     let wrong = |bytes: &[u8], opcode: u8, begin: usize| {
         let mut parts = split(bytes);
         let part = parts.iter_mut().find(|part| part.opcode == opcode).unwrap();
@@ -247,7 +247,7 @@ fn a_second_declaration_with_other_contents_is_a_finding() {
 /// Every mutant is refused, read with a finding, or read with the same values, without a panic. The differential suite
 /// compares mutants that checksums cannot detect with another reader.
 #[test]
-fn mutants_of_every_kind_are_refused_or_found_or_the_same() {
+fn mutants_of_every_kind_are_refused_found_or_equal() {
     let (spec, bytes) = (numbers_only(), chunked(40));
     let whole = read(&bytes).episode;
     let undetectable = ["reorder_times", "inner_flip", "flip_unchecked"];
@@ -271,7 +271,7 @@ fn mutants_of_every_kind_are_refused_or_found_or_the_same() {
 }
 
 #[test]
-fn real_recordings_contradict_nothing() {
+fn real_recordings_have_no_contradictions() {
     for name in ["pick_cube_foxglove.mcap", "pick_cube_ros2.mcap"] {
         let bytes = std::fs::read(super::fixture(name)).unwrap();
         assert_eq!(read_bytes(&bytes, &pick_cube()).unwrap().report.findings, []);

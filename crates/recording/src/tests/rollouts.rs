@@ -1,4 +1,4 @@
-//! What a running robot's session leaves, read back by tasks of every kind.
+//! Recordings of sessions, read with tasks of every kind.
 
 use std::io::Cursor;
 
@@ -26,7 +26,7 @@ fn observe(writer: &mut EpisodeWriter<Cursor<Vec<u8>>>, spec: &TaskSpec, stamp: 
     writer.observe(stamp, observation).unwrap();
 }
 
-/// A session whose observations have these stamps; the first ones, so many, without an action.
+/// A session whose observations have these stamps, the first `idle` of them without an action.
 fn session(spec: &TaskSpec, stamps: &[i64], idle: usize) -> Vec<u8> {
     let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), spec).unwrap();
     for (at, &stamp) in stamps.iter().enumerate() {
@@ -62,9 +62,9 @@ fn raw_images_and_numbers_read_back_exactly() {
     assert_eq!(reading.episode.action(), expected.iter().flat_map(|s| s.2.clone()).collect::<Vec<_>>());
 }
 
-/// Late by up to 40 ms, early by up to 30, never before the one before: each observation is a step all the same.
+/// Observations that are up to 40 ms late or 30 ms early, in order, are one step each.
 #[test]
-fn jitter_costs_no_step() {
+fn jitter_loses_no_step() {
     let jitter = [0, 40, -30, 25, -10, 40, 40, -30, -30, 13, 0, 7];
     let stamps: Vec<i64> = even(12).iter().zip(jitter).map(|(stamp, ms)| stamp + ms * 1_000_000).collect();
     for alignment in [Alignment::LatestBefore, Alignment::Nearest] {
@@ -73,20 +73,20 @@ fn jitter_costs_no_step() {
         assert_eq!(reading.episode.stamps(), stamps);
         let size = crate::frame_bytes_per_step(&spec);
         for (at, frame) in reading.episode.frames().as_ref().chunks_exact(size).enumerate() {
-            assert!(frame == step_data(&spec, u8::try_from(at).unwrap()).0, "the image of step {at} is another one's");
+            assert!(frame == step_data(&spec, u8::try_from(at).unwrap()).0, "step {at} has the image of another step");
         }
     }
 }
 
 #[test]
-fn a_clock_that_begins_at_nothing_is_a_clock() {
+fn clock_may_start_at_zero() {
     let spec = arm();
     let stamps: Vec<i64> = (0..5).map(|at| at * 100_000_000).collect();
     assert_eq!(read(&session(&spec, &stamps, 0), &spec).unwrap().episode.stamps(), stamps);
 }
 
 #[test]
-fn what_was_observed_before_anything_was_done_is_no_step() {
+fn observations_before_the_first_action_are_not_steps() {
     let spec = arm();
     let reading = read(&session(&spec, &even(6), 2), &spec).unwrap();
     assert_eq!(reading.episode.stamps(), &even(6)[2..]);
@@ -94,13 +94,13 @@ fn what_was_observed_before_anything_was_done_is_no_step() {
 }
 
 #[test]
-fn every_task_reads_it_whatever_its_mappings() {
+fn every_task_reads_a_session_with_any_mappings() {
     let bytes = session(&arm(), &even(4), 0);
     let mut none = arm();
     none.mappings.clear();
     let mut same_name = arm();
     same_name.mappings[0].name = "gleaner".into();
-    // Of the session's own topics, with fields that these topics do not carry.
+    // A mapping of the session's topics, with fields that these topics do not have.
     let mut same_topics = arm();
     let Mapping { cameras, fields, .. } = &mut same_topics.mappings[0];
     cameras[0].color = "/camera/front/color".into();
@@ -113,7 +113,7 @@ fn every_task_reads_it_whatever_its_mappings() {
 }
 
 #[test]
-fn another_recordings_findings_speak_of_the_tasks_own_mappings() {
+fn findings_name_the_mappings_of_the_task_only() {
     let mut other = arm();
     other.action[0].name = "another".into();
     other.mappings.clear();
@@ -128,7 +128,7 @@ fn compressed_images_are_kept_byte_for_byte() {
     let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).unwrap();
     let jpeg = encode_jpeg(&[90, 30, 200].repeat(128), 8, 16, 55).unwrap();
     for (at, &stamp) in even(3).iter().enumerate() {
-        // The format said, told from the bytes, and a raw one between.
+        // With a stated format, with a detected one, and raw.
         let raw = [7; 384];
         let color = [image(PixelFormat::Jpeg, &jpeg), image(PixelFormat::Auto, &jpeg), image(PixelFormat::Auto, &raw)];
         let cameras = [CameraRef { color: color[at], depth: None }];
@@ -142,7 +142,7 @@ fn compressed_images_are_kept_byte_for_byte() {
     assert!(reading.episode.frames().as_ref() == [decoded.clone(), decoded, vec![7; 384]].concat());
 }
 
-/// As ROS's compressedDepth has it: some bytes before the PNG, which a policy's decoding passes over too.
+/// The compressedDepth format of ROS has some bytes before the PNG, which decoding skips too.
 #[test]
 fn depth_that_ros_has_compressed_is_kept_as_its_png() {
     let spec = TaskSpec { mappings: Vec::new(), ..arm() };
@@ -165,7 +165,7 @@ fn depth_that_ros_has_compressed_is_kept_as_its_png() {
 }
 
 #[test]
-fn what_would_spoil_the_recording_is_refused_before_anything_is_written() {
+fn invalid_observations_are_refused_before_they_are_written() {
     let spec = arm();
     let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).unwrap();
     let (color, depth, short) = ([1; 384], [2; 256], [3; 5]);
@@ -176,15 +176,15 @@ fn what_would_spoil_the_recording_is_refused_before_anything_is_written() {
         let checked = writer.check(observation).unwrap_err().to_string();
         (checked, writer.observe(START, observation).is_err())
     };
-    let refused = |(said, refused): (String, bool), word: &str| assert!(refused && said.contains(word), "{said}");
+    let refused = |(error, refused): (String, bool), word: &str| assert!(refused && error.contains(word), "{error}");
     refused(problem(&[], &[0.0; 3]), "cameras");
     refused(problem(&[CameraRef { depth: None, ..good }], &[0.0; 3]), "depth");
     refused(problem(&[good], &[0.0; 2]), "proprioception");
     refused(problem(&[good], &[0.0, f32::NAN, 0.0]), "proprioception[1]");
     refused(problem(&[CameraRef { color: image(PixelFormat::Rgb8, &short), ..good }], &[0.0; 3]), "5 bytes");
-    // Only a look at the pixels finds this one.
-    let (said, written) = problem(&[CameraRef { color: broken, ..good }], &[0.0; 3]);
-    assert!(said.contains("JPEG") && !written, "{said}");
+    // This one is found by decoding only.
+    let (error, written) = problem(&[CameraRef { color: broken, ..good }], &[0.0; 3]);
+    assert!(error.contains("JPEG") && !written, "{error}");
     assert!(writer.act(START, &[0.0, f32::INFINITY]).unwrap_err().to_string().contains("action[1]"));
     assert!(writer.act(-1, &[0.0; 2]).is_err());
 }

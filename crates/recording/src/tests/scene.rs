@@ -1,4 +1,4 @@
-//! Makes small recordings in memory, each message as a test wants it.
+//! Small recordings in memory, whose messages a test defines.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -25,7 +25,7 @@ pub(super) struct Scene {
 }
 
 impl Scene {
-    /// So many steps at 10 Hz, all streams stamped alike, both joints moving.
+    /// A number of steps at 10 Hz with equal stamps of all streams and both joints moving.
     pub(super) fn steps(count: i64) -> Self {
         let mut scene = Self::default();
         for at in 0..count {

@@ -1,4 +1,4 @@
-//! Which messages make up a step, end to end.
+//! The messages of each step, end to end.
 
 use serde_json::json;
 
@@ -94,7 +94,7 @@ fn a_fast_clock_is_thinned_to_the_rate() {
 }
 
 #[test]
-fn stamps_of_another_clock_give_way_to_log_times_when_a_topic_has_none() {
+fn log_times_replace_stamps_of_another_clock() {
     let mut scene = Scene::steps(6);
     for message in &mut scene.messages {
         message.2 += 5_000_000;

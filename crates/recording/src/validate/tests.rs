@@ -1,4 +1,4 @@
-//! Tests of the room above.
+//! Tests of the parent module.
 
 use super::*;
 use crate::testing::arm;
@@ -34,7 +34,7 @@ fn names_the_field_that_is_wrong() {
 }
 
 #[test]
-fn lists_end_somewhere() {
+fn lists_are_limited() {
     assert!(problem(|s| s.cameras = vec![s.cameras[0].clone(); 17]).contains("cameras: has 17"));
     assert!(problem(|s| s.action = vec![s.action[0].clone(); 257]).contains("action: has 257"));
     assert!(problem(|s| s.mappings = vec![s.mappings[0].clone(); 33]).contains("mappings: has 33"));

@@ -10,16 +10,16 @@ use crate::image::{PixelFormat, codec_name, decode_color, decode_depth, without_
 use crate::picture::Channel;
 use gleaner_core::CameraSpec;
 
-/// One image as it came.
+/// One image in its original format.
 #[derive(Clone, Copy, Debug)]
 pub struct ImageRef<'a> {
-    /// How to read it.
+    /// Its format.
     pub format: PixelFormat,
     /// Its bytes.
     pub data: &'a [u8],
 }
 
-/// What one camera saw.
+/// The images of one camera.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraRef<'a> {
     /// The color image.
@@ -28,7 +28,7 @@ pub struct CameraRef<'a> {
     pub depth: Option<ImageRef<'a>>,
 }
 
-/// What a robot saw and felt at one moment.
+/// The observation of a robot at one moment.
 #[derive(Clone, Copy, Debug)]
 pub struct ObservationRef<'a> {
     /// One for each camera of the task, in its order.
@@ -80,14 +80,14 @@ impl<W: Write + Seek> EpisodeWriter<W> {
     /// Writes the action that was executed from this stamp on, and so ends the step that was observed then.
     ///
     /// # Errors
-    /// [`RecordingError::Step`] when it does not fit the task, or [`RecordingError::Write`].
+    /// [`RecordingError::Step`] if it does not fit the task, or [`RecordingError::Write`].
     pub fn act(&mut self, stamp_ns: i64, action: &[f32]) -> Result<(), RecordingError> {
         self.check_stamp(stamp_ns)?;
         self.check_numbers("action", action, self.spec.action_size())?;
         self.action(stamp_ns, action)
     }
 
-    /// How an image is kept.
+    /// The stored format of an image.
     fn kept<'a>(&self, at: usize, kind: Channel, image: ImageRef<'a>) -> Result<Kept<'a>, RecordingError> {
         let ImageRef { format, data } = image;
         let data = match (kind, format) {

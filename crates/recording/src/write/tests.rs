@@ -1,4 +1,4 @@
-//! Tests of the room above.
+//! Tests of the parent module.
 
 use std::io::Cursor;
 
@@ -32,7 +32,7 @@ pub(crate) fn step_data(spec: &TaskSpec, step: u8) -> (Vec<u8>, Vec<f32>, Vec<f3
     (frames, vec![0.1 * s, -0.2 * s, 0.3], vec![s, 1.0 / (s + 3.0)])
 }
 
-/// A recording of so many steps at 10 Hz in memory.
+/// A recording in memory with this number of steps at 10 Hz.
 pub(crate) fn written(steps: u8) -> Vec<u8> {
     let spec = written_arm();
     let mut writer = EpisodeWriter::create(Cursor::new(Vec::new()), &spec).unwrap();

@@ -1,4 +1,4 @@
-//! The search against a brute-force reference, where products are at their worst.
+//! The search against a brute-force reference, on data where the errors of products are largest.
 
 use rand::RngExt;
 
@@ -98,8 +98,8 @@ fn winners(index: &Index, queries: &Points, without: Option<u32>) -> Vec<(u32, u
     matches.iter().map(|found| (found.group, found.row, found.distance)).collect()
 }
 
-/// Points and queries, half of which have exact duplicates among the points and half duplicates
-/// a bit or two off.
+/// Points and queries: half of the queries have exact duplicates among the points, and half have duplicates that differ
+/// by a bit or two.
 fn near_duplicates() -> (Vec<Points>, Points) {
     let mut groups: Vec<Points> = (0..6).map(|seed| features(seed, 40, 100.0)).collect();
     let queries = features(99, 60, 100.0);
@@ -119,7 +119,7 @@ fn near_duplicates() -> (Vec<Points>, Points) {
         }
     }
     for query in 30..60 {
-        // A duplicate one last bit off in a single value, and one two bits off before it.
+        // A duplicate that differs by one last bit of a single value, and before it one that differs by two.
         for (group, bits) in [(0, 2), (5, 1)] {
             groups[group] = with_row(&groups[group], query - 30, copy(query, bits));
         }
@@ -144,7 +144,7 @@ fn near_and_exact_duplicates_at_large_norms_are_found_exactly() {
 
 #[test]
 fn threads_do_not_change_the_result() {
-    // Enough pairs for three threads to be worth it.
+    // Enough pairs for three threads.
     let groups: Vec<Points> = (0..3).map(|seed| features(seed, 400, 10.0)).collect();
     let queries = features(7, 400, 10.0);
     let matches = |threads| {
@@ -230,8 +230,7 @@ fn every_view_by_itself_finds_the_same() {
     }
 }
 
-/// Rows of `width` values around a far-off point that differ along a few directions, and a little
-/// (`noise`) in all.
+/// Rows of `width` values around a far-off point that differ along a few directions, with a little `noise` along all.
 fn along_few_directions(seed: u64, count: usize, (width, noise): (usize, f32)) -> Points {
     let mut rng = generator(seed, 10);
     let mut fixed = generator(1, 11);
@@ -249,7 +248,7 @@ fn along_few_directions(seed: u64, count: usize, (width, noise): (usize, f32)) -
 
 #[test]
 fn the_cheaper_level_rules_out_nothing_that_is_near() {
-    // Noise beside nothing, a little noise, and nothing but noise: the last must fall back.
+    // No noise, a little noise, and nothing but noise: the last one must fall back.
     for noise in [0.0, 0.05, 30.0] {
         let groups = [along_few_directions(1, 300, (128, noise)), along_few_directions(2, 300, (128, noise))];
         let queries = along_few_directions(3, 40, (128, noise));

@@ -63,7 +63,7 @@ pub(super) fn bounds(
     })
 }
 
-/// Of four bytes without a sign and four with.
+/// The sum of products of four unsigned bytes and four signed bytes.
 fn product(point: i32, query: i32) -> i32 {
     let (point, query) = (point.to_le_bytes(), query.to_le_bytes().map(u8::cast_signed));
     point.iter().zip(query).map(|(e, q)| i32::from(*e) * i32::from(q)).sum()

@@ -1,4 +1,4 @@
-//! What the processor's instructions give equals the plain code.
+//! The results of the processor's instructions equal those of the plain code.
 
 use rand::RngExt;
 

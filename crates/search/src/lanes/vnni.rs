@@ -1,4 +1,4 @@
-//! The sums with the instructions that multiply bytes. Safe: whoever calls has them.
+//! The sums with the instructions that multiply bytes. Safe, because the caller has checked for them.
 
 use std::arch::x86_64::{
     __m512, __m512i, _CMP_LE_OQ, _mm512_abs_ps, _mm512_add_ps, _mm512_castps_si512, _mm512_cmp_ps_mask,
@@ -11,9 +11,9 @@ use bytemuck::must_cast;
 
 use super::{CODES, Lanes, PANELS, Panels, QUERIES, Query, Sums, Terms, WIDE};
 
-/// Added to a value of a small size it rounds it to a whole number, which its lowest bits then are.
+/// Adding this to a small value rounds it to a whole number, which is then in the lowest bits.
 const ROUND: f32 = 12_582_912.0;
-/// Panels side by side: with as many registers as there are, the most.
+/// Panels processed together: as many as the registers allow.
 const SIDE: usize = 2;
 
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
@@ -70,7 +70,7 @@ pub(super) fn bounds(
     open
 }
 
-/// `P` panels from `panel` on.
+/// `P` panels, starting at `panel`.
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 #[inline]
 fn some<const P: usize>(
@@ -84,7 +84,7 @@ fn some<const P: usize>(
     let mut from = 0;
     for part in 0..3 {
         let until = from + panels.groups[part];
-        // Where there is but one panel it is its own neighbour.
+        // A single panel is its own neighbour.
         let corpus = [&panels.codes[first + from..first + until], &panels.codes[last + from..last + until]];
         let [a, b, c, d] = queries;
         let codes = [&a.codes[from..until], &b.codes[from..until], &c.codes[from..until], &d.codes[from..until]];
@@ -113,7 +113,7 @@ fn some<const P: usize>(
     }
 }
 
-/// Adds what codes of one part give to `products`.
+/// Adds the products of one part's codes to `products`.
 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl,avx512vnni")]
 #[inline]
 fn multiply<const P: usize>(

@@ -1,9 +1,7 @@
-//! The scripted expert: approach, close, carry, set down where the task asks for it; and after a miss, back off and
-//! try again.
+//! The scripted expert: approach, close, carry, set down where the task requires it; after a miss, back off and try again.
 //!
-//! What it does depends on what can be seen, and on memory only where it must, so that it can be imitated. It also
-//! says what would be right after another agent's action, however that agent got there. Must not know which task it
-//! is doing, only the task's rules.
+//! Its actions depend on visible state, and on memory only where necessary, so that they can be imitated. It also gives the
+//! right action after any action of another agent. It depends on the rules of a task, not on a particular task.
 
 use glam::{Vec2, Vec3};
 use rand::{Rng, RngExt};
@@ -14,37 +12,36 @@ use crate::world::{STEP_REACH, STEP_TURN, WIDTH_MAX, World, misalignment};
 
 const OPEN: f32 = 1.0;
 const CLOSE: f32 = -1.0;
-/// Over the grasp point by no more than this, the hand comes down.
+/// The hand descends when it is over the grasp point within this distance.
 const ABOVE: f32 = 0.008;
 /// Over this much horizontal distance the hand sinks from hovering to grasping, or from carrying to the goal.
 const SLOPE: f32 = 0.025;
-/// At the grasp point within this, the fingers close.
+/// The fingers close within this distance of the grasp point.
 const AT_GRASP: f32 = 0.010;
-/// Steps above the grasp point after which the fingers close wherever the hand has come to.
-const PATIENCE: u32 = 8;
-/// Steps of closing after which a cube that is not held was missed.
+/// The fingers close after this many steps above the grasp point, wherever the hand is.
+const GRASP_STEPS: u32 = 8;
+/// A cube that is not held after this many steps of closing was missed.
 const CLOSING: u32 = 5;
-/// How high above the straight line to the goal the cube is carried while far from it.
+/// The height of the carried cube above the straight line to the goal while far from it.
 const CARRY_OVER: f32 = 0.03;
-/// Nearer to its place than this, seen from above, a cube that is set down comes down.
+/// A cube that is set down descends within this horizontal distance of its place.
 const COME_DOWN: f32 = ABOVE + SLOPE;
-/// Over this much height below its carrying height such a cube goes up rather than across.
+/// Within this distance below its carrying height, such a cube rises before it moves across.
 const CLIMB: f32 = 0.03;
-/// At its place within this, a cube is let go.
+/// A cube is released within this distance of its place.
 const AT_PLACE: f32 = 0.010;
-/// Steps near the place after which the cube is let go wherever it has come to.
-const PATIENCE_DOWN: u32 = 10;
-/// How far a cube that was let go may be off its place and still be where it should.
+/// The cube is released after this many steps near the place, wherever it is.
+const RELEASE_STEPS: u32 = 10;
+/// The largest distance of a released cube from its place that counts as placed.
 const PLACED: f32 = 0.0225;
-/// How high above the cube's place the hand waits when it is done.
+/// The height above the cube's place at which the hand waits after success.
 const WAIT_OVER: f32 = 0.08;
-/// Within this horizontal distance of the cube an off grasp point shows.
+/// A wrong grasp point takes effect within this horizontal distance of the cube.
 const NEAR_CUBE: f32 = 0.05;
-/// Half-width of the hand's unsteadiness, in action units: 4 mm a step. It shows imitators how to come back from
-/// small errors.
+/// Half-width of the random motion of the hand, in action units: 4 mm a step. It demonstrates recovery from small errors.
 const WOBBLE: f32 = 0.20;
 
-/// Habits that differ from one expert to the next.
+/// The habits of one expert, which are random.
 #[derive(Clone, Debug)]
 struct Habits {
     gain: f32,
@@ -52,14 +49,14 @@ struct Habits {
     hover: f32,
 }
 
-/// How an agent that follows the expert's script aims. The expert's own aim is the default but for `recovers`.
+/// The aim of an agent that follows the expert's script. The default is the expert's aim except for `recovers`.
 #[derive(Clone, Debug)]
 pub(crate) struct Aim {
     /// Added to the grasp point once near the cube.
     pub(crate) grasp_off: Vec2,
     /// Added to the goal.
     pub(crate) goal_off: Vec2,
-    /// Whether it notices that it holds nothing.
+    /// Whether it detects a missed grasp.
     pub(crate) recovers: bool,
 }
 
@@ -73,19 +70,19 @@ impl Default for Aim {
 enum Stage {
     /// Towards the cube with open fingers; the steps spent above the grasp point.
     Approach { above: u32 },
-    /// Fingers closing, so many steps already.
+    /// Fingers closing, with the steps so far.
     Close { steps: u32 },
     /// Towards the goal; the steps spent near it.
     Carry { near: u32 },
     /// Fingers opening at the goal.
     Release,
-    /// Up and open when the cube is where it should be.
+    /// Up and open while the cube is at its place.
     Finish,
-    /// Up and open after a miss, so many steps more.
+    /// Up and open after a miss, with the remaining steps.
     Retreat { left: u32 },
 }
 
-/// A scripted agent with the true state before its eyes.
+/// A scripted agent that reads the true state.
 #[derive(Clone, Debug)]
 pub(crate) struct Expert {
     task: Task,
@@ -97,12 +94,12 @@ pub(crate) struct Expert {
 }
 
 impl Expert {
-    /// The expert with the habits that these random numbers give.
+    /// The expert, with habits from these random numbers.
     pub(crate) fn new(task: Task, random: ChaCha8Rng) -> Self {
         Self::aiming(task, Aim::default(), random)
     }
 
-    /// One that follows the same script with the same habits, but aims otherwise.
+    /// An agent with the same script and habits, and another aim.
     pub(crate) fn aiming(task: Task, aim: Aim, mut random: ChaCha8Rng) -> Self {
         let habits = Habits {
             gain: random.random_range(0.55..0.75),
@@ -112,14 +109,14 @@ impl Expert {
         Self { task, habits, aim, stage: Stage::Approach { above: 0 }, near_cube: false, random }
     }
 
-    /// Whether it is past grasping and has not let go.
+    /// Whether it carries: it has grasped and not yet released.
     pub(crate) fn carries(&self) -> bool {
         matches!(self.stage, Stage::Carry { .. })
     }
 
     /// The next action.
     pub(crate) fn act(&mut self, world: &World) -> [f32; ACTION_SIZE] {
-        // Drawn whatever happens, so that two that act on the same states stay equal.
+        // Drawn in every step, so that two agents on the same states stay equal.
         let wobble = wobble(&mut self.random);
         self.advance(world);
         let tool = &world.tool;
@@ -173,7 +170,7 @@ impl Expert {
         let miss = self.grasp_point(world) - world.tool.position;
         let over = miss.truncate().length() < 1.5 * ABOVE;
         let turned = misalignment(world.tool.yaw, world.cube().yaw).abs() < 0.15;
-        if (miss.length() < AT_GRASP && turned) || above >= PATIENCE {
+        if (miss.length() < AT_GRASP && turned) || above >= GRASP_STEPS {
             Stage::Close { steps: 0 }
         } else {
             Stage::Approach { above: above + u32::from(over) }
@@ -183,15 +180,15 @@ impl Expert {
     fn set_down(&self, near: u32, world: &World) -> Stage {
         let miss = self.final_point(world) - world.tool.position;
         let close = miss.truncate().length() < COME_DOWN;
-        if miss.length() < AT_PLACE || near >= PATIENCE_DOWN {
+        if miss.length() < AT_PLACE || near >= RELEASE_STEPS {
             Stage::Release
         } else {
             Stage::Carry { near: near + u32::from(close) }
         }
     }
 
-    /// Whether it sees that the cube it let go is not where it should be. One that is mistaken about the place, or
-    /// does not look, believes it is.
+    /// Whether it detects that the released cube is not at its place. An agent with a wrong place, or without recovery,
+    /// does not.
     fn misplaced(&self, world: &World) -> bool {
         let looks = self.aim.recovers && self.aim.goal_off == Vec2::ZERO;
         looks && world.cube().position.distance(self.place(world)) > PLACED
@@ -202,25 +199,25 @@ impl Expert {
         world.cube().position + off.extend(0.0)
     }
 
-    /// The grasp point, or the higher above it the farther off the hand still is.
+    /// The grasp point, raised with the distance of the hand.
     fn approach_point(&self, world: &World) -> Vec3 {
         let grasp = self.grasp_point(world);
         let miss = (grasp - world.tool.position).truncate().length();
         grasp + Vec3::Z * self.habits.hover * ((miss - ABOVE) / SLOPE).clamp(0.0, 1.0)
     }
 
-    /// Where the cube should come.
+    /// The place of the cube.
     fn place(&self, world: &World) -> Vec3 {
         (self.task.rules().place)(world, self.aim.goal_off)
     }
 
-    /// Where the tool must be for the cube to be at its place.
+    /// The position of the tool at which the cube is at its place.
     fn final_point(&self, world: &World) -> Vec3 {
         let in_hand = if world.holds_cube() { world.cube().position - world.tool.position } else { Vec3::ZERO };
         self.place(world) - in_hand
     }
 
-    /// The final point, or a little higher while far off. What is set down on something first climbs over it.
+    /// The final point, raised while far off. A cube that is set down on another first rises above it.
     fn carry_point(&self, world: &World) -> Vec3 {
         let tool = world.tool.position;
         let last = self.final_point(world);

@@ -1,4 +1,4 @@
-//! What the imperfect agents do wrong: each follows the expert's script until its fault shows.
+//! The faults of the imperfect agents: each follows the expert's script until its fault takes effect.
 //!
 //! The grade scales the fault, from nothing at 0 to near-certain failure at 1.
 
@@ -11,39 +11,39 @@ use super::{AgentKind, AgentSpec};
 use crate::task::{ACTION_SIZE, Task};
 use crate::world::{STEP_REACH, World};
 
-/// How far off a grasp point is at grade 1, in metres.
+/// The error of a grasp point at grade 1, in metres.
 const GRASP_OFF: std::ops::Range<f32> = 0.032..0.048;
-/// How far off a carry target is at grade 1, in metres.
+/// The error of a carry target at grade 1, in metres.
 const GOAL_OFF: std::ops::Range<f32> = 0.15..0.22;
-/// How far from the table's middle a wrong target may lie along either axis, in metres: within the hand's reach.
+/// The largest coordinate of a wrong target along either axis, in metres: within the reach of the hand.
 const GOAL_REACH: f32 = 0.18;
-/// Steps that a wanderer heads for one point.
+/// Steps that a wandering agent moves towards one point.
 const LEG: u32 = 7;
 /// Half-width of the noise at grade 1, in action units.
 const NOISE: f32 = 2.4;
 
-/// When things happen as the expert does the same attempt.
+/// The times of events in the expert's run of the same attempt.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Rehearsal {
     /// Steps of the whole attempt.
     pub(crate) steps: u32,
     /// The step at which the carry begins.
     pub(crate) carry: u32,
-    /// The step before which it ends.
+    /// The step after the carry.
     pub(crate) carry_end: u32,
-    /// Where the cube should come.
+    /// The place of the cube.
     pub(crate) place: Vec2,
 }
 
-/// An agent that goes wrong.
+/// An agent with a fault.
 #[derive(Clone, Debug)]
 pub(crate) struct Fault {
     script: Expert,
     kind: AgentKind,
     grade: f32,
-    /// The step from which the fault shows, for the kinds that wait for a step.
+    /// The first step of the fault, for the kinds that start at a step.
     from: u32,
-    /// Where a wanderer heads; `None` while it follows the script.
+    /// The target of a wandering agent; `None` while it follows the script.
     leg: Option<Vec3>,
     random: ChaCha8Rng,
 }
@@ -92,7 +92,7 @@ impl Fault {
             return action;
         }
         match self.kind {
-            // These go wrong in their aim.
+            // The fault of these kinds is in their aim.
             AgentKind::Expert | AgentKind::MissedGrasp | AgentKind::WrongGoal => {}
             AgentKind::EarlyRelease => action[6] = 1.0,
             AgentKind::Freeze => {
@@ -112,7 +112,7 @@ impl Fault {
         action
     }
 
-    /// Leg by leg towards a random point, or with the grade's chance not; the gripper follows the script.
+    /// In each leg, moves towards a random point with a probability of the grade; the gripper follows the script.
     fn wander(&mut self, step: u32, world: &World, action: &mut [f32; ACTION_SIZE]) {
         if (step - self.from).is_multiple_of(LEG) {
             let x = self.random.random_range(-0.18..0.18);
@@ -129,14 +129,14 @@ impl Fault {
     }
 }
 
-/// The offset turned by quarters until the hand can reach what it leads to.
+/// The offset, rotated by quarter turns until its target is within reach.
 fn within_reach(place: Vec2, off: Vec2) -> Vec2 {
     let turned = std::iter::successors(Some(off), |off| Some(off.perp())).take(4);
     turned.into_iter().find(|off| (place + *off).abs().max_element() < GOAL_REACH).unwrap_or(off)
 }
 
-/// Up to which share of the carry the fingers may open: its first third at grade 1; at a low grade mostly beyond its
-/// end, so that nothing goes wrong.
+/// The share of the carry in which the fingers open: its first third at grade 1; at a low grade mostly after its end, so
+/// that the fault has no effect.
 fn release_spread(grade: f32) -> f32 {
     0.33 + 1.5 * (1.0 / grade.max(1e-3) - 1.0)
 }

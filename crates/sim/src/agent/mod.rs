@@ -1,6 +1,6 @@
-//! The agents that drive demonstrations: a scripted expert and imperfect ones, each wrong in its own way.
+//! The agents of demonstrations: a scripted expert, and imperfect agents with one fault each.
 //!
-//! They look at the world's true state. Must not know pictures or files.
+//! Agents read the true state of the world. They do not depend on images or files.
 
 mod expert;
 mod fault;
@@ -15,15 +15,15 @@ use crate::error::SimError;
 pub(crate) use expert::Expert;
 pub(crate) use fault::{Fault, Rehearsal};
 
-/// What an agent does wrong.
+/// The fault of an agent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum AgentKind {
-    /// Nothing.
+    /// No fault.
     Expert,
-    /// Grasps beside the cube, closes on air or an edge and carries nothing on.
+    /// Grasps beside the cube and continues without it.
     MissedGrasp,
-    /// Opens the gripper for good during the carry.
+    /// Opens the gripper during the carry and keeps it open.
     EarlyRelease,
     /// Carries the cube to a place beside the goal.
     WrongGoal,
@@ -31,7 +31,7 @@ pub enum AgentKind {
     Freeze,
     /// Drifts to random points.
     Wander,
-    /// Shakes: white noise on the displacements and turns.
+    /// Adds white noise to the displacements and rotations.
     Noise,
 }
 
@@ -61,7 +61,7 @@ impl fmt::Display for AgentKind {
     }
 }
 
-/// An agent: what it does wrong and how badly. Written `kind` or `kind:grade`, as in `early_release:0.8`.
+/// An agent: its fault and the grade of the fault. Written `kind` or `kind:grade`, as in `early_release:0.8`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AgentSpec {
     kind: AgentKind,
@@ -72,10 +72,10 @@ impl AgentSpec {
     /// The expert.
     pub const EXPERT: Self = Self { kind: AgentKind::Expert, grade: 0.0 };
 
-    /// An agent of this kind and grade: 0 is as good as the expert, 1 fails nearly always. The expert's is 0.
+    /// An agent of this kind and grade: 0 equals the expert, 1 fails in nearly every attempt. The expert has grade 0.
     ///
     /// # Errors
-    /// [`SimError::Agent`] when the grade is not in [0, 1], or not 0 for the expert.
+    /// [`SimError::Agent`] if the grade is not in [0, 1], or not 0 for the expert.
     pub fn new(kind: AgentKind, grade: f64) -> Result<Self, SimError> {
         let wrong = |detail: &str| Err(SimError::Agent { text: format!("{kind}:{grade}"), detail: detail.to_owned() });
         if kind == AgentKind::Expert && grade != 0.0 {
@@ -87,13 +87,13 @@ impl AgentSpec {
         Ok(Self { kind, grade })
     }
 
-    /// What it does wrong.
+    /// The fault.
     #[must_use]
     pub fn kind(&self) -> AgentKind {
         self.kind
     }
 
-    /// How badly, 0 to 1.
+    /// The grade of the fault, 0 to 1.
     #[must_use]
     pub fn grade(&self) -> f64 {
         self.grade
@@ -117,7 +117,7 @@ impl fmt::Display for AgentSpec {
 impl FromStr for AgentSpec {
     type Err = SimError;
 
-    /// Reads `kind` or `kind:grade`; without a grade an imperfect agent has grade 1.
+    /// Parses `kind` or `kind:grade`; the default grade of an imperfect agent is 1.
     fn from_str(text: &str) -> Result<Self, SimError> {
         let wrong = |detail: String| SimError::Agent { text: text.to_owned(), detail };
         let (name, grade) = match text.split_once(':') {
@@ -144,7 +144,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_agent_reads_back_as_written() {
+    fn agent_parses_as_it_is_written() {
         for text in ["expert", "early_release:0.8", "noise:1"] {
             assert_eq!(text.parse::<AgentSpec>().unwrap().to_string(), text);
         }
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_agent_is_told_the_mend() {
+    fn error_of_an_invalid_agent_names_the_fix() {
         let error = |text: &str| text.parse::<AgentSpec>().unwrap_err().to_string();
         assert!(error("sleep:1").contains("use one of expert, missed_grasp"));
         assert!(error("noise:much").contains("is not a number"));

@@ -1,4 +1,4 @@
-//! Tests of the agents' attempts and of their recordings.
+//! Tests of attempts and their recordings.
 
 use std::io::Cursor;
 
@@ -6,7 +6,7 @@ use gleaner_recording::{Severity, read_episode};
 
 use super::*;
 
-/// An attempt without pictures: its actions and its ending.
+/// An attempt without images: its actions and its end.
 fn play(task: Task, agent: &str, seed: u64) -> (Vec<[f32; ACTION_SIZE]>, Ending) {
     let mut actions = Vec::new();
     let sim = Sim::new(task, SimConfig::default(), seed);
@@ -25,7 +25,7 @@ fn imperfect() -> impl Iterator<Item = (Task, AgentKind)> {
 }
 
 #[test]
-fn the_expert_succeeds() {
+fn expert_succeeds() {
     for task in Task::ALL {
         let succeeded = successes(task, "expert", 300);
         assert!(succeeded >= 297, "{task}: {succeeded} of 300");
@@ -33,7 +33,7 @@ fn the_expert_succeeds() {
 }
 
 #[test]
-fn the_expert_takes_a_sensible_time() {
+fn expert_takes_20_to_35_steps() {
     for task in Task::ALL {
         let steps: usize = (0..100).map(|seed| play(task, "expert", seed).0.len()).sum();
         assert!((2000..3500).contains(&steps), "{task}: {steps} steps in 100 attempts");
@@ -41,7 +41,7 @@ fn the_expert_takes_a_sensible_time() {
 }
 
 #[test]
-fn the_worse_the_grade_the_less_an_agent_succeeds() {
+fn success_falls_with_the_grade() {
     for (task, kind) in imperfect() {
         let at = |grade: &str| successes(task, &format!("{kind}:{grade}"), 60);
         let [good, middling, worst] = [at("0.3"), at("0.5"), at("1")];
@@ -52,13 +52,13 @@ fn the_worse_the_grade_the_less_an_agent_succeeds() {
 }
 
 #[test]
-fn before_the_mark_an_agent_does_what_the_expert_does() {
+fn actions_before_the_mark_equal_the_experts() {
     for ((task, kind), seed) in imperfect().flat_map(|it| (0..30).map(move |seed| (it, seed))) {
         let (expert, _) = play(task, "expert", seed);
         let (actions, ending) = play(task, &format!("{kind}:1"), seed);
         let mark = ending.went_wrong.unwrap() as usize;
         assert_eq!(actions[..mark], expert[..mark], "{task} {kind}, seed {seed}");
-        // An expert that has finished does nothing, so going on is also a departure.
+        // A finished expert does nothing, so further motion is a departure too.
         assert_ne!(actions.get(mark), expert.get(mark), "{task} {kind}, seed {seed}");
         let departure = &ending.departure;
         assert_eq!(departure.len(), actions.len());
@@ -68,19 +68,19 @@ fn before_the_mark_an_agent_does_what_the_expert_does() {
 }
 
 #[test]
-fn a_departure_is_from_what_the_expert_would_do_here_and_now() {
-    // Takes the cube 1 cm beside its middle, which still holds it: from then on both carry it.
+fn departure_is_from_the_experts_action_in_the_same_state() {
+    // Grasps the cube 1 cm beside its centre, which holds it, so both agents carry it.
     let (_, ending) = play(Task::PickCube, "missed_grasp:0.3", 0);
     assert!(ending.success && ending.went_wrong.is_some());
     assert!(ending.departure.iter().any(|&by| by > 0.0));
     assert!(*ending.departure.last().unwrap() < 0.3, "{:?}", ending.departure);
-    // Opens its fingers while the expert would go on holding.
+    // Opens its fingers while the expert's stay closed.
     let (_, ending) = play(Task::StackCube, "early_release:1", 0);
     assert_eq!(ending.departure[ending.went_wrong.unwrap() as usize], 2.0);
 }
 
 #[test]
-fn marks_differ_from_attempt_to_attempt() {
+fn marks_differ_between_attempts() {
     for (task, kind) in imperfect() {
         let marks: std::collections::BTreeSet<_> =
             (0..40).filter_map(|seed| play(task, &format!("{kind}:1"), seed).1.went_wrong).collect();
@@ -89,7 +89,7 @@ fn marks_differ_from_attempt_to_attempt() {
 }
 
 #[test]
-fn the_expert_has_no_mark_and_an_agent_is_marked_from_its_first_wrong_step() {
+fn expert_has_no_mark() {
     let mut demonstration = short("expert");
     assert_eq!(demonstration.went_wrong, None);
     assert!(demonstration.mark().iter().all(|wrong| !wrong));
@@ -108,14 +108,14 @@ fn short_at(task: Task, agent: &str) -> Demonstration {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_bytes() {
+fn same_seed_gives_the_same_bytes() {
     let write = |agent| short(agent).write_mcap(Cursor::new(Vec::new())).unwrap().into_inner();
     assert_eq!(write("noise:0.7"), write("noise:0.7"));
     assert_ne!(write("noise:0.7"), write("noise:0.6"));
 }
 
 #[test]
-fn a_recording_reads_back_step_by_step() {
+fn recording_reads_back_step_by_step() {
     for task in Task::ALL {
         reads_back(&short_at(task, "expert"));
     }
@@ -140,7 +140,7 @@ fn reads_back(demonstration: &Demonstration) {
     same_pictures(episode.frames().as_ref(), &written, 16 * 16);
 }
 
-/// Depths must be equal; colors have been through JPEG.
+/// Depths are equal; colors are compressed as JPEG.
 fn same_pictures(read: &[u8], written: &[u8], pixels: usize) {
     assert_eq!(read.len(), written.len());
     for (read, written) in read.chunks(pixels * 5).zip(written.chunks(pixels * 5)) {
@@ -148,12 +148,12 @@ fn same_pictures(read: &[u8], written: &[u8], pixels: usize) {
         let colors = read[..pixels * 3].iter().zip(&written[..pixels * 3]);
         let off: u32 = colors.map(|(a, b)| u32::from(a.abs_diff(*b))).sum();
         let mean = f64::from(off) / (pixels * 3) as f64;
-        assert!(mean < 8.0, "colors are off by {mean} on average");
+        assert!(mean < 8.0, "colors differ by {mean} on average");
     }
 }
 
 #[test]
-fn a_recording_names_its_agent_seed_outcome_and_mark_in_metadata() {
+fn metadata_has_agent_seed_outcome_and_mark() {
     let demonstration = short("early_release:1");
     let bytes = demonstration.write_mcap(Cursor::new(Vec::new())).unwrap().into_inner();
     let went_wrong = demonstration.went_wrong.unwrap().to_string();

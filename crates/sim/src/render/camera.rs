@@ -1,6 +1,6 @@
-//! Where a camera is and how it sees: rays out of pixels, points into pixels.
+//! Cameras: position, rays of pixels, and pixels of points.
 //!
-//! Must not know what there is to see.
+//! This module does not depend on the scene.
 
 use glam::{Vec2, Vec3};
 
@@ -56,7 +56,7 @@ impl Camera {
         (pixel as f32 + 0.5) * 2.0 / self.size as f32 - 1.0
     }
 
-    /// The pixel that a point falls on and its depth, if it lies before the camera and inside the picture.
+    /// The pixel and the depth of a point, if it is in front of the camera and inside the picture.
     #[cfg(test)]
     pub(super) fn pixel(&self, point: Vec3) -> Option<(u32, u32, f32)> {
         let rect = self.bounds(&[point])?;
@@ -64,7 +64,7 @@ impl Camera {
         inside.then(|| (rect.left, rect.top, (point - self.eye).dot(self.forward)))
     }
 
-    /// The pixels that the points span. The whole picture when one lies behind the camera, `None` when all do.
+    /// The pixels that the points span. The whole picture when one lies behind the camera, `None` if all do.
     pub(super) fn bounds(&self, points: &[Vec3]) -> Option<Rect> {
         const NEAR: f32 = 1e-3;
         let (mut low, mut high) = (Vec2::splat(f32::MAX), Vec2::splat(f32::MIN));
@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_point_projects_onto_the_pixel_whose_ray_meets_it() {
+    fn point_projects_onto_the_pixel_whose_ray_meets_it() {
         let camera = Camera::table(64);
         for (column, row) in [(0, 0), (63, 0), (20, 41), (63, 63)] {
             let ray = camera.forward + camera.right * camera.offset(column) + camera.down * camera.offset(row);
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_behind_is_not_seen() {
+    fn points_behind_the_camera_have_no_pixel() {
         let camera = Camera::table(64);
         assert!(camera.bounds(&[camera.eye - camera.forward]).is_none());
     }

@@ -1,6 +1,6 @@
-//! Rendered RGBD cameras: a small ray caster without a graphics card.
+//! Rendered RGBD cameras: a small ray caster on the processor.
 //!
-//! Knows what the world looks like; must not know tasks' rules, agents or files.
+//! It depends on the world, not on the rules of tasks, agents or files.
 
 mod camera;
 mod picture;
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_camera_sees_the_cubes_at_every_start() {
+    fn table_camera_shows_the_cubes_at_every_start() {
         for (task, seed) in (0..100).flat_map(|seed| Task::ALL.map(|task| (task, seed))) {
             let world = (task.rules().begin)(&mut ChaCha8Rng::seed_from_u64(seed));
             let picture = &frames(&world, SIZE)[..PICTURE];
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn the_hand_camera_sees_the_cube_at_the_grasp() {
+    fn hand_camera_shows_the_cube_at_the_grasp() {
         let world = world_with_tool(Vec3::new(0.0, 0.02, CUBE_HALF));
         let all = frames(&world, SIZE);
         assert!(red_pixels(&all[PICTURE..]) >= 100);
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn the_goal_marker_shows_in_color_but_not_in_depth() {
+    fn goal_marker_has_color_and_no_depth() {
         let mut world = world_with_tool(Vec3::new(0.15, 0.15, 0.2));
         let with = frames(&world, SIZE);
         let (column, row, _) = Camera::table(SIZE).pixel(GOAL).unwrap();

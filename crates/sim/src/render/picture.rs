@@ -1,7 +1,7 @@
-//! One camera's picture: casts rays at the table, the boxes and the goal marker.
+//! The picture of a camera: rays are cast at the table, the boxes and the goal marker.
 //!
 //! A ray is `forward + right·u + down·v`; as `forward` has unit length its parameter is the depth itself.
-//! Each box is tried only inside the pixels that its corners span. Must not know the world.
+//! Each box is tested only inside the pixels that its corners span. This module does not depend on the world.
 
 use glam::Vec3;
 
@@ -109,7 +109,7 @@ impl<'a> Picture<'a> {
         }
     }
 
-    /// A translucent ball at the goal. It is no thing, so it has no depth and hides nothing.
+    /// A translucent ball at the goal, without depth; it hides nothing.
     fn marker(&mut self, goal: Vec3) {
         let camera = self.camera;
         let Some(rect) = marker_bounds(camera, goal) else { return };
@@ -174,7 +174,7 @@ fn marker_bounds(camera: &Camera, goal: Vec3) -> Option<Rect> {
     camera.bounds(&corners)
 }
 
-/// Where a ray enters a box around the origin, and the face's normal. `None` when it misses or starts inside.
+/// The point at which a ray enters a box around the origin, and the normal of the face. `None` if it misses or starts inside.
 fn enter(from: Vec3, ray: Vec3, half: Vec3) -> Option<(f32, Vec3)> {
     // A ray along a face would divide by zero and compare with what is not a number.
     let inverse = ray.abs().max(Vec3::splat(1e-9)).copysign(ray).recip();
@@ -215,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ray_enters_a_box_through_its_nearest_face() {
+    fn ray_enters_a_box_through_its_nearest_face() {
         let half = Vec3::new(1.0, 2.0, 3.0);
         let (depth, normal) = enter(Vec3::new(-5.0, 0.5, 0.5), Vec3::X, half).unwrap();
         assert_eq!((depth, normal), (4.0, Vec3::NEG_X));
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn depth_is_in_whole_millimetres_and_nothing_is_zero() {
+    fn depth_is_in_millimetres_and_zero_without_an_object() {
         assert_eq!(millimetres(0.1234), 123);
         assert_eq!(millimetres(NOTHING), 0);
         assert_eq!(color_byte(1.2), 255);

@@ -1,6 +1,6 @@
-//! What there is to see: the world as coloured boxes.
+//! The scene: the world as coloured boxes.
 //!
-//! Must not know cameras or pixels.
+//! This module does not depend on cameras or pixels.
 
 use glam::{Vec2, Vec3};
 

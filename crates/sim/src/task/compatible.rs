@@ -1,4 +1,4 @@
-//! Whether a task that recordings were made for can be simulated. Must not know worlds or agents.
+//! Whether the task of recordings can be simulated. This module does not depend on worlds or agents.
 
 use gleaner_recording::{CameraSpec, FieldSpec, TaskSpec};
 
@@ -6,11 +6,11 @@ use super::{Task, task_spec};
 use crate::config::SimConfig;
 use crate::error::SimError;
 
-/// Finds the simulated task of a specification's name, and the settings whose observations and actions are the
-/// specification's. The step limit is the default one.
+/// Finds the simulated task with the name of a specification, and the settings that give its observations and actions. The
+/// step limit is the default.
 ///
 /// # Errors
-/// [`SimError::UnknownTask`] when no simulated task has this name, [`SimError::Incompatible`] as in
+/// [`SimError::UnknownTask`] if no simulated task has this name, [`SimError::Incompatible`] as in
 /// [`compatible_with`].
 pub fn compatible(spec: &TaskSpec) -> Result<(Task, SimConfig), SimError> {
     let task: Task = spec.name.parse()?;
@@ -30,12 +30,12 @@ pub fn simulated(spec: &TaskSpec, simulation: &str) -> Result<(Task, SimConfig),
     Ok((task, compatible_with(task, spec)?))
 }
 
-/// The settings with which a simulated task gives the observations and takes the actions of a specification,
-/// whatever its name. The step limit is the default one.
+/// The settings with which a simulated task has the observations and actions of a specification with any name. The step
+/// limit is the default.
 ///
 /// # Errors
-/// [`SimError::Incompatible`] names the first field of the specification that is not the simulated task's, and the
-/// mend; [`SimError::Config`] when the simulator has no pictures of that size.
+/// [`SimError::Incompatible`] names the first field that differs from the simulated task, and the fix;
+/// [`SimError::Config`] if the simulator does not support the image size.
 pub fn compatible_with(task: Task, spec: &TaskSpec) -> Result<SimConfig, SimError> {
     let config = match spec.cameras.first() {
         Some(camera) => SimConfig { image: camera.height, ..SimConfig::default() },
@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn the_simulators_own_specification_is_found_with_its_picture_size() {
+    fn own_specification_is_compatible() {
         for task in Task::ALL {
             let config = SimConfig { image: 48, ..SimConfig::default() };
             assert_eq!(compatible(&task_spec(task, &config)).unwrap(), (task, config));
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn another_name_needs_the_task_said() {
+    fn specification_with_another_name_requires_the_task() {
         let spec = TaskSpec { name: "my_stack".to_owned(), ..stacking(32) };
         let error = compatible(&spec).unwrap_err().to_string();
         assert!(error.contains("\"my_stack\" is not known; use one of pick_cube, stack_cube"), "{error}");
@@ -94,26 +94,29 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_is_named_with_the_mend() {
+    fn differing_field_is_named_with_the_fix() {
         let error = |change: fn(&mut TaskSpec)| {
             let mut spec = stacking(32);
             change(&mut spec);
             compatible(&spec).unwrap_err().to_string()
         };
-        let told = error(|spec| spec.cameras.truncate(1));
-        assert!(told.starts_with("task.cameras: [table 32x32 with depth] cannot be simulated as stack_cube"), "{told}");
-        assert!(told.ends_with("it needs [table 32x32 with depth, hand 32x32 with depth]"), "{told}");
+        let message = error(|spec| spec.cameras.truncate(1));
+        assert!(
+            message.starts_with("task.cameras: [table 32x32 with depth] cannot be simulated as stack_cube"),
+            "{message}"
+        );
+        assert!(message.ends_with("it needs [table 32x32 with depth, hand 32x32 with depth]"), "{message}");
         assert!(error(|spec| spec.cameras[1].width = 64).contains("hand 32x64"));
         assert!(error(|spec| spec.cameras.clear()).starts_with("task.cameras: []"));
         assert!(error(|spec| spec.proprioception.swap(0, 1)).starts_with("task.proprioception"));
         assert!(error(|spec| spec.action[0].size = 6).starts_with("task.action"));
         assert!(error(|spec| spec.rate_hz = 20.0).starts_with("task.rate_hz: 20 cannot"));
-        let told = error(|spec| spec.cameras.iter_mut().for_each(|c| (c.height, c.width) = (1024, 1024)));
-        assert_eq!(told, "config.image: 1024 is out of range; choose 8 to 512");
+        let message = error(|spec| spec.cameras.iter_mut().for_each(|c| (c.height, c.width) = (1024, 1024)));
+        assert_eq!(message, "config.image: 1024 is out of range; choose 8 to 512");
     }
 
     #[test]
-    fn one_tasks_specification_is_not_the_others() {
+    fn specification_of_another_task_is_incompatible() {
         let error = compatible_with(Task::PickCube, &stacking(32)).unwrap_err().to_string();
         assert!(error.contains("proprioception") && error.contains("goal_from_tool 3"), "{error}");
     }

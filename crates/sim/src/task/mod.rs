@@ -1,6 +1,6 @@
-//! The tasks: their names, what their steps hold, and for each one small description of what is asked.
+//! The tasks: their names, their fields, and the rules of each.
 //!
-//! Must not know cameras' pictures, agents or files.
+//! This module does not depend on images, agents or files.
 
 mod compatible;
 mod pick_cube;
@@ -29,24 +29,24 @@ pub const ACTION_SIZE: usize = 7;
 /// A name and a size for each of some fields, in order.
 type Fields = &'static [(&'static str, u32)];
 
-/// Proprioception of every task. No cube is among it: a policy must look.
+/// Proprioception of every task. It has no cube, so a policy must use the images.
 const HAND: Fields = &[("tool_position", 3), ("tool_yaw", 2), ("gripper_width", 1), ("tool_velocity", 3)];
 /// Proprioception of a task whose goal is given.
 const GOAL: Fields = &[("goal", 3), ("goal_from_tool", 3)];
 /// The action of every task.
 const ACTION: Fields = &[("delta_position", 3), ("delta_rotation", 3), ("gripper", 1)];
 
-/// All that differs between tasks.
+/// The differences between tasks.
 pub(crate) struct Rules {
-    /// Whether the goal is among the proprioception. What it holds, [`World::goal`] must hold, and no more.
+    /// Whether the proprioception has the goal. It is true exactly if [`World::goal`] is set.
     pub(crate) goal_given: bool,
-    /// A world at the beginning of an attempt, drawn at random.
+    /// A random initial world.
     pub(crate) begin: fn(&mut ChaCha8Rng) -> World,
-    /// Where the held cube's centre should come; and where if that place is mistaken by an offset along the table.
+    /// The place of the held cube's centre, with an offset along the table for a wrong place.
     pub(crate) place: fn(&World, Vec2) -> Vec3,
-    /// Whether the cube comes down on its place from above and is let go there; else it is held there.
+    /// Whether the cube is set down from above and released; otherwise it is held at its place.
     pub(crate) sets_down: bool,
-    /// Whether all is as it should be, if it stays so.
+    /// Whether the goal is reached, if the state lasts.
     pub(crate) achieved: fn(&World) -> bool,
 }
 
@@ -56,7 +56,7 @@ pub(crate) struct Rules {
 pub enum Task {
     /// Grasp the cube and carry it to the goal, which lies on the table or in the air.
     PickCube,
-    /// Grasp the red cube, put it on the green one and let go.
+    /// Grasp the red cube, put it on the green one and release it.
     StackCube,
 }
 
@@ -148,7 +148,7 @@ mod tests {
     use rand::SeedableRng;
 
     #[test]
-    fn a_name_reads_back_and_a_wrong_one_says_the_right_ones() {
+    fn unknown_name_is_rejected_with_the_known_ones() {
         for task in Task::ALL {
             assert_eq!(task.to_string().parse::<Task>().unwrap(), task);
         }
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn each_specification_is_sound_and_fits_the_values() {
+    fn each_specification_is_valid_and_fits_the_values() {
         for (task, size) in [(Task::PickCube, 15), (Task::StackCube, 9)] {
             let spec = task_spec(task, &SimConfig::default());
             gleaner_recording::validate(&spec).unwrap();

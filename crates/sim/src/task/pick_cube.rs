@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::Rules;
 use crate::world::{CUBE_HALF, Cube, Tool, World};
 
-/// How near the goal the cube's centre must come, in metres.
+/// The largest distance of the cube's centre from the goal that counts as success, in metres.
 pub const GOAL_RADIUS: f32 = 0.03;
 
 pub(super) const RULES: Rules = Rules {

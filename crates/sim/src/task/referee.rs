@@ -1,4 +1,4 @@
-//! Watches one attempt for success. Must not know one task from another.
+//! Detects the success of an attempt by the rules of its task.
 
 use glam::Vec3;
 
@@ -7,10 +7,10 @@ use crate::world::World;
 
 /// A cube that moves less than this in a step counts as still, in metres.
 const STILL: f32 = 0.012;
-/// How many steps in a row all must be achieved and still.
+/// The number of consecutive steps in which the goal is reached and all cubes are still.
 const SETTLED_STEPS: u32 = 2;
 
-/// Watches for [`Rules::achieved`] with every cube still.
+/// Detects [`Rules::achieved`] with every cube still.
 #[derive(Clone, Debug)]
 pub(crate) struct Referee {
     last: Vec<Vec3>,
@@ -18,12 +18,12 @@ pub(crate) struct Referee {
 }
 
 impl Referee {
-    /// Begins to watch this world.
+    /// Starts with this world.
     pub(crate) fn new(world: &World) -> Self {
         Self { last: places(world), settled: 0 }
     }
 
-    /// Takes note of one step; true once the task has succeeded, and from then on.
+    /// Observes one step; true from the step on in which the task succeeds.
     pub(crate) fn watch(&mut self, rules: &Rules, world: &World) -> bool {
         if self.settled >= SETTLED_STEPS {
             return true;
@@ -47,7 +47,7 @@ mod tests {
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 
-    /// A pick-cube world whose cube lies so far beside the goal.
+    /// A pick-cube world with the cube at this distance from the goal.
     fn beside_goal(x: f32) -> World {
         let mut world = (Task::PickCube.rules().begin)(&mut ChaCha8Rng::seed_from_u64(1));
         world.cubes[0].position = world.goal.unwrap_or_default() + Vec3::X * x;
@@ -59,7 +59,7 @@ mod tests {
         let rules = Task::PickCube.rules();
         let mut referee = Referee::new(&beside_goal(0.1));
         let mut world = beside_goal(0.02);
-        assert!(!referee.watch(rules, &world), "it has only just come");
+        assert!(!referee.watch(rules, &world), "it has just arrived");
         assert!(!referee.watch(rules, &world), "still for one step");
         assert!(referee.watch(rules, &world), "still for two steps");
         world.cubes[0].position = Vec3::ZERO;
@@ -67,14 +67,14 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_beside_the_goal_is_no_success() {
+    fn cube_beside_the_goal_is_no_success() {
         let world = beside_goal(GOAL_RADIUS + 0.001);
         let mut referee = Referee::new(&world);
         assert!((0..5).all(|_| !referee.watch(Task::PickCube.rules(), &world)));
     }
 
     #[test]
-    fn a_stack_whose_lower_cube_moves_is_not_settled() {
+    fn stack_with_a_moving_cube_is_no_success() {
         let rules = Task::StackCube.rules();
         let mut world = (rules.begin)(&mut ChaCha8Rng::seed_from_u64(1));
         world.cubes[0].position = world.cubes[1].position + Vec3::Z * 0.045;

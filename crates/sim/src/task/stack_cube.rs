@@ -1,4 +1,4 @@
-//! Grasp the red cube, put it on the green one and let go.
+//! Grasp the red cube, put it on the green one and release it.
 
 use glam::{Vec2, Vec3};
 use rand::RngExt;
@@ -7,12 +7,12 @@ use rand_chacha::ChaCha8Rng;
 use super::Rules;
 use crate::world::{CUBE_HALF, Cube, Tool, World};
 
-/// The red cube, to be moved, and the green one it goes on, in the world's list.
+/// The indices of the red cube, which is moved, and of the green one below it.
 const RED: usize = 0;
 const GREEN: usize = 1;
 /// Least distance of the two at the beginning, in metres: the open fingers fit between.
 const APART: f32 = 0.09;
-/// Centres farther apart than this, in metres, are of cubes that cannot touch, however they are turned.
+/// Cubes whose centres are farther apart than this, in metres, cannot touch in any rotation.
 const BESIDE: f32 = 2.0 * std::f32::consts::SQRT_2 * CUBE_HALF;
 
 pub(super) const RULES: Rules =
@@ -60,7 +60,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistaken_place_far_enough_off_is_on_the_table() {
+    fn wrong_place_is_on_the_table() {
         let world = begin(&mut ChaCha8Rng::seed_from_u64(1));
         assert_eq!(place(&world, Vec2::ZERO).z, 3.0 * CUBE_HALF);
         assert_eq!(place(&world, Vec2::X * 0.03).z, 3.0 * CUBE_HALF);

@@ -1,30 +1,30 @@
-//! Hand against one cube: landing, pushing, grasping, slipping.
+//! Contact of the hand with one cube: landing, pushing, grasping, slipping.
 //!
 //! All of it happens in the tool's frame, where a finger is an axis-aligned box and the cube is taken by its extent
-//! along the two axes. Must not know the rest of the world.
+//! along the two axes. This module does not depend on the rest of the world.
 
 use glam::{Vec2, Vec3};
 
 use super::tool::{FINGER_HALF_DEPTH, FINGER_HALF_HEIGHT, FINGER_THICKNESS, PALM_HALF, TIP_BELOW, Tool, to_tool_frame};
 use super::{CUBE_HALF, Cube, misalignment};
 
-/// How far the cube's centre may lie off the pads' middle, across the closing axis, and still be grasped.
+/// The largest offset of a grasped cube's centre from the middle of the pads, across the closing axis.
 const GRASP_ACROSS: f32 = 0.016;
-/// How far the cube may be turned against the pads and still be grasped.
+/// The largest rotation of a grasped cube against the pads.
 const GRASP_TURN: f32 = 0.38;
-/// How far the tips must reach below the cube's top to grasp it.
+/// The smallest depth of the finger tips below the cube's top for a grasp.
 const GRASP_DEPTH: f32 = 0.014;
-/// How far a badly squeezed cube slips out per substep.
+/// The distance that a badly squeezed cube slips out per substep.
 const SLIP: f32 = 0.004;
 /// Share of its misalignment that a pushed cube keeps per substep: a flat pad turns it flush.
 const TURN_KEPT: f32 = 0.9;
 
-/// What the fingers did to the cube.
+/// The effect of the fingers on the cube.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Touch {
-    /// Nothing, or they pushed it.
+    /// None, or a push.
     Free,
-    /// They hold it.
+    /// A grasp.
     Grasped,
 }
 

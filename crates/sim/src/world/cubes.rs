@@ -1,7 +1,7 @@
-//! Cubes among themselves: falling, lying on one another, sliding off, pushing.
+//! Motion of cubes: falling, resting on one another, sliding off, pushing.
 //!
-//! Every cube stands upright and all are of one size. None tips over: one whose centre has no hold slides off instead.
-//! Must not know the gripper; a held cube is known by its place in the list only.
+//! Every cube is upright and all have one size. Cubes never tip over: a cube without support under its centre slides off.
+//! This module does not depend on the gripper; a held cube is an index into the list.
 
 use glam::{Vec2, Vec3};
 
@@ -13,7 +13,7 @@ const EDGE: f32 = 2.0 * CUBE_HALF;
 const GRAVITY: f32 = 9.81;
 /// Heights closer than this are the same.
 const LEVEL: f32 = 1e-3;
-/// How far a cube that lies on another without hold slides per substep.
+/// Distance that a cube without support slides off another per substep.
 const SLIDE: f32 = 0.004;
 
 /// A cube.
@@ -50,7 +50,7 @@ pub(super) fn ride(cubes: &mut [Cube], before: &[Cube], held: Option<usize>) {
     }
 }
 
-/// Lets a cube fall by one substep onto what is below it; without hold there it slides outwards.
+/// Moves a falling cube by one substep onto the cube or table below it; without support there it slides outwards.
 pub(super) fn drop(cubes: &mut [Cube], index: usize) {
     let support = support(cubes, index);
     let floor = support.map_or(CUBE_HALF, |support| cubes[support].position.z + EDGE);
@@ -70,13 +70,13 @@ pub(super) fn drop(cubes: &mut [Cube], index: usize) {
         cube.position.z = floor;
         cube.velocity.z = 0.0;
         if let Some((outwards, depth)) = slide {
-            // A hair more than the overlap, so that it does not hang on a rounding.
+            // Slightly more than the overlap, so that rounding errors do not keep it in place.
             cube.position += (outwards * SLIDE.min(depth + 1e-5)).extend(0.0);
         }
     }
 }
 
-/// Cubes side by side do not run into each other: the one that moves pushes the other, a held one always.
+/// Separates overlapping cubes: the moving one pushes the other, and a held one always pushes.
 pub(super) fn separate(cubes: &mut [Cube], before: &[Cube], held: Option<usize>) {
     for first in 0..cubes.len() {
         for second in first + 1..cubes.len() {
@@ -91,7 +91,7 @@ pub(super) fn separate(cubes: &mut [Cube], before: &[Cube], held: Option<usize>)
     }
 }
 
-/// How far a carried cube must rise to lie on the cubes that it was above and has come down into.
+/// The distance by which a carried cube must rise to rest on cubes that it has come down into.
 pub(super) fn rise_onto(carried: &Cube, index: usize, before: &[Cube]) -> f32 {
     let others = before.iter().enumerate().filter(|(other, _)| *other != index);
     others

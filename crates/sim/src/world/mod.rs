@@ -1,6 +1,7 @@
 //! The world and its motion: a gripper, cubes, a table, gravity.
 //!
-//! The table is the plane z = 0, lengths are metres, angles radians. Must not know tasks' rules, pictures or agents.
+//! The table is the plane z = 0; lengths are in metres, angles in radians. This module does not depend on the rules of
+//! tasks, images or agents.
 
 mod contact;
 mod cubes;
@@ -26,23 +27,23 @@ const VELOCITY_GAIN: f32 = 0.25;
 /// Opening beyond the grasped width at which the cube falls.
 const LET_GO: f32 = 0.002;
 
-/// How the held cube sits in the gripper, in the tool's frame.
+/// The pose of the held cube in the tool's frame.
 #[derive(Clone, Debug, PartialEq)]
 struct Grip {
-    /// Which of the cubes.
+    /// The index of the cube.
     cube: usize,
     offset: Vec3,
     yaw: f32,
 }
 
-/// Everything there is.
+/// The state of the world.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct World {
     /// The gripper.
     pub(crate) tool: Tool,
     /// The cubes, at least one. The first is the one to be moved.
     pub(crate) cubes: Vec<Cube>,
-    /// A place that is marked for the eye.
+    /// The goal, which is marked in the images.
     pub(crate) goal: Option<Vec3>,
     grip: Option<Grip>,
 }
@@ -67,7 +68,7 @@ impl World {
         self.held() == Some(0)
     }
 
-    /// Whether one cube, in nobody's hand, lies on another with its centre over it.
+    /// Whether a cube that is not held rests on another with its centre over it.
     #[must_use]
     pub(crate) fn rests_on(&self, upper: usize, lower: usize) -> bool {
         self.held().is_none_or(|held| held != upper && held != lower)
@@ -78,9 +79,9 @@ impl World {
         self.grip.as_ref().map(|grip| grip.cube)
     }
 
-    /// Moves everything on by one control step under an action, as in [`Sim::step`](crate::Sim::step).
+    /// Advances the world by one control step under an action, as in [`Sim::step`](crate::Sim::step).
     pub(crate) fn step(&mut self, action: &[f32; 7]) {
-        // A policy may emit anything; what is not a number commands nothing.
+        // A policy may emit NaN, which commands no motion.
         let bounded = |value: f32| if value.is_nan() { 0.0 } else { value.clamp(-1.0, 1.0) };
         let velocity = Vec3::new(bounded(action[0]), bounded(action[1]), bounded(action[2])) * STEP_REACH * RATE_HZ;
         let turn_rate = bounded(action[5]) * STEP_TURN * RATE_HZ;
@@ -106,7 +107,7 @@ impl World {
             cubes::drop(&mut self.cubes, index);
         }
         cubes::separate(&mut self.cubes, &before, held);
-        // What stopped the tool also stopped its motion, so the velocity that is read is the true one.
+        // The velocity is that of the actual motion, which an obstacle may have stopped.
         self.tool.velocity = (self.tool.position - tool_before) / SUBSTEP_S;
     }
 
@@ -141,8 +142,8 @@ impl World {
         }
     }
 
-    /// Fingers push what they do not hold, and grasp when they hold nothing yet: of a stack the lower cube, which
-    /// takes the upper one along.
+    /// Fingers push cubes that they do not hold, and grasp a cube if they hold none: of a stack the lower cube, which
+    /// carries the upper one.
     fn push_cubes(&mut self) {
         let mut upwards: Vec<usize> = (0..self.cubes.len()).collect();
         upwards.sort_by(|&a, &b| self.cubes[a].position.z.total_cmp(&self.cubes[b].position.z));
@@ -175,7 +176,7 @@ impl World {
         let rise = cubes::rise_onto(&carried, grip.cube, before);
         self.tool.position.z += rise;
         carried.position.z += rise;
-        // Kept so that a released cube flies on with the hand's motion.
+        // A released cube keeps the velocity of the hand.
         carried.velocity = (self.tool.position - tool_before) / SUBSTEP_S;
         self.cubes[grip.cube] = carried;
     }

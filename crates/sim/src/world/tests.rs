@@ -69,7 +69,7 @@ fn closed_fingers_push_the_cube_along_the_table() {
 }
 
 #[test]
-fn what_is_not_a_number_commands_nothing() {
+fn nan_commands_no_motion() {
     let mut world = around_cube(Vec3::new(0.0, 0.0, 0.1), 0.0);
     let before = world.clone();
     run(&mut world, [f32::NAN, f32::NAN, 0.0, 9.0, -9.0, f32::NAN, f32::NAN], 3);
@@ -88,7 +88,7 @@ fn a_step_at_full_speed_covers_its_reach() {
     assert!((world.tool.yaw - yaw - STEP_TURN).abs() < 1e-2);
 }
 
-/// How the green cube is turned and where it stands in [`stacked`].
+/// The rotation of the green cube in [`stacked`].
 const GREEN_YAW: f32 = 0.3;
 
 /// The gripper holds a red cube over a green one at the origin, so far off its middle, and has come down as far as
@@ -104,7 +104,7 @@ fn held_over(off: Vec2) -> World {
     world
 }
 
-/// The same, let go and given time.
+/// The same after the release and some steps.
 fn stacked(off: Vec2) -> World {
     let mut world = held_over(off);
     run(&mut world, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], 6);

@@ -1,12 +1,12 @@
 //! The gripper: its shape, its reach and its frame.
 //!
-//! Must not know the cubes.
+//! This module does not depend on the cubes.
 
 use glam::{Vec2, Vec3};
 
 /// Widest opening between the finger pads.
 pub(crate) const WIDTH_MAX: f32 = 0.08;
-/// How far the finger tips lie below the tool point, which is between the pads.
+/// The distance of the finger tips below the tool point, which is between the pads.
 pub(crate) const TIP_BELOW: f32 = 0.012;
 /// Finger thickness along the closing axis.
 pub(crate) const FINGER_THICKNESS: f32 = 0.012;
@@ -18,7 +18,7 @@ pub(crate) const FINGER_HALF_HEIGHT: f32 = 0.030;
 pub(crate) const PALM_HALF: Vec3 = Vec3::new(0.052, 0.018, 0.014);
 /// Speed of the gripper's width, in m/s.
 pub(super) const WIDTH_SPEED: f32 = 0.16;
-/// Where the tool may go.
+/// The range of the tool point.
 pub(super) const TOOL_MIN: Vec3 = Vec3::new(-0.20, -0.20, 0.015);
 pub(super) const TOOL_MAX: Vec3 = Vec3::new(0.20, 0.20, 0.26);
 

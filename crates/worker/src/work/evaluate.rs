@@ -1,4 +1,4 @@
-//! Evaluation: a policy drives the embedded simulator in closed loop, many attempts at a time in one pass.
+//! Evaluation: a policy drives the embedded simulator in closed loop, with many attempts batched in one pass.
 
 use gleaner_core::{EvaluateSpec, evaluation::SeedResult, work::Made};
 use gleaner_learn::{Ensemble, History, Monitor as _, Policy};
@@ -8,7 +8,7 @@ use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task, simulated};
 use super::Work;
 use crate::{failure::Failure, monitor::Watcher};
 
-/// Attempts that run side by side.
+/// Attempts that run at the same time.
 const SIDE_BY_SIDE: usize = 32;
 
 /// Runs the trials of every seed.
@@ -20,7 +20,7 @@ pub(super) fn perform(work: &mut Work, spec: &EvaluateSpec) -> Result<Made, Fail
     evaluate(&work.inputs.task, &policy, spec, &mut work.monitor).map(Made::Trials)
 }
 
-/// What came of every seed, in order. Each seed runs by itself, so that its result does not depend on the others.
+/// The results of every seed, in order. Each seed runs alone, so that its result does not depend on the others.
 fn evaluate(
     task: &TaskSpec,
     policy: &Policy,
@@ -44,7 +44,7 @@ fn evaluate(
     Ok(results)
 }
 
-/// What came of a seed so far.
+/// The results of a seed so far.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tally {
     episodes: u32,
@@ -66,7 +66,7 @@ impl Tally {
     }
 }
 
-/// One attempt under way.
+/// One running attempt.
 struct Attempt {
     sim: Sim,
     history: History,
@@ -82,7 +82,8 @@ struct Trials<'a> {
 }
 
 impl Trials<'_> {
-    /// Runs every attempt; a place that is free is taken by the next one. `each` hears of every step and may stop.
+    /// Runs every attempt; the next one starts when a place is free. `each` is called at every step and may return an
+    /// error to stop.
     fn run(
         mut self,
         mut seeds: impl Iterator<Item = u64>,
@@ -124,7 +125,7 @@ impl Trials<'_> {
         }
         let chunks = self.policy.act(&running.iter().map(|attempt| &attempt.history).collect::<Vec<_>>())?;
         for (attempt, chunk) in running.iter_mut().zip(chunks) {
-            // What is remembered is what is executed: the simulator goes no further than ±1.
+            // The executed action is remembered: the simulator clips to ±1.
             let action = attempt.ensemble.push(u64::from(attempt.sim.steps()), chunk)?;
             let action: Vec<f32> = action.into_iter().map(|value| value.clamp(-1.0, 1.0)).collect();
             let told: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {

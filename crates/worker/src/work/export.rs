@@ -20,10 +20,10 @@ use serde::Serialize;
 use super::Work;
 use crate::{failure::Failure, monitor::Watcher};
 
-/// The file that says what every other file holds, one line each.
+/// The file that describes every other file, one line each.
 const MANIFEST: &str = "manifest.jsonl";
 
-/// One line of the manifest. A step's number counts in the original episode.
+/// One line of the manifest. Step numbers are those of the original episode.
 #[derive(Serialize)]
 struct Line<'a> {
     episode: &'a str,
@@ -34,7 +34,7 @@ struct Line<'a> {
     last_step: u64,
     /// l: the segment that ends at a step begins l steps before it.
     segment_length: u32,
-    /// The kept ones; nothing for experts, whose steps all have weight 1.
+    /// The kept steps; empty for experts, whose steps all have weight 1.
     steps: Vec<Step<'a>>,
 }
 
@@ -44,7 +44,7 @@ struct Step<'a> {
     step: u32,
     q: f32,
     w: f64,
-    /// Nothing when the scorer matches nothing.
+    /// `None` when the scorer has no matches.
     nearest_episode: Option<&'a str>,
     nearest_step: Option<u32>,
 }
@@ -55,7 +55,7 @@ pub(super) fn perform(work: &mut Work) -> Result<Made, Failure> {
     export(&work.data_dir, &work.blobs, &work.inputs, &mut work.monitor).map(Made::Files)
 }
 
-/// Makes every file of the export as a blob.
+/// Stores every file of the export as a blob.
 fn export(data_dir: &Path, blobs: &Blobs, inputs: &Inputs, monitor: &mut Watcher) -> Result<Vec<ExportFile>, Failure> {
     let folder =
         tempfile::tempdir_in(data_dir.join("tmp")).map_err(|error| Error::internal("making a folder", error))?;
@@ -83,7 +83,7 @@ fn export(data_dir: &Path, blobs: &Blobs, inputs: &Inputs, monitor: &mut Watcher
     Ok(files)
 }
 
-/// Where an export goes.
+/// Destination of an export.
 struct Out<'a> {
     folder: &'a Path,
     blobs: &'a Blobs,
@@ -92,7 +92,7 @@ struct Out<'a> {
 }
 
 impl Out<'_> {
-    /// An expert's recording as it is: the same blob under another name.
+    /// An expert's recording unchanged: the same blob under another name.
     fn expert(&self, expert: &InputEpisode, manifest: &mut Vec<u8>) -> Result<ExportFile, Failure> {
         let name = format!("{}.mcap", expert.id);
         let size = std::fs::metadata(self.blobs.path(&expert.recording));
@@ -145,8 +145,8 @@ impl Out<'_> {
     }
 }
 
-/// The steps that the file of a stretch holds: its own. A single step is no recording, so it takes the better
-/// of its neighbours along; the manifest and the file's own qualities tell which is which.
+/// The steps in the file of a stretch: its own. A single step does not make a recording, so the neighbour with the
+/// higher quality is added; the manifest and the file's own qualities mark which step was kept.
 fn file_steps(segments: &[KeptSegment], qualities: &[f32]) -> Option<RangeInclusive<usize>> {
     let step = |segment: &KeptSegment| usize::try_from(segment.end_step).ok();
     let (first, last) = (step(segments.first()?)?, step(segments.last()?)?);
@@ -180,7 +180,7 @@ fn append(manifest: &mut Vec<u8>, line: &Line<'_>) -> Result<(), Failure> {
     manifest.write_all(b"\n").map_err(fault)
 }
 
-/// Runs of segments whose end steps follow one another.
+/// Runs of segments with consecutive end steps.
 fn stretches(segments: &[KeptSegment]) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for (at, segment) in segments.iter().enumerate() {

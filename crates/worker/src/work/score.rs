@@ -1,4 +1,4 @@
-//! Scoring: w and q of every segment of D_i, and of D_e each against the others.
+//! Scoring: w and q of every segment of D_i, and of each expert of D_e against the others.
 
 use gleaner_core::{
     ScoreSpec,

@@ -1,4 +1,4 @@
-//! Score runs that go on from an earlier one: whether they may, and with which settings.
+//! Score runs that extend an earlier one: their preconditions and settings.
 
 use std::collections::HashSet;
 
@@ -17,11 +17,11 @@ use crate::{
     jobs::{Jobs, lookup::same_task},
 };
 
-/// A scoring that goes on from a finished run, with that run's encoder and settings.
+/// A scoring that extends a finished run, with that run's encoder and settings.
 ///
 /// # Errors
-/// NotFound; Precondition when the run is not finished or the snapshot lacks one of its experts; Invalid when
-/// what was asked for is not what the run has.
+/// NotFound; Precondition when the run is not finished or the snapshot lacks one of its experts; Invalid when the
+/// order's settings differ from the run's.
 pub(super) async fn extension(
     jobs: &Jobs,
     task: &TaskId,
@@ -61,7 +61,7 @@ async fn has_every_expert(jobs: &Jobs, base: &ScoreRun, snapshot: &SnapshotId) -
     }
 }
 
-/// The run's settings, run where and with what was asked. A setting that is the default means the run's.
+/// The run's settings with the order's device and threads. A setting at its default takes the run's value.
 fn settings(asked: &ScoreSpec, frozen: ScoreSpec) -> Result<ScoreSpec> {
     let needs_all =
         |spec: &ScoreSpec| Family::Scorer.find(&spec.scorer.name).is_some_and(|kind| kind.needs.all_episodes);

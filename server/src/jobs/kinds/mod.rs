@@ -1,5 +1,5 @@
-//! The kinds of jobs on the server, one file each: what an order resolves to, the inputs of its worker, and the rows of
-//! its result. The lists of kinds are here.
+//! The kinds of jobs on the server, one file each: the resolution of an order, the inputs of its worker, and the rows
+//! of its result. The lists of kinds are here.
 
 mod evaluate;
 mod export;
@@ -23,11 +23,11 @@ use crate::{
     store::{Store, finish::JobResult},
 };
 
-/// An order with everything chosen.
+/// An order with all choices made.
 pub(super) struct Resolved {
     pub(super) spec: JobSpec,
     pub(super) result_id: String,
-    /// The job that makes its input, if a job does.
+    /// The job that makes its input, if there is one.
     pub(super) maker: Option<JobId>,
 }
 
@@ -48,10 +48,10 @@ pub(super) fn new_result(kind: JobKind) -> String {
     }
 }
 
-/// Looks up what an order names, and chooses what it leaves out.
+/// Looks up the objects that an order names, and chooses those it leaves out.
 ///
 /// # Errors
-/// NotFound for what is missing; Invalid for what belongs to another task or does not fit; Precondition.
+/// NotFound for a missing object; Invalid for one that belongs to another task or does not fit; Precondition.
 pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, order: JobOrder) -> Result<Resolved> {
     match order {
         JobOrder::Pretrain { snapshot_id, rule, spec } => pretrain::resolve(jobs, task, snapshot_id, &rule, spec).await,
@@ -64,10 +64,10 @@ pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, order: JobOrder) -> Resu
     }
 }
 
-/// Adds to `inputs` what the worker of a job needs.
+/// Adds the inputs of a kind's worker to `inputs`.
 ///
 /// # Errors
-/// When the database cannot be read, or an input that must be there is not.
+/// When the database cannot be read, or a required input is missing.
 pub(super) async fn add_inputs(jobs: &Jobs, spec: &JobSpec, inputs: &mut Inputs) -> Result<()> {
     match spec {
         JobSpec::Pretrain { snapshot_id, spec: _ } => pretrain::inputs(jobs, snapshot_id, inputs).await,

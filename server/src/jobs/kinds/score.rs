@@ -105,7 +105,7 @@ impl Finished<'_> {
     }
 }
 
-/// Checks every list of scores against its episode, and puts them in the snapshot's order.
+/// Checks every list of scores against its episode, and sorts the lists into the snapshot's order.
 async fn check_scores(
     store: &Store,
     snapshot: &SnapshotId,

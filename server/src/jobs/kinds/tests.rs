@@ -1,4 +1,4 @@
-//! Orders of every kind as the queue takes them: keys, extensions, policies from scratch, evaluations.
+//! Orders of every kind in the queue: keys, extensions, policies from scratch, evaluations.
 
 use gleaner_core::{Chosen, EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, kinds::Family};
 use serde_json::json;
@@ -78,7 +78,7 @@ async fn callers_at_once_share_one_job() {
     assert_eq!(one.unwrap().id, other.unwrap().id);
 }
 
-/// A finished run of two experts and an imperfect episode, by a job that scored like this.
+/// A finished run of two experts and an imperfect episode, whose job had these settings.
 async fn run(bench: &Bench, spec: ScoreSpec) -> ScoreRun {
     let encoder = results::encoder(&bench.store, &bench.task).await;
     results::run_of(&bench.store, &bench.task, &encoder, spec, &[]).await

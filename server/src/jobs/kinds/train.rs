@@ -24,8 +24,8 @@ pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, data: TrainData, spec: T
     Ok(Resolved::new(JobSpec::Train { encoder_id, snapshot_id, dataset_id, spec }, maker))
 }
 
-/// What a training learns from: the job to wait for, the encoder to begin from, the experts' snapshot, the dataset.
-/// A policy from scratch begins from no encoder, and with experts alone waits for none.
+/// The inputs of a training: the job to wait for, the encoder to start from, the experts' snapshot, the dataset. A
+/// policy from scratch has no encoder, and with experts alone no job to wait for.
 async fn learned_from(
     jobs: &Jobs,
     task: &TaskId,

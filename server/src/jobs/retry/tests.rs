@@ -43,7 +43,7 @@ impl Bench {
         self.jobs.submit(&self.task.id, pretrain(seed), queueing).await.unwrap()
     }
 
-    /// What waits to run, oldest first.
+    /// The queued jobs, oldest first.
     async fn queued(&self) -> Vec<Job> {
         let filter = JobFilter { state: Some(JobState::Queued), ..JobFilter::default() };
         let (mut jobs, _) = self.store.jobs(&filter, None, 100).await.unwrap();

@@ -1,4 +1,4 @@
-//! Schedules start when due, once, and say why they could not.
+//! Schedules start when due, once, and store the reason when they cannot.
 
 use gleaner_core::{PretrainSpec, TrainSpec};
 
@@ -42,7 +42,7 @@ async fn jobs(jobs: &Jobs) -> usize {
 #[tokio::test]
 async fn cron_starts_once_when_due_and_moves_on() {
     let bench = Bench::new().await;
-    // The scheduler's own task must not look at the same time.
+    // Stopped, so that the scheduler's own task does not run in between.
     bench.jobs.stop().await;
     let hour = 3_600_000;
     let nightly = schedule(&bench, Trigger::Cron("0 * * * *".into()), Some(Millis(hour)));

@@ -81,7 +81,7 @@ async fn the_second_backup_copies_new_blobs_and_prunes_on_request() {
     assert!(checked(&target, false).await.findings.is_empty());
 }
 
-/// As a kill would leave it: the draft of the database exists, and some blobs.
+/// The state after a kill: the draft of the database exists, and some blobs.
 #[tokio::test]
 async fn an_interrupted_backup_leaves_the_earlier_one() {
     let (lab, folders) = (lab().await, Backups::new());
@@ -94,7 +94,7 @@ async fn an_interrupted_backup_leaves_the_earlier_one() {
     assert!(put_back(&target, &folders.path("new")).await.unwrap());
     let restored = Store::open(&folders.path("new/gleaner.db")).await.unwrap();
     assert_eq!(restored.outcome_counts(&lab.task.id).await.unwrap().success, 1);
-    // The first backup of a folder, interrupted, cannot be restored.
+    // A first backup that was interrupted cannot be restored.
     let begun = folders.path("begun");
     fs::create_dir_all(&begun).unwrap();
     fs::write(begun.join("BACKUP"), "").unwrap();
@@ -137,7 +137,7 @@ async fn a_damaged_backup_is_detected() {
     let error = put_back(&target, &folders.path("newer")).await.unwrap_err();
     assert!(error.message().contains("manifest"), "{error}");
     let check = CheckConfig { data_dir: target.clone(), fast: false, json: false };
-    // The last page may hold rows, or the schema, without which there is no report.
+    // The last page may have rows, or the schema, without which there is no report.
     match look_through(&check).await {
         Ok(report) => assert!(!report.sound),
         Err(error) => assert!(error.kind() == Kind::Precondition && error.message().contains("is damaged"), "{error}"),

@@ -1,5 +1,5 @@
-//! Recordings are deleted only by a person and after the trash's days, in spite of wrong databases, jumping clocks and
-//! interrupted sweeps.
+//! Recordings are deleted only by a user and after the retention time of the trash, in spite of wrong databases,
+//! jumping clocks and interrupted sweeps.
 
 use super::{
     sweeping::{DAY, in_days, room, stored},
@@ -11,7 +11,7 @@ use crate::{
     store::testing::run,
 };
 
-/// Removes the rows of an episode, as another database would lack them.
+/// Removes the rows of an episode, as if the database were another one.
 async fn lose_rows(lab: &Lab, episode: &crate::domain::episode::Episode) {
     for table in ["labels where episode_id", "episodes where id"] {
         run(&lab.store, &format!("delete from {table} = '{}'", episode.id)).await;
@@ -64,7 +64,7 @@ async fn a_recording_not_deleted_by_a_person_stays_in_the_trash() {
     assert!(report.findings.iter().any(|found| found.detail.contains("rebuild")), "{:?}", report.findings);
 }
 
-/// A crash between the rows and the files of a sweep: the recording was deleted by a person, so it may go.
+/// A crash between the rows and the files of a sweep: the recording was deleted by a user, so it may be removed.
 #[tokio::test]
 async fn an_interrupted_deletion_is_completed_by_later_sweeps() {
     let lab = lab().await;
@@ -119,14 +119,13 @@ async fn sidecars_follow_labels_and_deletions_and_are_removed_with_their_episode
 }
 
 impl crate::maintenance::Room {
-    /// Notes the clock as if it showed `now`.
+    /// Records the clock as if it showed `now`.
     async fn note_time_as_of(&self, now: std::time::SystemTime, ran: Option<std::time::Duration>) {
         self.store.note_time(Millis::of(now), ran).await.unwrap();
     }
 }
 
-/// A deletion whose rows are removed while the folder is being copied: the recording is removed later, and stops no
-/// sweep.
+/// A deletion whose rows are removed during a copy of the folder: the recording is removed later, and sweeps continue.
 #[tokio::test]
 async fn deletions_during_a_long_copy_stop_no_later_sweep() {
     let lab = lab().await;

@@ -1,4 +1,4 @@
-//! A lost database costs history and never recordings.
+//! A lost database loses history and never recordings.
 
 use std::fs;
 
@@ -49,7 +49,7 @@ async fn a_lost_database_is_rebuilt_with_tasks_labels_and_trash() {
         let _ = fs::remove_file(data_folder::beside_database(dir.path(), suffix));
     }
     let (sound, text) = rebuilt(dir.path()).await;
-    // The checkpoint of the encoder and the policy is one blob, which no row can name any more.
+    // The checkpoint of the encoder and the policy is one blob, which no restored row can name.
     assert!(!sound && text.contains("1 tasks and 4 episodes") && text.contains("1 blobs unclaimed"), "{text}");
     let store = reopen(dir.path()).await;
     assert_eq!(store.task(&task.spec.name).await.unwrap().id, task.id);
@@ -142,7 +142,8 @@ async fn a_folder_in_use_or_without_blobs_is_refused() {
     assert!(error.message().contains("holds no blobs"), "{error}");
 }
 
-/// Clients created the task again before the rebuild: the same spec is the same task, another one keeps the name.
+/// Clients created the task again before the rebuild: with the same spec it is the same task, and another task keeps
+/// the name.
 #[tokio::test]
 async fn a_task_created_again_takes_its_episodes_or_keeps_its_name() {
     for same in [true, false] {
@@ -189,7 +190,7 @@ async fn an_undeleted_recording_stays_in_spite_of_an_older_database() {
     }
 }
 
-/// Two tasks hold one recording, and the sidecar of one is missing: the other's episode keeps its blob.
+/// Two tasks have one recording, and the sidecar of one is missing: the other's episode keeps its blob.
 #[tokio::test]
 async fn a_recording_of_two_tasks_stays_for_the_known_one() {
     let lab = lab().await;

@@ -65,7 +65,7 @@ async fn the_trash_is_emptied_after_its_days() {
 #[tokio::test]
 async fn content_of_another_episode_stays() {
     let lab = lab().await;
-    // The same bytes as the encoder's.
+    // The same bytes as those of the encoder.
     let (room, gone) = (room(&lab, 0), stored(&lab, b"encoder").await);
     lab.store.delete_episodes(std::slice::from_ref(&gone.id), false).await.unwrap();
     let counts = room.sweep(in_days(1)).await.unwrap();
@@ -81,7 +81,7 @@ async fn blobs_without_a_row_are_removed_once_old_enough() {
     assert_eq!(room.sweep(SystemTime::now()).await.unwrap().trashed, 0, "too young");
     let long_ago = SystemTime::now() - Duration::from_secs(60);
     fs::File::open(lab.blobs.path(&orphan)).unwrap().set_modified(long_ago).unwrap();
-    // A blob put since an attempt began may be the attempt's.
+    // A blob stored after the start of an attempt may belong to the attempt.
     let encoder = crate::domain::id::EncoderId::new();
     let snapshot_id = lab.store.create_snapshot(&lab.task.id, &Default::default()).await.unwrap().id;
     let spec = JobSpec::Pretrain { snapshot_id, spec: Default::default() };
@@ -125,8 +125,8 @@ async fn no_blob_is_removed_while_the_folder_is_copied() {
     assert_eq!(room.sweep(in_days(2)).await.unwrap().trashed, 1);
 }
 
-/// The same content is pushed and deleted repeatedly, while another task tries to remove it all the time. Stored
-/// content is present every time.
+/// The same content is pushed and deleted repeatedly, while another task constantly tries to remove it. Stored content
+/// is present every time.
 #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
 async fn a_sweep_never_removes_a_blob_just_stored_by_an_upload() {
     let f = playing(USABLE).await;
@@ -152,7 +152,7 @@ async fn a_sweep_never_removes_a_blob_just_stored_by_an_upload() {
     assert!(removing.await.unwrap() > 0, "the two tasks overlapped");
 }
 
-/// Files not written for long, and older than every running attempt.
+/// Files without recent writes, and older than every running attempt.
 #[tokio::test]
 async fn leftovers_of_killed_workers_are_removed() {
     let lab = lab().await;

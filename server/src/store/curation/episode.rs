@@ -7,7 +7,7 @@ use crate::{
 };
 
 impl Store {
-    /// The version of an episode's newest label, for [`Store::label_episodes_as_seen`].
+    /// The version of an episode's newest label, an argument of [`Store::label_episodes_as_seen`].
     ///
     /// # Errors
     /// NotFound.

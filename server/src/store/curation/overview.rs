@@ -52,8 +52,8 @@ impl OverviewRow {
 }
 
 impl Store {
-    /// Tasks at a glance, newest first; the trash is left out. Of the tasks with `text` in their name, in any case
-    /// (of ASCII letters), the answer leaves out the first `skip` and has at most `most`.
+    /// Tasks with totals, newest first; the trash is left out. Of the tasks with `text` in their name, ignoring the
+    /// case of ASCII letters, the result leaves out the first `skip` and has at most `most`.
     ///
     /// # Errors
     /// Internal.
@@ -81,7 +81,7 @@ impl Store {
         row::count("tasks", count)
     }
 
-    /// All tasks in sum.
+    /// Sums over all tasks.
     ///
     /// # Errors
     /// Internal.
@@ -101,7 +101,7 @@ impl Store {
         })
     }
 
-    /// The cohorts of a task's episodes, by name; the empty one too, if any is of none.
+    /// The cohorts of a task's episodes, by name, including the empty one if an episode has no cohort.
     ///
     /// # Errors
     /// Internal.

@@ -26,7 +26,7 @@ impl Store {
         row::json("jobs.ordered", &ordered)
     }
 
-    /// The jobs that never began because they waited, directly or not, for this one, which failed or was cancelled;
+    /// The jobs that never started because they waited, directly or not, for this one, which failed or was cancelled;
     /// each after those it waits for.
     ///
     /// # Errors
@@ -53,7 +53,7 @@ impl Store {
 /// Rejects a job when an equal one of its task has not ended.
 ///
 /// # Errors
-/// Exists, naming that job.
+/// Exists, with the id of that job.
 pub(in crate::store) async fn expect_none_alike(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
     let alike: Option<String> = sqlx::query_scalar(
         "select id from jobs where task_id = ? and state in ('queued', 'running') and spec = ? limit 1",

@@ -75,9 +75,9 @@ impl UseRow {
 }
 
 impl Store {
-    /// The episodes of a snapshot in its order, with their labels then and now; none of an unknown snapshot.
+    /// The episodes of a snapshot in its order, with their labels then and now; no episode for an unknown snapshot.
     ///
-    /// A snapshot keeps labels, not their versions: the version is that of the newest equal label that is no younger
+    /// A snapshot stores labels, not their versions: the version is that of the newest equal label that is not younger
     /// than the snapshot.
     ///
     /// # Errors
@@ -101,7 +101,7 @@ impl Store {
         rows.into_iter().map(FrozenRow::read).collect()
     }
 
-    /// At most `most` snapshots that hold an episode, newest first, and how many do.
+    /// At most `most` snapshots that contain an episode, newest first, and the number of all of them.
     ///
     /// # Errors
     /// Internal.
@@ -139,7 +139,7 @@ mod tests {
         let task = testing::task(&store).await;
         let expert = testing::episode(&store, &task, Outcome::Success, "").await.id;
         let failure = testing::episode(&store, &task, Outcome::Failure, "bob").await.id;
-        // An equal label is another version.
+        // An equal label has another version.
         store.label_episodes(std::slice::from_ref(&failure), &label(Outcome::Failure)).await.unwrap();
         let version = store.label_version(&failure).await.unwrap();
         let id = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap().id;

@@ -1,4 +1,4 @@
-//! The table of a task's episodes: every one that fits, with its newest label.
+//! The table of a task's episodes: every one that matches a filter, with its newest label.
 
 use sqlx::{QueryBuilder, Sqlite};
 
@@ -44,7 +44,7 @@ const TABLE: &str = concat!(
 );
 
 impl Store {
-    /// Every episode of a task that fits, oldest first.
+    /// Every episode of a task that matches the filter, oldest first.
     ///
     /// # Errors
     /// Internal.

@@ -1,4 +1,4 @@
-//! Labels: given to many episodes in one write or to none, every one kept.
+//! Labels: given to many episodes in one transaction, with a full history.
 
 use std::collections::HashSet;
 
@@ -39,8 +39,8 @@ impl LabelRow {
 }
 
 impl Store {
-    /// Labels all these episodes or, when one is unknown, none. Every change is kept. The answer is in the
-    /// order of `ids`; one that is named twice is labelled once.
+    /// Labels all these episodes or, when one is unknown, none. Every change is stored. The result is in the order of
+    /// `ids`; an id that occurs twice is labelled once.
     ///
     /// # Errors
     /// NotFound names the first unknown episode; Precondition the first that is in the trash.
@@ -93,14 +93,14 @@ impl Store {
             .await
             .map_err(fault("listing labels"))?;
         if rows.is_empty() {
-            // An episode has a label from its first moment on.
+            // Every episode has at least one label.
             return Err(Error::not_found("episode", id));
         }
         rows.into_iter().map(LabelRow::read).collect()
     }
 }
 
-/// Labels each of these once; each comes back with the version that it has now.
+/// Labels each of these once; returns each with its new version.
 async fn label_all(
     tx: &mut Transaction<'_, Sqlite>,
     ids: impl Iterator<Item = &EpisodeId>,

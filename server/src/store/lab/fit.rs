@@ -1,4 +1,5 @@
-//! Whether a database and a folder of blobs belong together. Read-only: a mismatch must be left as it is.
+//! The check that a database and a folder of blobs belong together. Read-only, because a mismatch must be left
+//! unchanged.
 
 use std::{io::ErrorKind, os::unix::fs::MetadataExt as _, path::Path};
 
@@ -10,13 +11,13 @@ use crate::{
     store::{fault, row},
 };
 
-/// The row of the database at `path`, which is left as it is. A database from before the row has none yet; its row is
-/// that of a database that was never stamped. `None` when the database is missing or empty.
+/// The row of the database at `path`, which is not changed. A database from before that row counts as one that was
+/// never stamped. `None` when the database is missing or empty.
 pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
     let unusable = |problem: String| damaged(path, data_dir, Error::internal("opening it", problem));
     match std::fs::metadata(path) {
         Ok(file) if file.len() > 0 => {}
-        // SQLite makes an empty file before it writes the first page.
+        // SQLite creates an empty file before it writes the first page.
         Ok(file) if file.is_file() => return Ok(None),
         Ok(_) => return Err(unusable("it is not a file".to_owned())),
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
@@ -30,7 +31,7 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
             data_dir.display()
         ))
     })?;
-    // Read-only: a write-ahead log that is another database's must not be written into this one.
+    // Read-only: the write-ahead log of another database must not be merged into this one.
     let database = crate::store::read_only::open_read_only(path).await.map_err(|error| unusable(error.to_string()))?;
     let read = async {
         if crate::store::read_only::known_schema(&database.readers, path).await? == 0 {
@@ -51,8 +52,8 @@ pub(super) async fn found(path: &Path, data_dir: &Path) -> Result<Option<Lab>> {
     read.map_err(|error| damaged(path, data_dir, error))
 }
 
-/// Whether SQLite is to check the database before it is used: it is another file than at the last start, or a smaller one,
-/// or has a log to be taken in, which may be another database's.
+/// Whether SQLite must check the database before it is used: its file is another one than at the last start, or
+/// smaller, or has a write-ahead log to merge, which may be another database's.
 fn must_be_checked(path: &Path, data_dir: &Path) -> bool {
     let stamp = Stamp::read(data_dir).ok().flatten();
     let (inode, bytes) = file(path);
@@ -60,7 +61,7 @@ fn must_be_checked(path: &Path, data_dir: &Path) -> bool {
     other || file(&data_folder::beside_database(data_dir, "-wal")).1 > 0
 }
 
-/// Why a database and a folder of blobs do not belong together; `None` if they do.
+/// The reason why a database and a folder of blobs do not belong together; `None` if they do.
 pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) -> Result<Option<String>> {
     let misfit = match (lab, stamp) {
         (None, None) if blobs.is_empty()? => return Ok(None),
@@ -70,7 +71,7 @@ pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) ->
              write-ahead log ({}-wal) is another copy's",
             data_folder::DATABASE
         ),
-        // From before stamps, or a crash before the first one.
+        // A database from before stamps, or a crash before the first one.
         (Some(Lab { stamped: false, .. }), None) => return Ok(None),
         (Some(Lab { stamped: true, .. }), None) => format!(
             "the database belongs to a folder of blobs with a stamp ({}), and this one has none: are the blobs on a disk \
@@ -96,7 +97,7 @@ pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) ->
     Ok(Some(misfit))
 }
 
-/// The inode of a file and its bytes; zeros for none.
+/// The inode and the size of a file; zeros for a missing one.
 pub(super) fn file(path: &Path) -> (u64, u64) {
     std::fs::metadata(path).map_or((0, 0), |file| (file.ino(), file.len()))
 }

@@ -31,7 +31,7 @@ async fn record(store: &Store, dir: &Path, content: &[u8]) {
     store.finish_upload(&upload, &testing::inspected(&task, &upload)).await.unwrap();
 }
 
-/// The start is refused with `part` of a message and the ways out, changes nothing, and `--accept-database` allows it.
+/// The start is rejected with `part` of a message and the remedies, changes nothing, and `--accept-database` allows it.
 async fn refused(dir: &Path, part: &str) {
     let before = fs::read(data_folder::stamp::path(dir)).ok();
     let error = open(dir, false).await.unwrap_err();
@@ -92,7 +92,7 @@ async fn a_truncated_database_is_refused() {
     }
 }
 
-/// The copy is taken while the server runs, without the log in which the recording is.
+/// The copy is taken while the server runs, without the write-ahead log that has the recording.
 #[tokio::test]
 async fn a_copy_without_its_write_ahead_log_is_refused() {
     let dir = tempfile::tempdir().unwrap();
@@ -141,7 +141,7 @@ async fn a_crash_before_the_first_stamp_is_no_misfit() {
     Store::open(&data_folder::database(dir.path())).await.unwrap().close().await;
     let store = open(dir.path(), false).await.unwrap();
     let stamp = Stamp::read(dir.path()).unwrap().unwrap();
-    // And one between the stamp and its note in the database.
+    // A crash between the stamp and its record in the database.
     testing::run(&store, "update lab set stamped = 0, generation = generation + 1").await;
     store.close().await;
     open(dir.path(), false).await.unwrap();
@@ -169,7 +169,7 @@ async fn no_write_is_acknowledged_once_the_database_is_deleted() {
     assert_eq!(store.task(&task.spec.name).await.unwrap().id, task.id, "acknowledged data was saved");
 }
 
-/// An older copy under the newer log: SQLite would take the log in without a word.
+/// An older copy under the newer log, which SQLite would merge without an error.
 #[tokio::test]
 async fn an_older_database_under_a_newer_log_is_refused_and_left_as_it_is() {
     let dir = used().await;

@@ -31,7 +31,7 @@ async fn queue(store: &Store, job: NewJob) -> Result<JobId> {
     store.insert_plan(&Plan { jobs: vec![job], ..Plan::default() }).await.map(|_| id)
 }
 
-/// Claims the next job under a token of its own.
+/// Claims the next job under a new token.
 async fn claim(store: &Store) -> Option<(Attempt, Job)> {
     let token_hash = JobId::new().to_string();
     let job = store.claim_job(&token_hash).await.unwrap()?;
@@ -51,7 +51,7 @@ async fn the_highest_priority_runs_first_then_the_oldest() {
     let task = testing::task(&store).await;
     let mut ids = Vec::new();
     for priority in [0, 5, -1, 5] {
-        // Ids of one millisecond are in no order.
+        // Ids of one millisecond may be in any order.
         let mut job = export(&task, priority, &[]);
         job.id = JobId::try_from(format!("job_01ARZ3NDEKTSV4RRFFQ69G5FA{}", ids.len())).unwrap();
         ids.push(queue(&store, job).await.unwrap());

@@ -1,4 +1,4 @@
-//! Counting labels, moving on, pausing.
+//! Counting labels, starting, pausing.
 
 use gleaner_core::PretrainSpec;
 

@@ -1,4 +1,4 @@
-//! Scores as they come back from a fresh database.
+//! Scores read back from a fresh database.
 
 use super::*;
 use crate::{

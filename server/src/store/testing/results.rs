@@ -1,4 +1,4 @@
-//! Results of jobs as fixtures: rows as if a worker had made them.
+//! Results of jobs as fixtures: rows as those of a worker's results.
 
 use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
 
@@ -14,7 +14,7 @@ use crate::domain::{
     time::Millis,
 };
 
-/// A queued job that is to make `result_id`.
+/// A queued job whose result will be `result_id`.
 pub(crate) async fn job(store: &Store, task: &Task, spec: JobSpec, result_id: &str) -> JobId {
     let job = NewJob {
         id: JobId::new(),
@@ -31,7 +31,7 @@ pub(crate) async fn job(store: &Store, task: &Task, spec: JobSpec, result_id: &s
     id
 }
 
-/// Moves a job without asking whether it may.
+/// Sets a job's state without a check of the transition.
 pub(crate) async fn set_state(store: &Store, job: &JobId, state: JobState, error: &str) {
     let mut tx = store.write().await.unwrap();
     sqlx::query("update jobs set state = ?, error = ? where id = ?")
@@ -44,7 +44,7 @@ pub(crate) async fn set_state(store: &Store, job: &JobId, state: JobState, error
     store.commit(tx).await.unwrap();
 }
 
-/// An encoder of a snapshot of the task's present episodes, which must hold both roles.
+/// An encoder of a snapshot of the task's present episodes, which must have both roles.
 pub(crate) async fn encoder(store: &Store, task: &Task) -> Encoder {
     let snapshot_id = store.create_snapshot(&task.id, &RoleRule::default()).await.unwrap().id;
     let id = EncoderId::new();

@@ -24,7 +24,7 @@ enum Event {
     Succeed(usize),
     End(usize, AttemptEnd),
     Cancel(usize),
-    /// An attempt that was over long ago speaks again.
+    /// A call of an attempt that ended long ago.
     Ghost(usize),
 }
 
@@ -43,7 +43,7 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// Jobs with their priority, most attempts, and which earlier ones they need.
+/// Jobs with their priority, most attempts, and the earlier ones that they need.
 fn jobs() -> impl Strategy<Value = Vec<(i32, u32, Vec<bool>)>> {
     let needs = proptest::collection::vec(prop::bool::weighted(0.3), 4);
     proptest::collection::vec((-1..2_i32, 1..4_u32, needs), 1..5)
@@ -134,7 +134,7 @@ impl Course {
         Some(attempt)
     }
 
-    /// As with a worker's result: a job that was cancelled ends cancelled.
+    /// Handled as a worker's result: a job that was cancelled ends cancelled.
     async fn succeed(&self, attempt: &Attempt) {
         if self.store.job(&attempt.job_id).await.unwrap().cancel_requested {
             self.store.end_attempt(attempt, &AttemptEnd::Stopped).await.unwrap();
@@ -171,7 +171,7 @@ impl Course {
         }
     }
 
-    /// With workers that do their work, everything ends.
+    /// Once all workers finish their work, every job ends.
     async fn drain(&mut self) {
         loop {
             while let Some(attempt) = self.take(0) {

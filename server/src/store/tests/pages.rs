@@ -32,7 +32,7 @@ fn pages_of_any_size_are_the_whole_list_once() {
             prop_assert!(page.len() <= usize::try_from(size).unwrap());
             prop_assert!(next.is_none() || !page.is_empty());
             seen.extend(page.into_iter().map(|episode| episode.id));
-            // As a client sends it back.
+            // In the form in which a client returns it.
             after = next.map(|next| EpisodeId::parse("page_token", &String::from(next)).unwrap());
             if after.is_none() {
                 break;

@@ -5,7 +5,7 @@
 use super::super::{read_only::newest_schema, *};
 use crate::{domain::order::JobFilter, error::Kind};
 
-/// A version, a dump, and how many rows of which table it must still have.
+/// A version, a dump, and the number of rows that each table must still have.
 type Sample = (i64, &'static str, &'static [(&'static str, i64)]);
 
 const SAMPLES: [Sample; 4] = [
@@ -45,7 +45,7 @@ async fn every_sample_is_migrated_completely() {
         let path = dir.path().join("gleaner.db");
         load(&path, dump).await;
 
-        // Looking migrates a copy, and leaves the file as it is.
+        // Reading migrates a copy, and leaves the file unchanged.
         let before = std::fs::read(&path).unwrap();
         let database = ReadOnlyDatabase::open(&path).await.unwrap();
         assert_eq!(database.schema, version);
@@ -66,7 +66,7 @@ async fn every_sample_is_migrated_completely() {
     }
 }
 
-/// Everything reads back through the doors that the server uses.
+/// All rows are read through the functions of the server.
 async fn reads(store: &Store) {
     for (task, _) in store.tasks().await.unwrap() {
         for policy in store.policies(&task.id).await.unwrap() {

@@ -104,7 +104,7 @@ async fn an_episode_of_a_snapshot_is_deleted_by_force_only_and_keeps_its_row() {
     assert_eq!(store.undelete_episodes(&ids).await.unwrap_err().kind(), Kind::NotFound);
     assert!(listed(&store, &task, true).await.is_empty());
 
-    // The same recording pushed again is the same episode, and the snapshot is complete.
+    // The same recording, uploaded again, is the same episode, and the snapshot is complete.
     let upload = crate::domain::episode::Upload {
         blake3: expert.recording.clone(),
         outcome: Outcome::Failure,

@@ -1,4 +1,4 @@
-//! Pipelines on the wire: stages in order, none without the one before it.
+//! Pipelines on the wire: stages in order, each of which needs the one before it.
 
 use gleaner_proto::v1;
 
@@ -15,7 +15,7 @@ use crate::{
 /// Reads a pipeline.
 ///
 /// # Errors
-/// Invalid names the field, such as `pipeline.train.lambda`, and the mend.
+/// Invalid names the field, such as `pipeline.train.lambda`, and the remedy.
 pub fn pipeline(pipeline: Option<v1::PipelineSpec>) -> Result<PipelineSpec> {
     let v1::PipelineSpec {
         pretrain: first,

@@ -39,7 +39,7 @@ pub(super) fn of_pipeline(at: &str, spec: v1::ScoreSpec) -> Result<ScoreSpec> {
     settings::from_proto(at, settings, ScoreSpec::from_values)
 }
 
-/// The settings, without what is scored.
+/// The settings, without the ids of encoder, snapshot and base run.
 pub(super) fn to_proto(spec: &ScoreSpec) -> v1::ScoreSpec {
     v1::ScoreSpec { settings: settings::to_proto(&spec.values()), ..v1::ScoreSpec::default() }
 }

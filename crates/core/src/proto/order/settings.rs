@@ -1,4 +1,4 @@
-//! Settings of jobs on the wire, which are data, and the problems of reading them.
+//! Settings of jobs on the wire, where they are data, and the errors of reading them.
 
 use crate::{Problem, Values, proto};
 use prost_types::Struct;

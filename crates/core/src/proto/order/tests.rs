@@ -1,4 +1,4 @@
-//! Orders and pipelines survive the wire, get their defaults, and are refused by field.
+//! Orders and pipelines survive the wire and get their defaults; wrong ones are rejected by field.
 
 use crate::{EvaluateSpec, PretrainSpec, ScoreSpec, TrainSpec, Values, proto};
 use serde_json::{Value, json};

@@ -1,4 +1,4 @@
-//! A job's result as a stream of messages: taken apart by the worker, put together by the server.
+//! A job's result as a stream of messages: split by the worker, joined by the server.
 
 use gleaner_proto::v1;
 
@@ -16,10 +16,10 @@ use crate::{
 pub struct Completion(Option<Made>);
 
 impl Completion {
-    /// Takes the next message: first a result, then, for a score run, episodes.
+    /// Adds the next message: first a result, then, for a score run, episodes.
     ///
     /// # Errors
-    /// Invalid when it comes out of turn or a field is wrong.
+    /// Invalid when the message is out of order or a field is wrong.
     pub fn push(&mut self, message: v1::CompleteJobRequest) -> Result<()> {
         let v1::CompleteJobRequest { message } = message;
         let message = field::required("message", message)?;

@@ -1,4 +1,4 @@
-//! The kept steps of a job's episodes. Each names its nearest expert by a number, because there may be millions of them.
+//! The kept steps of a job's episodes. The nearest expert of each is a number, because there may be millions of them.
 
 use std::collections::HashMap;
 
@@ -12,14 +12,14 @@ use crate::{
     work::KeptInput,
 };
 
-/// The kept steps, and the experts that they count in, from 1.
+/// The kept steps, and the experts that their numbers count from 1.
 pub(super) fn to(kept: Vec<KeptInput>) -> (Vec<v1::KeptSegments>, Vec<String>) {
     let mut experts = Experts::default();
     let kept = kept.into_iter().map(|kept| segments_to(kept, &mut experts)).collect();
     (kept, experts.ids)
 }
 
-/// Reads them.
+/// Reads kept steps and the experts that their numbers refer to.
 ///
 /// # Errors
 /// Invalid when the server speaks another version.
@@ -29,7 +29,7 @@ pub(super) fn from(kept: Vec<v1::KeptSegments>, experts: Vec<String>) -> Result<
     kept.into_iter().map(|kept| segments_from(kept, &experts)).collect()
 }
 
-/// The experts that were named so far, each with its number.
+/// The experts named before, each with its number.
 #[derive(Default)]
 struct Experts {
     ids: Vec<String>,
@@ -42,7 +42,7 @@ impl Experts {
             return number;
         }
         self.ids.push(id.to_string());
-        // So many experts fit no message.
+        // A message has no room for this number of experts.
         let number = u32::try_from(self.ids.len()).unwrap_or(u32::MAX);
         self.numbers.insert(id.clone(), number);
         number

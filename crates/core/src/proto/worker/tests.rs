@@ -1,4 +1,4 @@
-//! What goes to a worker and comes from it survives the wire.
+//! The messages to and from a worker survive the wire.
 
 use prost::Message as _;
 
@@ -73,7 +73,7 @@ fn an_assignment_survives_the_wire() {
     assert!(matches!(order, JobOrder::Export { .. }));
 }
 
-/// What a message of 32 MiB holds is told in the proto.
+/// The proto states what fits a message of 32 MiB.
 #[test]
 fn millions_of_kept_steps_fit_a_message() {
     let (expert, steps) = (EpisodeId::new(), 20_000_u32);
@@ -132,7 +132,7 @@ fn base_scores_survive_the_wire_without_q() {
     assert_eq!(read, EpisodeScores { q: Vec::new(), ..scores });
 }
 
-/// What a worker says is checked like what anybody says: each wrong field of each message is named.
+/// Messages of workers are checked like those of any client: each wrong field of each message is named.
 #[test]
 fn every_wrong_field_of_a_worker_is_named() {
     use v1::complete_job_request::Message;

@@ -8,14 +8,14 @@ use crate::batch::int;
 use crate::model::{Size, Transformer};
 use crate::shape::TaskShape;
 
-/// Tokens the decoder remembers: o, m and z.
+/// Tokens that the decoder attends to: o, m and z.
 const MEMORY: i64 = 3;
 
-/// q(z | m, a): reads m_t and the chunk, sums them up in a token of its own.
+/// q(z | m, a): reads m_t and the chunk, and summarises them in a separate token.
 pub(super) struct StyleEncoder {
     proprioception: nn::Linear,
     action: nn::Linear,
-    /// `[1, d]`: the token that sums up.
+    /// `[1, d]`: the summary token.
     summary: Tensor,
     /// `[k + 2, d]`: m, the chunk's places, the summary.
     place: Tensor,
@@ -36,8 +36,8 @@ impl StyleEncoder {
         }
     }
 
-    /// Standardised m `[W, M]` and chunk `[W, k, A]`, of which only what is `counted` `[W, k]` is
-    /// input, to the mean and the logarithm of the variance of z, `[W, Z]` each.
+    /// Standardised m `[W, M]` and chunk `[W, k, A]`, of which only the places that are `counted` `[W, k]` are input,
+    /// to the mean and the logarithm of the variance of z, `[W, Z]` each.
     pub(super) fn forward(&self, m: &Tensor, chunk: &Tensor, counted: &Tensor) -> (Tensor, Tensor) {
         let m = self.proprioception.forward(m).unsqueeze(1);
         let summary = self.summary.expand_as(&m);
@@ -52,11 +52,11 @@ impl StyleEncoder {
     }
 }
 
-/// Predicts a chunk: k learnt queries look at o, m and z, and at each other.
+/// Predicts a chunk: k learnt queries attend to o, m and z, and to each other.
 pub(super) struct ChunkDecoder {
     proprioception: nn::Linear,
     style: nn::Linear,
-    /// `[3, d]`: which of o, m and z a token is.
+    /// `[3, d]`: the embeddings that distinguish o, m and z.
     memory: Tensor,
     /// `[k, d]`.
     query: Tensor,

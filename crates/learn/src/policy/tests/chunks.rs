@@ -1,4 +1,4 @@
-//! What of a chunk counts: nothing beyond the first step that was not kept, nor beyond the end.
+//! The actions of a chunk that count: none from the first step on that was not kept, nor beyond the end.
 
 use super::*;
 use crate::batch::{Segments, values};

@@ -1,4 +1,4 @@
-//! What holds for every policy: it learns, resumes, survives its checkpoint, serves many at once.
+//! Properties of every policy: it learns, resumes, survives its checkpoint, serves many histories at once.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use crate::checkpoint::{self, inspect};
 use crate::train::Monitor;
 use gleaner_core::Augmentation;
 
-/// Keeps every metric of every step.
+/// Stores every metric of every step.
 #[derive(Default)]
 struct Metrics(Vec<BTreeMap<&'static str, f64>>);
 

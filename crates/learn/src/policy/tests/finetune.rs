@@ -1,4 +1,4 @@
-//! What is particular to `finetune`, and what every policy refuses.
+//! The properties of `finetune` alone, and the inputs that every policy rejects.
 
 use super::*;
 use crate::batch::{Batch, Segments};

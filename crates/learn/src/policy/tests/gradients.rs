@@ -1,5 +1,5 @@
-//! What gradients say: the action to be predicted is never input, and autograd agrees with finite
-//! differences in double precision.
+//! Gradients: the action to be predicted is never input, and autograd agrees with finite differences in double
+//! precision.
 
 use tch::{Kind, Tensor, no_grad_guard};
 
@@ -47,7 +47,7 @@ fn in_the_causal_pass_no_action_moves_its_own_prediction_or_an_earlier_one() {
         assert!(moved[place..].iter().all(|gradient| *gradient == 0.0), "{place}: {moved:?}");
         assert!(moved[..place].iter().all(|gradient| *gradient > 1e-7), "{place}: {moved:?}");
     }
-    // In the other pass an action is input by its neighbours.
+    // In the other pass the neighbours of an action take it as input.
     let batch = window(&data);
     let action = batch.action.set_requires_grad(true);
     let steps = network.steps(&network.embed_images(&batch.images), &batch.proprioception, &action);

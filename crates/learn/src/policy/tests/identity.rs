@@ -1,4 +1,4 @@
-//! When the weighted loss is plain behaviour cloning.
+//! The case in which the weighted loss is plain behaviour cloning.
 
 use super::*;
 use crate::batch::Segments;

@@ -1,5 +1,5 @@
 //! The classifier's network: one hidden layer, trained by binary cross-entropy on batches that are
-//! half experts' steps and half imperfect ones. Knows nothing of episodes or folds.
+//! half experts' steps and half imperfect ones. Independent of episodes and folds.
 
 use rand::RngExt;
 use tch::{Device, Kind, Tensor, no_grad_guard};
@@ -17,15 +17,15 @@ pub(super) const STEPS: u64 = 300;
 pub(super) const BATCH: u32 = 256;
 const HIDDEN: i64 = 64;
 
-/// One hidden layer; gives log-odds.
+/// A network with one hidden layer, whose output is log-odds.
 pub(super) struct Mlp {
     /// `[W, HIDDEN]`, `[HIDDEN]`, `[HIDDEN, 1]`, `[1]`.
     parameters: [Tensor; 4],
 }
 
 impl Mlp {
-    /// Trains on the steps of `classes`, experts' and imperfect ones, `[N, W]` each. Of `seed` each
-    /// `fold` has random numbers of its own.
+    /// Trains on the steps of `classes`, experts' and imperfect ones, `[N, W]` each. Each `fold` has separate random
+    /// numbers of `seed`.
     pub(super) fn train(
         classes: &[Tensor; 2],
         seed: u64,
@@ -64,7 +64,7 @@ impl Mlp {
         Ok(mlp)
     }
 
-    /// First weights uniform with variance 1 / inputs, biases 0.
+    /// Initial weights uniform with variance 1 / inputs, biases 0.
     fn new(width: i64, device: Device, (seed, fold): (u64, u64)) -> Self {
         let matrix = |inputs: i64, outputs: i64, place: u64| {
             let mut rng = generator(seed, Purpose::Weights, 2 * fold + place);
@@ -78,7 +78,7 @@ impl Mlp {
         Self { parameters: parameters.map(|tensor| tensor.to_device(device).set_requires_grad(true)) }
     }
 
-    /// `[N]` of `[N, W]`.
+    /// Log-odds `[N]` of `[N, W]`.
     fn log_odds(&self, inputs: &Tensor) -> Tensor {
         let [up, up_bias, down, down_bias] = &self.parameters;
         let hidden = (inputs.matmul(up) + up_bias).gelu("none");

@@ -1,8 +1,8 @@
-//! A baseline: how sure a small network is that a step is an expert's.
+//! A baseline: the certainty of a small network that a step is an expert's.
 //!
-//! w(τ) = log p(τ is an expert's), from the last step's observation and action alone. Episodes are
-//! split into two folds and each fold is scored by a network trained on the other, so no episode
-//! is scored by a network that saw it.
+//! w(τ) = log p(τ is an expert's), from the last step's observation and action alone. Episodes are split into two folds
+//! and each fold is scored by a network trained on the other, so no episode is scored by a network that was trained on
+//! it.
 
 mod mlp;
 
@@ -45,7 +45,7 @@ gleaner_core::settings! {
     }
 }
 
-/// One episode's steps, ready for the network.
+/// One episode's steps as inputs of the network.
 struct Episode<'a> {
     id: &'a str,
     /// `[T, W]`.
@@ -53,8 +53,7 @@ struct Episode<'a> {
     fold: usize,
 }
 
-/// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the
-/// order given.
+/// The scores of the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
 pub(super) fn scores(
     network: &Network,
     (experts, imperfect): (&[Trajectory], &[Trajectory]),
@@ -77,8 +76,8 @@ pub(super) fn scores(
     Ok((describe(&imperfect, Role::Imperfect)?, describe(&experts, Role::Expert)?))
 }
 
-/// The fold of every episode: every other one in the order of ids, for experts and imperfect
-/// episodes by themselves; one that is both is in one fold only.
+/// The fold of every episode: alternating in the order of ids, separately for experts and imperfect episodes; an
+/// episode that is both is in one fold only.
 fn folds<'a>(experts: &'a [Trajectory], imperfect: &'a [Trajectory]) -> Result<HashMap<&'a str, usize>, LearnError> {
     let mut folds = HashMap::new();
     for (field, episodes) in [("experts", experts), ("imperfect", imperfect)] {

@@ -1,4 +1,4 @@
-//! What the classifier learns, and from what it may not.
+//! The data that the classifier learns from, and the data it must not depend on.
 
 use crate::LearnError;
 use crate::score::Scores;
@@ -50,8 +50,8 @@ fn the_seed_alone_decides_whatever_the_order() {
 fn an_episode_is_not_scored_by_a_network_that_saw_it() {
     let (experts, mut imperfect) = (toy::experts(4, 6), failures(4));
     let before = classify(&experts, &imperfect, 3).unwrap();
-    // Another recording under the first id changes the network that scores the other fold, and
-    // leaves the one that scores its own fold as it was.
+    // Another recording under the first id changes the network that scores the other fold, and does not change the one
+    // that scores its own fold.
     imperfect[0] = toy::episode("failure 0", 999, 9, false);
     let after = classify(&experts, &imperfect, 3).unwrap();
     assert_eq!(before.imperfect[2].w, after.imperfect[2].w);

@@ -1,5 +1,4 @@
-//! Features as bytes for a store, so that a later run of the same encoder does not encode again. Knows
-//! nothing of files.
+//! Features as bytes for a store, so that a later run of the same encoder does not encode again. Independent of files.
 
 use std::collections::HashMap;
 
@@ -12,22 +11,23 @@ use crate::score::comparison::{Comparison, Source};
 use crate::score::scorer;
 use gleaner_core::{Device, ScoreSpec, Words as _};
 
-/// Changes with whatever in this program, or in libtorch, changes features of the same encoder, episode and settings.
+/// To be raised with every change of this program or of libtorch that changes the features of the same encoder, episode
+/// and settings.
 const VERSION: u32 = 1;
 /// The modalities' names in the bytes.
 const NAMES: [&str; 3] = ["o", "m", "a"];
 
-/// Keeps features from one run to the next. One store is for one encoder and one [`features_kind`].
+/// Stores features from one run to the next. One store is for one encoder and one [`features_kind`].
 pub trait FeatureStore {
-    /// What was put for the episode of this id; `None` when there is nothing. Bytes that cannot be its features are
-    /// passed over.
+    /// The stored bytes for the episode of this id; `None` without any. Bytes that cannot be its features are ignored.
     fn get(&self, episode: &str) -> Option<Vec<u8>>;
 
-    /// Keeps the features of the episode of this id, or does not: they can be made again.
+    /// Stores the features of the episode of this id. An implementation may skip this, because features can be computed
+    /// again.
     fn put(&self, episode: &str, bytes: &[u8]);
 }
 
-/// Keeps nothing.
+/// A store that is always empty.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Forgetful;
 
@@ -39,13 +39,13 @@ impl FeatureStore for Forgetful {
     fn put(&self, _: &str, _: &[u8]) {}
 }
 
-/// What, besides the encoder and the episode, decides a segment's features to the last bit; `None` where features cost
-/// no more to make than to keep.
+/// The values that, besides the encoder and the episode, decide a segment's features to the last bit; `None` where
+/// storing features costs no less than computing them.
 ///
 /// # Errors
 /// [`LearnError::Invalid`] for a scorer that this program does not have.
 pub fn features_kind(spec: &ScoreSpec) -> Result<Option<String>, LearnError> {
-    // All settings, so that none to come is forgotten; features are the same whatever they are compared by.
+    // All fields, so that a new one is not overlooked; features do not depend on the comparison.
     let ScoreSpec { scorer, normaliser: _, device, threads } = spec;
     let scorer = scorer::open(scorer)?;
     let Some(Comparison { source: Source::Features(scale), similarity, local_scale: _, scale: _ }) =
@@ -62,7 +62,7 @@ pub fn features_kind(spec: &ScoreSpec) -> Result<Option<String>, LearnError> {
     Ok(Some(format!("{VERSION} {} {steps} {device} {threads}", scale.as_str())))
 }
 
-/// What libtorch chooses its kernels by: others round otherwise.
+/// The processor features by which libtorch chooses its kernels, whose rounding differs.
 fn processor() -> &'static str {
     #[cfg(target_arch = "x86_64")]
     if std::is_x86_feature_detected!("avx512f") {
@@ -76,7 +76,7 @@ fn processor() -> &'static str {
 /// The features as bytes.
 ///
 /// # Errors
-/// [`LearnError::Checkpoint`] when they do not fit the format, which they do.
+/// [`LearnError::Checkpoint`] when they do not fit the format, which does not happen.
 pub(in crate::score) fn to_bytes(features: &Features) -> Result<Vec<u8>, LearnError> {
     let bytes = [0, 1, 2].map(|i| features.values(i).iter().flat_map(|x| x.to_le_bytes()).collect::<Vec<u8>>());
     let views =
@@ -86,7 +86,7 @@ pub(in crate::score) fn to_bytes(features: &Features) -> Result<Vec<u8>, LearnEr
     Ok(serialize(views.collect::<Result<Vec<_>, LearnError>>()?, None::<HashMap<String, String>>)?)
 }
 
-/// The features that [`to_bytes`] gave; `None` unless they are `count` comparable rows of these widths.
+/// The features in the result of [`to_bytes`]; `None` unless they are `count` comparable rows of these widths.
 pub(in crate::score) fn from_bytes(bytes: &[u8], count: usize, widths: [usize; 3]) -> Option<Features> {
     let tensors = SafeTensors::deserialize(bytes).ok()?;
     let mut values: [Vec<f32>; 3] = Default::default();

@@ -1,5 +1,5 @@
-//! z^o, z^m, z^a of the unmasked pass: of the last step, z_{i+l}, or of all the
-//! segment's steps z_i … z_{i+l}, one after the other.
+//! z^o, z^m, z^a of the unmasked pass: of the last step, z_{i+l}, or of all the segment's steps z_i … z_{i+l},
+//! concatenated.
 
 use tch::Tensor;
 
@@ -8,7 +8,8 @@ use crate::batch::{Batch, Segment, Segments, Windows, int};
 use crate::model::{Modality, Network};
 use crate::trajectory::Trajectory;
 
-/// Of each segment's last `keep` steps, per modality `keep` d values, where places before the episode are zero.
+/// The features of each segment's last `keep` steps: per modality `keep` times d values, zero for places before the
+/// episode.
 pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usize) -> Features {
     let network = encoder.network;
     let every = Segments::every(&network.shape, &[trajectory]);
@@ -30,7 +31,7 @@ pub(super) fn features(encoder: Encoder<'_>, trajectory: &Trajectory, keep: usiz
 pub(super) fn pass(encoder: Encoder<'_>, steps: &Tensor, windows: &Windows, keep: usize) -> [Tensor; 3] {
     let Encoder { network, scale, view } = encoder;
     let z = network.features(steps, windows, view, keep);
-    // The last step always lies in the episode; of the others some may be padding.
+    // The last step is always inside the episode; some of the others may be padding.
     let padding = windows.valid.logical_not().narrow(1, int(network.spec.window() - keep), int(keep));
     let padding = padding.unsqueeze(-1);
     [Modality::Image, Modality::Proprioception, Modality::Action].map(|modality| {

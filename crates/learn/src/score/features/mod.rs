@@ -1,5 +1,5 @@
 //! Features of an episode's segments: what similarities compare. Every frame is encoded once.
-//! Knows nothing of how features are compared.
+//! Independent of their comparison.
 
 pub(super) mod kept;
 mod learned;
@@ -15,11 +15,11 @@ use tch::Tensor;
 
 pub use kept::{FeatureStore, Forgetful, features_kind};
 
-/// Steps encoded, and windows passed, at a time: bounds memory, and being fixed it gives an
-/// episode the same features whatever it is scored with.
+/// Number of steps encoded, and of windows passed, at a time. It bounds memory; being fixed, it makes an episode's
+/// features independent of the other episodes.
 const CHUNK: usize = 128;
 
-/// Features of T segments: a point each, whose parts are o, m and a.
+/// Features of T segments: one point each, with the parts o, m and a.
 pub(super) type Features = gleaner_search::Points;
 
 /// Appends rows, `[N, width]` per modality.
@@ -27,17 +27,17 @@ fn extend(features: &mut Features, parts: &[Tensor; 3]) {
     features.extend(parts.each_ref().map(values));
 }
 
-/// How features are taken.
+/// The network and settings of feature extraction.
 #[derive(Clone, Copy)]
 pub(super) struct Encoder<'a> {
     pub(super) network: &'a Network,
-    /// What they are measured in.
+    /// The scale of the features.
     pub(super) scale: Option<&'a FeatureScale>,
     pub(super) view: View<'static>,
 }
 
-/// The features of the newest segment of each history in `stacked`, that are compared, as [`episode_features`] gives
-/// those of an episode. Of the encoder only: raw observations are not kept in histories.
+/// The compared features of the newest segment of each history in `stacked`, as [`episode_features`] returns those of
+/// an episode. Only features of the encoder: histories do not contain raw observations.
 pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, comparison: &Comparison) -> Features {
     let network = encoder.network;
     let keep = keep(network, comparison);
@@ -47,23 +47,23 @@ pub(super) fn newest_features(encoder: Encoder<'_>, stacked: &Stacked, compariso
     features
 }
 
-/// How many steps of a segment are compared.
+/// Number of steps of a segment that are compared.
 fn keep(network: &Network, comparison: &Comparison) -> usize {
     if comparison.similarity.whole_segment() { network.spec.window() } else { 1 }
 }
 
-/// How many values the features of a segment have that the encoder gives, per modality.
+/// Number of values in the encoder's features of a segment, per modality.
 pub(super) fn widths(network: &Network, comparison: &Comparison) -> [usize; 3] {
     [keep(network, comparison) * network.width(); 3]
 }
 
-/// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the transformer gives them, each `[T, d]`.
+/// z^o, z^m and z^a of the last step of every segment of `trajectory`, as the output of the transformer, each `[T, d]`.
 pub(crate) fn last_steps(network: &Network, view: View<'static>, trajectory: &Trajectory) -> [Tensor; 3] {
     let features = learned::features(Encoder { network, scale: None, view }, trajectory, 1);
     [0, 1, 2].map(|modality| rows(features.values(modality), features.widths()[modality], network.device()))
 }
 
-/// The features of every segment of `trajectory` that are compared.
+/// The compared features of every segment of `trajectory`.
 pub(super) fn episode_features(encoder: Encoder<'_>, trajectory: &Trajectory, comparison: &Comparison) -> Features {
     match comparison.source {
         Source::Features(_) => learned::features(encoder, trajectory, keep(encoder.network, comparison)),

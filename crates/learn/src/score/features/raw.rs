@@ -1,5 +1,5 @@
-//! The observations and actions themselves: all cameras' images down-sampled as H_o predicts
-//! them, proprioception and actions, standardised by the model's statistics. No network pass.
+//! The observations and actions themselves: all cameras' images down-sampled to the targets of H_o, proprioception and
+//! actions, standardised by the model's statistics. No network pass.
 
 use tch::Tensor;
 
@@ -8,8 +8,8 @@ use crate::batch::{Batch, Segment, Segments};
 use crate::model::Network;
 use crate::trajectory::Trajectory;
 
-/// Of every segment's last step, or of all the steps of the `whole` segment. Each value is divided
-/// by the root of its modality's width, so that o, m and a weigh the same whatever their sizes.
+/// Features of every segment's last step, or of all the steps of the `whole` segment. Each value is divided by the root
+/// of its modality's width, so that o, m and a have equal weight for any sizes.
 pub(super) fn features(network: &Network, trajectory: &Trajectory, whole: bool) -> Features {
     let standard = steps(network, trajectory);
     let mut steps = Features::empty(standard.widths());
@@ -44,8 +44,7 @@ fn standard(network: &Network, trajectory: &Trajectory, chunk: &[Segment]) -> [T
     ]
 }
 
-/// The last `window` steps one after the other, for every step; places before the episode are
-/// zero.
+/// The last `window` steps concatenated, for every step; places before the episode are zero.
 fn windows(steps: &Features, window: usize) -> Features {
     let mut all = Features::empty(steps.widths().map(|width| width * window));
     all.extend([0, 1, 2].map(|modality| {

@@ -1,4 +1,4 @@
-//! What a segment's features hold and what they may not depend on.
+//! Contents of a segment's features, and dependences that are forbidden.
 
 use tch::no_grad_guard;
 

@@ -1,4 +1,4 @@
-//! A live score is what the run gives, however it is asked for.
+//! A live score equals that of the run, for histories and for whole episodes.
 
 use super::super::tests::encoder;
 use super::*;
@@ -14,7 +14,7 @@ fn specs() -> Vec<ScoreSpec> {
     vec![plain, quantile, similarity("last_cosine"), similarity("segment_l2")]
 }
 
-/// Experts in an order that is not that of their ids, and a failure.
+/// Experts in another order than that of their ids, and a failure.
 fn episodes() -> (Vec<Trajectory>, Trajectory) {
     let mut experts = toy::experts(4, 12);
     experts.reverse();
@@ -45,7 +45,7 @@ fn a_session_scores_step_by_step_as_the_episode_does() {
             history.push(embedding, failure.proprioception[step * 3..][..3].to_vec()).unwrap();
             history.set_executed(failure.action[step * 2..][..2].to_vec()).unwrap();
             let now = live.score(&[&history, &history]).unwrap();
-            // Alike but for the place in the batch.
+            // Equal except for the place in the batch.
             assert!((now[0].w - now[1].w).abs() < 1e-5 * now[0].w.abs(), "{now:?}");
             let (w, q) = (run.imperfect[0].w[step], run.imperfect[0].q[step]);
             assert!((now[0].w - w).abs() < 1e-3 * w.abs().max(1.0), "{spec:?} {step}: {} {w}", now[0].w);

@@ -1,5 +1,5 @@
-//! What a scorer is: how segments are compared with those of experts, or a network trained on all episodes. Must not
-//! depend on which scorers there are.
+//! The definition of a scorer: a comparison of segments with those of experts, or a network trained on all episodes.
+//! Must not depend on the list of scorers.
 
 use gleaner_core::kinds::{Kind, Needs};
 use gleaner_core::{Chosen, Setting};
@@ -17,11 +17,11 @@ pub(in crate::score) struct ScorerKind {
     pub(in crate::score) name: &'static str,
     /// The name for people.
     pub(in crate::score) title: &'static str,
-    /// What it is, in one sentence.
+    /// Description in one sentence.
     pub(in crate::score) about: &'static str,
-    /// What it cannot do without.
+    /// Its requirements.
     pub(in crate::score) needs: Needs,
-    /// The settings that it has besides those of every score run.
+    /// Its settings besides those of every score run.
     pub(in crate::score) settings: fn() -> Vec<Setting>,
     /// The scorer with its settings.
     pub(in crate::score) open: fn(&Chosen) -> Result<Scorer, LearnError>,
@@ -37,13 +37,13 @@ impl ScorerKind {
 
 /// A scorer with its settings.
 pub(in crate::score) enum Scorer {
-    /// By the nearest expert segment.
+    /// Scores by the nearest expert segment.
     Nearest(Comparison),
-    /// By what is trained on all episodes at once.
+    /// Scores by a model trained on all episodes at once.
     Trained(Trained),
 }
 
-/// Scores the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the order given.
+/// Scores the (experts, imperfect) episodes, without q, as (imperfect, experts), each in the given order.
 pub(in crate::score) type Trained = Box<
     dyn Fn(
             &Network,
@@ -54,7 +54,7 @@ pub(in crate::score) type Trained = Box<
 >;
 
 impl Scorer {
-    /// How segments are compared; `None` for a scorer that is trained.
+    /// The comparison of segments; `None` for a scorer that is trained.
     pub(in crate::score) fn comparison(&self) -> Option<&Comparison> {
         match self {
             Self::Nearest(comparison) => Some(comparison),

@@ -1,11 +1,11 @@
-//! Going on from an earlier run gives what a full run gives.
+//! Extending an earlier run gives the result of a full run.
 
 use std::cell::RefCell;
 use std::collections::HashMap;
 
 use super::*;
 
-/// What the server keeps of a run.
+/// The part of a run that the server stores.
 fn base(scores: Scores, experts: &[Trajectory]) -> ScoreBase {
     let mut all = scores.imperfect;
     all.extend(scores.experts);
@@ -32,7 +32,7 @@ fn extend(experts: &[Trajectory], imperfect: &[Trajectory], base: &ScoreBase, sp
     try_extend(experts, imperfect, base, spec).unwrap()
 }
 
-/// A full run under `normaliser`: it goes on from a run that knew nothing else.
+/// A full run under `normaliser`: it extends a run without scores.
 fn full(experts: &[Trajectory], imperfect: &[Trajectory], normaliser: &Normaliser, spec: &ScoreSpec) -> Scores {
     let nothing = ScoreBase { normaliser: normaliser.clone(), experts: Vec::new(), scores: Vec::new() };
     let full = extend(experts, imperfect, &nothing, spec);
@@ -58,7 +58,7 @@ fn bits(scores: &Scores) -> Vec<(u64, u32, u32, u32, [u32; 3])> {
 #[test]
 fn more_experts_more_imperfect_or_both_give_the_bits_of_a_full_run() {
     let (mut experts, imperfect) = (toy::experts(6, 8), failures(6));
-    // New experts that tie with old ones: before them in the order of ids, and after.
+    // New experts that tie with old ones: one before them in the order of ids, and one after.
     let twin = |of: &Trajectory, id: &str| Trajectory { id: id.into(), ..of.clone() };
     experts.insert(0, twin(&experts[1], "a twin"));
     experts.push(twin(&experts[2], "the twin"));
@@ -87,7 +87,7 @@ fn a_lone_expert_and_an_episode_that_changed_its_role_are_scored_as_in_a_full_ru
     let spec = ScoreSpec { normaliser, ..spec_of("ssdf", &[("local_scale", false.into())]) };
     let first = run(&experts[..1], &imperfect, &spec);
     let base = base(first.clone(), &experts[..1]);
-    // The last failure turns out to have been a success.
+    // The last failure is relabelled as a success.
     let more = [imperfect[2].clone(), experts[0].clone()];
     for left in [&imperfect[..2], &imperfect] {
         let extended = extend(&more, left, &base, &spec);
@@ -113,7 +113,7 @@ fn what_is_known_is_not_encoded_again() {
     let (experts, imperfect) = (toy::experts(3, 8), failures(4));
     let spec = ScoreSpec::default();
     let base = base(run(&experts, &imperfect, &spec), &experts);
-    // Were it encoded, this would change the scores.
+    // Encoding this episode would change the scores.
     let mut blind = imperfect.clone();
     blind[0].proprioception.iter_mut().for_each(|value| *value += 3.0);
     let new = toy::episode("failure 9", 200, 7, false);
@@ -153,7 +153,7 @@ fn a_base_that_does_not_fit_is_named() {
     assert!(message(&experts, &ScoreBase { normaliser, ..good.clone() }, &spec).starts_with("base.normaliser: "));
 }
 
-/// Keeps features in memory.
+/// Stores features in memory.
 #[derive(Default)]
 struct Memory(RefCell<HashMap<String, Vec<u8>>>);
 
@@ -181,10 +181,10 @@ fn kept_features_give_the_same_bits_and_are_not_encoded_again() {
             continue;
         }
         assert_eq!(of_all, 6);
-        // Were it encoded, this would change the scores.
+        // Encoding this episode would change the scores.
         let mut blind = imperfect.clone();
         blind[0].proprioception.iter_mut().for_each(|value| *value += 3.0);
-        // Cut off, as by a disk: made again.
+        // Truncated, as by a disk fault: computed again.
         kept.0.borrow_mut().get_mut("failure 1").unwrap().pop();
         let base = base(first.clone(), &experts[..3]);
         let inputs = ScoreInputs { experts: &experts, imperfect: &blind, ..inputs };

@@ -9,7 +9,7 @@ pub(super) struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
     big_endian: bool,
-    /// Of the values that the message becomes.
+    /// The budget for the values of the message.
     pub(super) budget: Budget,
 }
 

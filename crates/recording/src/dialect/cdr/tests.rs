@@ -1,4 +1,4 @@
-//! Tests of the room above.
+//! Tests of the parent module.
 
 use super::*;
 
@@ -73,7 +73,7 @@ fn refuses_lengths_beyond_the_bytes_without_reserving() {
 }
 
 #[test]
-fn a_type_that_holds_itself_ends() {
+fn recursive_type_is_refused() {
     let schema = format!("Loop a\n{}\nMSG: lab_msgs/Loop\nLoop again", "=".repeat(80));
     assert!(decode(&schema, &[0, 1, 0, 0, 1, 2, 3]).unwrap_err().contains("nested"));
 }

@@ -1,11 +1,11 @@
-//! Byte codes: their bounds, and the search where they tell little or nothing apart. Where the
-//! processor does not multiply bytes the search does without them.
+//! Byte codes: their bounds, and the search where they distinguish few points or none. On processors that do not
+//! multiply bytes the search runs without them.
 
 use super::*;
 use crate::codes::Queries;
 use crate::lanes::{self, Lanes, PANELS, QUERIES, WIDE};
 
-/// `count` rows that differ by about `by`, and one as far off as `outlier`.
+/// `count` rows that differ by about `by`, and one at the distance `outlier`.
 fn crowd(seed: u64, count: usize, (by, outlier): (f32, f32)) -> Points {
     let mut rng = generator(seed, 12);
     let values = WIDTHS.map(|width| {
@@ -59,14 +59,14 @@ fn queries_and_points_of_any_number_are_compared() {
 
 #[test]
 fn what_codes_do_not_tell_apart_is_found_all_the_same() {
-    // Beside the outlier all the rest has the same code; with this many queries the last are not coded.
+    // Because of the outlier all other rows have the same code; with this many queries the last ones are not coded.
     let groups = [crowd(1, 150, (0.01, 1e6)), crowd(2, 80, (0.01, 3.0))];
     let queries = crowd(3, 800, (0.01, 3.0));
     for metric in [METRICS[0], METRICS[1]] {
         let expected = brute_force(&groups, &queries, metric, None);
         assert_eq!(found(&groups, &queries, metric, (TILES[0], None)), expected);
     }
-    // Some queries only: those near the outlier are distinguished.
+    // Few queries: those near the outlier are distinguished.
     let queries = crowd(4, 30, (0.01, 1e6));
     let expected = brute_force(&groups, &queries, ONES, None);
     assert_eq!(found(&groups, &queries, ONES, (TILES[0], None)), expected);

@@ -1,4 +1,4 @@
-//! The filter's bounds by themselves.
+//! The filter's bounds alone.
 
 use tch::{Device, Tensor};
 

@@ -9,7 +9,7 @@ use crate::{
     store::testing,
 };
 
-/// An episode with its own name and warnings, visible since this many milliseconds after 1970.
+/// An episode with its own name and warnings, visible since this number of milliseconds after 1970.
 async fn episode(store: &Store, task: &Task, name: &str, (warnings, at): (u64, i64)) -> Episode {
     let upload = Upload { file_name: name.into(), cohort: "ada".into(), ..testing::upload(task, name.as_bytes()) };
     let mut inspected = testing::inspected(task, &upload);

@@ -1,4 +1,4 @@
-//! Labels with history, given by one and by two at once.
+//! Labels with history, from one client and from two at once.
 
 use super::*;
 use crate::{domain::task::Task, error::Kind, store::testing};
@@ -94,7 +94,7 @@ async fn a_label_on_an_old_version_changes_nothing_and_returns_the_newer_label()
     for (place, count) in [(0, 1), (1, 2), (2, 1)] {
         assert_eq!(store.labels(&versions[place].0).await.unwrap().len(), count, "{place}");
     }
-    // They look and decide.
+    // The second client reads the new version and labels again.
     let again = [versions[0].clone(), (episode_id.clone(), *label_version)];
     let done = store.label_episodes_as_seen(&again, &label(Outcome::Failure, None)).await.unwrap();
     assert!(matches!(done, Labelled::Done(done) if done.len() == 2));

@@ -1,4 +1,4 @@
-//! Every wrong field of an order is named by its path, with what it must be.
+//! Every wrong field of an order is named by its path, with its allowed values.
 
 use super::*;
 
@@ -25,7 +25,7 @@ fn train_with(settings: Value, change: impl FnOnce(&mut v1::TrainSpec)) -> Sent 
     Sent::Train(spec)
 }
 
-/// A training of ACT, which starts from scratch.
+/// A training order of ACT, which starts from scratch.
 fn act_of(settings: Value) -> Sent {
     let mut all = values(json!({"policy": "act"}));
     all.extend(values(settings));
@@ -156,7 +156,7 @@ fn every_number_of_a_spec_is_checked() {
     ]);
 }
 
-/// The wire's numbers are doubles, which JSON cannot hold all of.
+/// Numbers on the wire are doubles; JSON has no form for some of them.
 #[test]
 fn numbers_that_are_none_are_rejected() {
     for wrong in [f64::NAN, f64::INFINITY] {

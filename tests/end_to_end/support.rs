@@ -1,0 +1,22 @@
+//! Helpers of the end-to-end tests, one module for each concern: servers, clients, recordings, faults, waits. Tests use
+//! this module; it depends on no test.
+
+pub mod api;
+pub mod browser;
+pub mod command;
+pub mod crash;
+pub mod data_folder;
+pub mod disk;
+pub mod errors;
+pub mod files;
+pub mod http;
+pub mod lab;
+pub mod process;
+pub mod robot;
+pub mod rollouts;
+pub mod rpc;
+pub mod secure;
+pub mod server;
+pub mod shared;
+pub mod skipped;
+pub mod wait;

@@ -1,0 +1,24 @@
+//! Pages over a plain socket, with their headers.
+
+use tokio::{
+    io::{AsyncReadExt as _, AsyncWriteExt as _},
+    net::TcpStream,
+};
+
+use super::wait::within;
+
+/// Requests a page of a server by its address.
+pub async fn get(url: &str) -> String {
+    let (address, path) = url.strip_prefix("http://").unwrap().split_once('/').unwrap();
+    let request = format!("GET /{path} HTTP/1.1\r\nHost: {address}\r\nAccept: text/html, */*\r\n\r\n");
+    String::from_utf8(exchange(address, request.as_bytes()).await).unwrap()
+}
+
+/// Sends bytes on a new connection and reads until the server closes it.
+pub async fn exchange(address: &str, request: &[u8]) -> Vec<u8> {
+    let mut stream = TcpStream::connect(address).await.unwrap();
+    stream.write_all(request).await.unwrap();
+    let mut response = Vec::new();
+    within("the server closes the connection", stream.read_to_end(&mut response)).await.unwrap();
+    response
+}
