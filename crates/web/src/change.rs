@@ -51,7 +51,7 @@ mod tests {
         let refused = Err(gleaner_core::Error::invalid("id", "must be an id").into());
         let long = "\u{1b}[2J\n".repeat(1000);
         let response = about([("job_id", long.as_str()), ("task", "reach")], refused);
-        let Some(Subjects(subjects)) = response.extensions().get() else { unreachable!("it says nothing") };
+        let Some(Subjects(subjects)) = response.extensions().get() else { unreachable!("it has no subjects") };
         assert_eq!(subjects[1], "task=reach");
         assert_eq!(subjects[0].len(), "job_id=".len() + LONGEST);
         assert!(subjects[0].starts_with("job_id=\\u{1b}[2J\\n") && !subjects[0].contains(char::is_control));

@@ -21,13 +21,13 @@ const PROOF: &str = "x-gleaner-proof";
 ///
 /// # Errors
 /// Forbidden; Invalid when the body is too large or incomplete.
-pub(super) async fn whole(request: Request, most: usize, proof: Option<&str>) -> Result<Request> {
+pub(super) async fn checked(request: Request, most: usize, proof: Option<&str>) -> Result<Request> {
     let (parts, body) = request.into_parts();
     let body = axum::body::to_bytes(body, most).await.map_err(|_| {
         Error::invalid("body", format!("is incomplete or larger than {most} bytes; send fewer items at a time"))
     })?;
     if let Some(proof) = proof
-        && brought(&parts.headers, &body) != Some(proof)
+        && sent_proof(&parts.headers, &body) != Some(proof)
     {
         return Err(Error::forbidden("the request's proof is missing or expired; reload the page and retry"));
     }
@@ -35,7 +35,7 @@ pub(super) async fn whole(request: Request, most: usize, proof: Option<&str>) ->
 }
 
 /// The proof in a request.
-fn brought<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
+fn sent_proof<'a>(headers: &'a HeaderMap, body: &'a [u8]) -> Option<&'a str> {
     let in_header = headers.get(PROOF).and_then(|value| value.to_str().ok());
     let form = headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/x-www-form"));
     let in_form = || {

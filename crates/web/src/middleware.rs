@@ -52,8 +52,8 @@ pub(super) async fn pass(
     next: Next,
 ) -> Response {
     connection.note_call();
-    let come = Browser::of(request.headers(), &state.cookie);
-    let browser = come.clone().unwrap_or_else(Browser::new);
+    let known = Browser::of(request.headers(), &state.cookie);
+    let browser = known.clone().unwrap_or_else(Browser::new);
     let wants_data = wants_data(&request);
     let uri = request.uri().clone();
     let served = tokio::time::timeout(WITHIN, serve(&state, page, &connection, &browser, (request, next))).await;
@@ -70,14 +70,14 @@ pub(super) async fn pass(
     };
     if let Some(text) = response.extensions_mut().remove::<ErrorText>() {
         response = error_response(response.status(), &text, wants_data);
-    } else if response.status().is_client_error() && says_text(response.headers()) {
+    } else if response.status().is_client_error() && is_plain_text(response.headers()) {
         // Errors of axum itself, such as a malformed form.
         let status = response.status();
         let body = axum::body::to_bytes(response.into_body(), BODY_BYTES).await.unwrap_or_default();
         response = error_response(status, &ErrorText(String::from_utf8_lossy(&body).into_owned()), wants_data);
     }
     // Requests for images and data need no cookie.
-    let remembered = (come.is_none() && !wants_data && page != Page::Asset).then_some(browser);
+    let remembered = (known.is_none() && !wants_data && page != Page::Asset).then_some(browser);
     finish(&state, &mut response, remembered);
     response
 }
@@ -109,14 +109,14 @@ async fn serve(
     if page.method() == "POST" {
         let most = if page.is_open() { OPEN_BODY_BYTES } else { BODY_BYTES };
         // A request with a token in a header does not come from a browser on another site.
-        request = forgery::whole(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
+        request = forgery::checked(request, most, bearer.is_none().then_some(page_request.proof.as_str())).await?;
     }
     request.extensions_mut().insert(browser.clone());
     request.extensions_mut().insert(page_request);
     // Further requests of this client wait meanwhile.
     let turn = call.turn().await;
     let response = if changes {
-        made(state, page, connection, &caller, next.run(request)).await?
+        change(state, page, connection, &caller, next.run(request)).await?
     } else {
         next.run(request).await
     };
@@ -158,7 +158,7 @@ async fn identify(
 }
 
 /// Makes a change to the end and records it, even if its caller is gone.
-async fn made(
+async fn change(
     state: &Arc<AppState>,
     page: Page,
     connection: &ConnectionState,
@@ -205,7 +205,7 @@ fn bearer(headers: &HeaderMap) -> Option<&str> {
     scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
-fn says_text(headers: &HeaderMap) -> bool {
+fn is_plain_text(headers: &HeaderMap) -> bool {
     headers.get(CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"text/plain"))
 }
 
@@ -225,7 +225,7 @@ fn error_response(status: StatusCode, text: &ErrorText, data: bool) -> Response 
 }
 
 /// The response to an unknown address.
-pub(super) async fn nowhere(state: Arc<AppState>, connection: ConnectionState, request: Request) -> Response {
+pub(super) async fn not_found(state: Arc<AppState>, connection: ConnectionState, request: Request) -> Response {
     connection.note_call();
     let text = ErrorText("There is no such page here. Ids are written as the lists show them.".to_owned());
     let mut response = error_response(StatusCode::NOT_FOUND, &text, wants_data(&request));

@@ -19,16 +19,16 @@ use super::{
 pub(super) fn all(state: &Arc<AppState>) -> Router {
     let pages = Page::ALL.iter().fold(Router::new(), |pages, &page| {
         let guarded = from_fn_with_state((Arc::clone(state), page), middleware::pass);
-        pages.route(page.path(), made(page).layer(guarded))
+        pages.route(page.path(), handler(page).layer(guarded))
     });
-    let lost = {
+    let not_found = {
         let state = Arc::clone(state);
-        move |ConnectInfo(connection), request| middleware::nowhere(state, connection, request)
+        move |ConnectInfo(connection), request| middleware::not_found(state, connection, request)
     };
-    pages.fallback(lost.clone()).method_not_allowed_fallback(lost)
+    pages.fallback(not_found.clone()).method_not_allowed_fallback(not_found)
 }
 
-fn made(page: Page) -> MethodRouter {
+fn handler(page: Page) -> MethodRouter {
     match page {
         Page::Metrics => get(machines::metrics),
         Page::Health => get(machines::health),

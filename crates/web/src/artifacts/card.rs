@@ -43,7 +43,7 @@ pub(super) struct Card {
     /// The link of the card.
     pub(super) to: Option<String>,
     /// A short description.
-    pub(super) says: String,
+    pub(super) summary: String,
     /// The state of its job, while the result does not exist.
     pub(super) state: Option<JobState>,
 }
@@ -82,7 +82,7 @@ fn one(card: &Card, here: bool) -> Markup {
             @if here { span.id title=(card.id) aria-current="true" { (link::short(&card.id)) } }
             @else { (link::brief(&card.id, card.to.as_deref())) }
             @if let Some(state) = card.state { " " span class=(format!("tag {}", state.as_str())) { (state.as_str()) } }
-            @if !card.says.is_empty() { div.soft { (card.says) } }
+            @if !card.summary.is_empty() { div.soft { (card.summary) } }
         }
     }
 }
@@ -92,7 +92,7 @@ mod tests {
     use super::*;
 
     fn card(stage: Stage, id: &str) -> Card {
-        Card { stage, id: id.into(), to: Some(format!("/x/{id}")), says: String::new(), state: None }
+        Card { stage, id: id.into(), to: Some(format!("/x/{id}")), summary: String::new(), state: None }
     }
 
     #[test]

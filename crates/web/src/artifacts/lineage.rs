@@ -120,7 +120,7 @@ impl<'a> Family<'a> {
             self.add(Card {
                 stage: Stage::Use,
                 to: evaluation.job_id.as_ref().map(|job| format!("/jobs/{job}")),
-                says: format!("{} in {}", rate(&evaluation.success()), evaluation.simulation),
+                summary: format!("{} in {}", rate(&evaluation.success()), evaluation.simulation),
                 id: evaluation.id.into(),
                 state: None,
             });
@@ -133,18 +133,18 @@ impl<'a> Family<'a> {
 fn of_result(job: &Job) -> Card {
     let made_by = Some(format!("/jobs/{}", job.id));
     let own = link::page(&job.result_id).filter(|_| job.state == JobState::Succeeded).or_else(|| made_by.clone());
-    let (stage, to, says) = match &job.spec {
+    let (stage, to, summary) = match &job.spec {
         JobSpec::Pretrain { spec, .. } => (Stage::Encoder, own, text::counted(spec.optim.steps, "step")),
         JobSpec::Score { spec, .. } => (Stage::Scores, own, spec.scorer.name.clone()),
         JobSpec::Train { spec, .. } => {
-            let says = format!("{}, {}", spec.policy.name, text::counted(spec.optim.steps, "step"));
-            (Stage::Policy, own, says)
+            let summary = format!("{}, {}", spec.policy.name, text::counted(spec.optim.steps, "step"));
+            (Stage::Policy, own, summary)
         }
         JobSpec::Export { .. } => (Stage::Use, made_by, "export".to_owned()),
         JobSpec::Evaluate { spec, .. } => (Stage::Use, made_by, format!("evaluation in {}", spec.simulation)),
     };
     let state = (job.state != JobState::Succeeded).then_some(job.state);
-    Card { stage, id: job.result_id.clone(), to, says, state }
+    Card { stage, id: job.result_id.clone(), to, summary, state }
 }
 
 fn of_a_dataset(dataset: &Dataset) -> Card {
@@ -152,7 +152,7 @@ fn of_a_dataset(dataset: &Dataset) -> Card {
         stage: Stage::Dataset,
         id: dataset.id.to_string(),
         to: Some(format!("/datasets/{}", dataset.id)),
-        says: link::selection(dataset.selection),
+        summary: link::selection(dataset.selection),
         state: None,
     }
 }
@@ -162,7 +162,7 @@ fn of_episodes(snapshot: &Snapshot) -> Card {
         stage: Stage::Episodes,
         id: snapshot.id.to_string(),
         to: link::page(snapshot.id.as_str()),
-        says: counts(snapshot),
+        summary: counts(snapshot),
         state: None,
     }
 }
@@ -195,7 +195,7 @@ fn of_deployment(deployment: &Deployment) -> Card {
         stage: Stage::Use,
         id: deployment.name.clone(),
         to: Some(format!("/deployments/{}", deployment.name)),
-        says: "deployment".to_owned(),
+        summary: "deployment".to_owned(),
         state: None,
     }
 }

@@ -123,7 +123,7 @@ fn report(view: &View) -> Markup {
             }
             ul.findings { @for finding in &report.findings { (found(view, finding)) } }
             dl.facts {
-                dt { "Rate" } dd { (format!("{:.2}", report.rate_hz)) " Hz, the task says " (view.task.spec.rate_hz) " Hz" }
+                dt { "Rate" } dd { (format!("{:.2}", report.rate_hz)) " Hz; the task declares " (view.task.spec.rate_hz) " Hz" }
                 dt { "Messages" } dd { (text::count(report.messages)) }
                 @if report.dropped_ticks > 0 { dt { "Ticks dropped" } dd { (text::count(report.dropped_ticks)) } }
             }

@@ -37,7 +37,7 @@ pub(super) fn timeline(view: &View, times: &[f64]) -> Markup {
                     (panels("Action", &numbers.action, times))
                 }
                 Err(error) if error.kind() == Kind::Internal => {
-                    p.note.bad { "The recording's steps cannot be read; the server's log says why." }
+                    p.note.bad { "The recording's steps cannot be read; the server's log has the cause." }
                 }
                 Err(error) => p.note.bad { "The recording's steps cannot be shown: " (error.message()) },
             }

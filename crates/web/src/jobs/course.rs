@@ -15,7 +15,7 @@ use crate::{Backend, artifacts::link, page_request::PageRequest, refusal::Answer
 /// Points of a curve: more than its plot has pixels.
 const POINTS: u32 = 2000;
 
-/// The part by itself.
+/// The part alone.
 pub(crate) async fn show(request: PageRequest, Path(id): Path<String>) -> Answer {
     let backend = request.backend();
     let job = backend.job(&JobId::parse("id", &id)?).await?;

@@ -24,7 +24,7 @@ pub(super) fn newest(job: &JobId, log: &Result<String>) -> Markup {
         section #log-section aria-labelledby="log-head" {
             h2 #log-head { "Log" }
             @match log {
-                Err(_) => p.note.bad { "The log cannot be read; the server's own log says why." },
+                Err(_) => p.note.bad { "The log cannot be read; the server's own log has the cause." },
                 Ok(log) if log.is_empty() => p.panel.empty { "The log is empty." },
                 Ok(log) => (lines(job, last(log, SHOWN))),
             }
