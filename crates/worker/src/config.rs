@@ -45,3 +45,17 @@ pub struct WorkerConfig {
     #[arg(long, env = gleaner_data_folder::fail_point::VARIABLE, hide = true)]
     pub fail_point: Option<String>,
 }
+
+impl WorkerConfig {
+    /// Makes this process exit at the fail point of its configuration, if that names one, and the server with it.
+    ///
+    /// # Errors
+    /// A sentence that names the mistake.
+    pub fn arm_fail_point(&self) -> Result<(), String> {
+        #[cfg(feature = "fail-points")]
+        if let Some(which) = &self.fail_point {
+            return gleaner_data_folder::fail_point::arm(which, self.parent);
+        }
+        Ok(())
+    }
+}

@@ -30,9 +30,6 @@ fn main() -> ExitCode {
 }
 
 fn prepare(config: &WorkerConfig) -> Result<(), String> {
-    #[cfg(feature = "fail-points")]
-    if let Some(which) = &config.fail_point {
-        gleaner_data_folder::fail_point::arm(which, config.parent)?;
-    }
+    config.arm_fail_point()?;
     tracing_subscriber::registry().with(config.log.layer()?).try_init().map_err(|error| error.to_string())
 }
