@@ -3,11 +3,11 @@
 //! The order makes every backup complete:
 //!
 //! 1. the server is prevented from removing blobs, so that blobs named by the copied database stay until they are
-//! copied;
+//!    copied;
 //! 2. the database is copied first, in one read transaction, to a draft: a blob stored later is named by no row of the
-//! copy; in the opposite order a row could name a blob that was stored too late to be copied;
+//!    copy; in the opposite order a row could name a blob that was stored too late to be copied;
 //! 3. each blob is copied to a draft, checked by its digest, and renamed to its path; a blob of an earlier backup is
-//! copied again only if it is to be verified and does not match its name;
+//!    copied again only if it is to be verified and does not match its name;
 //! 4. the database's draft is renamed over the earlier one, then the manifest is written.
 //!
 //! A backup interrupted before step 4 leaves the earlier backup, with additional blobs. Open uploads are not part of a
