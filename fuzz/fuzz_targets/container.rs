@@ -2,7 +2,7 @@
 #![no_main]
 
 use gleaner_fuzz::{
-    recording::{read, salvage},
+    recording::{read, salvage_and_read},
     run, seeds,
 };
 use libfuzzer_sys::fuzz_target;
@@ -13,6 +13,6 @@ fuzz_target!(init: seeds::write("container"), |bytes: &[u8]| run(|| container(by
 fn container(bytes: &[u8]) {
     read(bytes);
     if bytes.len() % 8 == 0 {
-        salvage(bytes);
+        salvage_and_read(bytes);
     }
 }

@@ -42,7 +42,7 @@ pub fn read(bytes: &[u8]) {
 }
 
 /// Salvages a file like a damaged rollout; the result is complete.
-pub fn salvage(bytes: &[u8]) {
+pub fn salvage_and_read(bytes: &[u8]) {
     std::fs::write(&*FILE, bytes).expect("the temporary directory is writable");
     if salvage(&FILE, &REPAIRED).is_ok() {
         let damaged = matches!(read_episode(&REPAIRED, &TASK), Err(RecordingError::Damaged { .. }));

@@ -15,7 +15,7 @@ const MOST_BYTES: u64 = 64 << 10;
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Writes the first inputs of a target into its folder, unless they exist.
+/// Writes the first inputs of a target into its folder in `growth/`.
 ///
 /// # Panics
 /// If the folder is not writable.

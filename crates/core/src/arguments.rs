@@ -55,13 +55,13 @@ macro_rules! options {
 }
 
 options! {
-    /// Those of a pretraining.
+    /// The settings of a pretraining.
     Pretrain = "pretrain";
-    /// Those of a scoring.
+    /// The settings of a scoring.
     Score = "score";
-    /// Those of a training.
+    /// The settings of a training.
     Train = "train";
-    /// Those of an evaluation.
+    /// The settings of an evaluation.
     Evaluate = "evaluate";
 }
 

@@ -11,7 +11,7 @@ pub struct Attempt {
     pub token_hash: String,
 }
 
-/// How an attempt ended without a result.
+/// The end of an attempt without a result.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum AttemptEnd {
     /// The server stopped it, or crashed: no fault of the job, so the attempt does not count.

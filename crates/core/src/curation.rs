@@ -84,7 +84,7 @@ pub enum SortKey {
     Outcome,
     /// The cohort, by name.
     Cohort,
-    /// How many warnings the report has.
+    /// Number of warnings in the report.
     Findings,
 }
 
@@ -169,7 +169,7 @@ pub struct SegmentRef {
 /// A label as an entry of the history, with its version.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LabelSeen {
-    /// How the attempt ended.
+    /// Outcome of the episode.
     pub outcome: Outcome,
     /// Its cohort.
     pub cohort: String,

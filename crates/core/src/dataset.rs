@@ -16,7 +16,7 @@ pub struct Dataset {
     pub task_id: TaskId,
     /// The run it filters; may not be finished yet.
     pub score_run_id: ScoreRunId,
-    /// Which imperfect segments are kept.
+    /// The imperfect segments that are kept.
     pub selection: Selection,
     /// When it was made.
     pub created_at: Millis,

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{Report, Severity};
 
-/// How an attempt at the task ended.
+/// Outcome of an attempt at the task.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -50,11 +50,11 @@ pub struct Episode {
     pub size_bytes: u64,
     /// T, the number of aligned steps.
     pub steps: u64,
-    /// From the first step to the last, in seconds.
+    /// Time from the first step to the last, in seconds.
     pub duration_s: f64,
     /// The task's mapping that was used.
     pub mapping: String,
-    /// How many findings of its report are warnings.
+    /// Number of findings of its report that are warnings.
     pub warnings: u64,
     /// Its present label.
     pub outcome: Outcome,

@@ -123,7 +123,7 @@ pub enum JobSpec {
     },
     /// Weighted behaviour cloning.
     Train {
-        /// Where training begins; `None` from scratch.
+        /// The encoder that training starts from; `None`: training starts from scratch.
         encoder_id: Option<EncoderId>,
         /// The experts' snapshot.
         snapshot_id: SnapshotId,

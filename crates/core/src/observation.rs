@@ -89,20 +89,24 @@ pub struct Acted {
     pub timings: Timings,
 }
 
+/// The settings of a session, as its robot opens it.
+#[derive(Debug, Clone, Default)]
+pub struct SessionSettings {
+    /// The deployment whose policy acts.
+    pub deployment: String,
+    /// Control steps per second; `None`: the task's rate.
+    pub control_rate_hz: Option<f64>,
+    /// The deadline of observations without one of their own.
+    pub deadline: Option<Duration>,
+    /// The cohort of the recorded episode; `None`: the session is not recorded.
+    pub record: Option<String>,
+}
+
 /// Messages from a robot in a session.
 #[derive(Debug, Clone)]
 pub enum SessionInput {
     /// The first message, sent once.
-    Open {
-        /// The deployment whose policy acts.
-        deployment: String,
-        /// Steps per second the robot will run at; 0: the task's rate.
-        control_rate_hz: f64,
-        /// The deadline of observations without one of their own.
-        deadline: Option<Duration>,
-        /// The cohort of the recorded episode; `None`: the session is not recorded.
-        record: Option<String>,
-    },
+    Open(SessionSettings),
     /// A new observation.
     Observation(Observation),
     /// The last message.
@@ -130,7 +134,7 @@ pub enum SessionOutput {
         acted: Acted,
         /// Observations skipped since the last response.
         dropped: u64,
-        /// Of the newest segment that has been scored.
+        /// The score of the newest scored segment.
         score: Option<SegmentScored>,
     },
     /// No action for an observation, because its deadline passed.

@@ -106,7 +106,7 @@ pub fn needs_encoder(spec: &TrainSpec) -> bool {
     Family::Policy.find(&spec.policy.name).is_some_and(|kind| kind.needs.encoder)
 }
 
-/// How an ordered job is queued.
+/// Settings of an ordered job's queueing.
 #[derive(Debug, Clone, Default)]
 pub struct Queueing {
     /// Jobs with higher values run first.

@@ -14,7 +14,7 @@ pub struct Report {
     pub messages: u64,
     /// Number of aligned steps.
     pub steps: u64,
-    /// From the first to the last step, in nanoseconds.
+    /// Time from the first to the last step, in nanoseconds.
     pub duration_ns: i64,
     /// Measured step rate in hertz; 0 with fewer than two steps.
     pub rate_hz: f64,

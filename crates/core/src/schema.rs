@@ -17,7 +17,7 @@ const SHOWN: usize = 80;
 pub struct Problem {
     /// The setting, such as `learning_rate`.
     pub field: String,
-    /// What is wrong, and what would be right.
+    /// The fault, and the allowed values.
     pub message: String,
 }
 

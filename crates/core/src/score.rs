@@ -39,17 +39,17 @@ pub struct ScoreRun {
     pub encoder_id: EncoderId,
     /// The experts and imperfect episodes.
     pub snapshot_id: SnapshotId,
-    /// How it was scored: scorer, normaliser, and their settings.
+    /// Scorer, normaliser, and their settings.
     pub spec: ScoreSpec,
     /// w, on the local scale if the scorer has one, that maps to q = 0, frozen.
     pub lo: f64,
-    /// Likewise to q = 1.
+    /// The w that maps to q = 1, likewise.
     pub hi: f64,
-    /// Likewise at evenly spaced quantiles, low to high, frozen; for the quantile normaliser only.
+    /// The w of evenly spaced quantiles, low to high, likewise; for the quantile normaliser only.
     pub quantiles: Vec<f64>,
     /// The run that it extends, if any.
     pub extends: Option<ScoreRunId>,
-    /// The experts, which `match_episode` counts.
+    /// The experts, to which `match_episode` refers by index.
     pub expert_ids: Vec<EpisodeId>,
     /// When it was finished.
     pub created_at: Millis,
@@ -105,7 +105,7 @@ impl<Id> EpisodeScores<Id> {
     /// The same scores under a new episode id, the result of `rename`.
     ///
     /// # Errors
-    /// Those of `rename`.
+    /// The errors of `rename`.
     pub fn renamed<Other, E>(
         self,
         rename: impl FnOnce(Id) -> std::result::Result<Other, E>,

@@ -39,9 +39,9 @@ pub struct FrozenRun {
     pub lo: f64,
     /// w that maps to q = 1.
     pub hi: f64,
-    /// Of the quantile normaliser.
+    /// Quantiles of the quantile normaliser.
     pub quantiles: Vec<f64>,
-    /// The experts, which `match_episode` counts.
+    /// The experts, to which `match_episode` refers by index.
     pub expert_ids: Vec<EpisodeId>,
 }
 
@@ -100,9 +100,9 @@ pub enum Made {
         lo: f64,
         /// w that maps to q = 1.
         hi: f64,
-        /// Of the quantile normaliser.
+        /// Quantiles of the quantile normaliser.
         quantiles: Vec<f64>,
-        /// The experts, which `match_episode` counts.
+        /// The experts, to which `match_episode` refers by index.
         expert_ids: Vec<EpisodeId>,
         /// The scores, in the snapshot's order.
         episodes: Vec<EpisodeScores>,

@@ -16,7 +16,7 @@ pub enum LearnError {
     Invalid {
         /// Path of the field, such as `learning_rate` or `episode ep_1: action`.
         field: String,
-        /// What is wrong and what would be right.
+        /// The fault, and the allowed values.
         message: String,
     },
     /// The bytes are not a checkpoint this crate can use.

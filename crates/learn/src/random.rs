@@ -23,7 +23,7 @@ pub(crate) enum Purpose {
     KeptAugmentation = 6,
     /// The other random parts of an expert batch: styles, hidden pasts; the counter is the step.
     Style = 7,
-    /// Likewise in a kept batch; the counter is the step.
+    /// The other random parts of a kept batch; the counter is the step.
     KeptStyle = 8,
     /// The episodes on which the scale of features is measured; the counter is 0.
     FeatureScale = 9,

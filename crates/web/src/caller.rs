@@ -34,7 +34,7 @@ impl Caller {
     }
 
     /// The caller's name, for display.
-    pub(super) fn who(&self) -> &str {
+    pub(super) fn name(&self) -> &str {
         match self {
             Self::Known { token, .. } => token.who(),
             Self::Anyone => "anyone",

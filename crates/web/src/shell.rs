@@ -88,7 +88,7 @@ pub(super) fn data(id: &str, value: &Value) -> Markup {
 fn who(request: &PageRequest) -> Markup {
     match &request.caller {
         Caller::Known { .. } => html! {
-            span { (request.caller.who()) }
+            span { (request.caller.name()) }
             form method="post" action=(Page::SigningOut.path()) {
                 input type="hidden" name="proof" value=(request.proof);
                 button.plain type="submit" { "Sign out" }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::{
     caller::Caller,
-    token_cache::{Held, TokenCache},
+    token_cache::{LiveToken, TokenCache},
 };
 use crate::error::{Error, Result};
 
@@ -23,24 +23,25 @@ impl Authenticator {
     }
 
     /// The token with this hash, if it is in the cache; does not read the disk.
-    pub(super) fn known(&self, hash: &str) -> Option<Arc<Held>> {
+    pub(super) fn known(&self, hash: &str) -> Option<Arc<LiveToken>> {
         self.tokens.known(hash)
     }
 
-    /// The caller with the token whose hash is `shown`, which may be known already.
+    /// The caller with the token of this hash, or the anonymous caller without one. `known`: the token, if it was in the
+    /// cache.
     ///
     /// # Errors
     /// Unauthenticated for an unknown token, or without a token where one is required.
-    pub(super) async fn authenticate(&self, shown: Option<&str>, known: Option<Arc<Held>>) -> Result<Caller> {
-        let Some(hash) = shown else {
+    pub(super) async fn authenticate(&self, hash: Option<&str>, known: Option<Arc<LiveToken>>) -> Result<Caller> {
+        let Some(hash) = hash else {
             return if self.required { Err(no_token()) } else { Ok(Caller::Anyone) };
         };
-        let held = match known {
-            Some(held) => held,
+        let live = match known {
+            Some(live) => live,
             None => self.tokens.find(hash).await?.ok_or_else(unknown_token)?,
         };
-        self.tokens.used(&held);
-        Ok(Caller::Known(held))
+        self.tokens.used(&live);
+        Ok(Caller::Known(live))
     }
 }
 
@@ -54,7 +55,7 @@ fn no_token() -> Error {
 /// The rejection of an unknown, expired or revoked token; it does not reveal which.
 pub(super) fn unknown_token() -> Error {
     Error::unauthenticated(
-        "this token is not known, has expired or was revoked; the server's operator creates one with \
+        "this token is unknown, expired or revoked; the server's operator creates one with \
          `gleaner-server token create`",
     )
 }

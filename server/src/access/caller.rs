@@ -1,4 +1,4 @@
-//! Who calls, once the guard knows. Services ask it which deployments a robot may use.
+//! The caller of a request, as the guard has authenticated it, and the deployments that it may use.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use gleaner_edge::ConnectionState;
 
 use super::{
     table::Need,
-    token_cache::{Held, Over},
+    token_cache::{LiveToken, TokenEnd},
 };
 use crate::{
     connections,
@@ -14,52 +14,52 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Who calls.
+/// The caller of a request.
 #[derive(Debug, Clone)]
 pub(crate) enum Caller {
-    /// Whoever has this token.
-    Known(Arc<Held>),
-    /// Somebody, where nobody is asked.
+    /// The holder of this token.
+    Known(Arc<LiveToken>),
+    /// A caller without a token, on a server that requires none.
     Anyone,
 }
 
 impl Caller {
-    /// Who makes a request.
+    /// The caller of a request.
     ///
     /// # Errors
-    /// Internal when no guard stands before the service.
+    /// Internal when no guard precedes the service.
     pub(crate) fn of<T>(request: &tonic::Request<T>) -> Result<Self> {
         let caller = request.extensions().get::<Self>().cloned();
-        caller.ok_or_else(|| Error::internal("asking who calls", "no guard stands before this service"))
+        caller.ok_or_else(|| Error::internal("identifying a caller", "no guard precedes this service"))
     }
 
     /// The client that a request's work is counted for: its token, or its address where it has none.
     ///
     /// # Errors
-    /// Internal when no guard stands before the service, or the connection is not one of this server's.
+    /// Internal when no guard precedes the service, or the request has no connection.
     pub(crate) fn client_of<T>(request: &tonic::Request<T>) -> Result<Client> {
-        if let Self::Known(held) = Self::of(request)? {
-            return Ok(Client::token(&held.token.id));
+        if let Self::Known(live) = Self::of(request)? {
+            return Ok(Client::token(&live.token.id));
         }
         let client = request.extensions().get::<ConnectionState>().map(connections::client);
         client.ok_or_else(|| Error::internal("finding a request's client", "its connection has no address"))
     }
 
-    /// Lets it do what needs this.
+    /// Checks that the caller may make a call with this need.
     ///
     /// # Errors
     /// Forbidden, naming the role that is needed.
     pub(super) fn permit(&self, need: Need) -> Result<()> {
-        let Self::Known(held) = self else { return Ok(()) };
+        let Self::Known(live) = self else { return Ok(()) };
         let least = match need {
             Need::Nothing | Need::Job => return Ok(()),
-            Need::LeastOrRobot(_) if held.token.role == Role::Robot => return Ok(()),
+            Need::LeastOrRobot(_) if live.token.role == Role::Robot => return Ok(()),
             Need::Least(least) | Need::LeastOrRobot(least) => least,
         };
-        held.token.permit(least)
+        live.token.permit(least)
     }
 
-    /// Lets it do what needs this role within an rpc that needs less.
+    /// Checks that the caller has a role, within an rpc that needs a lower one.
     ///
     /// # Errors
     /// Forbidden, naming the role.
@@ -67,85 +67,85 @@ impl Caller {
         self.permit(Need::Least(least))
     }
 
-    /// Who it is, for people.
-    pub(crate) fn who(&self) -> &str {
+    /// The name of the caller, for people.
+    pub(crate) fn name(&self) -> &str {
         match self {
-            Self::Known(held) => held.token.who(),
+            Self::Known(live) => live.token.who(),
             Self::Anyone => "anyone",
         }
     }
 
-    /// Ends when its token is over; `None` when it has none.
-    pub(crate) fn over(&self) -> Option<Over> {
+    /// Completes when the caller's token ends; `None` for a caller without a token.
+    pub(crate) fn token_end(&self) -> Option<TokenEnd> {
         match self {
-            Self::Known(held) => Some(held.over()),
+            Self::Known(live) => Some(live.end()),
             Self::Anyone => None,
         }
     }
 
-    /// The id of the token it has, if it has one.
+    /// The id of the caller's token, if it has one.
     pub(super) fn token_id(&self) -> Option<TokenId> {
         match self {
-            Self::Known(held) => Some(held.token.id.clone()),
+            Self::Known(live) => Some(live.token.id.clone()),
             Self::Anyone => None,
         }
     }
 
-    /// The deployments that it is bound to; `None` when it is not.
+    /// The deployments that a robot is bound to; `None` for other callers.
     fn bound(&self) -> Option<&[String]> {
         match self {
-            Self::Known(held) if held.token.role == Role::Robot => Some(&held.token.deployments),
+            Self::Known(live) if live.token.role == Role::Robot => Some(&live.token.deployments),
             Self::Known(_) | Self::Anyone => None,
         }
     }
 
-    /// Whether it may know of this deployment.
+    /// Whether the caller may see this deployment.
     pub(crate) fn sees(&self, deployment: &str) -> bool {
         self.bound().is_none_or(|own| own.iter().any(|name| name == deployment))
     }
 
-    /// Whether it is bound to deployments.
+    /// Whether the caller is bound to deployments.
     pub(crate) fn is_bound(&self) -> bool {
         self.bound().is_some()
     }
 
-    /// Lets it know of what these deployments have in common.
+    /// Checks that the caller may use one of these deployments.
     ///
     /// # Errors
-    /// Forbidden when it is a robot and none of them is its own.
+    /// Forbidden for a robot that is bound to other deployments.
     pub(crate) fn uses_one_of<'a>(&self, mut deployments: impl Iterator<Item = &'a str>) -> Result<()> {
         if deployments.any(|name| self.sees(name)) {
             return Ok(());
         }
         Err(Error::forbidden(format!(
-            "this belongs to none of this robot's deployments, {}",
+            "this belongs to other deployments than this robot's, {}",
             self.bound().unwrap_or_default().join(", ")
         )))
     }
 
-    /// Lets it use a deployment.
+    /// Checks that the caller may use a deployment.
     ///
     /// # Errors
-    /// Forbidden when it is a robot and the deployment is not its own.
+    /// Forbidden for a robot that is bound to other deployments.
     pub(crate) fn uses(&self, deployment: &str) -> Result<()> {
         if self.sees(deployment) {
             return Ok(());
         }
         Err(Error::forbidden(format!(
-            "{deployment} is not among this robot's deployments, {}; a token for it is made with \
+            "{deployment} is not among this robot's deployments, {}; create a token for it with \
              `gleaner-server token create --role robot --deployment {deployment}`",
             self.bound().unwrap_or_default().join(", ")
         )))
     }
 
-    /// Lets it keep episodes of a deployment under a cohort. Cohorts decide what is learned from.
+    /// Checks that the caller may record episodes of a deployment under a cohort. Cohorts select the data of training.
     ///
     /// # Errors
-    /// Forbidden when it is a robot and the cohort is not the one that is the deployment's by default, its name.
+    /// Forbidden for a robot, unless the cohort is the deployment's default, which is its name.
     pub(crate) fn records_as(&self, deployment: &str, cohort: &str) -> Result<()> {
         if self.is_bound() && cohort != deployment {
             return Err(Error::forbidden(format!(
-                "open.cohort: a robot's episodes are kept as {deployment}; leave it out, or use a token of the role \
+                "open.cohort: a robot records episodes as {deployment}; omit the cohort, or use a token of the role \
                  contributor"
             )));
         }
@@ -163,12 +163,12 @@ mod tests {
     };
 
     fn caller(role: Role) -> Caller {
-        Caller::Known(Arc::new(token_cache::held(role, &["arm@prod"])))
+        Caller::Known(Arc::new(token_cache::live_token(role, &["arm@prod"])))
     }
 
-    /// Every rpc with every role: who is let through must be who the design lets through, by the rpc's kind of work.
+    /// Every rpc with every role.
     #[test]
-    fn every_rpc_lets_in_the_roles_it_names_and_no_other() {
+    fn every_rpc_admits_the_roles_of_its_need_and_no_other() {
         for rpc in Rpc::ALL {
             let need = rule(rpc.path()).unwrap().need;
             let admitted: Vec<Role> = Role::ALL.into_iter().filter(|role| caller(*role).permit(need).is_ok()).collect();
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_guard_nobody_is_served() {
+    fn a_request_without_a_guard_has_no_caller() {
         assert!(Caller::of(&tonic::Request::new(())).is_err());
     }
 }

@@ -1,4 +1,4 @@
-//! `gleaner-server token …` and `audit`: what is done by hand, beside a running server or without one.
+//! The commands `gleaner-server token …` and `audit`, beside a running server or without one.
 
 use std::{io::Write, path::Path};
 
@@ -22,7 +22,7 @@ use crate::{
     store::Store,
 };
 
-/// Makes, lists or revokes tokens.
+/// Creates, lists or revokes tokens.
 ///
 /// # Errors
 /// Invalid naming a flag; NotFound; Exists; Precondition when the data folder cannot be used.
@@ -35,10 +35,10 @@ pub async fn token(config: TokenConfig, out: &mut impl Write) -> Result<()> {
     }
 }
 
-/// Shows who changed what.
+/// Prints the audit log: the callers and their changes.
 ///
 /// # Errors
-/// Invalid for a time that is none; Precondition when the data folder cannot be used.
+/// Invalid for a malformed time; Precondition when the data folder cannot be used.
 pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
     let since = since(&config.since, Millis::now()).map_err(|problem| Error::invalid("--since", problem))?;
     let store = open(&config.data_dir, false).await?;
@@ -49,7 +49,7 @@ pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
         let (subjects, peer) = (subjects.join(" "), printable::field(peer));
         let (who, subjects, outcome) =
             (printable::field(&who), printable::field(&subjects), printable::field(&outcome));
-        writeln!(out, "{}\t{who}\t{id}\t{peer}\t{rpc}\t{outcome}\t{subjects}", shown(at)).map_err(unwritten)?;
+        writeln!(out, "{}\t{who}\t{id}\t{peer}\t{rpc}\t{outcome}\t{subjects}", shown(at)).map_err(output_error)?;
     }
     store.close().await;
     Ok(())
@@ -59,8 +59,8 @@ async fn create(store: &Store, new: NewTokenConfig, out: &mut impl Write) -> Res
     let IssuedToken { secret, hash, token } = issue(new)?;
     store.insert_token(&token, &hash).await?;
     note(store, "token create", &token).await?;
-    writeln!(out, "{}", secret.reveal()).map_err(unwritten)?;
-    tracing::info!(token.id = %token.id, token.role = token.role.as_str(), "a token was made; it is shown only now");
+    writeln!(out, "{}", secret.reveal()).map_err(output_error)?;
+    tracing::info!(token.id = %token.id, token.role = token.role.as_str(), "token created; it is printed only once");
     store.close().await;
     Ok(())
 }
@@ -71,7 +71,7 @@ async fn list(store: &Store, out: &mut impl Write) -> Result<()> {
     let mut line = |cells: [&str; 7]| {
         let [id, role, standing, used, expires, name, deployments] = cells;
         let line = format!("{id:<30}  {role:<11}  {standing:<7}  {used:<20}  {expires:<20}  {name}  {deployments}");
-        writeln!(out, "{}", line.trim_end()).map_err(unwritten)
+        writeln!(out, "{}", line.trim_end()).map_err(output_error)
     };
     line(["ID", "ROLE", "NOW", "LAST USED", "EXPIRES", "NAME", "DEPLOYMENTS"])?;
     for (_, token) in tokens {
@@ -87,12 +87,12 @@ async fn list(store: &Store, out: &mut impl Write) -> Result<()> {
 async fn revoke(store: &Store, id_or_name: &str, out: &mut impl Write) -> Result<()> {
     let token = store.revoke_token(id_or_name).await?;
     note(store, "token revoke", &token).await?;
-    writeln!(out, "{} is revoked", token.id).map_err(unwritten)?;
+    writeln!(out, "{} is revoked", token.id).map_err(output_error)?;
     store.close().await;
     Ok(())
 }
 
-/// Tells the audit log what was done by hand.
+/// Writes a command to the audit log.
 async fn note(store: &Store, command: &str, token: &Token) -> Result<()> {
     let subjects = [format!("token_id={}", token.id), format!("role={}", token.role.as_str())];
     let name = (!token.name.is_empty()).then(|| format!("name={}", token.name.escape_debug()));
@@ -110,11 +110,11 @@ async fn note(store: &Store, command: &str, token: &Token) -> Result<()> {
         .await
 }
 
-/// The database of a data folder. Beside a running server it is taken as it is; without one it is brought up to date,
-/// and made if it may be.
-async fn open(data_dir: &Path, make: bool) -> Result<Store> {
+/// Opens the database of a data folder. Beside a running server it is opened as it is; without one it is migrated, and
+/// created if `create` is set.
+async fn open(data_dir: &Path, create: bool) -> Result<Store> {
     let path = data_folder::database(data_dir);
-    if !make && !path.is_file() {
+    if !create && !path.is_file() {
         let folder = data_dir.display();
         return Err(Error::precondition(format!(
             "{folder} holds no database; --data-dir names a server's data folder"
@@ -143,7 +143,7 @@ fn shown(at: Millis) -> String {
     Timestamp::from_millisecond(at.0).map_or_else(|_| at.0.to_string(), |time| format!("{time:.0}"))
 }
 
-fn unwritten(error: std::io::Error) -> Error {
+fn output_error(error: std::io::Error) -> Error {
     Error::internal("writing the output", error)
 }
 
@@ -153,7 +153,7 @@ mod tests {
     use crate::{domain::access::Role, error::Kind};
 
     #[test]
-    fn times_are_read_as_people_write_them() {
+    fn times_are_parsed_in_each_format() {
         let now = Millis(10_000_000);
         assert_eq!(since("1h", now).unwrap(), Millis(6_400_000));
         assert_eq!(since("1970-01-01T00:00:05Z", now).unwrap(), Millis(5000));
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_token_is_made_listed_and_revoked_and_shown_only_once() {
+    async fn a_token_is_created_listed_and_revoked_and_printed_only_once() {
         let dir = tempfile::tempdir().unwrap();
         let folder = dir.path().join("lab");
         assert_eq!(run(&folder, TokenCommand::List).await.unwrap_err().kind(), Kind::Precondition);
@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn it_works_beside_a_running_server() {
+    async fn tokens_are_created_beside_a_running_server() {
         let dir = tempfile::tempdir().unwrap();
         let _server = DataLock::take(dir.path()).unwrap();
         let store = Store::open(&dir.path().join("gleaner.db")).await.unwrap();

@@ -1,4 +1,5 @@
-//! The guard: a layer before every service. It knows who calls, asks the table, and lets the call through or not.
+//! The guard: a layer before every service. It authenticates the caller of each call, and admits or refuses the call by
+//! the authorisation table.
 
 use std::{
     convert::Infallible,
@@ -17,15 +18,15 @@ use tonic::{
 use tower::{Layer, Service};
 
 use super::{
-    answer::Answer,
-    asked::Asked,
+    audit::{AuditDraft, AuditGuard},
     authenticator::Authenticator,
     caller::Caller,
-    entry::Entry,
-    refusals::Refusals,
+    refusal_limit::RefusalLimit,
+    request_body::RequestBody,
+    response_body::ResponseBody,
     secret,
     table::{Need, Rule, rule},
-    token_cache::{Held, TokenCache},
+    token_cache::{LiveToken, TokenCache},
     worker::Worker,
 };
 use crate::{
@@ -37,10 +38,10 @@ use crate::{
     wire::status::{from_error, no_such_rpc},
 };
 
-/// What the transport gets.
+/// The result for the transport.
 type Answered = std::result::Result<Response<Body>, Infallible>;
 
-/// Stands before the services; clones share it.
+/// The layer; clones share it.
 #[derive(Clone)]
 pub(crate) struct Guard(Arc<GuardMode>);
 
@@ -56,17 +57,17 @@ struct Callers {
     authenticator: Authenticator,
     store: Store,
     connections: Connections,
-    refusals: Refusals,
+    refusal_limit: RefusalLimit,
 }
 
 impl Guard {
-    /// Stands before what everybody calls.
+    /// The guard of the listener that clients call. `required`: callers without a token are rejected.
     pub(crate) fn new(tokens: TokenCache, store: Store, required: bool, connections: Connections) -> Self {
-        let (authenticator, refusals) = (Authenticator::new(tokens, required), Refusals::new());
-        Self(Arc::new(GuardMode::Callers(Callers { authenticator, store, connections, refusals })))
+        let (authenticator, refusal_limit) = (Authenticator::new(tokens, required), RefusalLimit::new());
+        Self(Arc::new(GuardMode::Callers(Callers { authenticator, store, connections, refusal_limit })))
     }
 
-    /// Stands before what workers call.
+    /// The guard of the listener that our own workers call.
     pub(crate) fn of_workers(jobs: Jobs) -> Self {
         Self(Arc::new(GuardMode::Workers(jobs)))
     }
@@ -102,7 +103,7 @@ where
     }
 
     fn call(&mut self, request: Request<Body>) -> Self::Future {
-        // The one that was found ready goes with the call.
+        // The service that was polled ready serves this call.
         let fresh = self.inner.clone();
         let ready = std::mem::replace(&mut self.inner, fresh);
         Box::pin(self.guard.clone().serve(ready, request))
@@ -123,7 +124,7 @@ impl Guard {
     }
 }
 
-/// Serves a worker; its token is looked at before anything of its request is read.
+/// Serves a worker, whose token is checked before its request is read.
 async fn serve_worker<S, B>(jobs: &Jobs, mut inner: S, mut request: Request<Body>) -> Answered
 where
     S: Service<Request<Body>, Response = Response<B>, Error = Infallible>,
@@ -133,7 +134,7 @@ where
         Some(Rule { need: Need::Job, .. }) => {}
         Some(_) | None => return Ok(no_such_rpc().into_http()),
     }
-    match Worker::prove(jobs, request.headers()).await {
+    match Worker::authenticate(jobs, request.headers()).await {
         Ok(worker) => {
             request.extensions_mut().insert(worker);
             Ok(inner.call(request).await?.map(Body::new))
@@ -151,9 +152,9 @@ impl Callers {
         S: Service<Request<Body>, Response = Response<B>, Error = Infallible>,
         B: http_body::Body<Data = Bytes, Error = Status> + Send + 'static,
     {
-        // Counted before anything is asked of the disk: a flood, of unknown tokens too, costs no more than its answers.
-        let shown = secret::shown(request.headers());
-        let known = shown.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.authenticator.known(hash));
+        // Counted before the disk is read: a flood, of unknown tokens too, costs no more than its responses.
+        let hash = secret::bearer_hash(request.headers());
+        let known = hash.as_ref().ok().and_then(Option::as_ref).and_then(|hash| self.authenticator.known(hash));
         match self.count(&request, known.as_deref()) {
             Ok(None) => {}
             Ok(Some(call)) => {
@@ -167,47 +168,45 @@ impl Callers {
         let path = request.uri().path().to_owned();
         let rule = match rule(&path) {
             Some(Rule { need: Need::Nothing, .. }) => {
-                return Ok(inner.call(request.map(Asked::by_anybody)).await?.map(Body::new));
+                return Ok(inner.call(request.map(RequestBody::open)).await?.map(Body::new));
             }
             // Workers have a listener of their own.
             Some(Rule { need: Need::Job, .. }) | None => return Ok(no_such_rpc().into_http()),
             Some(rule) => rule,
         };
-        let caller = match self.authenticate(shown, known).await {
+        let caller = match self.authenticate(hash, known).await {
             Ok(caller) => caller,
             Err(error) => return Ok(from_error(error).into_http()),
         };
-        let begin = || Entry::begin(self.store.clone(), caller.clone(), peer(&request), &path);
+        let begin = || AuditGuard(AuditDraft::begin(self.store.clone(), caller.clone(), peer(&request), &path));
         if let Err(error) = caller.permit(rule.need) {
-            let entry = (rule.audited && self.refusals.tell_of(&caller)).then(begin);
-            return Ok(Answer::watched(from_error(error).into_http(), &caller, entry).await);
+            let audit = (rule.audited && self.refusal_limit.records(&caller)).then(begin);
+            return Ok(ResponseBody::wrap(from_error(error).into_http(), &caller, audit).await);
         }
-        let entry = rule.audited.then(begin);
+        let audit = rule.audited.then(begin);
+        if let Some(AuditGuard(draft)) = &audit {
+            request.extensions_mut().insert(draft.clone());
+        }
         request.extensions_mut().insert(caller.clone());
-        let request = request.map(|body| Asked::by(&caller, body));
-        let request = match &entry {
-            Some(entry) => request.map(|body| entry.overhear(body)),
-            None => request,
-        };
-        let response = inner.call(request).await?.map(Body::new);
-        Ok(Answer::watched(response, &caller, entry).await)
+        let response = inner.call(request.map(|body| RequestBody::by(&caller, body))).await?.map(Body::new);
+        Ok(ResponseBody::wrap(response, &caller, audit).await)
     }
 
-    /// Counts a call for its token, or for its address when it shows none that is known.
+    /// Counts a call for its token, or for its address if the token is not in the cache.
     ///
     /// # Errors
-    /// Exhausted, saying when to try again.
-    fn count(&self, request: &Request<Body>, known: Option<&Held>) -> Result<Option<Call>> {
+    /// Exhausted, with the time to wait before a retry.
+    fn count(&self, request: &Request<Body>, known: Option<&LiveToken>) -> Result<Option<Call>> {
         let client = match known {
-            Some(held) => Some(Client::token(&held.token.id)),
-            // None over a connection that is not ours.
+            Some(live) => Some(Client::token(&live.token.id)),
+            // Connections of unit tests have no state.
             None => request.extensions().get::<ConnectionState>().map(connections::client),
         };
         client.map(|client| self.connections.count(client)).transpose().map_err(refused)
     }
 
-    async fn authenticate(&self, shown: Result<Option<String>>, known: Option<Arc<Held>>) -> Result<Caller> {
-        self.authenticator.authenticate(shown?.as_deref(), known).await
+    async fn authenticate(&self, hash: Result<Option<String>>, known: Option<Arc<LiveToken>>) -> Result<Caller> {
+        self.authenticator.authenticate(hash?.as_deref(), known).await
     }
 }
 

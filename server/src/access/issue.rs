@@ -1,4 +1,4 @@
-//! New tokens: 256 random bits behind a prefix that people and secret scanners recognise. Must not depend on commands.
+//! New tokens: 256 random bits after a prefix that people and secret scanners recognise. Must not depend on commands.
 
 use super::secret;
 use crate::{
@@ -32,7 +32,7 @@ pub(super) fn issue(config: NewTokenConfig) -> Result<IssuedToken> {
     let NewTokenConfig { role, name, deployments, expires } = config;
     match (role, deployments.is_empty()) {
         (Role::Robot, true) => {
-            return Err(Error::invalid("--deployment", "a robot needs one that it may use, such as pick_cube@prod"));
+            return Err(Error::invalid("--deployment", "a robot needs at least one, for example pick_cube@prod"));
         }
         (Role::Viewer | Role::Contributor | Role::Trainer | Role::Admin, false) => {
             return Err(Error::invalid("--deployment", "only a robot is bound to deployments; use --role robot"));
@@ -71,17 +71,17 @@ mod tests {
     }
 
     #[test]
-    fn a_token_is_long_never_the_same_and_known_by_its_hash() {
+    fn tokens_are_long_and_distinct_and_stored_as_hashes() {
         let (one, other) = (new(Role::Admin, &[], None).unwrap(), new(Role::Admin, &[], None).unwrap());
         assert_ne!(one.hash, other.hash);
         assert_eq!(one.secret.reveal().len(), PREFIX.len() + 64);
         assert_eq!(secret::hash(one.secret.reveal()), one.hash);
-        assert!(!one.secret.reveal().contains(&one.hash), "what is kept does not open anything");
+        assert!(!one.secret.reveal().contains(&one.hash), "the hash does not reveal the token");
         assert_eq!(one.token.expires_at, None);
     }
 
     #[test]
-    fn a_robot_has_deployments_and_nobody_else() {
+    fn only_a_robot_has_deployments() {
         let robot = new(Role::Robot, &["arm@prod", "arm@test"], Some("30d")).unwrap().token;
         assert_eq!(robot.deployments, ["arm@prod", "arm@test"]);
         assert_eq!(robot.expires_at.unwrap().0 - robot.created_at.0, 30 * 86_400_000);

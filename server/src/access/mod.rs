@@ -1,28 +1,36 @@
-//! Who may do what: one table of rpcs and roles, tokens, the guard before the services, certificates, and the
-//! audit log.
+//! Access control: one table of rpcs and roles, tokens, the guard before the services, certificates, and the audit log.
 //!
-//! Knows requests by their path and headers, and of their messages only names and ids. Must not know what an rpc does.
+//! Depends on the path and the headers of requests, not on their messages: services name the subjects of a change. Must
+//! not depend on what an rpc does.
 
-mod answer;
-mod asked;
+mod audit;
 mod authenticator;
 mod caller;
 pub mod command;
-mod entry;
 mod guard;
 mod issue;
-mod overheard;
 mod pages;
-mod refusals;
+mod refusal_limit;
+mod request_body;
+mod response_body;
 mod secret;
 mod span;
-mod subject;
+mod subjects;
 mod table;
 pub mod tls;
 mod token_cache;
 mod worker;
 
+#[cfg(test)]
+pub(crate) use self::table::audited;
 pub(crate) use self::{
-    caller::Caller, guard::Guard, pages::PageGuard, secret::hash as token_hash, table::method, token_cache::TokenCache,
+    audit::{AuditDraft, write as write_audit},
+    caller::Caller,
+    guard::Guard,
+    pages::PageGuard,
+    secret::hash as token_hash,
+    subjects::{Named, Subjects},
+    table::method,
+    token_cache::TokenCache,
     worker::Worker,
 };

@@ -1,4 +1,5 @@
-//! Authentication and limits for the pages, with the tokens and the log of the calls. Must not depend on `web`.
+//! Authentication and limits of requests for pages, with the tokens and connections of calls. Must not depend on the
+//! content of pages.
 
 use std::sync::Arc;
 
@@ -7,8 +8,8 @@ use gleaner_edge::{Call, ConnectionState};
 use super::{
     authenticator::Authenticator,
     caller::Caller,
-    refusals::Refusals,
-    token_cache::{Held, TokenCache},
+    refusal_limit::RefusalLimit,
+    token_cache::{LiveToken, TokenCache},
 };
 use crate::{
     connections::{self, Connections, refused},
@@ -20,13 +21,13 @@ use crate::{
 pub(crate) struct PageGuard {
     authenticator: Authenticator,
     connections: Connections,
-    refusals: Refusals,
+    refusal_limit: RefusalLimit,
 }
 
 impl PageGuard {
     /// `required`: whether a caller without a token is rejected.
     pub(crate) fn new(tokens: TokenCache, required: bool, connections: Connections) -> Self {
-        Self { authenticator: Authenticator::new(tokens, required), connections, refusals: Refusals::new() }
+        Self { authenticator: Authenticator::new(tokens, required), connections, refusal_limit: RefusalLimit::new() }
     }
 
     /// Counts a request for the token with the hash `shown` if that is known, else for the address; and authenticates
@@ -39,9 +40,9 @@ impl PageGuard {
         shown: Option<&str>,
         connection: &ConnectionState,
     ) -> Result<(Call, Result<Caller>)> {
-        let known: Option<Arc<Held>> = shown.and_then(|hash| self.authenticator.known(hash));
+        let known: Option<Arc<LiveToken>> = shown.and_then(|hash| self.authenticator.known(hash));
         let client = match &known {
-            Some(held) => Client::token(&held.token.id),
+            Some(live) => Client::token(&live.token.id),
             None => connections::client(connection),
         };
         let call = self.connections.count(client).map_err(refused)?;
@@ -58,6 +59,6 @@ impl PageGuard {
 
     /// Whether one more rejected change of this token is audited.
     pub(crate) fn audits_rejection(&self, token: &TokenId) -> bool {
-        self.refusals.audits(token)
+        self.refusal_limit.records_token(token)
     }
 }

@@ -1,4 +1,4 @@
-//! Spans of time as people write them in flags. Must not depend on what they limit.
+//! Spans of time in flags. Must not depend on the flags.
 
 use std::time::Duration;
 
@@ -23,7 +23,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spans_are_read_as_people_write_them() {
+    fn spans_are_parsed_with_their_units() {
         assert_eq!(span("30d").unwrap(), Duration::from_secs(30 * 86_400));
         assert_eq!(span("1h 30m").unwrap(), Duration::from_secs(5400));
         for text in ["", "soon", "0s", "-3d", "12"] {

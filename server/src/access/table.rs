@@ -1,6 +1,6 @@
 //! The authorisation table: which role each rpc needs, and whether it changes something.
 //!
-//! No `match` has a wildcard, so an rpc without a row does not build; what is not in the table at all is refused.
+//! No `match` has a wildcard, so an rpc without a row does not build. Requests outside the table are refused.
 
 use std::{collections::HashMap, sync::LazyLock};
 
@@ -8,16 +8,16 @@ use gleaner_proto::Rpc;
 
 use crate::domain::access::Role;
 
-/// What a caller must have.
+/// What an rpc or a page requires of its caller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Need {
-    /// Nothing: how the server is may be asked by anybody.
+    /// Nothing: the health of the server is public.
     Nothing,
     /// This role or a higher one.
     Least(Role),
-    /// As `Least`, or to be a robot that has the deployment. The service looks at which one it is.
+    /// As `Least`, or a robot that is bound to the deployment, which the service checks.
     LeastOrRobot(Role),
-    /// The token of a running attempt of a job, where workers call.
+    /// The token of a running attempt of a job, on the workers' listener.
     Job,
 }
 
@@ -25,11 +25,11 @@ pub(super) enum Need {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rule {
     pub(super) need: Need,
-    /// Whether it is written to the audit log. What workers change is in the record of their job instead.
+    /// Whether it is written to the audit log. Changes by workers are in the record of their job instead.
     pub(super) audited: bool,
 }
 
-/// What every gRPC server has, beside our own services.
+/// The services of every gRPC server, beside our own.
 pub(super) const STANDARD: [(&str, Need); 4] = [
     ("/grpc.health.v1.Health/Check", Need::Nothing),
     ("/grpc.health.v1.Health/Watch", Need::Nothing),
@@ -42,14 +42,20 @@ static RULES: LazyLock<HashMap<&str, Rule>> = LazyLock::new(|| {
     Rpc::ALL.iter().map(|rpc| (rpc.path(), of(*rpc))).chain(standard).collect()
 });
 
-/// The row of a request's path; `None` for what is no rpc of this server.
+/// The row of a request's path; `None` for a path that is not an rpc of this server.
 pub(super) fn rule(path: &str) -> Option<Rule> {
     RULES.get(path).copied()
 }
 
-/// An rpc's name by a request's path, as metrics have it; `None` for what is no rpc of this server.
+/// The name of an rpc in metrics by a request's path; `None` for a path that is not an rpc of this server.
 pub(crate) fn method(path: &str) -> Option<&'static str> {
     RULES.get_key_value(path).map(|(path, _)| path.trim_start_matches('/'))
+}
+
+/// The audited rpcs.
+#[cfg(test)]
+pub(crate) fn audited() -> impl Iterator<Item = Rpc> {
+    Rpc::ALL.iter().copied().filter(|rpc| of(*rpc).audited)
 }
 
 fn of(rpc: Rpc) -> Rule {
@@ -87,7 +93,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::PolicyServiceListEvaluations
         | Rpc::PolicyServiceGetEvaluation => reads(Role::Viewer),
 
-        // A robot needs to know what its own deployments take.
+        // A robot reads the inputs of its own deployments.
         Rpc::TaskServiceGetTask
         | Rpc::PolicyServiceListDeployments
         | Rpc::GRPCInferenceServiceModelReady
@@ -95,7 +101,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::GRPCInferenceServiceModelMetadata
         | Rpc::GRPCInferenceServiceRepositoryIndex => serves(Role::Viewer),
 
-        // These keep nothing, but they take the server's time.
+        // These store nothing, but they take processor time.
         Rpc::EpisodeServiceGetUpload | Rpc::ScoreServiceScoreRecording | Rpc::ScoreServiceScoreSteps => {
             reads(Role::Contributor)
         }
@@ -109,7 +115,7 @@ fn of(rpc: Rpc) -> Rule {
         | Rpc::EpisodeServiceUndeleteEpisodes => changes(Role::Contributor),
 
         Rpc::PolicyServiceAct | Rpc::GRPCInferenceServiceModelInfer => serves(Role::Contributor),
-        // A session may be kept as an episode.
+        // A session may be stored as an episode.
         Rpc::PolicyServiceSession => Rule { audited: true, ..serves(Role::Contributor) },
 
         Rpc::SnapshotServiceCreateSnapshot
@@ -141,7 +147,7 @@ mod tests {
 
     use super::*;
 
-    /// Every rpc that the server's own reflection would name.
+    /// Every rpc that server reflection names.
     fn served() -> HashSet<String> {
         let sets = [
             gleaner_proto::DESCRIPTORS,
@@ -175,9 +181,9 @@ mod tests {
         }
     }
 
-    /// The words people expect of an rpc that changes nothing; everything else is audited or a worker's.
+    /// Rpcs that change nothing begin with one of these words; all others are audited or a worker's.
     #[test]
-    fn what_changes_something_is_audited() {
+    fn every_rpc_that_changes_something_is_audited() {
         let reads =
             ["Get", "List", "Watch", "Download", "Stream", "Count", "Score", "Server", "Model", "Repository", "Act"];
         for rpc in Rpc::ALL {

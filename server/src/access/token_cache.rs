@@ -25,30 +25,30 @@ use crate::{
 
 /// Maximum age of the cache.
 const READ_EVERY: Duration = Duration::from_secs(1);
-/// A token's last use is kept to this.
+/// The precision of a token's last use, in milliseconds.
 const USE_MS: i64 = 60_000;
 
 /// A live token.
 #[derive(Debug)]
-pub(crate) struct Held {
+pub(crate) struct LiveToken {
     pub(crate) token: Token,
-    /// Cancelled when it is revoked or expires: what it has open ends then.
-    over: CancellationToken,
-    /// When it was last used, as the store knows.
-    noted: AtomicI64,
+    /// Cancelled when the token is revoked or expires, which ends its open calls.
+    ended: CancellationToken,
+    /// The last use in the store, in milliseconds.
+    stored_use: AtomicI64,
 }
 
-/// Ends when a token is over.
-pub(crate) type Over = Pin<Box<WaitForCancellationFutureOwned>>;
+/// Completes when a token ends.
+pub(crate) type TokenEnd = Pin<Box<WaitForCancellationFutureOwned>>;
 
-impl Held {
+impl LiveToken {
     /// Cancelled when the token is revoked or expires.
     pub(crate) fn ended(&self) -> CancellationToken {
-        self.over.clone()
+        self.ended.clone()
     }
 
-    pub(super) fn over(&self) -> Over {
-        Box::pin(self.over.clone().cancelled_owned())
+    pub(super) fn end(&self) -> TokenEnd {
+        Box::pin(self.ended.clone().cancelled_owned())
     }
 }
 
@@ -60,8 +60,8 @@ pub(crate) struct TokenCache(Arc<Inner>);
 struct Inner {
     store: Store,
     /// By hash.
-    live: Mutex<HashMap<String, Arc<Held>>>,
-    /// When it was last read. Held while it is, so that a flood of unknown tokens reads it one at a time.
+    live: Mutex<HashMap<String, Arc<LiveToken>>>,
+    /// The time of the last read. Locked during a read, so that a flood of unknown tokens causes one read at a time.
     read: tokio::sync::Mutex<Instant>,
 }
 
@@ -98,7 +98,7 @@ impl TokenCache {
             tokio::time::sleep(READ_EVERY).await;
             let mut read = self.0.read.lock().await;
             if let Err(error) = self.read_again(&mut read).await {
-                tracing::error!(%error, "the tokens cannot be read; those known are still good");
+                tracing::error!(%error, "the tokens cannot be read; the cached ones stay valid");
             }
         }
     }
@@ -107,22 +107,22 @@ impl TokenCache {
     ///
     /// # Errors
     /// When the database cannot be read.
-    pub(super) async fn find(&self, hash: &str) -> Result<Option<Arc<Held>>> {
+    pub(super) async fn find(&self, hash: &str) -> Result<Option<Arc<LiveToken>>> {
         let known = self.known(hash);
         if known.is_some() {
             return Ok(known);
         }
-        // It may have been made just now. Whoever waited while another read it finds what that one found.
-        let asked = Instant::now();
+        // It may be new. A caller that waited for another's read uses the result of that read.
+        let begun = Instant::now();
         let mut read = self.0.read.lock().await;
-        if *read < asked {
+        if *read < begun {
             self.read_again(&mut read).await?;
         }
         drop(read);
         Ok(self.known(hash))
     }
 
-    /// Reads it, and then notes since when it is right.
+    /// Reads the tokens and stores the time at which the read began.
     async fn read_again(&self, read: &mut Instant) -> Result<()> {
         let begun = Instant::now();
         self.read().await?;
@@ -130,54 +130,54 @@ impl TokenCache {
         Ok(())
     }
 
-    /// Notes that a token was used, at most once a minute and without keeping its caller waiting.
-    pub(super) fn used(&self, held: &Arc<Held>) {
-        let (now, noted) = (Millis::now(), held.noted.load(Relaxed));
-        if now.0 - noted < USE_MS || held.noted.compare_exchange(noted, now.0, Relaxed, Relaxed).is_err() {
+    /// Stores the use of a token, at most once a minute; the caller does not wait for the write.
+    pub(super) fn used(&self, live: &Arc<LiveToken>) {
+        let (now, stored) = (Millis::now(), live.stored_use.load(Relaxed));
+        if now.0 - stored < USE_MS || live.stored_use.compare_exchange(stored, now.0, Relaxed, Relaxed).is_err() {
             return;
         }
-        let (store, id) = (self.0.store.clone(), held.token.id.clone());
+        let (store, id) = (self.0.store.clone(), live.token.id.clone());
         tokio::spawn(async move {
             if let Err(error) = store.token_used(&id, now).await {
-                tracing::warn!(%error, token.id = %id, "a token's use was not noted");
+                tracing::warn!(%error, token.id = %id, "storing a token's last use failed");
             }
         });
     }
 
     /// The live token with this hash, if it is in the cache.
-    pub(super) fn known(&self, hash: &str) -> Option<Arc<Held>> {
-        self.live().get(hash).filter(|held| held.token.is_live(Millis::now())).cloned()
+    pub(super) fn known(&self, hash: &str) -> Option<Arc<LiveToken>> {
+        self.live().get(hash).filter(|live| live.token.is_live(Millis::now())).cloned()
     }
 
-    /// Takes in what the database says now, and ends what is over.
+    /// Replaces the cache with the live tokens of the database, and ends the calls of tokens that are no longer live.
     async fn read(&self) -> Result<()> {
         let (tokens, now) = (self.0.store.tokens().await?, Millis::now());
         let tokens: HashMap<String, Token> = tokens.into_iter().filter(|(_, token)| token.is_live(now)).collect();
-        let mut live = self.live();
-        live.retain(|hash, held| {
-            let stays = tokens.contains_key(hash);
-            if !stays {
-                held.over.cancel();
+        let mut cached = self.live();
+        cached.retain(|hash, live| {
+            let is_live = tokens.contains_key(hash);
+            if !is_live {
+                live.ended.cancel();
             }
-            stays
+            is_live
         });
         for (hash, token) in tokens {
-            live.entry(hash).or_insert_with(|| {
-                let noted = AtomicI64::new(token.last_used_at.map_or(0, |used| used.0));
-                Arc::new(Held { token, over: CancellationToken::new(), noted })
+            cached.entry(hash).or_insert_with(|| {
+                let stored_use = AtomicI64::new(token.last_used_at.map_or(0, |used| used.0));
+                Arc::new(LiveToken { token, ended: CancellationToken::new(), stored_use })
             });
         }
         Ok(())
     }
 
-    fn live(&self) -> MutexGuard<'_, HashMap<String, Arc<Held>>> {
+    fn live(&self) -> MutexGuard<'_, HashMap<String, Arc<LiveToken>>> {
         self.0.live.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// A live token that is in no cache.
 #[cfg(test)]
-pub(super) fn held(role: crate::domain::access::Role, deployments: &[&str]) -> Held {
+pub(super) fn live_token(role: crate::domain::access::Role, deployments: &[&str]) -> LiveToken {
     let token = Token {
         id: crate::domain::id::TokenId::new(),
         name: "tested".into(),
@@ -188,7 +188,7 @@ pub(super) fn held(role: crate::domain::access::Role, deployments: &[&str]) -> H
         revoked_at: None,
         last_used_at: None,
     };
-    Held { token, over: CancellationToken::new(), noted: AtomicI64::new(i64::MAX) }
+    LiveToken { token, ended: CancellationToken::new(), stored_use: AtomicI64::new(i64::MAX) }
 }
 
 #[cfg(test)]
@@ -213,25 +213,25 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_made_later_is_found_and_what_is_revoked_ends() {
+    async fn a_later_token_is_found_and_a_revoked_one_ends() {
         let (_dir, store) = testing::store().await;
         let cache = TokenCache::open(store.clone()).await.unwrap();
         assert!(cache.is_empty() && cache.find("one").await.unwrap().is_none());
         let made = token(None);
         store.insert_token(&made, "one").await.unwrap();
-        let held = cache.find("one").await.unwrap().unwrap();
-        assert_eq!(held.token, made);
+        let live = cache.find("one").await.unwrap().unwrap();
+        assert_eq!(live.token, made);
         store.revoke_token(made.id.as_str()).await.unwrap();
         let refreshing = cache.refresh();
         tokio::select! {
             () = refreshing => {}
-            () = held.over.cancelled() => {}
+            () = live.ended.cancelled() => {}
         }
         assert!(cache.find("one").await.unwrap().is_none());
     }
 
     #[tokio::test]
-    async fn an_expired_token_is_none() {
+    async fn an_expired_token_is_not_found() {
         let (_dir, store) = testing::store().await;
         let soon = Millis::now().after(Duration::from_millis(60));
         store.insert_token(&token(Some(soon)), "soon").await.unwrap();
@@ -245,16 +245,16 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_use_is_noted_once_a_minute() {
+    async fn a_use_is_stored_once_a_minute() {
         let (_dir, store) = testing::store().await;
         store.insert_token(&token(None), "one").await.unwrap();
         let cache = TokenCache::open(store.clone()).await.unwrap();
-        let held = cache.find("one").await.unwrap().unwrap();
-        cache.used(&held);
-        let noted = held.noted.load(Relaxed);
-        cache.used(&held);
-        assert_eq!(held.noted.load(Relaxed), noted);
-        while store.tokens().await.unwrap()[0].1.last_used_at != Some(Millis(noted)) {
+        let live = cache.find("one").await.unwrap().unwrap();
+        cache.used(&live);
+        let stored = live.stored_use.load(Relaxed);
+        cache.used(&live);
+        assert_eq!(live.stored_use.load(Relaxed), stored);
+        while store.tokens().await.unwrap()[0].1.last_used_at != Some(Millis(stored)) {
             tokio::task::yield_now().await;
         }
     }

@@ -1,4 +1,4 @@
-//! Who calls where our own workers call: the worker of one running attempt of a job, which its token proves.
+//! The caller on the workers' listener: the worker of one running attempt of a job, identified by the token of the attempt.
 
 use tonic::codegen::http::HeaderMap;
 
@@ -9,7 +9,7 @@ use crate::{
     jobs::Jobs,
 };
 
-/// A worker, once the guard knows which.
+/// A worker, as the guard has authenticated it.
 #[derive(Debug, Clone)]
 pub(crate) struct Worker {
     pub(crate) attempt: Attempt,
@@ -20,17 +20,17 @@ impl Worker {
     /// The worker that makes a request.
     ///
     /// # Errors
-    /// Internal when no guard stands before the service.
+    /// Internal when no guard precedes the service.
     pub(crate) fn of<T>(request: &tonic::Request<T>) -> Result<Self> {
         let worker = request.extensions().get::<Self>().cloned();
-        worker.ok_or_else(|| Error::internal("asking which worker calls", "no guard stands before this service"))
+        worker.ok_or_else(|| Error::internal("identifying a worker", "no guard precedes this service"))
     }
 
-    /// The worker that a request proves to be from.
+    /// The worker whose token a request has.
     ///
     /// # Errors
     /// Unauthenticated.
-    pub(super) async fn prove(jobs: &Jobs, headers: &HeaderMap) -> Result<Self> {
+    pub(super) async fn authenticate(jobs: &Jobs, headers: &HeaderMap) -> Result<Self> {
         let not_this_job = || Error::unauthenticated("this call needs the token of a running attempt of a job");
         let token = secret::bearer(headers)?.ok_or_else(not_this_job)?;
         let (attempt, job) = jobs.authenticate(token).await?.ok_or_else(not_this_job)?;

@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn public_address_requires_tls_and_tokens_unless_insecure() {
         let (near, far) = (([127, 0, 0, 1], 7400).into(), ([0, 0, 0, 0], 7400).into());
-        for (tls, tokens, said) in [
+        for (tls, tokens, flag) in [
             (true, None, None),
             (true, Some(true), None),
             (true, Some(false), Some("--require-tokens")),
@@ -137,16 +137,16 @@ mod tests {
             assert_eq!(config.validate(near, false), Ok(()));
             assert_eq!(config.validate(far, true), Ok(()));
             let problem = config.validate(far, false).err();
-            assert_eq!(problem.is_some(), said.is_some(), "{tls} {tokens:?}");
-            if let (Some(problem), Some(said)) = (problem, said) {
-                assert!(problem.contains(said) && problem.contains("--insecure"), "{problem}");
+            assert_eq!(problem.is_some(), flag.is_some(), "{tls} {tokens:?}");
+            if let (Some(problem), Some(flag)) = (problem, flag) {
+                assert!(problem.contains(flag) && problem.contains("--insecure"), "{problem}");
             }
         }
     }
 
     #[test]
     fn tokens_are_required_on_public_addresses_by_default() {
-        for (required, loopback, insecure, asked) in [
+        for (required, loopback, insecure, expected) in [
             (None, true, false, false),
             (None, false, false, true),
             (None, false, true, false),
@@ -154,7 +154,7 @@ mod tests {
             (Some(true), false, true, true),
             (Some(false), false, false, false),
         ] {
-            assert_eq!(config(true, required).tokens_required(loopback, insecure), asked);
+            assert_eq!(config(true, required).tokens_required(loopback, insecure), expected);
         }
     }
 }

@@ -71,7 +71,7 @@ impl Inspector {
     ///
     /// # Errors
     /// Invalid when the task cannot use the recording, or reading it exceeded a limit; Unavailable when the inspection
-    /// was stopped; Internal when it failed by itself.
+    /// was stopped; Internal when it failed otherwise.
     pub(super) async fn inspect(
         &self,
         client: &Client,

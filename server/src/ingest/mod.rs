@@ -1,7 +1,7 @@
 //! Uploads: from bytes to an inspected episode, or to an error.
 //!
 //! Bytes gather in a part file. A finished upload is inspected in a child process with limits, because reading hostile
-//! bytes can abort a process. Only accepted recordings become a blob and a row. Must not know wire types.
+//! bytes can abort a process. Only accepted recordings become a blob and a row. Must not depend on wire types.
 
 mod claim;
 #[cfg(test)]

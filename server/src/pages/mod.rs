@@ -110,25 +110,14 @@ impl Access for PageBackend {
     }
 
     async fn audit(&self, entry: AuditEntry) {
-        let store = self.services.store.clone();
-        // A task of its own: the entry is written even if the request ends first.
-        let writing = tokio::spawn(async move {
-            if let Err(error) = store.insert_audit(&entry).await {
-                tracing::error!(
-                    %error, audit.rpc = entry.rpc, audit.who = entry.who, audit.subjects = ?entry.subjects,
-                    audit.outcome = entry.outcome, "the audit log could not be written"
-                );
-            }
-        });
-        // It fails only with the runtime.
-        let _ = writing.await;
+        access::write_audit(self.services.store.clone(), entry).await;
     }
 }
 
 /// A caller as the pages know it.
 fn of_pages(caller: access::Caller) -> Caller {
     match caller {
-        access::Caller::Known(held) => Caller::Known { token: Arc::new(held.token.clone()), ended: held.ended() },
+        access::Caller::Known(live) => Caller::Known { token: Arc::new(live.token.clone()), ended: live.ended() },
         access::Caller::Anyone => Caller::Anyone,
     }
 }

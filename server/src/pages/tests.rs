@@ -2,6 +2,7 @@
 
 mod access;
 mod artifacts;
+mod audit;
 mod episode;
 mod episodes;
 mod jobs;

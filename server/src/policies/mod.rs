@@ -1,7 +1,7 @@
 //! Policies in service: loading, deployment names, and the sessions that use them.
 //!
 //! A policy is loaded when it is deployed or first requested, and stays in memory while a deployment points at it or a
-//! session holds it. Must not know wire types or SQL.
+//! session holds it. Must not depend on wire types or SQL.
 
 mod act;
 mod batch;
@@ -112,7 +112,7 @@ impl Policies {
         let policy = self.0.store.policy(policy).await?;
         let scorer = self.scorer(&policy, score_run).await?;
         let (policies, name, score_run) = (self.clone(), name.to_owned(), score_run.cloned());
-        whole(async move {
+        move_to_end(async move {
             let _scorer = scorer;
             let _moving = policies.0.moving.lock().await;
             let engine = policies.load(&policy).await?;
@@ -133,7 +133,7 @@ impl Policies {
         let (policy, score_run) = self.0.store.before(name).await?;
         let scorer = self.scorer(&self.0.store.policy(&policy).await?, score_run.as_ref()).await?;
         let (policies, name) = (self.clone(), name.to_owned());
-        whole(async move {
+        move_to_end(async move {
             let (_scorer, store) = (scorer, &policies.0.store);
             let _moving = policies.0.moving.lock().await;
             let policy = store.policy(&store.before(&name).await?.0).await?;
@@ -227,7 +227,7 @@ impl Policies {
 }
 
 /// Moves a deployment to the end even if the caller is gone: the stored policy and the served one must be the same.
-async fn whole(moving: impl Future<Output = Result<Deployment>> + Send + 'static) -> Result<Deployment> {
+async fn move_to_end(moving: impl Future<Output = Result<Deployment>> + Send + 'static) -> Result<Deployment> {
     let moved = tokio::spawn(moving.in_current_span()).await;
     moved.map_err(|error| Error::internal("moving a deployment", error))?
 }

@@ -18,22 +18,13 @@ use crate::{
     domain::{
         id::{ScoreRunId, SessionId},
         live::LiveSession,
-        observation::SessionInput,
+        observation::{SessionInput, SessionSettings},
         time::Millis,
     },
     error::{Error, Kind, Result},
     rollouts::SessionInfo,
     scorers::Watch,
 };
-
-/// The settings of a new session.
-struct Opening {
-    deployment: String,
-    control_rate_hz: f64,
-    deadline: Option<Duration>,
-    /// The cohort to record the episode for.
-    record: Option<String>,
-}
 
 impl Policies {
     /// Starts a session, opened by its first input. Outputs are read from the receiver; an error is the last one.
@@ -68,14 +59,14 @@ impl Policies {
             () = replies.closed() => return Ok(()),
             () = stopping.cancelled() => return Err(Error::unavailable("the server is stopping; try again")),
         };
-        let Some(SessionInput::Open { deployment, control_rate_hz, deadline, record }) = first.transpose()? else {
+        let Some(SessionInput::Open(settings)) = first.transpose()? else {
             return Err(Error::invalid("open", "must be the first message of a session"));
         };
-        let opening = Opening { deployment, control_rate_hz, deadline, record };
-        let (id, session) = self.begin(&opening).await?;
+        let session = self.begin(settings).await?;
+        let Terms { id, settings, .. } = session.terms();
         let span = tracing::info_span!(
-            "session", session.id = %id, deployment.name = %opening.deployment,
-            policy.id = %session.policy_id(), control.rate_hz = control_rate_hz
+            "session", session.id = %id, deployment.name = %settings.deployment,
+            policy.id = %session.policy_id(), control.rate_hz = settings.control_rate_hz.unwrap_or(0.0)
         );
         async {
             tracing::debug!("session opened");
@@ -92,8 +83,8 @@ impl Policies {
     }
 
     /// A session with its policy, its recorder and its live scorer.
-    async fn begin(&self, opening: &Opening) -> Result<(SessionId, Session<Model>)> {
-        let Opening { deployment, control_rate_hz, deadline, record } = opening;
+    async fn begin(&self, settings: SessionSettings) -> Result<Session<Model>> {
+        let SessionSettings { deployment, control_rate_hz, record, .. } = &settings;
         let (engine, score_run) = self.pointed(deployment).await?;
         let watch = self.watch(deployment, score_run.as_ref()).await?;
         let id = SessionId::new();
@@ -108,7 +99,7 @@ impl Policies {
                     deployment: deployment.clone(),
                     policy_id: identity.policy_id.clone(),
                     score_run_id: score_run,
-                    control_rate_hz: if *control_rate_hz > 0.0 { *control_rate_hz } else { task.spec.rate_hz },
+                    control_rate_hz: control_rate_hz.unwrap_or(task.spec.rate_hz),
                     cohort: cohort.clone(),
                 };
                 Some(self.0.rollouts.begin(info, &task)?)
@@ -122,15 +113,9 @@ impl Policies {
             since: Millis::now(),
             recorded: recorder.is_some(),
         });
-        let terms = Terms {
-            id: id.clone(),
-            period: (*control_rate_hz > 0.0)
-                .then(|| Duration::try_from_secs_f64(1.0 / control_rate_hz).unwrap_or(Duration::MAX)),
-            deadline: *deadline,
-            idle: self.0.config.policies.session_idle(),
-            drain: Duration::from_secs(self.0.config.drain_seconds),
-        };
-        Ok((id, Session::new(engine, terms, Record::new(recorder, showing), watch)))
+        let idle = self.0.config.policies.session_idle();
+        let terms = Terms { id, settings, idle, drain: Duration::from_secs(self.0.config.drain_seconds) };
+        Ok(Session::new(engine, terms, Record::new(recorder, showing), watch))
     }
 
     /// The policy and the score run of a deployment, both from one moment.

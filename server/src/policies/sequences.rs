@@ -1,6 +1,6 @@
 //! Policies for clients that send one observation per request: alone, or as a sequence whose history the server keeps.
 //!
-//! A request that fails or is cancelled leaves its sequence unchanged. Must not know wire types.
+//! A request that fails or is cancelled leaves its sequence unchanged. Must not depend on wire types.
 
 use std::{
     collections::HashMap,

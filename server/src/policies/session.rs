@@ -20,7 +20,7 @@ use crate::{
     domain::{
         episode::Outcome,
         id::{EpisodeId, PolicyId, SessionId},
-        observation::{Acted, Observation, SessionInput, SessionOutput},
+        observation::{Acted, Observation, SessionInput, SessionOutput, SessionSettings},
         time::Millis,
     },
     error::{Error, Result},
@@ -34,14 +34,11 @@ const LOOK_AHEAD: usize = 256;
 /// How long the close of a recorded session may wait for its last scores.
 const SCORED_WITHIN: Duration = Duration::from_secs(10);
 
-/// Settings that hold for the whole session.
+/// The id, the robot's settings and the server's limits, which hold for the whole session.
 #[derive(Debug, Clone)]
 pub(super) struct Terms {
     pub(super) id: SessionId,
-    /// One control step; `None`: the task's.
-    pub(super) period: Option<Duration>,
-    /// For observations without a deadline of their own.
-    pub(super) deadline: Option<Duration>,
+    pub(super) settings: SessionSettings,
     /// How long a robot without a pending reply may send nothing.
     pub(super) idle: Duration,
     /// How long the session may continue once the server begins to stop.
@@ -73,8 +70,10 @@ pub(super) struct Session<M: Model> {
 
 impl<M: Model> Session<M> {
     pub(super) fn new(engine: Arc<Engine<M>>, terms: Terms, record: Record, watch: Option<Watch>) -> Self {
+        let rate_hz = terms.settings.control_rate_hz;
+        let period = rate_hz.map(|hertz| Duration::try_from_secs_f64(1.0 / hertz).unwrap_or(Duration::MAX));
         Self {
-            guard: engine.join(terms.period),
+            guard: engine.join(period),
             engine,
             terms,
             record,
@@ -87,6 +86,10 @@ impl<M: Model> Session<M> {
             ended: None,
             counts: ObservationCounts::default(),
         }
+    }
+
+    pub(super) fn terms(&self) -> &Terms {
+        &self.terms
     }
 
     pub(super) fn policy_id(&self) -> &PolicyId {
@@ -244,9 +247,7 @@ impl<M: Model> Session<M> {
         self.stirred = Instant::now();
         match input.transpose()? {
             Some(SessionInput::Observation(observation)) => self.see(observation),
-            Some(SessionInput::Open { .. }) => {
-                Err(Error::invalid("open", "was sent twice; send observations, then close"))
-            }
+            Some(SessionInput::Open(_)) => Err(Error::invalid("open", "was sent twice; send observations, then close")),
             Some(SessionInput::Close { outcome }) => {
                 self.ended = Some((outcome, "closed"));
                 Ok(())
@@ -271,7 +272,7 @@ impl<M: Model> Session<M> {
         self.record.observed(&observation, before)?;
         let passed_over = self.queued.take().map(|(_, reply)| reply.dropped + 1);
         self.counts.dropped += u64::from(passed_over.is_some());
-        let reply = PendingReply::for_observation(&observation, self.terms.deadline, passed_over.unwrap_or(0));
+        let reply = PendingReply::for_observation(&observation, self.terms.settings.deadline, passed_over.unwrap_or(0));
         self.queued = Some((observation, reply));
         Ok(())
     }

@@ -15,7 +15,7 @@ use crate::{
     config::{Cli, Command},
     domain::{
         episode::Outcome,
-        observation::{CameraFrame, Image, ImageFormat, SessionInput, SessionOutput},
+        observation::{CameraFrame, Image, ImageFormat, SessionInput, SessionOutput, SessionSettings},
         score::Encoder,
         task::Task,
     },
@@ -109,37 +109,32 @@ impl Policies {
 }
 
 struct Robot {
-    says: UnboundedSender<Result<SessionInput>>,
-    hears: Answers,
+    inputs: UnboundedSender<Result<SessionInput>>,
+    outputs: Answers,
 }
 
 impl Robot {
     fn new(policies: &Policies) -> Self {
-        let (says, inputs) = unbounded();
-        Self { says, hears: policies.session(inputs, CancellationToken::new()) }
+        let (inputs, sent) = unbounded();
+        Self { inputs, outputs: policies.session(sent, CancellationToken::new()) }
     }
 
-    fn says(&self, input: SessionInput) {
-        self.says.unbounded_send(Ok(input)).unwrap();
+    fn sends(&self, input: SessionInput) {
+        self.inputs.unbounded_send(Ok(input)).unwrap();
     }
 
     fn opens(&self, deployment: &str) {
-        self.says(SessionInput::Open {
-            deployment: deployment.into(),
-            control_rate_hz: 0.0,
-            deadline: None,
-            record: None,
-        });
+        self.sends(SessionInput::Open(SessionSettings { deployment: deployment.into(), ..SessionSettings::default() }));
     }
 
-    async fn hears(&mut self) -> Result<SessionOutput> {
-        self.hears.recv().await.unwrap()
+    async fn receives(&mut self) -> Result<SessionOutput> {
+        self.outputs.recv().await.unwrap()
     }
 
     async fn acts(&mut self, observation: Observation) -> Acted {
-        self.says(SessionInput::Observation(observation));
-        let heard = self.hears().await.unwrap();
-        let SessionOutput::Action { acted, .. } = heard else { panic!("{heard:?}") };
+        self.sends(SessionInput::Observation(observation));
+        let output = self.receives().await.unwrap();
+        let SessionOutput::Action { acted, .. } = output else { panic!("{output:?}") };
         acted
     }
 }
@@ -152,7 +147,7 @@ async fn a_deployment_moves_while_sessions_keep_their_policy() {
     policies.deploy("arm", &old, None).await.unwrap();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
-    assert!(matches!(robot.hears().await, Ok(SessionOutput::Opened { policy_id, .. }) if policy_id == old));
+    assert!(matches!(robot.receives().await, Ok(SessionOutput::Opened { policy_id, .. }) if policy_id == old));
     let before = robot.acts(observation(1, &[])).await;
 
     let deployment = policies.deploy("arm", &new, None).await.unwrap();
@@ -162,12 +157,12 @@ async fn a_deployment_moves_while_sessions_keep_their_policy() {
     assert_ne!(acted.actions, before.actions);
     assert_eq!(robot.acts(observation(2, &[])).await.policy_id, old);
 
-    robot.says(SessionInput::Close { outcome: Outcome::Unknown });
+    robot.sends(SessionInput::Close { outcome: Outcome::Unknown });
     assert!(matches!(
-        robot.hears().await,
+        robot.receives().await,
         Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0, episode_id: None })
     ));
-    assert!(robot.hears.recv().await.is_none());
+    assert!(robot.outputs.recv().await.is_none());
     assert!(!policies.has(&old), "neither a name nor a session holds it");
 }
 
@@ -187,7 +182,7 @@ async fn a_session_and_a_window_of_observations_agree() {
     let policies = lab.policies();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
-    robot.hears().await.unwrap();
+    robot.receives().await.unwrap();
     let mut window = Vec::new();
     let mut given = Vec::new();
     for number in 1..=5 {
@@ -227,10 +222,10 @@ async fn unknown_names_are_not_found_and_a_session_begins_with_open() {
     assert_eq!(policies.deploy("arm", &PolicyId::new(), None).await.unwrap_err().kind(), Kind::NotFound);
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
-    assert_eq!(robot.hears().await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(robot.receives().await.unwrap_err().kind(), Kind::NotFound);
     let mut robot = Robot::new(&policies);
-    robot.says(SessionInput::Close { outcome: Outcome::Unknown });
-    let error = robot.hears().await.unwrap_err();
+    robot.sends(SessionInput::Close { outcome: Outcome::Unknown });
+    let error = robot.receives().await.unwrap_err();
     assert!(error.kind() == Kind::Invalid && error.message().starts_with("open: "), "{error}");
 }
 
@@ -243,7 +238,7 @@ async fn rolling_back_serves_the_previous_policy() {
     policies.deploy("arm", &new, None).await.unwrap();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
-    robot.hears().await.unwrap();
+    robot.receives().await.unwrap();
 
     let deployment = policies.roll_back("arm").await.unwrap();
     assert_eq!((deployment.policy_id(), deployment.history.len()), (Some(&old), 3));
@@ -266,13 +261,13 @@ async fn policies_over_the_memory_budget_are_reloaded_on_use() {
     assert!(!policies.has(&first), "the budget is for one");
     let mut robot = Robot::new(&policies);
     robot.opens("one");
-    robot.hears().await.unwrap();
+    robot.receives().await.unwrap();
     assert!(policies.has(&first) && !policies.has(&second));
     assert_eq!(policies.act("two", vec![observation(1, &[])]).await.unwrap().policy_id, second);
     assert_eq!(robot.acts(observation(1, &[])).await.policy_id, first, "a session keeps its policy");
-    robot.says(SessionInput::Close { outcome: Outcome::Unknown });
-    robot.hears().await.unwrap();
-    assert!(robot.hears.recv().await.is_none());
+    robot.sends(SessionInput::Close { outcome: Outcome::Unknown });
+    robot.receives().await.unwrap();
+    assert!(robot.outputs.recv().await.is_none());
     assert!(!policies.has(&first) && policies.has(&second), "the least recently used was unloaded");
 }
 

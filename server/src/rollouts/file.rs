@@ -1,4 +1,4 @@
-//! The open file of one recorded session: what is written and when it is synced. Must not know limits.
+//! The open file of one recorded session: its writes and their syncs. Must not depend on limits.
 
 use std::{
     collections::BTreeMap,

@@ -1,7 +1,7 @@
 //! Rollouts: recorded sessions become episodes of their task, however they end.
 //!
 //! A robot never waits for the disk: its session queues events, and a task per recording writes them and passes the
-//! file to `ingest` like an upload. Recordings left by a crash are stored at the next start. Must not know models or
+//! file to `ingest` like an upload. Recordings left by a crash are stored at the next start. Must not depend on models or
 //! wire types.
 
 mod event;

@@ -127,5 +127,5 @@ impl<S: Scorer> LoadedRuns<S> {
 }
 
 fn caller_is_gone() -> Error {
-    Error::cancelled("the caller that asked for the scorer is gone")
+    Error::cancelled("the caller that requested the scorer is gone")
 }

@@ -1,7 +1,7 @@
 //! Loaded score runs. They score episodes that are not stored (a running session's steps, or a whole recording) as the
 //! run scored its own.
 //!
-//! A run is loaded on first use, once for all concurrent callers. Must not know wire types or SQL.
+//! A run is loaded on first use, once for all concurrent callers. Must not depend on wire types or SQL.
 
 mod engine;
 mod episode_queue;

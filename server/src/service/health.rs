@@ -1,12 +1,12 @@
-//! The health of each service, for who asks before calling.
+//! The health of each service, for load balancers and clients that check it before they call.
 
 use tonic::server::NamedService;
 use tonic_health::{ServingStatus, server::HealthReporter};
 
-/// Says of each service whether it serves.
+/// Reports for each service whether it serves.
 pub(super) struct Health {
     reporter: HealthReporter,
-    /// The empty name is the server's as a whole.
+    /// The empty name is the whole server's.
     services: Vec<&'static str>,
 }
 
@@ -15,18 +15,18 @@ impl Health {
         Self { reporter, services: vec![""] }
     }
 
-    /// This service serves.
+    /// Reports that this service serves.
     pub(super) async fn serves<S: NamedService>(&mut self, _service: &S) {
         self.services.push(S::NAME);
         self.reporter.set_service_status(S::NAME, ServingStatus::Serving).await;
     }
 
-    /// The names of those that serve.
+    /// The names of the services that serve.
     pub(super) fn services(&self) -> impl Iterator<Item = &'static str> {
         self.services.iter().copied().filter(|name| !name.is_empty())
     }
 
-    /// From now on none serves: whoever asks goes elsewhere.
+    /// Reports that no service serves any more, so that clients use another server.
     pub(super) async fn stop(&self) {
         for service in &self.services {
             self.reporter.set_service_status(service, ServingStatus::NotServing).await;

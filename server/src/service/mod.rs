@@ -1,5 +1,6 @@
-//! The gRPC face: thin implementations of the services, and the services they share.
+//! The gRPC services: one thin method for each rpc, and the modules that all of them share.
 
+mod answer;
 mod dataset;
 mod episode;
 mod health;
@@ -11,9 +12,12 @@ mod score;
 mod scoring;
 mod segment;
 mod serve;
+mod shutdown;
 mod snapshot;
+mod subjects;
 mod task;
-mod until;
+#[cfg(test)]
+mod tests;
 mod worker;
 
 use std::{net::SocketAddr, sync::Arc};
@@ -22,11 +26,12 @@ use tokio_util::sync::CancellationToken;
 
 pub(crate) use self::serve::serve;
 use crate::{
-    blobs::Blobs, config::ServeConfig, curation::Curation, data_folder, error::Result, ingest::Ingest, jobs::Jobs,
-    maintenance::Maintenance, policies::Policies, rollouts::Rollouts, scorers::Scorers, store::Store,
+    blobs::Blobs, config::ServeConfig, curation::Curation, data_folder, domain::id::TaskId, error::Result,
+    ingest::Ingest, jobs::Jobs, maintenance::Maintenance, policies::Policies, rollouts::Rollouts, scorers::Scorers,
+    store::Store,
 };
 
-/// Every room a service may call, built once.
+/// Every module that a service may call, built once.
 #[derive(Clone)]
 pub struct Services {
     pub(crate) config: Arc<ServeConfig>,
@@ -39,12 +44,12 @@ pub struct Services {
     pub(crate) policies: Policies,
     pub(crate) rollouts: Rollouts,
     pub(crate) scorers: Scorers,
-    /// Cancelled when the server begins to stop: streams that would stay open end then.
+    /// Cancelled when the server begins to stop, which ends streams that would stay open.
     pub(crate) stopping: CancellationToken,
 }
 
 impl Services {
-    /// Opens the data directory, puts right what a crash left, and starts the supervisor of workers.
+    /// Opens the data directory, repairs it after a crash, and starts the supervisor of workers.
     ///
     /// # Errors
     /// When the data directory or the database cannot be used.
@@ -74,6 +79,14 @@ impl Services {
             scorers,
             stopping: CancellationToken::new(),
         })
+    }
+
+    /// The id of a task; `None` for an empty name, which stands for all tasks.
+    ///
+    /// # Errors
+    /// NotFound.
+    async fn task_or_all(&self, task: &str) -> Result<Option<TaskId>> {
+        if task.is_empty() { Ok(None) } else { Ok(Some(self.store.task(task).await?.id)) }
     }
 
     /// Stops workers and models, then closes the database.

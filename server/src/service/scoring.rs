@@ -1,4 +1,4 @@
-//! Scores of what is not stored: the two streams of ScoreService. Nothing of them is kept.
+//! Scores of recordings and steps that are not stored: the two streams of ScoreService.
 
 use std::{sync::Arc, time::Duration};
 
@@ -7,21 +7,21 @@ use gleaner_proto::v1;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::Streaming;
 
-use super::Services;
+use super::{
+    Services,
+    answer::{Responses, responses},
+};
 use crate::{
     domain::client::Client,
     error::Result,
     ingest::Passing,
     policies::observation,
     scorers::{DecodedObservation, Ready, Terms, score_steps},
-    wire::{
-        scoring,
-        status::{from_error, from_peer},
-    },
+    wire::{scoring, status::from_peer},
 };
 
 impl Services {
-    /// Scores a recording of the client's while nothing of it is stored.
+    /// Scores a recording of the client without storing it.
     pub(super) async fn score_recording(
         &self,
         client: &Client,
@@ -37,20 +37,16 @@ impl Services {
     }
 
     /// Scores an episode's steps while it happens.
-    pub(super) fn score_steps(
-        &self,
-        requests: Streaming<v1::ScoreStepsRequest>,
-    ) -> BoxStream<'static, tonic::Result<v1::ScoreStepsResponse>> {
+    pub(super) fn score_steps(&self, requests: Streaming<v1::ScoreStepsRequest>) -> Responses<v1::ScoreStepsResponse> {
         let (scorers, terms) = (self.scorers.clone(), self.scoring_terms());
         let mut requests = patient(requests, terms.clone());
         let start = move || async move {
             let run = scoring::steps_open(requests.next().await.transpose()?)?;
             let ready = scorers.load(&run).await?;
             let of = Arc::clone(&ready);
-            Ok((ready, requests.then(move |request| seen(Arc::clone(&of), request)).boxed()))
+            Ok((ready, requests.then(move |request| decoded(Arc::clone(&of), request)).boxed()))
         };
-        let answers = ReceiverStream::new(score_steps(start, terms));
-        answers.map(|answer| answer.map(scoring::steps_response).map_err(from_error)).boxed()
+        responses(ReceiverStream::new(score_steps(start, terms)).map(|scored| scored.map(scoring::steps_response)))
     }
 
     fn scoring_terms(&self) -> Terms {
@@ -62,7 +58,7 @@ impl Services {
     }
 }
 
-/// What a client sends, for as long as it does not fall silent.
+/// The messages of a client; an error if it sends none for too long.
 fn patient<T: Send + 'static>(requests: Streaming<T>, terms: Terms) -> BoxStream<'static, Result<T>> {
     let next = |(mut requests, terms): (Streaming<T>, Terms)| async move {
         let next = match tokio::time::timeout(terms.idle, requests.next()).await {
@@ -75,7 +71,7 @@ fn patient<T: Send + 'static>(requests: Streaming<T>, terms: Terms) -> BoxStream
 }
 
 /// One step, checked and decoded.
-async fn seen(ready: Arc<Ready>, request: Result<v1::ScoreStepsRequest>) -> Result<(DecodedObservation, Vec<f32>)> {
+async fn decoded(ready: Arc<Ready>, request: Result<v1::ScoreStepsRequest>) -> Result<(DecodedObservation, Vec<f32>)> {
     let (sent, action) = scoring::step(request?)?;
     observation::vector("step.action", &action, ready.shape().action)?;
     let (stamp_ns, proprioception) = (sent.stamp_ns, sent.proprioception.clone());

@@ -24,9 +24,9 @@ use tonic_health::pb::health_server;
 use tonic_reflection::{pb, server::Builder};
 
 use super::{
-    Services, dataset::Datasets, episode::Episodes, health::Health, inference::InferenceFace, job::JobsFace,
-    policy::PoliciesFace, schedule::Schedules, score::Scores, snapshot::Snapshots, task::Tasks, until::Until,
-    worker::Workers,
+    Services, dataset::DatasetApi, episode::EpisodeApi, health::Health, inference::InferenceApi, job::JobApi,
+    policy::PolicyApi, schedule::ScheduleApi, score::ScoreApi, shutdown::EndAtShutdown, snapshot::SnapshotApi,
+    task::TaskApi, worker::WorkerApi,
 };
 use crate::{
     Listeners,
@@ -39,15 +39,15 @@ use crate::{
 /// Flow-control windows. The default of 64 KiB caps one image stream near 1 MB/s on a real network.
 const STREAM_WINDOW: u32 = 4 << 20;
 const CONNECTION_WINDOW: u32 = 16 << 20;
-/// Largest piece of a message. In the default's 16 KiB, a small observation comes in a dozen reads.
+/// The largest frame of a message. With the default of 16 KiB, a small observation takes a dozen reads.
 const FRAME: u32 = 1 << 20;
 /// Largest message to a service that takes neither images nor recordings.
 const SMALL: usize = 4 << 20;
-/// How long the last words of streams that the drain has ended may take to their readers.
-const FAREWELL: Duration = Duration::from_secs(1);
+/// How long the last messages of streams that the drain has ended may take to reach their readers.
+const LAST_MESSAGES: Duration = Duration::from_secs(1);
 
-/// Serves until `stop` ends; then open streams receive the end of service, and what is still open at the end of the drain is closed, with
-/// a moment for what is said last.
+/// Serves until `stop` ends. Open streams then receive the end of service; calls that are still open at the end of the drain
+/// are closed, after a moment for their last messages.
 ///
 /// # Errors
 /// When the transport fails.
@@ -90,11 +90,11 @@ pub(crate) async fn serve(
     let deadline = async {
         stop.await;
         let drain = Duration::from_secs(services.config.drain_seconds);
-        let end = Instant::now() + drain + FAREWELL;
+        let end = Instant::now() + drain + LAST_MESSAGES;
         tracing::info!(drain.seconds = drain.as_secs(), "stopping");
         health.stop().await;
         services.stopping.cancel();
-        // Workers are asked to stop while they can still be answered: then no attempt is counted.
+        // Workers are stopped while their calls are still served, so that no attempt is counted.
         services.jobs.stop().await;
         // The receiver is gone only when serving has ended already.
         let _ = stop_sender.send(());
@@ -116,23 +116,25 @@ fn guard(services: &Services, tokens: TokenCache, encrypted: bool, connections: 
     let loopback = config.listen.ip().is_loopback();
     let required = config.access.tokens_required(loopback, config.insecure);
     if !loopback && !encrypted {
-        tracing::warn!("other machines can reach this server, and what they send, tokens too, is not encrypted");
+        tracing::warn!(
+            "other machines can reach this server, and its connections, with their tokens, are not encrypted"
+        );
     }
     if !loopback && !required {
-        tracing::warn!("other machines can reach this server, and none is asked who it is: anybody may do anything");
+        tracing::warn!("other machines can reach this server, which requires no token: every caller may do everything");
     }
     if required && tokens.is_empty() {
-        tracing::warn!("callers must show a token and there is none: make one with `gleaner-server token create`");
+        tracing::warn!("this server requires tokens and has none: create one with `gleaner-server token create`");
     }
     Guard::new(tokens, services.store.clone(), required, connections.clone())
 }
 
-/// Serves our own workers: nothing but their service, on this machine only. Each call shows the token of its job, and what
-/// happens on the callers' connections takes nothing from theirs.
+/// Serves our own workers: `WorkerService` only, on this machine only, with limits of their own. Each call has the token of
+/// its job.
 fn for_workers(services: &Services, listener: TcpListener) -> AbortOnDropHandle<()> {
     let connections = connections(&services.config.connections);
     let limit = services.config.limits.max_message_bytes;
-    let service = WorkerServiceServer::new(Workers(services.clone()))
+    let service = WorkerServiceServer::new(WorkerApi(services.clone()))
         .max_decoding_message_size(limit)
         .max_encoding_message_size(limit);
     let server = Server::builder()
@@ -144,45 +146,46 @@ fn for_workers(services: &Services, listener: TcpListener) -> AbortOnDropHandle<
     let incoming = connections.accept(listener, None, Protocol::Http2);
     AbortOnDropHandle::new(tokio::spawn(async move {
         if let Err(error) = server.serve_with_incoming(incoming).await {
-            tracing::error!(%error, "workers are not served any more");
+            tracing::error!(%error, "serving workers failed");
         }
     }))
 }
 
-async fn routes(services: &Services) -> Result<(Routes, Health)> {
+/// Every service of the clients' listener, with its health.
+pub(super) async fn routes(services: &Services) -> Result<(Routes, Health)> {
     let limit = services.config.limits.max_message_bytes;
     let small = limit.min(SMALL);
     let (reporter, health_service) = tonic_health::server::health_reporter();
     let mut health = Health::new(reporter);
-    let mut routes = Routes::new(Until::new(health_service, services.stopping.clone()));
+    let mut routes = Routes::new(EndAtShutdown::new(health_service, services.stopping.clone()));
     macro_rules! add {
-        ($($server:ident($face:ident): $most:ident),* $(,)?) => {$(
-            let service = $server::new($face(services.clone())).max_decoding_message_size($most).max_encoding_message_size(limit);
+        ($($server:ident($api:ident): $most:ident),* $(,)?) => {$(
+            let service = $server::new($api(services.clone())).max_decoding_message_size($most).max_encoding_message_size(limit);
             health.serves(&service).await;
             routes = routes.add_service(service);
         )*};
     }
     add!(
-        TaskServiceServer(Tasks): small,
-        EpisodeServiceServer(Episodes): limit,
-        SnapshotServiceServer(Snapshots): small,
-        JobServiceServer(JobsFace): small,
-        ScheduleServiceServer(Schedules): small,
-        ScoreServiceServer(Scores): limit,
-        DatasetServiceServer(Datasets): small,
-        PolicyServiceServer(PoliciesFace): limit,
-        GrpcInferenceServiceServer(InferenceFace): limit,
+        TaskServiceServer(TaskApi): small,
+        EpisodeServiceServer(EpisodeApi): limit,
+        SnapshotServiceServer(SnapshotApi): small,
+        JobServiceServer(JobApi): small,
+        ScheduleServiceServer(ScheduleApi): small,
+        ScoreServiceServer(ScoreApi): limit,
+        DatasetServiceServer(DatasetApi): small,
+        PolicyServiceServer(PolicyApi): limit,
+        GrpcInferenceServiceServer(InferenceApi): limit,
     );
     let fault = |error| Error::internal("building server reflection", error);
     let (v1, v1alpha) = (reflection(&health).build_v1(), reflection(&health).build_v1alpha());
     let routes = routes
-        .add_service(Until::new(v1.map_err(fault)?, services.stopping.clone()))
-        .add_service(Until::new(v1alpha.map_err(fault)?, services.stopping.clone()));
+        .add_service(EndAtShutdown::new(v1.map_err(fault)?, services.stopping.clone()))
+        .add_service(EndAtShutdown::new(v1alpha.map_err(fault)?, services.stopping.clone()));
     Ok((routes, health))
 }
 
-/// Reflection of every service here, but not of the workers' service, which has a listener of its own. Older clients ask
-/// by v1alpha, which gives the same answers as v1.
+/// Reflection of every service here, without the workers' service, which has a separate listener. Older clients use v1alpha,
+/// which has the same content as v1.
 fn reflection(health: &Health) -> Builder<'static> {
     const V1: &str = pb::v1::server_reflection_server::SERVICE_NAME;
     const V1_ALPHA: &str = pb::v1alpha::server_reflection_server::SERVICE_NAME;
@@ -191,7 +194,7 @@ fn reflection(health: &Health) -> Builder<'static> {
         .fold(Builder::configure(), Builder::with_service_name)
         .register_encoded_file_descriptor_set(gleaner_proto::DESCRIPTORS)
         .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
-        // The builder adds the descriptors of one version by itself.
+        // The builder adds the descriptors of one version automatically.
         .register_encoded_file_descriptor_set(pb::v1::FILE_DESCRIPTOR_SET)
         .register_encoded_file_descriptor_set(pb::v1alpha::FILE_DESCRIPTOR_SET)
 }

@@ -79,7 +79,7 @@ impl SessionMetrics {
     }
 
     /// Counts an output to the robot.
-    pub(crate) fn say(&self, output: &SessionOutput) {
+    pub(crate) fn record(&self, output: &SessionOutput) {
         match output {
             SessionOutput::Action { acted, dropped, .. } => {
                 let timings = &acted.timings;

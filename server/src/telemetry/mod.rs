@@ -1,4 +1,4 @@
-//! Logs, metrics and traces of the server. Must not know other rooms; any room may call it.
+//! Logs, metrics and traces of the server. Must not depend on other modules; any module may call it.
 
 pub(crate) mod memory;
 pub(crate) mod metrics;

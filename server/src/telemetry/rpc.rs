@@ -46,7 +46,7 @@ where
     S::Future: Send + 'static,
     O: Body,
 {
-    type Response = Response<Told<O>>;
+    type Response = Response<TracedBody<O>>;
     type Error = S::Error;
     type Future = Pin<Box<dyn Future<Output = Result<Self::Response, S::Error>> + Send>>;
 
@@ -57,8 +57,8 @@ where
     fn call(&mut self, request: Request<I>) -> Self::Future {
         let path = request.uri().path();
         let call = Call::begin(path, (self.name)(path).unwrap_or(UNKNOWN));
-        let answer = call.within(|| self.inner.call(request));
-        Box::pin(Within { call: Some(call), answer: Box::pin(answer) })
+        let response = call.within(|| self.inner.call(request));
+        Box::pin(TracedCall { call: Some(call), response: Box::pin(response) })
     }
 }
 
@@ -106,40 +106,40 @@ impl Drop for Call {
 }
 
 /// The pending response.
-struct Within<F> {
+struct TracedCall<F> {
     /// Taken by the response's body.
     call: Option<Call>,
-    answer: Pin<Box<F>>,
+    response: Pin<Box<F>>,
 }
 
-impl<F, O, E> Future for Within<F>
+impl<F, O, E> Future for TracedCall<F>
 where
     F: Future<Output = Result<Response<O>, E>>,
 {
-    type Output = Result<Response<Told<O>>, E>;
+    type Output = Result<Response<TracedBody<O>>, E>;
 
     fn poll(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Self::Output> {
-        let Self { call, answer } = &mut *self;
+        let Self { call, response } = &mut *self;
         let Some(at) = call.as_ref() else { return Poll::Pending };
-        let answered = std::task::ready!(at.within(|| answer.as_mut().poll(cx)));
-        Poll::Ready(answered.map(|mut response| {
+        let responded = std::task::ready!(at.within(|| response.as_mut().poll(cx)));
+        Poll::Ready(responded.map(|mut response| {
             if let Some(call) = call.as_mut() {
                 call.ends(response.headers_mut());
             }
             let call = call.take();
-            response.map(|body| Told { body, call })
+            response.map(|body| TracedBody { body, call })
         }))
     }
 }
 
 /// The body of a response, polled within the call's span.
-pub(crate) struct Told<O> {
+pub(crate) struct TracedBody<O> {
     body: O,
     /// `None` once the body has ended.
     call: Option<Call>,
 }
 
-impl<O: Body + Unpin> Body for Told<O> {
+impl<O: Body + Unpin> Body for TracedBody<O> {
     type Data = O::Data;
     type Error = O::Error;
 

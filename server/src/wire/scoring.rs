@@ -1,4 +1,4 @@
-//! Scores of what is not stored, on the wire: recordings and steps in, scores out.
+//! Scores of recordings and steps that are not stored, on the wire.
 
 use bytes::Bytes;
 use gleaner_proto::v1::{self, score_recording_request, score_steps_request, score_steps_response};
@@ -18,7 +18,7 @@ use crate::{
 
 const OPEN_TWICE: &str = "the stream is open already; send one for each episode";
 
-/// The first message of a recording; `None`: there was none.
+/// The first message of a recording; `None` if the stream ended before it.
 pub(crate) fn recording_open(first: Option<v1::ScoreRecordingRequest>) -> Result<(ScoreRunId, Declared)> {
     match first.and_then(|first| first.message) {
         Some(score_recording_request::Message::Open(open)) => {
@@ -34,7 +34,7 @@ pub(crate) fn recording_open(first: Option<v1::ScoreRecordingRequest>) -> Result
 /// The next bytes of a recording.
 pub(crate) fn recording_data(request: v1::ScoreRecordingRequest) -> Result<Bytes> {
     match field::required("message", request.message)? {
-        // A stream of nothing would never end and never fall silent.
+        // A stream of empty messages would never end and never be idle.
         score_recording_request::Message::Data(data) if data.is_empty() => {
             Err(Error::invalid("data", "is empty; send bytes of the recording, or end the stream"))
         }
@@ -43,7 +43,7 @@ pub(crate) fn recording_data(request: v1::ScoreRecordingRequest) -> Result<Bytes
     }
 }
 
-/// The first message of an episode's steps; `None`: there was none.
+/// The first message of an episode's steps; `None` if the stream ended before it.
 pub(crate) fn steps_open(first: Option<v1::ScoreStepsRequest>) -> Result<ScoreRunId> {
     match first.and_then(|first| first.message) {
         Some(score_steps_request::Message::Open(v1::ScoreStepsOpen { score_run_id })) => {
@@ -53,23 +53,23 @@ pub(crate) fn steps_open(first: Option<v1::ScoreStepsRequest>) -> Result<ScoreRu
     }
 }
 
-/// The next step: what was seen, and what was done.
+/// The next step: its observation and its action.
 pub(crate) fn step(request: v1::ScoreStepsRequest) -> Result<(Observation, Vec<f32>)> {
     let v1::ScoreStep { observation, action } = match field::required("message", request.message)? {
         score_steps_request::Message::Step(step) => step,
         score_steps_request::Message::Open(_) => return Err(Error::invalid("open", OPEN_TWICE)),
     };
     let path = "step.observation";
-    let seen = policy::observation(path, field::required(path, observation)?)?;
-    if !seen.executed_action.is_empty() {
-        let mend = "belongs to sessions; leave it out, and say in step.action what was done at this step";
+    let sent = policy::observation(path, field::required(path, observation)?)?;
+    if !sent.executed_action.is_empty() {
+        let mend = "applies to sessions; omit it, and send this step's action in step.action";
         return Err(Error::invalid("step.observation.executed_action", mend));
     }
-    if seen.deadline.is_some() {
-        let mend = "belongs to sessions; leave it out: every step is scored";
+    if sent.deadline.is_some() {
+        let mend = "applies to sessions; omit it: every step is scored";
         return Err(Error::invalid("step.observation.deadline_us", mend));
     }
-    Ok((seen, action))
+    Ok((sent, action))
 }
 
 pub(crate) fn recording_response(
@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_recording_does_not_come_in_pieces_of_nothing() {
+    fn an_empty_piece_of_a_recording_is_rejected() {
         let data = |bytes: &'static [u8]| {
             let message = Some(score_recording_request::Message::Data(bytes.into()));
             recording_data(v1::ScoreRecordingRequest { message })
@@ -146,8 +146,8 @@ mod tests {
             (open(run(), &"x".repeat(256)), "open.file_name: "),
             (open(run(), "a\nb"), "open.file_name: "),
         ] {
-            let said = opened.err().unwrap();
-            assert!(said.message().starts_with(field), "{field} expected: {said}");
+            let error = opened.err().unwrap();
+            assert!(error.message().starts_with(field), "{field} expected: {error}");
         }
     }
 }

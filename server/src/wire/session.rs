@@ -1,4 +1,4 @@
-//! Sessions on the wire: what a robot says and hears.
+//! Sessions on the wire: the messages of a robot and of its session.
 
 use gleaner_proto::v1::{self, session_request, session_response};
 
@@ -11,7 +11,7 @@ use super::{
 use crate::{
     domain::{
         episode::Outcome,
-        observation::{Acted, SessionInput, SessionOutput},
+        observation::{Acted, SessionInput, SessionOutput, SessionSettings},
     },
     error::{Error, Result},
 };
@@ -19,7 +19,7 @@ use crate::{
 pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput> {
     let v1::SessionRequest { message } = request;
     match field::required("message", message)? {
-        session_request::Message::Open(sent) => open(sent),
+        session_request::Message::Open(sent) => Ok(SessionInput::Open(settings(sent)?)),
         session_request::Message::Observation(sent) => Ok(SessionInput::Observation(observation("observation", sent)?)),
         session_request::Message::Close(v1::SessionClose { outcome }) => {
             let outcome = outcome_from_proto("close.outcome", outcome)?;
@@ -28,15 +28,15 @@ pub(crate) fn session_input(request: v1::SessionRequest) -> Result<SessionInput>
     }
 }
 
-fn open(sent: v1::SessionOpen) -> Result<SessionInput> {
+fn settings(sent: v1::SessionOpen) -> Result<SessionSettings> {
     let v1::SessionOpen { deployment, control_rate_hz, deadline_us, record, cohort } = sent;
     let deployment = deployment_name("open.deployment", deployment)?;
     let cohort = field::tag("open.cohort", cohort)?;
     if !record && !cohort.is_empty() {
-        return Err(Error::invalid("open.cohort", "is of the recorded episode; set record too, or leave it out"));
+        return Err(Error::invalid("open.cohort", "applies to a recorded session; set record too, or omit the cohort"));
     }
     let cohort = if cohort.is_empty() { deployment.clone() } else { cohort };
-    Ok(SessionInput::Open {
+    Ok(SessionSettings {
         control_rate_hz: control_rate("open.control_rate_hz", control_rate_hz)?,
         deadline: deadline(deadline_us),
         record: record.then_some(cohort),
@@ -44,11 +44,11 @@ fn open(sent: v1::SessionOpen) -> Result<SessionInput> {
     })
 }
 
-fn control_rate(field: &str, hertz: f64) -> Result<f64> {
-    if (0.0..=10_000.0).contains(&hertz) {
-        return Ok(hertz);
+fn control_rate(field: &str, hertz: f64) -> Result<Option<f64>> {
+    if !(0.0..=10_000.0).contains(&hertz) {
+        return Err(Error::invalid(field, format!("is {hertz}, must be between 0 (the task's rate) and 10000")));
     }
-    Err(Error::invalid(field, format!("is {hertz}, must be between 0 (the task's rate) and 10000")))
+    Ok((hertz > 0.0).then_some(hertz))
 }
 
 pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
@@ -92,8 +92,12 @@ pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
 mod tests {
     use super::*;
 
-    fn opened(open: v1::SessionOpen) -> Result<SessionInput> {
-        session_input(v1::SessionRequest { message: Some(session_request::Message::Open(open)) })
+    fn opened(open: v1::SessionOpen) -> Result<SessionSettings> {
+        let message = Some(session_request::Message::Open(open));
+        match session_input(v1::SessionRequest { message })? {
+            SessionInput::Open(settings) => Ok(settings),
+            other @ (SessionInput::Observation(_) | SessionInput::Close { .. }) => panic!("{other:?}"),
+        }
     }
 
     fn record(cohort: &str, record: bool) -> v1::SessionOpen {
@@ -101,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_message_must_say_something() {
+    fn an_empty_session_message_is_rejected() {
         assert!(session_input(v1::SessionRequest { message: None }).is_err());
         let error = opened(v1::SessionOpen { control_rate_hz: f64::NAN, ..record("", false) }).unwrap_err();
         assert!(error.message().starts_with("open.control_rate_hz: "), "{error}");
@@ -117,25 +121,24 @@ mod tests {
             (record(&"x".repeat(256), true), "open.cohort: "),
             (record("a\u{7}", true), "open.cohort: "),
         ] {
-            let said = opened(open).unwrap_err();
-            assert!(said.message().starts_with(field), "{field} expected: {said}");
+            let error = opened(open).unwrap_err();
+            assert!(error.message().starts_with(field), "{field} expected: {error}");
         }
     }
 
     #[test]
-    fn a_recorded_sessions_cohort_is_the_deployments_name_unless_it_is_said() {
+    fn a_recorded_session_without_a_cohort_takes_its_deployments_name() {
         for (open, expected) in
             [(record("", true), Some("arm@prod")), (record("night", true), Some("night")), (record("", false), None)]
         {
-            let SessionInput::Open { record, .. } = opened(open).unwrap() else { panic!("not open") };
-            assert_eq!(record.as_deref(), expected);
+            assert_eq!(opened(open).unwrap().record.as_deref(), expected);
         }
         let error = opened(record("night", false)).unwrap_err();
         assert!(error.message().starts_with("open.cohort: "), "{error}");
     }
 
     #[test]
-    fn a_close_without_an_outcome_says_that_nobody_knows() {
+    fn a_close_without_an_outcome_has_the_outcome_unknown() {
         let close = |outcome| {
             let message = Some(session_request::Message::Close(v1::SessionClose { outcome }));
             session_input(v1::SessionRequest { message })

@@ -1,4 +1,4 @@
-//! The one table from our errors to gRPC status codes. Logs each error once, where it leaves the house.
+//! The one table from our errors to gRPC status codes. Logs each error once, where it leaves the server.
 
 use gleaner_recording::printable::Escape;
 use tonic::{Code, Status, codegen::http::HeaderMap};
@@ -8,10 +8,11 @@ use crate::{
     telemetry::request,
 };
 
-/// Longest message of an error, in bytes.
+/// The longest message of an error, in bytes.
 const MESSAGE_BYTES: usize = 4000;
 
-/// What the caller of an rpc sees of an error. Internal ones say a fixed sentence and an id to find the log line by.
+/// The status of an error for the caller of an rpc. An internal error has a fixed message with an id, by which the log line
+/// is found.
 pub(crate) fn from_error(error: Error) -> Status {
     let code = match error.kind() {
         Kind::Invalid => Code::InvalidArgument,
@@ -27,31 +28,29 @@ pub(crate) fn from_error(error: Error) -> Status {
         Kind::Internal => {
             let request_id = request::id();
             tracing::error!(request.id = %request_id, %error, "request failed");
-            return Status::internal(format!(
-                "something went wrong in the server; its log tells more under request {request_id}"
-            ));
+            return Status::internal(format!("the server failed; see its log for request {request_id}"));
         }
     };
     if error.kind() == Kind::Exhausted && std::error::Error::source(&error).is_some() {
-        // It is the disk's doing, and somebody should know.
-        tracing::error!(%error, "the disk refuses");
+        // Caused by the disk, which the operator must fix.
+        tracing::error!(%error, "the disk rejects writes");
     } else {
         tracing::debug!(%error, ?code, "request refused");
     }
-    Status::new(code, told(error.message()))
+    Status::new(code, header_text(error.message()))
 }
 
 /// The trailers that end a call with an error.
-pub(crate) fn last_words(error: Error) -> HeaderMap {
+pub(crate) fn trailers(error: Error) -> HeaderMap {
     let mut trailers = HeaderMap::new();
-    // Fails for messages that fit no header; ours are cut.
+    // Fails for messages that fit no header; `header_text` prevents that.
     let _ = from_error(error).add_header(&mut trailers);
     trailers
 }
 
-/// A message travels in a header, where non-ASCII takes three bytes for one and 16 KiB is common; and some repeat what the
-/// caller sent, or what a recording has. Escaped, because clients of other makers print it as it comes.
-fn told(message: &str) -> String {
+/// A message as the text of a header: shortened, because 16 KiB is a common limit of headers and non-ASCII bytes take three
+/// each; escaped, because some messages repeat text of a caller or a recording and other clients print them unescaped.
+fn header_text(message: &str) -> String {
     let beginning = message.get(..message.floor_char_boundary(MESSAGE_BYTES)).unwrap_or_default();
     let shown = Escape::Lines.apply(beginning);
     if beginning.len() == message.len() && shown.len() <= MESSAGE_BYTES {
@@ -60,13 +59,13 @@ fn told(message: &str) -> String {
     format!("{} … (and more)", shown.get(..shown.floor_char_boundary(MESSAGE_BYTES)).unwrap_or_default())
 }
 
-/// A call of an rpc that is not in the authorisation table, hence none of ours.
+/// The status of a call to an rpc that is not in the authorisation table.
 pub(crate) fn no_such_rpc() -> Status {
     Status::unimplemented("this server has no such rpc; is it older than its client?")
 }
 
-/// What a stream's sender did wrong, when the transport tells instead of a message: it went away, sent one that is too
-/// large or no message at all, or may not send any more.
+/// The error of a stream's sender, as the transport reports it in place of a message: the sender is gone, its message is too
+/// large or malformed, or its token has ended.
 pub(crate) fn from_peer(status: Status) -> Error {
     let message = status.message();
     if matches!(status.code(), Code::OutOfRange | Code::ResourceExhausted) {
@@ -78,7 +77,7 @@ pub(crate) fn from_peer(status: Status) -> Error {
     } else if status.code() == Code::Unauthenticated {
         Error::unauthenticated(message)
     } else {
-        Error::cancelled(format!("the caller has gone: {message}"))
+        Error::cancelled(format!("the caller is gone: {message}"))
     }
 }
 

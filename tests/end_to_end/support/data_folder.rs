@@ -176,9 +176,9 @@ pub async fn expect_rejected(data: &Path) -> String {
     text
 }
 
-/// Starts a server; returns once its first sweep has ended or was rejected.
+/// Starts a server; returns once its first sweep has handled rows and blobs.
 pub async fn swept(data: &Path, flags: &[&str]) -> TestServer {
-    // The sweep removes old logs last.
+    // A sweep removes old logs after rows and blobs.
     let log = data.join("logs/old.log");
     fs::create_dir_all(data.join("logs")).unwrap();
     fs::write(&log, "an old log").unwrap();

@@ -47,7 +47,7 @@ pub fn outcome_to_proto(outcome: Outcome) -> v1::Outcome {
     }
 }
 
-/// Which episodes to list.
+/// Filter and page of a list of episodes.
 pub struct Listing {
     /// The filter of the episodes.
     pub filter: EpisodeFilter,

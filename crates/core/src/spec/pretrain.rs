@@ -17,7 +17,7 @@ pub struct PretrainSpec {
     pub augmentation: Augmentation,
     /// Optimiser and batches.
     pub optim: OptimSpec,
-    /// How the run is carried out.
+    /// Seed, checkpoints and device.
     pub run: RunSpec,
     /// Intra-op threads, set by the worker; `None` keeps the setting of the process. Numbers repeat bit for bit only
     /// between runs with the same number of threads.

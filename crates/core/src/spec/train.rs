@@ -18,7 +18,7 @@ pub struct TrainSpec {
     pub optim: OptimSpec,
     /// The paper's λ: weight of the kept imperfect segments.
     pub lambda: f64,
-    /// How the run is carried out.
+    /// Seed, checkpoints and device.
     pub run: RunSpec,
     /// Intra-op threads, set by the worker; `None` keeps the setting of the process.
     pub threads: Option<u32>,

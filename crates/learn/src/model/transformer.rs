@@ -118,8 +118,8 @@ impl Transformer {
         self.last_tokens(tokens, mask, kept).unflatten(1, [-1, MODALITIES])
     }
 
-    /// Tokens `[W, S, d]`, whose attention is `mask` `[W or 1, 1, S, S]`, to features of the last `kept` of them `[W,
-    /// kept, d]`.
+    /// Tokens `[W, S, d]`, whose attention is `mask` `[W or 1, 1, S, S]`, to features `[W, kept, d]` of the last `kept`
+    /// of them.
     pub(crate) fn last_tokens(&self, tokens: &Tensor, mask: &Tensor, kept: i64) -> Tensor {
         let all = tokens.size()[1];
         let mut x = tokens.shallow_clone();

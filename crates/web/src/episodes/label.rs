@@ -80,7 +80,7 @@ pub(crate) async fn label(request: PageRequest, Path(task): Path<String>, body: 
 }
 
 async fn given(request: &PageRequest, task: &str, sent: Sent) -> Answer {
-    let (labelled, label) = sent.read(request.caller.who())?;
+    let (labelled, label) = sent.read(request.caller.name())?;
     let backend = request.backend();
     let task = backend.task(task).await?;
     belong(backend, &task.id, &labelled).await?;

@@ -1,5 +1,5 @@
-//! The guard before a service that says yes to everything: who gets through, what the audit log has, and what a revoked
-//! token has open.
+//! The guard before a service that accepts every call: the calls it admits, their audit entries, and open calls of a revoked
+//! token.
 
 mod ending;
 mod limits;
@@ -27,17 +27,17 @@ use crate::{
     store::testing,
 };
 
-/// What a service answers.
-enum Says {
-    /// Its trailers, and nothing else.
-    Yes,
-    /// Nothing, ever.
-    Nothing,
-    /// So many bytes, and that was it.
+/// The response of a service.
+enum TestBody {
+    /// Trailers alone.
+    Ok,
+    /// No frame, and no end.
+    Pending,
+    /// This many bytes.
     Bytes(usize),
 }
 
-impl http_body::Body for Says {
+impl http_body::Body for TestBody {
     type Data = Bytes;
     type Error = Status;
 
@@ -46,15 +46,15 @@ impl http_body::Body for Says {
         _cx: &mut Context<'_>,
     ) -> Poll<Option<std::result::Result<Frame<Bytes>, Status>>> {
         match *self {
-            Says::Nothing => Poll::Pending,
-            Says::Bytes(0) => Poll::Ready(None),
-            Says::Bytes(left) => {
+            TestBody::Pending => Poll::Pending,
+            TestBody::Bytes(0) => Poll::Ready(None),
+            TestBody::Bytes(left) => {
                 let some = left.min(100);
-                *self = Says::Bytes(left - some);
+                *self = TestBody::Bytes(left - some);
                 Poll::Ready(Some(Ok(Frame::data(vec![7; some].into()))))
             }
-            Says::Yes => {
-                *self = Says::Nothing;
+            TestBody::Ok => {
+                *self = TestBody::Pending;
                 let trailers =
                     HeaderMap::from_iter([(HeaderName::from_static("grpc-status"), HeaderValue::from_static("0"))]);
                 Poll::Ready(Some(Ok(Frame::trailers(trailers))))
@@ -63,16 +63,16 @@ impl http_body::Body for Says {
     }
 }
 
-struct Bench {
+struct Fixture {
     _dir: TempDir,
     store: Store,
     tokens: TokenCache,
     connections: Connections,
-    /// Whose connection calls come over.
+    /// The connection of the calls.
     connection: Option<ConnectionState>,
 }
 
-impl Bench {
+impl Fixture {
     async fn new() -> Self {
         let (dir, store) = testing::store().await;
         let tokens = TokenCache::open(store.clone()).await.unwrap();
@@ -80,7 +80,7 @@ impl Bench {
         Self { _dir: dir, store, tokens, connections, connection: None }
     }
 
-    /// Makes a token that is the word itself.
+    /// Issues a token that is the word.
     async fn token(&self, word: &str, role: Role, expires_at: Option<Millis>) -> TokenId {
         let deployments = if role == Role::Robot { vec!["arm@prod".to_owned()] } else { Vec::new() };
         let token = Token {
@@ -97,9 +97,9 @@ impl Bench {
         token.id
     }
 
-    /// Calls an rpc with a token; the service says what `says` makes.
-    async fn call(&self, required: bool, path: &str, token: Option<&str>, says: fn() -> Says) -> Response<Body> {
-        let inner = service_fn(move |_: Request<Body>| async move { Ok(Response::new(Body::new(says()))) });
+    /// Calls an rpc with a token; the service responds with `body`.
+    async fn call(&self, required: bool, path: &str, token: Option<&str>, body: fn() -> TestBody) -> Response<Body> {
+        let inner = service_fn(move |_: Request<Body>| async move { Ok(Response::new(Body::new(body()))) });
         self.guard(required).layer(inner).call(self.request(path, token, Body::empty())).await.unwrap()
     }
 
@@ -119,9 +119,9 @@ impl Bench {
         request
     }
 
-    /// As `call`; the status that the caller gets.
+    /// As `call`; the status that the caller receives.
     async fn code(&self, required: bool, path: &str, token: Option<&str>) -> Code {
-        end(self.call(required, path, token, || Says::Yes).await).await
+        end(self.call(required, path, token, || TestBody::Ok).await).await
     }
 
     async fn log(&self) -> Vec<AuditEntry> {
@@ -140,7 +140,7 @@ async fn end(response: Response<Body>) -> Code {
     code(frame.trailers_ref().unwrap()).unwrap()
 }
 
-/// The table once more, by role: what each may call beyond the one before.
+/// The table once more, by role: the rpcs of each role beyond the role before.
 const CONTRIBUTOR: [&str; 13] = [
     "CreateTask",
     "StartUpload",
@@ -203,61 +203,61 @@ fn may(role: Role, path: &str) -> bool {
 
 #[tokio::test]
 async fn every_rpc_with_every_role() {
-    let bench = Bench::new().await;
+    let fixture = Fixture::new().await;
     for role in Role::ALL {
-        bench.token(role.as_str(), role, None).await;
+        fixture.token(role.as_str(), role, None).await;
     }
-    bench.token("revoked", Role::Admin, None).await;
-    bench.store.revoke_token("revoked").await.unwrap();
-    bench.token("expired", Role::Admin, Some(Millis(1))).await;
+    fixture.token("revoked", Role::Admin, None).await;
+    fixture.store.revoke_token("revoked").await.unwrap();
+    fixture.token("expired", Role::Admin, Some(Millis(1))).await;
     let standard = super::super::table::STANDARD.map(|(path, _)| path);
     let mut walked = 0;
     let (workers, callers): (Vec<&str>, Vec<&str>) =
         Rpc::ALL.iter().map(|rpc| rpc.path()).chain(standard).partition(|path| path.contains(".WorkerService/"));
     for path in callers {
         for role in Role::ALL {
-            let code = bench.code(true, path, Some(role.as_str())).await;
+            let code = fixture.code(true, path, Some(role.as_str())).await;
             assert_eq!(code, if may(role, path) { Code::Ok } else { Code::PermissionDenied }, "{path} {role:?}");
             walked += 1;
         }
         let method = path.rsplit('/').next().unwrap();
         let open = OPEN.contains(&method);
         for token in [None, Some("unknown"), Some("revoked"), Some("expired")] {
-            let code = bench.code(true, path, token).await;
+            let code = fixture.code(true, path, token).await;
             assert_eq!(code, if open { Code::Ok } else { Code::Unauthenticated }, "{path} {token:?}");
         }
-        assert_eq!(bench.code(false, path, None).await, Code::Ok, "{path}: nobody is asked");
+        assert_eq!(fixture.code(false, path, None).await, Code::Ok, "{path}: no token is required");
     }
     assert!(walked > 250, "the walk found too little: {walked}");
     assert_eq!(workers.len(), 6);
-    // Workers have a door of their own.
+    // Workers have a separate listener.
     let none = ["/gleaner.v1.TaskService/DropTables", "/x", "/gleaner.v1.TaskService/../ListTasks"];
     for path in workers.into_iter().chain(none) {
-        assert_eq!(bench.code(true, path, Some("admin")).await, Code::Unimplemented, "{path}");
+        assert_eq!(fixture.code(true, path, Some("admin")).await, Code::Unimplemented, "{path}");
     }
     assert_eq!(
-        bench.code(false, Rpc::TaskServiceListTasks.path(), Some("unknown")).await,
+        fixture.code(false, Rpc::TaskServiceListTasks.path(), Some("unknown")).await,
         Code::Unauthenticated,
-        "a token that is shown counts, also where none is asked for"
+        "a token counts even on a server that requires none"
     );
 }
 
 #[tokio::test]
-async fn what_was_answered_is_in_the_audit_log_and_nothing_else_is() {
-    let bench = Bench::new().await;
-    let trainer = bench.token("trainer", Role::Trainer, None).await;
-    bench.token("viewer", Role::Viewer, None).await;
+async fn changes_and_refusals_by_role_are_in_the_audit_log_and_other_calls_are_not() {
+    let fixture = Fixture::new().await;
+    let trainer = fixture.token("trainer", Role::Trainer, None).await;
+    fixture.token("viewer", Role::Viewer, None).await;
     let path = Rpc::PolicyServiceDeploy.path();
-    assert_eq!(bench.code(true, path, Some("trainer")).await, Code::Ok);
-    let log = bench.log().await;
+    assert_eq!(fixture.code(true, path, Some("trainer")).await, Code::Ok);
+    let log = fixture.log().await;
     assert_eq!((log.len(), log[0].who.as_str(), log[0].outcome.as_str()), (1, "trainer", "ok"));
     assert_eq!((log[0].token_id.as_ref(), log[0].rpc.as_str()), (Some(&trainer), "PolicyService/Deploy"));
 
-    bench.code(true, path, Some("viewer")).await;
-    bench.code(true, path, Some("nobody")).await;
-    bench.code(true, Rpc::TaskServiceListTasks.path(), Some("viewer")).await;
-    bench.code(false, path, None).await;
-    let log: Vec<(String, String)> = bench.log().await.into_iter().map(|entry| (entry.who, entry.outcome)).collect();
+    fixture.code(true, path, Some("viewer")).await;
+    fixture.code(true, path, Some("nobody")).await;
+    fixture.code(true, Rpc::TaskServiceListTasks.path(), Some("viewer")).await;
+    fixture.code(false, path, None).await;
+    let log: Vec<(String, String)> = fixture.log().await.into_iter().map(|entry| (entry.who, entry.outcome)).collect();
     let pair = |who: &str, outcome: &str| (who.to_owned(), outcome.to_owned());
     assert_eq!(log, [pair("trainer", "ok"), pair("viewer", "PermissionDenied"), pair("anyone", "ok")]);
 }

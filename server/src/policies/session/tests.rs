@@ -18,12 +18,12 @@ const DRAIN: Duration = Duration::from_secs(5);
 const SOON: Duration = Duration::from_millis(20);
 
 fn terms() -> Terms {
-    Terms { id: SessionId::new(), period: None, deadline: None, idle: IDLE, drain: DRAIN }
+    Terms { id: SessionId::new(), settings: SessionSettings::default(), idle: IDLE, drain: DRAIN }
 }
 
 /// A robot's end of a session.
 struct Robot {
-    says: UnboundedSender<Result<SessionInput>>,
+    inputs: UnboundedSender<Result<SessionInput>>,
     answers: Answers,
 }
 
@@ -34,23 +34,23 @@ impl Robot {
     }
 
     async fn open_under(terms: Terms, engine: &Arc<Engine<Parrot>>, stopping: &CancellationToken) -> Self {
-        let (says, inputs) = unbounded();
+        let (inputs, sent) = unbounded();
         let (replies, answers) = ReplySender::new(IDLE);
         let (session, stopping) =
             (Session::new(Arc::clone(engine), terms, Record::new(None, Showing::nowhere()), None), stopping.clone());
         tokio::spawn(async move {
-            if let Err(error) = session.run(inputs, &replies, &stopping).await {
+            if let Err(error) = session.run(sent, &replies, &stopping).await {
                 replies.fail(error);
             }
         });
-        let mut robot = Self { says, answers };
+        let mut robot = Self { inputs, answers };
         assert!(matches!(robot.answers.recv().await, Some(Ok(SessionOutput::Opened { .. }))));
         robot
     }
 
     fn sees(&self, number: u8, executed_action: &[f32]) {
         let input = SessionInput::Observation(observation(number, executed_action));
-        self.says.unbounded_send(Ok(input)).unwrap();
+        self.inputs.unbounded_send(Ok(input)).unwrap();
     }
 
     /// The answered stamp, the action and the dropped count.
@@ -80,7 +80,7 @@ impl Robot {
 
     /// Closes; returns the counts of answered, dropped and missed observations.
     async fn closes(&mut self) -> (u64, u64, u64) {
-        self.says.unbounded_send(Ok(SessionInput::Close { outcome: Outcome::Unknown })).unwrap();
+        self.inputs.unbounded_send(Ok(SessionInput::Close { outcome: Outcome::Unknown })).unwrap();
         match self.answers.recv().await {
             Some(Ok(SessionOutput::Closed { observations, dropped, missed, episode_id: None })) => {
                 (observations, dropped, missed)
@@ -136,18 +136,17 @@ async fn a_failed_session_does_not_affect_others() {
     let mut bad = Robot::open(&engine, &stopping).await;
     let mut sent = observation(2, &[]);
     sent.proprioception = vec![f32::NAN];
-    bad.says.unbounded_send(Ok(SessionInput::Observation(sent))).unwrap();
+    bad.inputs.unbounded_send(Ok(SessionInput::Observation(sent))).unwrap();
     let error = bad.fails().await;
     assert_eq!(error.kind(), Kind::Invalid);
     assert!(error.message().starts_with("observation.proprioception[0]: "), "{error}");
     let mut twice = Robot::open(&engine, &stopping).await;
-    let open = SessionInput::Open { deployment: "again".into(), control_rate_hz: 0.0, deadline: None, record: None };
-    twice.says.unbounded_send(Ok(open)).unwrap();
+    twice.inputs.unbounded_send(Ok(SessionInput::Open(SessionSettings::default()))).unwrap();
     assert!(twice.fails().await.message().starts_with("open: "));
 
     good.sees(3, &[]);
     assert_eq!(good.acts().await, (3, vec![3.0, 1.0], 0), "the other session keeps its history");
-    drop(good.says);
+    drop(good.inputs);
     assert!(matches!(
         good.answers.recv().await,
         Some(Ok(SessionOutput::Closed { observations: 2, dropped: 0, missed: 0, episode_id: None }))

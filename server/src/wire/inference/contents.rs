@@ -1,4 +1,4 @@
-//! A tensor's values, raw or typed, as the bytes or numbers that its role asks for.
+//! A tensor's values, raw or typed, as the bytes or numbers of its role.
 
 use bytes::{Buf as _, Bytes};
 use gleaner_proto::inference::InferTensorContents;
@@ -11,14 +11,14 @@ use crate::{
 
 const BYTES: &str = "BYTES";
 
-/// Where a tensor's values came.
+/// The field of a tensor's values.
 #[derive(Debug)]
 pub(super) enum Values {
     Raw(Bytes),
     Typed(Box<InferTensorContents>),
 }
 
-/// One input as it came.
+/// One input as received.
 #[derive(Debug)]
 pub(super) struct Input {
     pub(super) name: String,
@@ -108,7 +108,7 @@ fn narrow(field: &str, values: &[u32], width: usize) -> Result<Bytes> {
     Ok(bytes.into())
 }
 
-/// How many values a tensor holds. Its dimensions come from a task, so the product is small.
+/// The number of values of a tensor. Its dimensions come from a task, so the product is small.
 fn elements(tensor: &Tensor) -> usize {
     tensor.shape.iter().map(|&dimension| usize::try_from(dimension).unwrap_or(0)).product()
 }
@@ -122,12 +122,12 @@ fn expect_datatype(tensor: &Tensor, found: &str) -> Result<()> {
     Err(Error::invalid(&tensor.field(), format!("has datatype {}, must be {expected}{or}", quoted(found))))
 }
 
-/// Batches are of one: a leading 1 may be there.
+/// Batches have one element: a leading 1 is optional.
 fn expect_shape(field: &str, found: &[i64], expected: &[i64]) -> Result<()> {
     if found == expected || found.split_first().is_some_and(|(&batch, rest)| batch == 1 && rest == expected) {
         return Ok(());
     }
-    // As many as tell it apart; a client may send any number.
+    // Shortened: a client may send any number of dimensions.
     let shown = &found[..found.len().min(8)];
     Err(Error::invalid(field, format!("has shape {shown:?}, must be {expected:?}, with or without a leading 1")))
 }
@@ -139,7 +139,7 @@ fn expect_size(field: &str, found: usize, expected: usize, what: &str) -> Result
     Err(Error::invalid(field, format!("has {found} {what}, its shape asks for {expected}")))
 }
 
-/// Values in any other list are a mistake, which must not pass unseen.
+/// Rejects values in any other list.
 fn expect_field(field: &str, contents: &InferTensorContents, expected: &str) -> Result<()> {
     match filled(contents).find(|&name| name != expected) {
         None => Ok(()),

@@ -1,4 +1,4 @@
-//! What this server and its models say of themselves.
+//! The metadata of this server and its models.
 
 use gleaner_proto::inference::{
     ModelMetadataResponse, RepositoryIndexResponse, ServerMetadataResponse, model_metadata_response::TensorMetadata,
@@ -27,7 +27,7 @@ pub(crate) fn model_metadata(deployment: String, policy: &PolicyId, tensors: &Te
         versions: vec![policy.to_string()],
         platform: "gleaner".to_owned(),
         inputs: tensors.inputs.iter().map(|tensor| metadata(&tensor.name, tensor.datatype(), &tensor.shape)).collect(),
-        // How many actions come at once is the policy's own.
+        // The policy determines the number of actions in a chunk.
         outputs: vec![metadata(ACTION, "FP32", &[-1, tensors.action])],
     }
 }

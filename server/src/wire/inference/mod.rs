@@ -1,6 +1,6 @@
 //! The Open Inference Protocol on the wire: a deployment as a model, a task's shape as tensors.
 //!
-//! Every message names the tensor by `inputs.<its name>`. Knows nothing of how policies run.
+//! Every message names the tensor by `inputs.<its name>`. Must not depend on how policies run.
 
 mod contents;
 mod metadata;
@@ -16,10 +16,10 @@ pub(crate) use self::{
     tensors::{PATH, Tensors},
 };
 
-/// What a policy gives: `[chunk, A]`.
+/// The output of a policy: `[chunk, A]`.
 const ACTION: &str = "action";
 
-/// Text of a client's that goes into a message: short, without control characters.
+/// A client's text within a message: short, without control characters.
 fn quoted(text: &str) -> String {
     format!("{:?}", text.chars().take(64).collect::<String>())
 }

@@ -1,4 +1,4 @@
-//! A request's parameters: which sequence it belongs to.
+//! A request's parameters: its sequence.
 
 use std::collections::BTreeMap;
 
@@ -15,19 +15,19 @@ const START: &str = "sequence_start";
 const END: &str = "sequence_end";
 const ID_BYTES: usize = 128;
 
-/// The sequence that a request names; `None` when it stands alone.
+/// The sequence of a request; `None` for a single request.
 ///
 /// # Errors
-/// Invalid, naming the parameter; also for one that is not known, which would otherwise be without effect.
+/// Invalid, naming the parameter; also for an unknown one, which would otherwise have no effect.
 pub(super) fn place(mut parameters: BTreeMap<String, InferParameter>) -> Result<Option<Place>> {
     let id = parameters.remove(ID).map(sequence_id).transpose()?.flatten();
     let start = flag(START, parameters.remove(START))?;
     let end = flag(END, parameters.remove(END))?;
-    // The first by name, so that the same request gets the same answer.
+    // The first by name, so that equal requests have equal errors.
     if let Some(unknown) = parameters.keys().min() {
         return Err(Error::invalid(
             "parameters",
-            format!("{} is not known here; leave it out. Known are {ID}, {START} and {END}", quoted(unknown)),
+            format!("{} is unknown; supported: {ID}, {START}, {END}", quoted(unknown)),
         ));
     }
     match id {

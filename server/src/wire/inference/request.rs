@@ -1,4 +1,4 @@
-//! Requests: which deployment, which sequence, and its tensors as an observation.
+//! Requests: the deployment, the sequence, and the tensors as an observation.
 
 use bytes::Bytes;
 use gleaner_proto::inference::{
@@ -22,21 +22,21 @@ use crate::{
     wire::policy::deployment_name,
 };
 
-/// Two for each of the most cameras, and more than the rest.
+/// The most tensors: two for each camera of the largest task, and some for the other inputs.
 const MOST_INPUTS: usize = 64;
 
-/// A request to infer, before its tensors are held against a task.
+/// An inference request, before its tensors are compared with a task.
 #[derive(Debug)]
 pub(crate) struct Request {
     pub(crate) deployment: String,
     pub(crate) version: Option<PolicyId>,
-    /// Comes back.
+    /// Returned in the response.
     pub(crate) id: String,
     pub(crate) place: Option<Place>,
     pub(crate) inputs: Inputs,
 }
 
-/// Tensors as they came, their values beside them.
+/// Tensors as received, with their values.
 #[derive(Debug)]
 pub(crate) struct Inputs(Vec<Input>);
 
@@ -54,7 +54,7 @@ pub(crate) fn request(request: ModelInferRequest) -> Result<Request> {
     Ok(Request { deployment, version, id, place, inputs: Inputs(beside(inputs, raw_input_contents)?) })
 }
 
-/// There is one repository.
+/// Checks the name of the repository; there is one, without a name.
 pub(crate) fn repository(request: RepositoryIndexRequest) -> Result<()> {
     // Every deployment is ready, so `ready` changes nothing.
     let RepositoryIndexRequest { repository_name, ready: _ } = request;
@@ -64,7 +64,7 @@ pub(crate) fn repository(request: RepositoryIndexRequest) -> Result<()> {
     Err(Error::invalid("repository_name", "must be empty: there is one repository, without a name"))
 }
 
-/// The observation that the tensors make. Its cameras are in the task's order.
+/// The observation of the tensors. Its cameras are in the task's order.
 ///
 /// # Errors
 /// Invalid, naming the tensor.
@@ -77,7 +77,7 @@ pub(crate) fn observation(tensors: &Tensors, inputs: Inputs) -> Result<Observati
             return Err(Error::invalid(&field, format!("is {name}; the deployment takes {}", tensors.names())));
         };
         if found[place].is_some() {
-            return Err(Error::invalid(&field, format!("{} comes twice; send each tensor once", input.name)));
+            return Err(Error::invalid(&field, format!("{} is duplicated; send each tensor once", input.name)));
         }
         found[place] = Some(input);
     }
@@ -109,7 +109,7 @@ pub(crate) fn observation(tensors: &Tensors, inputs: Inputs) -> Result<Observati
     Ok(observation)
 }
 
-/// Tensors with their values, which come either all raw or each in its own contents.
+/// Tensors with their values, which are either all raw or each in its own contents.
 fn beside(inputs: Vec<InferInputTensor>, raw: Vec<Bytes>) -> Result<Vec<Input>> {
     if !raw.is_empty() && raw.len() != inputs.len() {
         let (raw, inputs) = (raw.len(), inputs.len());
@@ -119,7 +119,7 @@ fn beside(inputs: Vec<InferInputTensor>, raw: Vec<Bytes>) -> Result<Vec<Input>> 
         ));
     }
     if inputs.len() > MOST_INPUTS {
-        return Err(Error::invalid("inputs", format!("are {}; no task has so many tensors", inputs.len())));
+        return Err(Error::invalid("inputs", format!("are {}, more than any task has", inputs.len())));
     }
     let mut raw = raw.into_iter();
     inputs.into_iter().map(|input| with_values(input, raw.next())).collect()
@@ -132,7 +132,9 @@ fn with_values(input: InferInputTensor, raw: Option<Bytes>) -> Result<Input> {
         let parameter = quoted(parameter);
         return Err(Error::invalid(
             &field(),
-            format!("has the parameter {parameter}; tensors take none here, nor shared memory: send the values"),
+            format!(
+                "has the parameter {parameter}; parameters of tensors and shared memory are not supported: send the values"
+            ),
         ));
     }
     let values = match (raw, contents) {
@@ -146,7 +148,7 @@ fn with_values(input: InferInputTensor, raw: Option<Bytes>) -> Result<Input> {
     Ok(Input { name, datatype, shape, values })
 }
 
-/// There is one output; asking for it changes nothing, asking for another is a mistake.
+/// Checks the requested outputs. There is one output, which is always sent; another is rejected.
 fn requested(outputs: &[InferRequestedOutputTensor]) -> Result<()> {
     for (index, InferRequestedOutputTensor { name, parameters }) in outputs.iter().enumerate() {
         if name != ACTION {
@@ -157,10 +159,13 @@ fn requested(outputs: &[InferRequestedOutputTensor]) -> Result<()> {
             ));
         }
         if index > 0 {
-            return Err(Error::invalid(&format!("outputs[{index}].name"), format!("{ACTION} comes twice; ask once")));
+            return Err(Error::invalid(
+                &format!("outputs[{index}].name"),
+                format!("{ACTION} is duplicated; request it once"),
+            ));
         }
         if let Some(parameter) = parameters.keys().min() {
-            let mend = format!("{} is not known here; leave it out", quoted(parameter));
+            let mend = format!("{} is unknown; omit it", quoted(parameter));
             return Err(Error::invalid(&format!("outputs[{index}].parameters"), mend));
         }
     }

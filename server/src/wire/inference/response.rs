@@ -1,4 +1,4 @@
-//! The reply to a request to infer: one tensor, its values raw.
+//! The response of an inference: one tensor with raw values.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use crate::{
     error::{Error, Result},
 };
 
-/// Actions `[chunk, A]`, for the deployment and the request's id as they came.
+/// Actions `[chunk, A]`, with the deployment and the id of the request.
 pub(crate) fn infer_response(
     (deployment, id): (String, String),
     policy: &PolicyId,

@@ -1,16 +1,16 @@
-//! The tensors that a task's shape asks for, by name.
+//! The tensors of a task's shape, by name.
 
 use gleaner_learn::TaskShape;
 
 use crate::error::{Error, Kind, Result};
 
-/// Where the fields of an observation made here begin, in messages.
+/// The path of an observation's fields in errors.
 pub(crate) const PATH: &str = "inputs";
 
 const PROPRIOCEPTION: &str = "proprioception";
 const EXECUTED_ACTION: &str = "executed_action";
 
-/// What a tensor holds.
+/// The content of a tensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Role {
     /// RGB of the task's camera of this number.
@@ -21,7 +21,7 @@ pub(super) enum Role {
     ExecutedAction,
 }
 
-/// One tensor as it must come.
+/// The description of one tensor.
 #[derive(Debug)]
 pub(super) struct Tensor {
     pub(super) name: String,
@@ -90,7 +90,7 @@ impl Tensors {
         Ok(Self { inputs, cameras: shape.cameras.iter().map(|camera| camera.name.clone()).collect(), action })
     }
 
-    /// The same error, with a camera's place in an observation made here put back to its tensor's name.
+    /// The same error, with the path of a camera's image replaced by the name of its tensor.
     pub(crate) fn name(&self, error: Error) -> Error {
         if error.kind() != Kind::Invalid {
             return error;
@@ -98,8 +98,8 @@ impl Tensors {
         for (number, camera) in self.cameras.iter().enumerate() {
             for (image, suffix) in [("color", ""), ("depth", ".depth")] {
                 let place = format!("{PATH}.cameras[{number}].{image}: ");
-                if let Some(mend) = error.message().strip_prefix(&place) {
-                    return Error::invalid(&format!("{PATH}.{camera}{suffix}"), mend);
+                if let Some(fix) = error.message().strip_prefix(&place) {
+                    return Error::invalid(&format!("{PATH}.{camera}{suffix}"), fix);
                 }
             }
         }

@@ -3,7 +3,8 @@
 use super::*;
 
 fn hurried() -> Terms {
-    Terms { deadline: Some(SOON), ..terms() }
+    let settings = SessionSettings { deadline: Some(SOON), ..SessionSettings::default() };
+    Terms { settings, ..terms() }
 }
 
 #[tokio::test]
@@ -17,7 +18,7 @@ async fn a_late_answer_is_reported_missed_at_its_deadline_and_kept_in_the_histor
     drop(control.gate);
     let mut patient = observation(2, &[7.0, 0.0]);
     patient.deadline = Some(IDLE);
-    robot.says.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
+    robot.inputs.unbounded_send(Ok(SessionInput::Observation(patient))).unwrap();
     assert_eq!(robot.acts().await, (2, vec![2.0, 7.0], 0), "its own deadline counts, on the first one's history");
     assert_eq!(robot.closes().await, (1, 0, 1));
 }
@@ -31,7 +32,7 @@ async fn an_observation_whose_deadline_passes_in_the_queue_is_not_run() {
     robot.sees(2, &[]);
     let mut late = observation(3, &[90.0, 0.0]);
     late.deadline = Some(SOON);
-    robot.says.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
+    robot.inputs.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
     assert_eq!(robot.misses().await, (3, 1), "the replaced observation was dropped");
     drop(control.gate);
     assert_eq!(robot.acts().await, (1, vec![1.0, 0.0], 0));
@@ -62,7 +63,7 @@ async fn an_unsent_action_is_not_taken_as_executed() {
     assert_eq!(control.begun.recv().await, Some(1));
     let mut late = observation(5, &[]);
     late.deadline = Some(SOON);
-    robot.says.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
+    robot.inputs.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
     assert_eq!(robot.misses().await, (5, 0));
     drop(control.gate);
     robot.sees(6, &[]);

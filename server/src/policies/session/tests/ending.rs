@@ -49,23 +49,23 @@ async fn a_robot_that_reads_no_output_loses_its_session() {
     for number in 0..40 {
         let mut late = observation(number, &[]);
         late.deadline = Some(Duration::ZERO);
-        robot.says.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
+        robot.inputs.unbounded_send(Ok(SessionInput::Observation(late))).unwrap();
         tokio::time::sleep(SOON).await;
     }
-    while !robot.says.is_closed() {
+    while !robot.inputs.is_closed() {
         tokio::time::sleep(SOON).await;
     }
-    let mut heard = 0;
+    let mut missed = 0;
     let error = loop {
         match robot.answers.recv().await.unwrap() {
-            Ok(SessionOutput::Missed { .. }) => heard += 1,
+            Ok(SessionOutput::Missed { .. }) => missed += 1,
             Ok(other) => panic!("{other:?}"),
             Err(error) => break error,
         }
     };
     assert_eq!(error.kind(), Kind::Late);
     assert!(error.message().contains("not read"), "{error}");
-    assert!(heard <= 17, "{heard}");
+    assert!(missed <= 17, "{missed}");
 }
 
 #[tokio::test]
@@ -75,13 +75,13 @@ async fn a_stop_drains_sessions_and_ends_them_at_the_announced_time() {
     let stopping = CancellationToken::new();
     let mut continues = Robot::open(&engine, &stopping).await;
     let mut closes = Robot::open(&engine, &stopping).await;
-    let told = Millis::now();
+    let stopped_at = Millis::now();
     stopping.cancel();
     let begun = Instant::now();
     for robot in [&mut continues, &mut closes] {
-        let heard = robot.answers.recv().await.unwrap().unwrap();
-        let SessionOutput::Draining { close_at } = heard else { panic!("{heard:?}") };
-        assert!(close_at >= told.after(DRAIN) && close_at <= Millis::now().after(DRAIN));
+        let output = robot.answers.recv().await.unwrap().unwrap();
+        let SessionOutput::Draining { close_at } = output else { panic!("{output:?}") };
+        assert!(close_at >= stopped_at.after(DRAIN) && close_at <= Millis::now().after(DRAIN));
     }
     continues.sees(1, &[]);
     assert_eq!(continues.acts().await.0, 1, "it continues until then");

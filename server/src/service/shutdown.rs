@@ -1,4 +1,4 @@
-//! Services whose streams would stay open for ever: they end when the server stops, after what they have still to say.
+//! Services whose streams would stay open forever: each stream ends when the server stops, after its pending messages.
 
 use std::{
     pin::Pin,
@@ -13,26 +13,26 @@ use tokio_util::sync::{CancellationToken, WaitForCancellationFutureOwned};
 use tonic::{Status, body::Body, server::NamedService};
 use tower::Service;
 
-use crate::{error::Error, wire::status::last_words};
+use crate::{error::Error, wire::status::trailers};
 
-/// A service until the server stops.
+/// A service whose streams end when the server stops.
 #[derive(Clone)]
-pub(super) struct Until<S> {
+pub(super) struct EndAtShutdown<S> {
     service: S,
     stopping: CancellationToken,
 }
 
-impl<S> Until<S> {
+impl<S> EndAtShutdown<S> {
     pub(super) fn new(service: S, stopping: CancellationToken) -> Self {
         Self { service, stopping }
     }
 }
 
-impl<S: NamedService> NamedService for Until<S> {
+impl<S: NamedService> NamedService for EndAtShutdown<S> {
     const NAME: &'static str = S::NAME;
 }
 
-impl<S> Service<Request<Body>> for Until<S>
+impl<S> Service<Request<Body>> for EndAtShutdown<S>
 where
     S: Service<Request<Body>, Response = Response<Body>>,
     S::Future: Send + 'static,
@@ -48,39 +48,39 @@ where
 
     fn call(&mut self, request: Request<Body>) -> Self::Future {
         let stopping = self.stopping.clone();
-        // Both ways: a stream is open until both have ended.
-        let answer = self.service.call(request.map(|body| Words::until(stopping.clone(), body)));
-        async move { Ok(answer.await?.map(|body| Words::until(stopping, body))) }.boxed()
+        // In both directions: a stream is open until both have ended.
+        let response = self.service.call(request.map(|body| StreamBody::wrap(stopping.clone(), body)));
+        async move { Ok(response.await?.map(|body| StreamBody::wrap(stopping, body))) }.boxed()
     }
 }
 
-/// What is said, until the server stops.
-struct Words {
+/// A body that ends when the server stops.
+struct StreamBody {
     body: Body,
-    /// Until it has stopped.
+    /// `None` once the server has stopped.
     stopping: Option<Pin<Box<WaitForCancellationFutureOwned>>>,
 }
 
-impl Words {
-    fn until(stopping: CancellationToken, body: Body) -> Body {
+impl StreamBody {
+    fn wrap(stopping: CancellationToken, body: Body) -> Body {
         Body::new(Self { body, stopping: Some(Box::pin(stopping.cancelled_owned())) })
     }
 }
 
-impl http_body::Body for Words {
+impl http_body::Body for StreamBody {
     type Data = Bytes;
     type Error = Status;
 
     fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, Status>>> {
         let frame = Pin::new(&mut self.body).poll_frame(cx);
-        // Only once it has nothing more to say.
+        // Pending messages come first.
         if frame.is_pending()
             && let Some(stopping) = &mut self.stopping
             && stopping.as_mut().poll(cx).is_ready()
         {
             self.stopping = None;
             self.body = Body::empty();
-            return Poll::Ready(Some(Ok(Frame::trailers(last_words(Error::unavailable("the server stops"))))));
+            return Poll::Ready(Some(Ok(Frame::trailers(trailers(Error::unavailable("the server stops"))))));
         }
         frame
     }

@@ -1,5 +1,5 @@
-//! An answer on its way out. It is cut off when the token it was asked with is over, and its end goes to the audit log
-//! before the caller hears of it: what was acknowledged is in the log.
+//! The body of a response. It ends when the caller's token ends, and before its last frame is sent, the audit entry of the
+//! call is on disk.
 
 use std::{
     pin::Pin,
@@ -14,52 +14,51 @@ use tonic::{
     codegen::http::{HeaderMap, Response},
 };
 
-use super::{authenticator::unknown_token, caller::Caller, entry::Entry, token_cache::Over};
-use crate::wire::status::last_words;
+use super::{audit::AuditGuard, authenticator::unknown_token, caller::Caller, token_cache::TokenEnd};
+use crate::wire::status::trailers;
 
 type Writing = Pin<Box<dyn Future<Output = ()> + Send>>;
 type Polled = Poll<Option<Result<Frame<Bytes>, Status>>>;
 
-/// An answer's body under watch.
-pub(super) struct Answer {
+/// A response's body with its token and its audit entry.
+pub(super) struct ResponseBody {
     body: Body,
-    /// Ends when the caller's token is over.
-    over: Option<Over>,
-    entry: Option<Entry>,
-    /// The entry while it is written, and what the caller hears afterwards.
+    /// Completes when the caller's token ends.
+    token_end: Option<TokenEnd>,
+    audit: Option<AuditGuard>,
+    /// The entry while it is written, and the last frame, which is sent afterwards.
     writing: Option<(Writing, Option<Frame<Bytes>>)>,
 }
 
-impl Answer {
-    /// Puts an answer under watch, if there is anything to watch for.
-    pub(super) async fn watched(response: Response<Body>, caller: &Caller, entry: Option<Entry>) -> Response<Body> {
-        // One that is an error from the beginning has its end in its headers.
+impl ResponseBody {
+    /// Wraps a response, if its caller has a token or its call is audited.
+    pub(super) async fn wrap(response: Response<Body>, caller: &Caller, audit: Option<AuditGuard>) -> Response<Body> {
+        // A response without a body has its status in the headers.
         if let Some(code) = code(response.headers()) {
-            if let Some(entry) = entry {
-                entry.write(code).await;
+            if let Some(audit) = audit {
+                audit.0.write(code).await;
             }
             return response;
         }
-        let over = caller.over();
-        if over.is_none() && entry.is_none() {
+        let token_end = caller.token_end();
+        if token_end.is_none() && audit.is_none() {
             return response;
         }
-        response.map(|body| Body::new(Self { body, over, entry, writing: None }))
+        response.map(|body| Body::new(Self { body, token_end, audit, writing: None }))
     }
 
-    /// The token is over: says so, and drops what is left.
+    /// Ends the response because its token has ended; returns the last frame.
     fn cut(&mut self) -> Frame<Bytes> {
-        self.over = None;
         self.body = Body::empty();
-        Frame::trailers(last_words(unknown_token()))
+        Frame::trailers(trailers(unknown_token()))
     }
 
-    /// Begins to write how it ended.
+    /// Begins to write the entry, if there is one; otherwise returns the last frame.
     fn end(&mut self, code: Code, last: Option<Frame<Bytes>>) -> Option<Option<Frame<Bytes>>> {
-        self.over = None;
-        match self.entry.take() {
-            Some(entry) => {
-                self.writing = Some((Box::pin(entry.write(code)), last));
+        self.token_end = None;
+        match self.audit.take() {
+            Some(audit) => {
+                self.writing = Some((Box::pin(audit.0.write(code)), last));
                 None
             }
             None => Some(last),
@@ -67,7 +66,7 @@ impl Answer {
     }
 }
 
-impl http_body::Body for Answer {
+impl http_body::Body for ResponseBody {
     type Data = Bytes;
     type Error = Status;
 
@@ -79,7 +78,7 @@ impl http_body::Body for Answer {
                 self.writing = None;
                 return Poll::Ready(last.map(Ok));
             }
-            if self.over.as_mut().is_some_and(|over| over.as_mut().poll(cx).is_ready()) {
+            if self.token_end.as_mut().is_some_and(|end| end.as_mut().poll(cx).is_ready()) {
                 let last = self.cut();
                 match self.end(Code::Unauthenticated, Some(last)) {
                     Some(last) => return Poll::Ready(last.map(Ok)),
@@ -89,16 +88,11 @@ impl http_body::Body for Answer {
             let (code, last) = match ready!(Pin::new(&mut self.body).poll_frame(cx)) {
                 Some(Ok(frame)) => match frame.trailers_ref() {
                     Some(trailers) => (code(trailers).unwrap_or(Code::Unknown), Some(frame)),
-                    None => {
-                        if let (Some(entry), Some(data)) = (&mut self.entry, frame.data_ref()) {
-                            entry.hear(data);
-                        }
-                        return Poll::Ready(Some(Ok(frame)));
-                    }
+                    None => return Poll::Ready(Some(Ok(frame))),
                 },
                 Some(Err(status)) => {
-                    // The entry is written as it is dropped.
-                    self.entry = None;
+                    // Dropping the guard writes the entry.
+                    self.audit = None;
                     return Poll::Ready(Some(Err(status)));
                 }
                 None => (Code::Unknown, None),
@@ -110,7 +104,7 @@ impl http_body::Body for Answer {
     }
 }
 
-/// The status of an rpc, where its headers or trailers tell it.
+/// The status of an rpc, if its headers or trailers have it.
 fn code(headers: &HeaderMap) -> Option<Code> {
-    headers.get("grpc-status").map(|value| Code::from_bytes(value.as_bytes()))
+    headers.get(Status::GRPC_STATUS).map(|value| Code::from_bytes(value.as_bytes()))
 }

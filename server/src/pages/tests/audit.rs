@@ -1,0 +1,56 @@
+//! The audit entry of every page that changes something: each is requested once. An audited page without a row fails here.
+
+use std::collections::HashSet;
+
+use gleaner_web::Page;
+use http::StatusCode;
+
+use crate::{
+    domain::{access::Role, time::Millis},
+    pages::testing::{Client, JSON, Pages},
+};
+
+const ID: &str = "01ARZ3NDEKTSV4RRFFQ69G5FAV";
+
+#[tokio::test]
+async fn every_page_that_changes_something_is_in_the_audit_log_with_its_subjects() {
+    let pages = Pages::open(true).await;
+    let (trainer, viewer) =
+        (Client::with(&pages.token(Role::Trainer).await), Client::with(&pages.token(Role::Viewer).await));
+    let label = format!(r#"{{"episodes": [{{"id": "ep_{ID}", "version": 1}}], "outcome": "success"}}"#);
+    let rows = [
+        (
+            Page::LabelEpisodes,
+            "/tasks/reach/labels".to_owned(),
+            label.as_str(),
+            vec!["task=reach".to_owned(), format!("episode_id=ep_{ID}")],
+        ),
+        (Page::RollBack, "/deployments/arm/roll-back".to_owned(), "{}", vec!["name=arm".to_owned()]),
+        (
+            Page::MakeDataset,
+            format!("/runs/run_{ID}/datasets"),
+            r#"{"beta": 0.5}"#,
+            vec![format!("score_run_id=run_{ID}")],
+        ),
+        (Page::CancelJob, format!("/jobs/job_{ID}/cancel"), "{}", vec![format!("job_id=job_{ID}")]),
+        (Page::RetryJob, format!("/jobs/job_{ID}/retry"), "{}", vec![format!("job_id=job_{ID}")]),
+    ];
+    let mut seen = HashSet::new();
+    for (page, path, body, subjects) in rows {
+        for (client, role, status, outcome) in [
+            (&trainer, Role::Trainer, StatusCode::NOT_FOUND, "Not Found"),
+            (&viewer, Role::Viewer, StatusCode::FORBIDDEN, "Forbidden"),
+        ] {
+            assert_eq!(pages.post(client, &path, (JSON, body)).await.status, status, "{page:?}");
+            let entry = pages.services.store.audit(Millis(0), 1000).await.unwrap().pop().unwrap();
+            assert_eq!((entry.rpc, entry.outcome.as_str()), (format!("pages/{page:?}"), outcome));
+            assert_eq!((entry.who.as_str(), entry.peer.as_str()), (role.as_str(), "127.0.0.1:4000"));
+            assert!(entry.token_id.is_some());
+            // The body of a refused request is not read.
+            assert_eq!(entry.subjects, if role == Role::Viewer { Vec::new() } else { subjects.clone() });
+        }
+        seen.insert(page);
+    }
+    let audited: HashSet<Page> = Page::ALL.iter().copied().filter(|&page| page.changes()).collect();
+    assert_eq!(seen, audited, "each audited page has a row here, and no other page");
+}
