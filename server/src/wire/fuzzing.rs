@@ -21,7 +21,7 @@ use crate::{
 pub const KINDS: u8 = 31;
 
 /// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
-/// says a field and a mend.
+/// names a field and a fix.
 pub fn message(kind: u8, bytes: &[u8]) {
     match kind % KINDS {
         0 => convert(bytes, |request| task::create_request(request, &Limits::default())),

@@ -96,7 +96,7 @@ impl<'a> Submitter<'a> {
     }
 }
 
-/// What a stage's job is called on the server. The input's id is beside the stage: when a failed input is made anew,
+/// What a stage's job is called on the server. The input's id is beside the stage: when a failed input is made again,
 /// what works on it is new as well.
 pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
     format!("experiment/{}/{input}", stage.key)
