@@ -75,7 +75,7 @@ fn crates_are_named_in_their_place_only() {
                 "tests/",
                 // Evaluations, and which tasks can be simulated.
                 "crates/worker/",
-                "server/src/jobs/resolve",
+                "server/src/jobs/kinds/",
             ],
         ),
     ];

@@ -76,7 +76,7 @@ impl Monitor for First {
 
 /// Takes steps in blocks, and stops when no further block is asked for.
 struct Paced<'a> {
-    /// What the next block may take, once the last has been told what its steps took and gave.
+    /// The steps of the next block, from the measurements of the last.
     next: &'a mut dyn FnMut(&Block) -> usize,
     left: usize,
     block: Block,

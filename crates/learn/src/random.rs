@@ -1,6 +1,6 @@
 //! Random numbers that depend only on (seed, purpose, counter).
 //!
-//! A generator is made anew for every step, so a resumed run draws exactly what a straight run
+//! Every step has a new generator, so a resumed run draws exactly what a straight run
 //! draws, without saving any generator's state. Independent of the purpose of the numbers.
 
 use rand::{RngExt, SeedableRng};

@@ -35,7 +35,7 @@ impl Noise {
 
 /// Rows around a far-off mean. `Encoded`: as an encoder may give them, a few things happen and show
 /// in all parts, each value has a little noise, neighbours in time are near each other.
-/// `Scattered`: every value by itself, where nothing helps to tell rows apart early.
+/// `Scattered`: independent values, so that rows cannot be distinguished early.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Data {
     Encoded,

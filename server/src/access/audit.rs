@@ -54,7 +54,7 @@ impl AuditDraft {
     }
 
     /// Writes the entry, unless it is written already. The returned future completes once the entry is on disk; the write
-    /// goes on if that future is dropped.
+    /// continues if that future is dropped.
     pub(crate) fn write(&self, code: Code) -> impl Future<Output = ()> + Send + use<> {
         let draft = self.0.lock().unwrap_or_else(PoisonError::into_inner).take();
         let writing = draft.map(|Draft { store, caller, peer, path, subjects }| {
@@ -83,7 +83,7 @@ impl Drop for AuditGuard {
     }
 }
 
-/// Writes an entry. The returned future completes once the entry is on disk; the write goes on if that future is dropped.
+/// Writes an entry. The returned future completes once the entry is on disk; the write continues if it is dropped.
 /// The change stands if the entry cannot be written; the server's log then has the entry.
 pub(crate) fn write(store: Store, entry: AuditEntry) -> impl Future<Output = ()> + Send + use<> {
     let writing = tokio::spawn(async move {

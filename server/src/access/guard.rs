@@ -49,7 +49,7 @@ pub(crate) struct Guard(Arc<GuardMode>);
 enum GuardMode {
     /// The listener of all clients; workers' calls are rejected.
     Callers(Callers),
-    /// The listener of our own workers; all other calls are rejected.
+    /// The listener of this server's workers; all other calls are rejected.
     Workers(Jobs),
 }
 

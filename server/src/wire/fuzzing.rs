@@ -20,8 +20,8 @@ use crate::{
 /// How many kinds of messages [`message`] knows.
 pub const KINDS: u8 = 31;
 
-/// Decodes `bytes` as a message of this kind and converts it. What is refused is refused as Invalid or Exhausted, and
-/// says a field and a mend.
+/// Decodes `bytes` as a message of this kind and converts it. A rejection is Invalid or Exhausted, and names the
+/// field and the fix.
 pub fn message(kind: u8, bytes: &[u8]) {
     match kind % KINDS {
         0 => convert(bytes, |request| task::create_request(request, &Limits::default())),

@@ -24,7 +24,7 @@ pub(crate) fn upload_id(text: &str) -> Result<UploadId> {
     UploadId::parse("upload_id", text)
 }
 
-/// What is to be uploaded to the task. Nobody may forget the outcome: who does not know it says unknown.
+/// The upload that a request declares for the task. The outcome is required; it may be `unknown`.
 pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId, client: Client) -> Result<NewUpload> {
     let v1::StartUploadRequest { task: _, file_name, size_bytes, blake3, outcome, cohort, author } = request;
     if size_bytes == 0 {

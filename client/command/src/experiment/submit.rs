@@ -96,8 +96,8 @@ impl<'a> Submitter<'a> {
     }
 }
 
-/// What a stage's job is called on the server. The input's id is beside the stage: when a failed input is made anew,
-/// what works on it is new as well.
+/// The key of a stage's job on the server. The key contains the input's id: when a failed input is made again, the
+/// stages after it are new too.
 pub(crate) fn job_key(stage: &Stage, input: &str) -> String {
     format!("experiment/{}/{input}", stage.key)
 }

@@ -82,7 +82,7 @@ fn settings_that_a_method_does_not_use_do_not_part_its_stages() {
     assert_ne!(of(&plain, 2), of(&cosine, 2));
 }
 
-/// Experiments under way find their stages by these keys: should they change, all of them would begin anew.
+/// Experiments under way find their stages by these keys: if the keys changed, every stage would start again.
 #[test]
 fn keys_stay_from_version_to_version() {
     let graph = graph(
