@@ -9,7 +9,7 @@ mod caller;
 pub mod command;
 mod guard;
 mod issue;
-mod pages;
+mod page_guard;
 mod refusal_limit;
 mod request_body;
 mod response_body;
@@ -27,7 +27,7 @@ pub(crate) use self::{
     audit::{AuditDraft, write as write_audit},
     caller::Caller,
     guard::Guard,
-    pages::PageGuard,
+    page_guard::PageGuard,
     secret::hash as token_hash,
     subjects::{Named, Subjects},
     table::method,
