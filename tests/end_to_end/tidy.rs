@@ -116,7 +116,7 @@ const CRATES: [(&str, &[&str]); 15] = [
     ("crates/edge", &[]),
     ("crates/inspector", &["recording"]),
     ("crates/learn", &["core", "search"]),
-    ("crates/logs", &["recording"]),
+    ("crates/logs", &["core"]),
     ("crates/recording", &["core"]),
     ("crates/search", &[]),
     ("crates/web", &["core", "edge"]),

@@ -5,7 +5,7 @@
 use std::io::IsTerminal as _;
 
 use clap::Args;
-use gleaner_recording::printable::{Escape, EscapingWriter};
+use gleaner_core::printable::{Escape, EscapingWriter};
 use tracing::Subscriber;
 use tracing_subscriber::{EnvFilter, Layer, registry::LookupSpan};
 

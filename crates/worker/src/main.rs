@@ -4,8 +4,8 @@
 use std::process::ExitCode;
 
 use clap::Parser as _;
+use gleaner_core::printable;
 use gleaner_data_folder::access::keep_private;
-use gleaner_recording::printable;
 use gleaner_worker::WorkerConfig;
 use tracing_subscriber::{layer::SubscriberExt as _, util::SubscriberInitExt as _};
 

@@ -12,7 +12,7 @@ use tokio::process::Command;
 use super::process::{self, Running, SERVER, Signal, ports, signal};
 
 /// Warnings, and the messages of workers, because tests search for them in the logs of jobs.
-const LOG_LEVELS: &str = "warn,gleaner_server::worker=info";
+const LOG_LEVELS: &str = "warn,gleaner_worker=info";
 const ANY_PORT: &str = "127.0.0.1:0";
 
 /// A running server; killed on drop, with its data folder removed if it was made for it.
