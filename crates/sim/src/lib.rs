@@ -8,7 +8,6 @@
 //! - [`demonstrate`] runs an attempt of an agent; [`record_set`] writes sets of attempts as MCAP with labels and marks.
 //! - [`task_spec`] is the specification with which the recordings are read; [`compatible`] finds the task and the settings
 //!   that fit a specification.
-//! - [`statistics`] has the intervals of success rates and of AUROC.
 //!
 //! ```
 //! use gleaner_sim::{Sim, SimConfig, Task};
