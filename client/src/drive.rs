@@ -138,7 +138,7 @@ async fn run_episode(client: &Client, plan: &DrivePlan, spec: &TaskSpec, seed: u
             ))
         })??;
         latencies.push(sent.elapsed());
-        lowest.heard(answer.observation_stamp_ns, answer.score.as_ref());
+        lowest.record(answer.observation_stamp_ns, answer.score.as_ref());
         let first = answer.actions.first().ok_or(ClientError::Contract { missing: "an action" })?;
         let action = first.values.as_slice().try_into().map_err(|_| {
             ClientError::Invalid(format!(

@@ -26,7 +26,7 @@ pub(crate) struct Lowest {
 
 impl Lowest {
     /// An answer has come to the observation of this stamp, the first one being the session's first.
-    pub(crate) fn heard(&mut self, stamp_ns: i64, score: Option<&LiveScore>) {
+    pub(crate) fn record(&mut self, stamp_ns: i64, score: Option<&LiveScore>) {
         let begin_ns = *self.begin_ns.get_or_insert(stamp_ns);
         let Some(LiveScore { w, q, match_episode_id, match_step, observation_stamp_ns }) = score else { return };
         // w ranks segments whose q is clamped to 0.
@@ -66,11 +66,11 @@ mod tests {
         let score =
             |q, w, stamp| LiveScore { q, w, observation_stamp_ns: stamp, match_step: 7, ..LiveScore::default() };
         let mut lowest = Lowest::default();
-        lowest.heard(1_000_000_000, None);
+        lowest.record(1_000_000_000, None);
         assert_eq!(lowest.clone().found(), None);
-        lowest.heard(1_100_000_000, Some(&score(0.0, -3.0, 1_000_000_000)));
-        lowest.heard(1_600_000_000, Some(&score(0.0, -9.0, 1_500_000_000)));
-        lowest.heard(1_700_000_000, Some(&score(0.8, -1.0, 1_600_000_000)));
+        lowest.record(1_100_000_000, Some(&score(0.0, -3.0, 1_000_000_000)));
+        lowest.record(1_600_000_000, Some(&score(0.0, -9.0, 1_500_000_000)));
+        lowest.record(1_700_000_000, Some(&score(0.8, -1.0, 1_600_000_000)));
         let found = lowest.found().unwrap();
         assert_eq!((found.q, found.w, found.seconds, found.match_step), (0.0, -9.0, 0.5, 7));
         let other = LowestScore { q: 0.0, w: -10.0, ..found.clone() };

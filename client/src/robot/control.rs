@@ -214,7 +214,7 @@ impl<'a, 'r, R: Robot> Run<'a, 'r, R> {
         let stamp_ns = action.observation_stamp_ns;
         self.report.dropped += action.dropped;
         self.answered_ns = Some(stamp_ns);
-        self.lowest.heard(stamp_ns, action.score.as_ref());
+        self.lowest.record(stamp_ns, action.score.as_ref());
         if std::mem::take(&mut self.anew) {
             // Another history, perhaps another policy: earlier predictions are invalid.
             self.buffer.clear();

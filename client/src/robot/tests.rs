@@ -81,14 +81,19 @@ impl Server {
         self.opened.lock().unwrap().len()
     }
 
-    async fn serve(self, session: usize, mut requests: mpsc::Receiver<Request>, say: mpsc::Sender<Result<Response>>) {
+    async fn serve(
+        self,
+        session: usize,
+        mut requests: mpsc::Receiver<Request>,
+        responses_to: mpsc::Sender<Result<Response>>,
+    ) {
         let mut nth = 0;
         while let Some(request) = requests.recv().await {
             let observation = match request {
                 Request::Observation(observation) => observation,
                 Request::Close(_) => {
                     *self.closed.lock().unwrap() += 1;
-                    let _ = say.send(Ok(Response::Closed(SessionClosed::default()))).await;
+                    let _ = responses_to.send(Ok(Response::Closed(SessionClosed::default()))).await;
                     return;
                 }
                 Request::Open(_) => panic!("opened twice"),
@@ -110,13 +115,13 @@ impl Server {
                 Reply::Nothing => continue,
                 Reply::Hang => std::future::pending().await,
                 Reply::Drain => {
-                    let _ = say.send(Ok(Response::Draining(SessionDraining::default()))).await;
+                    let _ = responses_to.send(Ok(Response::Draining(SessionDraining::default()))).await;
                     Err(Status::unavailable("the server has stopped").into())
                 }
                 Reply::Break(status) => Err(status.into()),
             };
             let broken = message.is_err();
-            let _ = say.send(message).await;
+            let _ = responses_to.send(message).await;
             if broken {
                 return;
             }
@@ -133,8 +138,8 @@ impl Link for Server {
         }
         self.opened.lock().unwrap().push(open.clone());
         let (requests, received) = mpsc::channel(1);
-        let (say, responses) = mpsc::channel(1);
-        tokio::spawn(self.clone().serve(session, received, say));
+        let (responses_to, responses) = mpsc::channel(1);
+        tokio::spawn(self.clone().serve(session, received, responses_to));
         let opened = SessionOpened { policy_id: format!("pol_{session}"), ..SessionOpened::default() };
         Ok(SessionChannel { opened, requests, responses: ReceiverStream::new(responses).boxed() })
     }

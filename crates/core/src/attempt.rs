@@ -19,7 +19,7 @@ pub enum AttemptEnd {
     /// Another attempt could help, such as after a crash of the worker. Holds the reason.
     Broken(String),
     /// No attempt can help, such as with input that cannot be learned from. Holds the reason.
-    Hopeless(String),
+    Permanent(String),
 }
 
 /// The values of a job that decide its next state.
@@ -76,7 +76,7 @@ impl AttemptEnd {
                 "failed".to_owned(),
                 format!("{what}; that was attempt {attempt} of {max_attempts}"),
             ),
-            Self::Hopeless(what) => over(JobState::Failed, "failed".to_owned(), what.clone()),
+            Self::Permanent(what) => over(JobState::Failed, "failed".to_owned(), what.clone()),
         }
     }
 }
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn a_crash_uses_up_an_attempt_and_says_where_the_next_begins() {
+    fn a_crash_uses_up_an_attempt_and_names_the_next_start() {
         let next = killed().next(SECOND_OF_THREE);
         assert_eq!((next.state, next.attempt), (JobState::Queued, 2));
         assert_eq!(next.message, "the worker was killed by signal 9; attempt 3 of 3 resumes from step 400");
@@ -118,7 +118,7 @@ mod tests {
 
     #[test]
     fn wrong_input_fails_at_once_and_a_cancel_beats_everything() {
-        let wrong = AttemptEnd::Hopeless("episode ep_1: action is not finite".to_owned());
+        let wrong = AttemptEnd::Permanent("episode ep_1: action is not finite".to_owned());
         assert_eq!(wrong.next(Standing { attempt: 1, ..SECOND_OF_THREE }).state, JobState::Failed);
         for end in [AttemptEnd::Stopped, killed(), wrong] {
             let next = end.next(Standing { cancel_requested: true, ..SECOND_OF_THREE });
@@ -145,7 +145,7 @@ mod tests {
                 let end = match end {
                     0 => AttemptEnd::Stopped,
                     1 => killed(),
-                    _ => AttemptEnd::Hopeless("wrong".to_owned()),
+                    _ => AttemptEnd::Permanent("wrong".to_owned()),
                 };
                 let next = end.next(Standing { attempt, max_attempts, checkpoint_step: None, cancel_requested });
                 prop_assert!(JobState::Running.may_become(next.state));

@@ -199,8 +199,8 @@ mod tests {
     struct Outer(#[source] io::Error);
 
     #[test]
-    fn a_disk_that_takes_nothing_is_a_limit_whoever_says_so() {
-        for (number, told) in [(28, DISK_FULL), (122, DISK_FULL), (27, FILE_TOO_LARGE), (30, DISK_READ_ONLY)] {
+    fn a_full_disk_is_a_limit_in_every_layer() {
+        for (number, message) in [(28, DISK_FULL), (122, DISK_FULL), (27, FILE_TOO_LARGE), (30, DISK_READ_ONLY)] {
             let refused = || io::Error::from_raw_os_error(number);
             let wrapped = io::Error::other(Outer(refused()));
             for error in [
@@ -208,7 +208,7 @@ mod tests {
                 Error::internal("writing a file", Outer(refused())),
                 Error::internal("writing a file", Outer(wrapped)),
             ] {
-                assert_eq!((error.kind(), error.message()), (Kind::Exhausted, told));
+                assert_eq!((error.kind(), error.message()), (Kind::Exhausted, message));
                 assert!(error.to_string().contains("writing a file: "), "the log says what was done: {error}");
             }
         }

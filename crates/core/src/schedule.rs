@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_expression_is_told_with_the_mend() {
+    fn a_wrong_expression_is_named_with_the_fix() {
         for expression in ["", "every day", "61 * * * *", "* * * * * *", "0 0 30 2 *"] {
             let error = Trigger::Cron(expression.to_owned()).next_run("cron", at("2026-03-01T00:00:00Z")).unwrap_err();
             assert!(

@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn another_version_is_named_with_ours_and_the_mend() {
+    fn another_version_is_named_with_the_supported_one_and_the_fix() {
         let bytes = write(&CheckpointInfo { format_version: 9, ..info() }, &tensors());
         let message = inspect(&bytes.unwrap()).unwrap_err().to_string();
         assert!(message.contains("version 9") && message.contains("version 1"), "{message}");

@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn cancelling_and_diverging_are_told_apart() {
+    fn cancelling_and_diverging_differ() {
         let (shape, data) = (toy::shape(), toy::experts(2, 8));
         let mut monitor = Recorder { stop_after: Some(2), ..Recorder::default() };
         let result = pretrain(&shape, &data, &toy::pretrain_spec(9), None, &mut monitor);

@@ -70,7 +70,7 @@ fn row(setting: &Setting) -> Markup {
         td { code { (setting.name) } }
         td { (allowed(&setting.shape)) }
         td { code { (text(&setting.default)) } }
-        td {
+        td.effect {
             (setting.about)
             @let words = setting.shape.words();
             @if !words.is_empty() { dl.facts { @for known in words { dt { (known.word) } dd { (known.about) } } } }

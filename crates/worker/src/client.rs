@@ -24,7 +24,7 @@ use gleaner_core::{
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(10);
 /// Time for which a worker retries a call that the server rejects for the moment.
-pub(crate) const PATIENCE: Duration = Duration::from_secs(600);
+pub(crate) const RETRY_FOR: Duration = Duration::from_secs(600);
 const FIRST_PAUSE: Duration = Duration::from_millis(100);
 pub(crate) const LONGEST_PAUSE: Duration = Duration::from_secs(5);
 
@@ -67,7 +67,7 @@ impl Client {
 
     /// The assignment: the job, its order and its inputs.
     pub(crate) async fn assignment(&mut self) -> Result<(JobId, JobOrder, Inputs)> {
-        let answer = patiently(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await;
+        let answer = with_retries(async || self.0.get_assignment(v1::GetAssignmentRequest {}).await).await;
         match answer {
             Ok(response) => proto::worker::assigned(response.into_inner()),
             Err(status) => {
@@ -94,14 +94,14 @@ impl Client {
     /// Reports progress; returns whether to stop.
     pub(crate) async fn report_progress(&mut self, progress: Progress) -> Result<bool> {
         let request = proto::worker::progress(progress);
-        let response = patiently(async || self.0.report_progress(request.clone()).await).await.map_err(refused)?;
+        let response = with_retries(async || self.0.report_progress(request.clone()).await).await.map_err(refused)?;
         Ok(response.into_inner().cancel)
     }
 
     /// Names the blob to resume from. False when the blob is gone: another job had the same blob and removed it.
     pub(crate) async fn save_checkpoint(&mut self, step: u64, blob: BlobId) -> Result<bool> {
         let request = v1::SaveCheckpointRequest { step, blob: blob.into() };
-        match patiently(async || self.0.save_checkpoint(request.clone()).await).await {
+        match with_retries(async || self.0.save_checkpoint(request.clone()).await).await {
             Ok(_) => Ok(true),
             Err(status) if status.code() == Code::NotFound => Ok(false),
             Err(status) => Err(refused(status)),
@@ -111,7 +111,7 @@ impl Client {
     /// Ends the job with its result. A result that the server rejects also ends the job.
     pub(crate) async fn complete(&mut self, made: Made) -> Result<()> {
         let messages = proto::worker::completion_messages(made);
-        match patiently(async || self.0.complete_job(stream::iter(messages.clone())).await).await {
+        match with_retries(async || self.0.complete_job(stream::iter(messages.clone())).await).await {
             Ok(_) => Ok(()),
             Err(status) if status.code() == Code::Cancelled => Ok(()),
             Err(status) if matches!(status.code(), Code::InvalidArgument | Code::NotFound) => {
@@ -126,21 +126,21 @@ impl Client {
     /// Ends the attempt with an error.
     pub(crate) async fn fail(&mut self, error: String, retry: bool) -> Result<()> {
         let request = v1::FailJobRequest { error, retry };
-        patiently(async || self.0.fail_job(request.clone()).await).await.map_err(refused)?;
+        with_retries(async || self.0.fail_job(request.clone()).await).await.map_err(refused)?;
         Ok(())
     }
 }
 
 /// Retries a call until the server accepts it, for up to [`PATIENCE`]: a full or slow disk must not end a job. Each
 /// call also shows the server that the worker is alive.
-async fn patiently<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
+async fn with_retries<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
     let (begun, mut pause) = (Instant::now(), FIRST_PAUSE);
     loop {
         let status = match ask().await {
             Err(status) if matches!(status.code(), Code::ResourceExhausted | Code::Unavailable) => status,
             answer => return answer,
         };
-        if begun.elapsed() >= PATIENCE {
+        if begun.elapsed() >= RETRY_FOR {
             return Err(status);
         }
         tracing::warn!(code = ?status.code(), reason = status.message(), "the server does not take it; asking again");
@@ -161,7 +161,7 @@ mod tests {
     async fn what_the_server_cannot_take_now_is_asked_again_and_nothing_else_is() {
         for refused in [|| Status::resource_exhausted("no room"), || Status::unavailable("not now")] {
             let mut refusals = 5;
-            let asked = patiently(async || match refusals {
+            let asked = with_retries(async || match refusals {
                 0 => Ok("taken"),
                 _ => {
                     refusals -= 1;
@@ -171,14 +171,14 @@ mod tests {
             assert_eq!(asked.await.ok(), Some("taken"));
         }
         let (mut asked, begun) = (0, Instant::now());
-        let answer: tonic::Result<()> = patiently(async || {
+        let answer: tonic::Result<()> = with_retries(async || {
             asked += 1;
             Err(Status::unavailable("never"))
         })
         .await;
-        assert!(answer.is_err() && begun.elapsed() >= PATIENCE && asked > 100, "{asked} times");
+        assert!(answer.is_err() && begun.elapsed() >= RETRY_FOR && asked > 100, "{asked} times");
         let mut asked = 0;
-        let answer: tonic::Result<()> = patiently(async || {
+        let answer: tonic::Result<()> = with_retries(async || {
             asked += 1;
             Err(Status::invalid_argument("step: is wrong"))
         })

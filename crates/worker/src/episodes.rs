@@ -44,7 +44,7 @@ impl Episodes<'_> {
     fn trajectory(&self, shape: &TaskShape, input: &InputEpisode) -> Result<Trajectory, Failure> {
         let episode = self.open(input)?;
         if u64::try_from(episode.steps()) != Ok(input.steps) {
-            return Err(Failure::Hopeless(format!(
+            return Err(Failure::Permanent(format!(
                 "episode {}: reads as {} steps now, it had {} when it was uploaded; upload it again",
                 input.id,
                 episode.steps(),

@@ -11,30 +11,30 @@ pub(crate) enum Failure {
     /// The server requested a stop.
     Cancelled,
     /// The input or the settings are wrong: every attempt would fail in the same way.
-    Hopeless(String),
+    Permanent(String),
     /// Memory, disk or a defect: another attempt may succeed.
-    Broken(String),
+    Retryable(String),
 }
 
 impl From<LearnError> for Failure {
     fn from(error: LearnError) -> Self {
-        let said = error.to_string();
+        let message = error.to_string();
         match error {
             LearnError::Cancelled => Self::Cancelled,
             LearnError::Invalid { .. }
             | LearnError::Checkpoint(_)
             | LearnError::Version { .. }
-            | LearnError::Diverged { .. } => Self::Hopeless(said),
-            LearnError::Monitor { .. } | LearnError::Torch(_) => Self::Broken(said),
+            | LearnError::Diverged { .. } => Self::Permanent(message),
+            LearnError::Monitor { .. } | LearnError::Torch(_) => Self::Retryable(message),
         }
     }
 }
 
 impl From<Error> for Failure {
     fn from(error: Error) -> Self {
-        let said = error.to_string();
+        let message = error.to_string();
         match error.kind() {
-            Kind::Invalid | Kind::Precondition => Self::Hopeless(said),
+            Kind::Invalid | Kind::Precondition => Self::Permanent(message),
             Kind::Cancelled => Self::Cancelled,
             Kind::Unauthenticated
             | Kind::Forbidden
@@ -43,7 +43,7 @@ impl From<Error> for Failure {
             | Kind::Exhausted
             | Kind::Late
             | Kind::Unavailable
-            | Kind::Internal => Self::Broken(said),
+            | Kind::Internal => Self::Retryable(message),
         }
     }
 }
@@ -51,8 +51,8 @@ impl From<Error> for Failure {
 impl Failure {
     /// The failure of an unusable recording of `episode`.
     pub(crate) fn recording(episode: &str, error: &RecordingError) -> Self {
-        let said = format!("episode {episode}: {error}");
-        if matches!(error, RecordingError::Io { .. }) { Self::Broken(said) } else { Self::Hopeless(said) }
+        let message = format!("episode {episode}: {error}");
+        if matches!(error, RecordingError::Io { .. }) { Self::Retryable(message) } else { Self::Permanent(message) }
     }
 }
 
@@ -63,11 +63,11 @@ mod tests {
     #[test]
     fn only_what_may_go_better_is_tried_again() {
         let diverged = Failure::from(LearnError::Diverged { step: 3 });
-        assert!(matches!(&diverged, Failure::Hopeless(said) if said.contains("step 3")), "{diverged:?}");
+        assert!(matches!(&diverged, Failure::Permanent(message) if message.contains("step 3")), "{diverged:?}");
         let memory = Failure::from(LearnError::Torch("not enough memory".into()));
-        assert_eq!(memory, Failure::Broken("tensor library: not enough memory".into()));
+        assert_eq!(memory, Failure::Retryable("tensor library: not enough memory".into()));
         assert_eq!(Failure::from(LearnError::Cancelled), Failure::Cancelled);
-        assert!(matches!(Failure::from(Error::invalid("task", "is wrong")), Failure::Hopeless(_)));
-        assert!(matches!(Failure::from(Error::internal("reading", "disk")), Failure::Broken(_)));
+        assert!(matches!(Failure::from(Error::invalid("task", "is wrong")), Failure::Permanent(_)));
+        assert!(matches!(Failure::from(Error::internal("reading", "disk")), Failure::Retryable(_)));
     }
 }

@@ -30,7 +30,7 @@ use gleaner_data_folder::{blobs::Blobs, file_limit};
 /// When the server cannot be reached or rejects a call. A failed job is not an error: its reason was sent to the
 /// server.
 pub fn run(config: WorkerConfig) -> Result<()> {
-    process::settle(&config)?;
+    process::adopt_priority(&config)?;
     let runtime = tokio::runtime::Builder::new_current_thread()
         .enable_all()
         .build()
@@ -59,14 +59,14 @@ async fn serve(config: WorkerConfig) -> Result<()> {
     let working = tokio::task::spawn_blocking(move || {
         // This thread alone: the other one must keep reporting that the worker is alive.
         if config.idle {
-            process::give_way();
+            process::set_idle_priority();
         }
         work.perform(order)
     });
     reporter::report(&mut client, events, &stop).await?;
     let made = match working.await {
         Ok(made) => made,
-        Err(error) => Err(Failure::Broken(format!("the job's code gave up: {error}"))),
+        Err(error) => Err(Failure::Retryable(format!("the job's code gave up: {error}"))),
     };
     match made {
         Ok(made) => {
@@ -77,11 +77,11 @@ async fn serve(config: WorkerConfig) -> Result<()> {
             tracing::info!("stopped as asked");
             Ok(())
         }
-        Err(Failure::Hopeless(error)) => {
+        Err(Failure::Permanent(error)) => {
             tracing::error!(%error, "this cannot be done");
             client.fail(error, false).await
         }
-        Err(Failure::Broken(error)) => {
+        Err(Failure::Retryable(error)) => {
             tracing::error!(%error, "this attempt broke");
             client.fail(error, true).await
         }

@@ -6,7 +6,7 @@ use gleaner_learn::Monitor;
 use tokio::sync::{mpsc, oneshot};
 use tokio_util::sync::CancellationToken;
 
-use super::client::PATIENCE;
+use super::client::RETRY_FOR;
 use gleaner_core::{
     error::{Kind, Result},
     id::BlobId,
@@ -19,9 +19,9 @@ const WAITING: usize = 1024;
 const TRIES: u32 = 3;
 /// Interval between checks of the disk's free space.
 #[cfg(not(test))]
-const LOOK_AGAIN: Duration = Duration::from_secs(2);
+const SPACE_POLL: Duration = Duration::from_secs(2);
 #[cfg(test)]
-const LOOK_AGAIN: Duration = Duration::from_millis(1);
+const SPACE_POLL: Duration = Duration::from_millis(1);
 
 /// Events of the working thread.
 #[derive(Debug)]
@@ -70,28 +70,28 @@ impl Watcher {
     /// Reports a new activity.
     pub(crate) fn phase(&self, doing: &str) {
         tracing::info!("{doing}");
-        self.say(Event::Phase(doing.to_owned()));
+        self.send(Event::Phase(doing.to_owned()));
     }
 
     /// Writes to the disk. On a full disk the write is retried until there is room or the work should stop.
     ///
     /// # Errors
     /// Exhausted when the disk stays full for long; other errors at once.
-    pub(crate) fn once_there_is_room<T>(&self, write: impl Fn(&Blobs) -> Result<T>) -> Result<T> {
+    pub(crate) fn retry_while_full<T>(&self, write: impl Fn(&Blobs) -> Result<T>) -> Result<T> {
         let begun = Instant::now();
         loop {
             match write(&self.blobs) {
-                Err(error) if error.kind() == Kind::Exhausted && begun.elapsed() < PATIENCE && !self.cancelled() => {
+                Err(error) if error.kind() == Kind::Exhausted && begun.elapsed() < RETRY_FOR && !self.cancelled() => {
                     tracing::warn!(%error, "waiting for room on the disk");
                     // A disk sends no event when space is freed.
-                    std::thread::park_timeout(LOOK_AGAIN);
+                    std::thread::park_timeout(SPACE_POLL);
                 }
                 done => return done,
             }
         }
     }
 
-    fn say(&self, event: Event) {
+    fn send(&self, event: Event) {
         if self.events.blocking_send(event).is_err() {
             // Without the reporter there is no server, so no result could be sent.
             self.stop.cancel();
@@ -101,15 +101,15 @@ impl Watcher {
 
 impl Monitor for Watcher {
     fn progress(&mut self, step: u64, total: u64, metrics: &[(&'static str, f64)]) {
-        self.say(Event::Progress { done: step, total, metrics: metrics.to_vec() });
+        self.send(Event::Progress { done: step, total, metrics: metrics.to_vec() });
     }
 
     fn checkpoint(&mut self, step: u64, bytes: &[u8]) -> std::result::Result<(), String> {
         for _ in 0..TRIES {
-            let blob = self.once_there_is_room(|blobs| blobs.put(bytes)).map_err(|error| error.to_string())?;
+            let blob = self.retry_while_full(|blobs| blobs.put(bytes)).map_err(|error| error.to_string())?;
             gleaner_data_folder::fail_point::pass("checkpoint.blob_kept");
             let (saved, answer) = oneshot::channel();
-            self.say(Event::Checkpoint { step, blob, saved });
+            self.send(Event::Checkpoint { step, blob, saved });
             if answer.blocking_recv().map_err(|_| "the server did not take it".to_owned())? {
                 return Ok(());
             }
@@ -160,7 +160,7 @@ mod tests {
         let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);
         let (watcher, _events) = channel(blobs);
         let tries = std::cell::Cell::new(0);
-        let blob = watcher.once_there_is_room(|blobs| {
+        let blob = watcher.retry_while_full(|blobs| {
             tries.set(tries.get() + 1);
             let put = blobs.put(b"weights");
             free.store(u64::MAX, Ordering::Relaxed);
@@ -169,6 +169,6 @@ mod tests {
         assert!(blob.is_ok() && tries.get() == 2, "{tries:?}");
         free.store(0, Ordering::Relaxed);
         watcher.stop().cancel();
-        assert_eq!(watcher.once_there_is_room(|blobs| blobs.put(b"more")).unwrap_err().kind(), Kind::Exhausted);
+        assert_eq!(watcher.retry_while_full(|blobs| blobs.put(b"more")).unwrap_err().kind(), Kind::Exhausted);
     }
 }

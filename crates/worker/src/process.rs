@@ -13,7 +13,7 @@ use gleaner_core::error::{Error, Result};
 ///
 /// # Errors
 /// Unavailable when that server has already ended.
-pub(crate) fn settle(config: &WorkerConfig) -> Result<()> {
+pub(crate) fn adopt_priority(config: &WorkerConfig) -> Result<()> {
     if let Some(parent) = config.parent {
         rustix::process::set_parent_process_death_signal(Some(Signal::KILL))
             .map_err(|error| Error::internal("tying the worker to its server", error))?;
@@ -32,7 +32,7 @@ pub(crate) fn settle(config: &WorkerConfig) -> Result<()> {
 }
 
 /// Runs this thread, and those it starts, only on idle processors.
-pub(crate) fn give_way() {
+pub(crate) fn set_idle_priority() {
     let idle = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
     // The call also resets the niceness, which needs privileges and fails; that error does not matter here, so the
     // resulting policy is checked instead.
@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn a_thread_that_gives_way_and_those_it_starts_are_idle() {
         let policies = std::thread::spawn(|| {
-            give_way();
+            set_idle_priority();
             let started = std::thread::spawn(thread_schedule_policy);
             (thread_schedule_policy().ok(), started.join().ok().and_then(|policy| policy.ok()))
         });

@@ -20,7 +20,7 @@ const AT_LEAST: Duration = Duration::from_secs(5);
 struct Pending {
     progress: Progress,
     news: bool,
-    told: Instant,
+    sent_at: Instant,
 }
 
 /// Reports until the work has ended.
@@ -28,7 +28,7 @@ struct Pending {
 /// # Errors
 /// When the server cannot be reached or rejects a call.
 pub(crate) async fn report(client: &mut Client, mut events: Receiver<Event>, stop: &CancellationToken) -> Result<()> {
-    let mut pending = Pending { progress: Progress::default(), news: true, told: Instant::now() };
+    let mut pending = Pending { progress: Progress::default(), news: true, sent_at: Instant::now() };
     let mut ticks = interval(EVERY);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -36,17 +36,17 @@ pub(crate) async fn report(client: &mut Client, mut events: Receiver<Event>, sto
             event = events.recv() => match event {
                 Some(Event::Checkpoint { step, blob, saved }) => {
                     // Metrics up to this step come first: a resumed attempt does not report them again.
-                    pending.tell(client, stop).await?;
+                    pending.send(client, stop).await?;
                     let there = client.save_checkpoint(step, blob).await?;
                     // The working thread waits for this value; sending fails only once that thread has ended.
                     let _ = saved.send(there);
                 }
                 Some(event) => pending.take(event),
-                None => return pending.tell(client, stop).await,
+                None => return pending.send(client, stop).await,
             },
             _ = ticks.tick() => {
-                if pending.news || pending.told.elapsed() >= AT_LEAST {
-                    pending.tell(client, stop).await?;
+                if pending.news || pending.sent_at.elapsed() >= AT_LEAST {
+                    pending.send(client, stop).await?;
                 }
             }
         }
@@ -68,7 +68,7 @@ impl Pending {
         }
     }
 
-    async fn tell(&mut self, client: &mut Client, stop: &CancellationToken) -> Result<()> {
+    async fn send(&mut self, client: &mut Client, stop: &CancellationToken) -> Result<()> {
         self.progress.peak_memory_bytes = process::peak_memory();
         let message = self.progress.message.clone();
         let (done, total) = (self.progress.done, self.progress.total);
@@ -76,7 +76,7 @@ impl Pending {
         if client.report_progress(std::mem::replace(&mut self.progress, next)).await? {
             stop.cancel();
         }
-        (self.news, self.told) = (false, Instant::now());
+        (self.news, self.sent_at) = (false, Instant::now());
         Ok(())
     }
 }

@@ -71,12 +71,12 @@ impl Work {
     fn input(&self, what: &str, blob: Option<&BlobId>) -> Result<Vec<u8>, Failure> {
         match blob {
             Some(blob) => Ok(self.blobs.get(blob)?),
-            None => Err(Failure::Broken(format!("the server named no {what}"))),
+            None => Err(Failure::Retryable(format!("the server named no {what}"))),
         }
     }
 
     fn keep(&self, bytes: &[u8]) -> Result<BlobId, Failure> {
-        let blob = self.monitor.once_there_is_room(|blobs| blobs.put(bytes))?;
+        let blob = self.monitor.retry_while_full(|blobs| blobs.put(bytes))?;
         fail_point::pass("result.blob_kept");
         Ok(blob)
     }

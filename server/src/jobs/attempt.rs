@@ -7,7 +7,7 @@ use gleaner_recording::printable::Escape;
 use tokio::{io::AsyncRead, process::Child};
 use tracing::Instrument as _;
 
-use super::{Room, lease::Lease, log::Log, process, token::Mint};
+use super::{Room, lease::Lease, log::Log, process, token::Issuer};
 use crate::{
     domain::{attempt::AttemptEnd, job::Job},
     telemetry::memory,
@@ -16,24 +16,24 @@ use crate::{
 /// Longest time from a request to stop until the worker is killed.
 const GRACE: Duration = Duration::from_secs(10);
 /// Longest wait for the rest of an ended worker's output.
-const LAST_WORDS: Duration = Duration::from_secs(2);
+const LAST_OUTPUT: Duration = Duration::from_secs(2);
 
 /// Runs the attempt that has claimed `job`.
-pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
+pub(super) async fn run(room: &Room, job: Job, issuer: Issuer) {
     let span = tracing::info_span!("attempt", job.id = %job.id, job.kind = job.spec.kind().as_str(), job.attempt = job.attempt);
     async {
-        let attempt = mint.attempt(&job.id);
+        let attempt = issuer.attempt(&job.id);
         let lease = room.leases.grant(&attempt);
         tracing::info!("attempt started");
         let mut log = Log::of(&room.config.data_dir, &job.id).await;
         log.note(&format!("attempt {} of {} begins", job.attempt, job.max_attempts)).await;
-        let end = match process::start(&room.config, room.server, &mint.token(&job.id)) {
+        let end = match process::start(&room.config, room.server, &issuer.token(&job.id)) {
             Ok(mut child) => {
                 crate::fail_point::pass("worker.started");
                 let memory = memory::of_worker(child.id().unwrap_or(0), job.spec.kind().as_str());
-                let said = child.stderr.take();
+                let output = child.stderr.take();
                 tokio::select! {
-                    end = heard(watch_over(room, child, &lease), &mut log, said) => end,
+                    end = with_output(watch_over(room, child, &lease), &mut log, output) => end,
                     never = memory => match never {},
                 }
             }
@@ -42,27 +42,27 @@ pub(super) async fn run(room: &Room, job: Job, mint: Mint) {
         // A requested stop is the reason however the process ended, and on a full disk no attempt can continue.
         let stopped = lease.stop.is_cancelled() || room.blobs.is_full();
         let end = if stopped { AttemptEnd::Stopped } else { end };
-        room.end_surely(&attempt, &end).await;
+        room.end_with_retries(&attempt, &end).await;
         room.leases.end(&attempt);
-        log.note(&left(room, &job).await).await;
+        log.note(&standing(room, &job).await).await;
     }
     .instrument(span)
     .await;
 }
 
 /// The output of `end`, once all of the worker's output before it is logged.
-async fn heard(
+async fn with_output(
     end: impl Future<Output = AttemptEnd>,
     log: &mut Log,
-    said: Option<impl AsyncRead + Unpin>,
+    output: Option<impl AsyncRead + Unpin>,
 ) -> AttemptEnd {
-    let Some(said) = said else { return end.await };
-    let (mut end, mut following) = (pin!(end), pin!(log.follow(said, pass_on)));
+    let Some(output) = output else { return end.await };
+    let (mut end, mut following) = (pin!(end), pin!(log.follow(output, pass_on)));
     tokio::select! {
         end = &mut end => {
             // The pipe closes with the worker; if another process still holds it open, the wait ends after
             // `LAST_WORDS`.
-            let _ = tokio::time::timeout(LAST_WORDS, following).await;
+            let _ = tokio::time::timeout(LAST_OUTPUT, following).await;
             end
         }
         () = &mut following => end.await,
@@ -78,13 +78,13 @@ async fn pass_on(lines: Bytes) {
 }
 
 /// The state of the job after an attempt, in words.
-async fn left(room: &Room, job: &Job) -> String {
+async fn standing(room: &Room, job: &Job) -> String {
     let ended = format!("attempt {} has ended", job.attempt);
     match room.store.job(&job.id).await {
         Ok(Job { attempt, .. }) if attempt > job.attempt => format!("{ended}; the next goes on"),
         Ok(Job { state, error, message, .. }) => {
-            let said = if error.is_empty() { message } else { error };
-            format!("{ended}; the job is {}: {said}", state.as_str())
+            let reason = if error.is_empty() { message } else { error };
+            format!("{ended}; the job is {}: {reason}", state.as_str())
         }
         Err(error) => format!("{ended}; how the job stands cannot be read: {error}"),
     }
@@ -98,7 +98,7 @@ async fn watch_over(room: &Room, mut child: Child, lease: &Lease) -> AttemptEnd 
             Ok(status) => AttemptEnd::Broken(process::describe(status)),
             Err(error) => AttemptEnd::Broken(format!("the worker was lost: {error}")),
         },
-        () = lease.silent_for(silence) => format!("the worker said nothing for {} s and was killed", silence.as_secs()),
+        () = lease.silent_for(silence) => format!("the worker did not report for {} s and was killed", silence.as_secs()),
         () = stubborn(lease) => format!("the worker did not stop within {} s and was killed", GRACE.as_secs()),
     };
     tracing::warn!(reason = why, "killing the worker");
@@ -121,12 +121,12 @@ mod tests {
     use crate::{domain::id::JobId, jobs::log};
 
     /// The log of a worker that writes these last words and ends; `lets_go`: its end of the pipe closes too.
-    async fn log_of(last_words: &[u8], lets_go: bool) -> String {
+    async fn log_of(last_output: &[u8], lets_go: bool) -> String {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         let mut log = Log::of(dir.path(), &job).await;
-        let (mut worker, said) = tokio::io::duplex(4096);
+        let (mut worker, output) = tokio::io::duplex(4096);
         let end = async {
-            worker.write_all(last_words).await.unwrap();
+            worker.write_all(last_output).await.unwrap();
             if lets_go {
                 drop(worker);
             } else {
@@ -134,18 +134,18 @@ mod tests {
             }
             AttemptEnd::Broken("it ended".to_owned())
         };
-        assert_eq!(heard(end, &mut log, Some(said)).await, AttemptEnd::Broken("it ended".to_owned()));
+        assert_eq!(with_output(end, &mut log, Some(output)).await, AttemptEnd::Broken("it ended".to_owned()));
         log::read(dir.path(), &job, u64::MAX).await.unwrap()
     }
 
     #[tokio::test]
-    async fn the_last_words_of_a_worker_are_heard() {
+    async fn the_last_output_of_a_worker_is_kept() {
         assert_eq!(log_of(b"one\nlast", true).await, "one\nlast\n");
         assert_eq!(log_of(b"", true).await, "");
     }
 
     #[tokio::test]
-    async fn a_pipe_that_somebody_holds_open_is_not_waited_for() {
+    async fn a_pipe_that_stays_open_is_not_waited_for() {
         assert_eq!(log_of(b"one\nhalf", false).await, "one\n");
     }
 }

@@ -14,7 +14,7 @@ use crate::domain::{attempt::Attempt, id::JobId};
 
 /// One running attempt.
 pub(super) struct Lease {
-    heard: Mutex<Instant>,
+    renewed_at: Mutex<Instant>,
     /// Cancelled when the job is cancelled or the server stops.
     pub(super) stop: CancellationToken,
 }
@@ -23,7 +23,7 @@ impl Lease {
     /// Waits until the worker has made no call for `limit`.
     pub(super) async fn silent_for(&self, limit: Duration) {
         loop {
-            let over = *self.heard.lock().unwrap_or_else(PoisonError::into_inner) + limit;
+            let over = *self.renewed_at.lock().unwrap_or_else(PoisonError::into_inner) + limit;
             if over <= Instant::now() {
                 return;
             }
@@ -32,7 +32,7 @@ impl Lease {
     }
 
     fn touch(&self) {
-        *self.heard.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+        *self.renewed_at.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
 }
 
@@ -50,7 +50,7 @@ impl Leases {
 
     /// Begins the lease of an attempt.
     pub(super) fn grant(&self, attempt: &Attempt) -> Arc<Lease> {
-        let lease = Arc::new(Lease { heard: Mutex::new(Instant::now()), stop: self.stopping.child_token() });
+        let lease = Arc::new(Lease { renewed_at: Mutex::new(Instant::now()), stop: self.stopping.child_token() });
         self.all(|held| held.insert(attempt.clone(), Arc::clone(&lease)));
         lease
     }
@@ -61,7 +61,7 @@ impl Leases {
     }
 
     /// Records a call of the attempt's worker.
-    pub(super) fn heard(&self, attempt: &Attempt) {
+    pub(super) fn renew(&self, attempt: &Attempt) {
         if let Some(lease) = self.all(|held| held.get(attempt).cloned()) {
             lease.touch();
         }
@@ -100,7 +100,7 @@ mod tests {
         let limit = Duration::from_secs(120);
         let words = async {
             tokio::time::sleep(Duration::from_secs(100)).await;
-            leases.heard(&attempt);
+            leases.renew(&attempt);
             std::future::pending::<()>().await;
         };
         tokio::select! {

@@ -59,15 +59,15 @@ impl Log {
     }
 
     /// Writes a line of the server's own.
-    pub(super) async fn note(&mut self, said: &str) {
-        let line = format!("{:.6} gleaner-server: {said}\n", jiff::Timestamp::now());
+    pub(super) async fn note(&mut self, output: &str) {
+        let line = format!("{:.6} gleaner-server: {output}\n", jiff::Timestamp::now());
         self.keep(line.as_bytes()).await;
     }
 
     /// Stores the output until its end, and passes it on to `others`, in whole lines where they are not too long.
-    pub(super) async fn follow(&mut self, mut said: impl AsyncRead + Unpin, mut others: impl AsyncFnMut(Bytes)) {
+    pub(super) async fn follow(&mut self, mut output: impl AsyncRead + Unpin, mut others: impl AsyncFnMut(Bytes)) {
         let mut lines = BytesMut::with_capacity(LINE);
-        while matches!(said.read_buf(&mut lines).await, Ok(1..)) {
+        while matches!(output.read_buf(&mut lines).await, Ok(1..)) {
             let end = lines.iter().rposition(|&byte| byte == b'\n').map(|at| at + 1);
             if let Some(end) = end.or((lines.len() >= LINE).then_some(lines.len())) {
                 let whole = lines.split_to(end).freeze();
@@ -165,22 +165,22 @@ fn files(data_dir: &Path, job: &JobId) -> [PathBuf; 2] {
 mod tests {
     use super::*;
 
-    const SAID: &[u8] = b"one\ntwo\n\x1b[1mth\xffree";
+    const OUTPUT: &[u8] = b"one\ntwo\n\x1b[1mth\xffree";
 
     #[tokio::test]
-    async fn everything_said_is_kept_in_its_order_also_by_another_attempt() {
+    async fn output_is_kept_in_order_across_attempts() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         assert_eq!(read(dir.path(), &job, u64::MAX).await.unwrap(), "");
         for attempt in 1..=2 {
             let mut log = Log::of(dir.path(), &job).await;
             log.note(&format!("attempt {attempt}")).await;
             let mut others = Vec::new();
-            log.follow(SAID, async |lines| others.extend(lines)).await;
-            assert_eq!(others, [SAID, b"\n"].concat(), "passed on as it was said");
+            log.follow(OUTPUT, async |lines| others.extend(lines)).await;
+            assert_eq!(others, [OUTPUT, b"\n"].concat(), "passed on as it was output");
         }
-        let said = read(dir.path(), &job, u64::MAX).await.unwrap();
-        let lines: Vec<&str> = said.lines().collect();
-        assert_eq!(lines.len(), 8, "{said}");
+        let output = read(dir.path(), &job, u64::MAX).await.unwrap();
+        let lines: Vec<&str> = output.lines().collect();
+        assert_eq!(lines.len(), 8, "{output}");
         assert!(lines[0].ends_with("gleaner-server: attempt 1") && lines[4].ends_with("gleaner-server: attempt 2"));
         assert_eq!(&lines[1..4], ["one", "two", "\\u{1b}[1mth\u{fffd}ree"]);
         assert_eq!(read(dir.path(), &JobId::new(), u64::MAX).await.unwrap(), "", "no other job's");
@@ -189,13 +189,17 @@ mod tests {
     #[tokio::test]
     async fn of_very_much_the_newest_is_kept() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
-        let said: String = (0..200_000).map(|line| format!("line {line}\n")).collect();
-        Log::of(dir.path(), &job).await.follow(said.as_bytes(), async |_| ()).await;
+        let output: String = (0..200_000).map(|line| format!("line {line}\n")).collect();
+        Log::of(dir.path(), &job).await.follow(output.as_bytes(), async |_| ()).await;
         let kept = read(dir.path(), &job, u64::MAX).await.unwrap();
-        assert!(said.ends_with(&kept), "the newest, without a gap");
+        assert!(output.ends_with(&kept), "the newest, without a gap");
         let (least, most) = (usize::try_from(FULL).unwrap(), 3 * usize::try_from(FULL).unwrap());
         assert!((least..most).contains(&kept.len()), "{}", kept.len());
-        assert_eq!(read(dir.path(), &job, 100).await.unwrap(), said[said.len() - 100..], "no more than is asked for");
+        assert_eq!(
+            read(dir.path(), &job, 100).await.unwrap(),
+            output[output.len() - 100..],
+            "no more than is asked for"
+        );
         assert_eq!(read(dir.path(), &job, FULL).await.unwrap(), kept[kept.len() - least..], "of both files");
         let on_disk: u64 =
             std::fs::read_dir(folder(dir.path())).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();
@@ -218,14 +222,14 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_line_without_an_end_is_not_waited_for_and_a_disk_that_refuses_stops_nobody() {
+    async fn an_unfinished_line_does_not_wait_and_a_full_disk_does_not_stop_the_worker() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         Log::of(dir.path(), &job).await.follow(vec![b'x'; 3 * LINE].as_slice(), async |_| ()).await;
         assert_eq!(read(dir.path(), &job, u64::MAX).await.unwrap().trim_end().len(), 3 * LINE);
 
         let file = tempfile::NamedTempFile::new().unwrap();
         let mut log = Log::of(file.path(), &job).await;
-        log.follow(b"said\n".as_slice(), async |_| ()).await;
+        log.follow(b"output\n".as_slice(), async |_| ()).await;
         assert!(log.open.is_none());
     }
 }

@@ -98,7 +98,7 @@ impl Jobs {
         // In the background: a full or slow disk must not delay the start.
         room.tasks.spawn(async move {
             for attempt in left {
-                recovering.end_surely(&attempt, &AttemptEnd::Stopped).await;
+                recovering.end_with_retries(&attempt, &AttemptEnd::Stopped).await;
             }
         });
         room.tasks.spawn(supervisor::supervise(Arc::clone(&room)));
@@ -163,7 +163,7 @@ impl Jobs {
 impl Room {
     /// Ends an attempt, unless it has ended, and retries for as long as the database rejects the write, because the job
     /// would otherwise stay in the state running. If the server stops first, its next start ends the attempt.
-    async fn end_surely(&self, attempt: &Attempt, end: &AttemptEnd) {
+    async fn end_with_retries(&self, attempt: &Attempt, end: &AttemptEnd) {
         while let Err(error) = self.end_attempt(attempt, end).await {
             tracing::error!(job.id = %attempt.job_id, %error, "the end of an attempt cannot be written down; trying again");
             if self.stopping.run_until_cancelled(tokio::time::sleep(AGAIN_AFTER)).await.is_none() {

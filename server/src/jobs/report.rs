@@ -19,7 +19,7 @@ impl Jobs {
     pub(crate) async fn authenticate(&self, token: &str) -> Result<Option<(Attempt, Job)>> {
         let Some(attempt) = token::attempt(token) else { return Ok(None) };
         let Some(job) = self.0.store.attempted(&attempt).await? else { return Ok(None) };
-        self.0.leases.heard(&attempt);
+        self.0.leases.renew(&attempt);
         Ok(Some((attempt, job)))
     }
 
@@ -82,7 +82,7 @@ impl Jobs {
         } else if retry {
             AttemptEnd::Broken(error)
         } else {
-            AttemptEnd::Hopeless(error)
+            AttemptEnd::Permanent(error)
         };
         self.0.end_attempt(attempt, &end).await
     }

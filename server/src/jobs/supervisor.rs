@@ -5,7 +5,7 @@ use std::{sync::Arc, time::Duration};
 
 use tokio::sync::Semaphore;
 
-use super::{Room, attempt, token::Mint};
+use super::{Room, attempt, token::Issuer};
 use crate::domain::job::Job;
 
 /// Longest time without a notification until the queue is read again.
@@ -17,10 +17,10 @@ pub(super) async fn supervise(room: Arc<Room>) {
     let running = async {
         // The semaphore is never closed, so this ends only with the server.
         while let Ok(slot) = Arc::clone(&slots).acquire_owned().await {
-            let (job, mint) = next_job(&room).await;
+            let (job, issuer) = next_job(&room).await;
             let task = Arc::clone(&room);
             room.tasks.spawn(async move {
-                attempt::run(&task, job, mint).await;
+                attempt::run(&task, job, issuer).await;
                 drop(slot);
             });
         }
@@ -31,16 +31,16 @@ pub(super) async fn supervise(room: Arc<Room>) {
 }
 
 /// Waits for a job that is ready, and claims it.
-async fn next_job(room: &Room) -> (Job, Mint) {
+async fn next_job(room: &Room) -> (Job, Issuer) {
     loop {
         // A notification between the check and the wait is kept as a permit.
-        let mint = Mint::new();
+        let issuer = Issuer::new();
         // Jobs write results, so they start only while the disk has room.
-        let claimed = if room.blobs.is_full() { Ok(None) } else { room.store.claim_job(&mint.hash).await };
+        let claimed = if room.blobs.is_full() { Ok(None) } else { room.store.claim_job(&issuer.hash).await };
         match claimed {
             Ok(Some(job)) => {
                 room.changed.send_replace(());
-                return (job, mint);
+                return (job, issuer);
             }
             Ok(None) => {}
             Err(error) => tracing::error!(%error, "the queue cannot be read; trying again"),

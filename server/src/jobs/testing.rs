@@ -49,9 +49,9 @@ impl Bench {
 
     /// Claims the next job; returns it with the attempt that a worker would prove.
     pub(super) async fn claim(&self) -> (Attempt, Job) {
-        let mint = super::token::Mint::new();
-        let job = self.store.claim_job(&mint.hash).await.unwrap().expect("a job is ready");
-        (mint.attempt(&job.id), job)
+        let issuer = super::token::Issuer::new();
+        let job = self.store.claim_job(&issuer.hash).await.unwrap().expect("a job is ready");
+        (issuer.attempt(&job.id), job)
     }
 
     /// The blobs of the same folder.

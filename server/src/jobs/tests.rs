@@ -201,12 +201,12 @@ async fn checkpoints_replace_one_another_but_never_take_what_others_name() {
 async fn only_a_running_attempts_token_opens() {
     let bench = Bench::new().await;
     submit(&bench, pretrain()).await.unwrap();
-    let mint = super::token::Mint::new();
-    let job = bench.store.claim_job(&mint.hash).await.unwrap().unwrap();
-    let token = mint.token(&job.id);
+    let issuer = super::token::Issuer::new();
+    let job = bench.store.claim_job(&issuer.hash).await.unwrap().unwrap();
+    let token = issuer.token(&job.id);
     let (attempt, known) = bench.jobs.authenticate(token.reveal()).await.unwrap().unwrap();
     assert_eq!(known.id, job.id);
-    let forged = super::token::Mint::new().token(&job.id);
+    let forged = super::token::Issuer::new().token(&job.id);
     assert!(bench.jobs.authenticate(forged.reveal()).await.unwrap().is_none());
     assert!(bench.jobs.authenticate("").await.unwrap().is_none());
     bench.jobs.fail(&attempt, "no".into(), false).await.unwrap();
@@ -234,7 +234,7 @@ async fn a_watcher_sees_every_metric_and_the_end() {
 }
 
 #[tokio::test]
-async fn a_stopping_server_tells_its_watchers() {
+async fn a_stopping_server_ends_its_watchers() {
     let bench = Bench::new().await;
     let id = submit(&bench, pretrain()).await.unwrap().id;
     let watched = Box::pin(bench.jobs.watch(&id).await.unwrap());

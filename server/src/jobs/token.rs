@@ -8,13 +8,13 @@ use crate::{
 };
 
 /// The random part of a token that does not belong to a job yet.
-pub(super) struct Mint {
+pub(super) struct Issuer {
     random: String,
     /// The stored hash.
     pub(super) hash: String,
 }
 
-impl Mint {
+impl Issuer {
     /// New random bits.
     pub(super) fn new() -> Self {
         let bits: [u8; 32] = rand::random();
@@ -50,11 +50,11 @@ mod tests {
 
     #[test]
     fn a_token_leads_back_to_its_attempt_and_never_repeats() {
-        let (job, mint) = (JobId::new(), Mint::new());
-        let token = mint.token(&job);
-        assert_eq!(attempt(token.reveal()).unwrap(), mint.attempt(&job));
-        assert!(!token.reveal().contains(&mint.hash), "what is kept does not open anything");
-        assert_ne!(Mint::new().hash, mint.hash);
+        let (job, issuer) = (JobId::new(), Issuer::new());
+        let token = issuer.token(&job);
+        assert_eq!(attempt(token.reveal()).unwrap(), issuer.attempt(&job));
+        assert!(!token.reveal().contains(&issuer.hash), "what is kept does not open anything");
+        assert_ne!(Issuer::new().hash, issuer.hash);
         for other in ["", "token", "job_01ARZ3NDEKTSV4RRFFQ69G5FAV", "ep_01ARZ3NDEKTSV4RRFFQ69G5FAV.00"] {
             assert_eq!(attempt(other), None);
         }

@@ -3,7 +3,7 @@
 use gleaner_proto::v1;
 
 use super::{
-    episode::{episode, said_outcome},
+    episode::{episode, required_outcome},
     field,
 };
 use crate::{
@@ -35,7 +35,7 @@ pub(crate) fn start_request(request: v1::StartUploadRequest, task_id: TaskId, cl
         file_name: field::text("file_name", file_name)?,
         size_bytes,
         blake3: BlobId::parse("blake3", &blake3)?,
-        outcome: said_outcome(outcome)?,
+        outcome: required_outcome(outcome)?,
         cohort: field::tag("cohort", cohort)?,
         author: field::tag("author", author)?,
         client,

@@ -33,7 +33,7 @@ pub fn outcome_from_proto(field: &str, outcome: i32) -> Result<Option<Outcome>> 
 ///
 /// # Errors
 /// Invalid when it is not set or not known.
-pub fn said_outcome(outcome: i32) -> Result<Outcome> {
+pub fn required_outcome(outcome: i32) -> Result<Outcome> {
     outcome_from_proto("outcome", outcome)?
         .ok_or_else(|| Error::invalid("outcome", "say how it ended: success, failure or unknown"))
 }
@@ -76,7 +76,7 @@ pub fn label_request(request: v1::LabelEpisodesRequest) -> Result<(Vec<EpisodeId
     let v1::LabelEpisodesRequest { episode_ids, outcome, cohort, author, reason } = request;
     let ids = episode_ids_of(&episode_ids)?;
     let label = NewLabel {
-        outcome: said_outcome(outcome)?,
+        outcome: required_outcome(outcome)?,
         cohort: cohort.map(|cohort| field::tag("cohort", cohort)).transpose()?,
         author: field::tag("author", author)?,
         reason: field::tag("reason", reason)?,

@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_whole_windows_mask_says_the_same_in_sums() {
+    fn a_whole_window_s_mask_gives_the_same_sums() {
         for attention in [Attention::Causal, Attention::Bidirectional] {
             let seen = mask(&Windows::grid(&[true; 3], &[1, 3], Device::Cpu), attention);
             let added = whole_mask(3, attention, Device::Cpu);

@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn it_reads_back_from_a_checkpoint_and_a_missing_one_says_the_mend() {
+    fn it_reads_back_from_a_checkpoint_and_a_missing_one_names_the_fix() {
         let z = narrow();
         let scale = FeatureScale::measure([&z, &z, &z]);
         let named: BTreeMap<_, _> = scale.named().into_iter().collect();

@@ -228,7 +228,7 @@ impl Call<'_> {
 fn placed<T>(places: &[u32], of_numbers: Vec<T>) -> Vec<T> {
     let mut placed: Vec<(u32, T)> = places.iter().copied().zip(of_numbers).collect();
     placed.sort_by_key(|(place, _)| *place);
-    placed.into_iter().map(|(_, said)| said).collect()
+    placed.into_iter().map(|(_, scores)| scores).collect()
 }
 
 #[cfg(test)]

@@ -52,7 +52,7 @@ fn run(experts: &[Trajectory], imperfect: &[Trajectory], spec: &ScoreSpec) -> Sc
 }
 
 #[test]
-fn a_copy_of_an_expert_scores_best_and_the_match_is_told() {
+fn a_copy_of_an_expert_scores_best_and_has_its_match() {
     let experts = toy::experts(4, 12);
     let mut copy = experts[2].clone();
     copy.id = "a lucky failure".into();

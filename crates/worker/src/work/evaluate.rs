@@ -28,7 +28,7 @@ fn evaluate(
     monitor: &mut Watcher,
 ) -> Result<Vec<SeedResult>, Failure> {
     let (simulation, config) =
-        simulated(task, &spec.simulation).map_err(|error| Failure::Hopeless(error.to_string()))?;
+        simulated(task, &spec.simulation).map_err(|error| Failure::Permanent(error.to_string()))?;
     let config = SimConfig { max_steps: spec.max_steps, ..config };
     let total = u64::from(spec.episodes) * spec.seeds.len() as u64;
     let mut results = Vec::with_capacity(spec.seeds.len());
@@ -128,13 +128,13 @@ impl Trials<'_> {
             // The executed action is remembered: the simulator clips to ±1.
             let action = attempt.ensemble.push(u64::from(attempt.sim.steps()), chunk)?;
             let action: Vec<f32> = action.into_iter().map(|value| value.clamp(-1.0, 1.0)).collect();
-            let told: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
-                Failure::Hopeless(format!(
+            let command: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
+                Failure::Permanent(format!(
                     "the policy gives {} values, the simulator takes {ACTION_SIZE}",
                     action.len()
                 ))
             })?;
-            attempt.sim.step(told);
+            attempt.sim.step(command);
             attempt.history.set_executed(action)?;
         }
         Ok(())

@@ -59,7 +59,7 @@ async fn what_waited_for_a_failed_job_follows_its_retry() {
     let refused = bench.jobs.retry(&old[0].id).await.unwrap_err();
     assert!(refused.kind() == Kind::Precondition && refused.message().contains("queued"), "{refused}");
     let (attempt, _) = bench.claim().await;
-    bench.store.end_attempt(&attempt, &AttemptEnd::Hopeless("no such device".into())).await.unwrap();
+    bench.store.end_attempt(&attempt, &AttemptEnd::Permanent("no such device".into())).await.unwrap();
     assert!(old.len() == 3 && bench.store.job(&old[2].id).await.unwrap().state == JobState::Failed);
 
     let first = bench.jobs.retry(&old[0].id).await.unwrap();
@@ -92,7 +92,7 @@ async fn a_key_stays_with_what_was_ordered_under_it() {
 }
 
 #[tokio::test]
-async fn who_asks_twice_gets_it_once() {
+async fn a_repeated_retry_queues_one_job() {
     let bench = Bench::new().await;
     let job = bench.jobs.submit(&bench.task.id, pretrain(0), Queueing::default()).await.unwrap();
     bench.jobs.cancel(&job.id).await.unwrap();
@@ -113,7 +113,7 @@ async fn what_waits_for_another_that_gave_up_is_left_out() {
     bench.pretrain(5, &[&of_both]).await;
     for _ in 0..2 {
         let (attempt, _) = bench.claim().await;
-        bench.store.end_attempt(&attempt, &AttemptEnd::Hopeless("no such device".into())).await.unwrap();
+        bench.store.end_attempt(&attempt, &AttemptEnd::Permanent("no such device".into())).await.unwrap();
     }
     let again = bench.jobs.retry(&a.id).await.unwrap();
     let [first, second] = bench.queued().await.try_into().unwrap();

@@ -65,7 +65,7 @@ async fn cron_starts_once_when_due_and_moves_on() {
 }
 
 #[tokio::test]
-async fn a_start_that_fails_says_why_and_keeps_its_count() {
+async fn a_failed_start_keeps_its_reason_and_its_count() {
     let bench = Bench::empty().await;
     bench.jobs.stop().await;
     let often = schedule(&bench, Trigger::LabelledEpisodes(1), None);

@@ -156,7 +156,7 @@ async fn a_requeued_job_forgets_the_metrics_it_will_report_again() {
 }
 
 #[tokio::test]
-async fn a_cancel_takes_the_queued_dependents_along_and_asks_a_worker_to_stop() {
+async fn a_cancel_takes_queued_dependents_along_and_stops_the_worker() {
     let (_dir, store) = testing::store().await;
     let task = testing::task(&store).await;
     let first = queue(&store, export(&task, 0, &[])).await.unwrap();

@@ -32,7 +32,7 @@ fn event() -> impl Strategy<Value = Event> {
     let end = prop_oneof![
         Just(AttemptEnd::Stopped),
         Just(AttemptEnd::Broken("killed".to_owned())),
-        Just(AttemptEnd::Hopeless("wrong".to_owned())),
+        Just(AttemptEnd::Permanent("wrong".to_owned())),
     ];
     prop_oneof![
         4 => Just(Event::Claim),

@@ -98,15 +98,15 @@ fn millions_of_kept_steps_fit_a_message() {
 
 #[test]
 fn progress_survives_the_wire_unless_it_is_no_number() {
-    let said = Progress {
+    let progress_sent = Progress {
         done: 3,
         total: 9,
         message: "training".into(),
         metrics: vec![(3, "loss".into(), 0.5)],
         peak_memory_bytes: 77,
     };
-    assert_eq!(progress_request(progress(said.clone())).unwrap(), said);
-    let broken = Progress { metrics: vec![(3, "loss".into(), f64::NAN)], ..said };
+    assert_eq!(progress_request(progress(progress_sent.clone())).unwrap(), progress_sent);
+    let broken = Progress { metrics: vec![(3, "loss".into(), f64::NAN)], ..progress_sent };
     let error = progress_request(progress(broken)).unwrap_err();
     assert!(error.message().starts_with("metrics[0].value: "), "{error}");
 }
@@ -164,8 +164,8 @@ fn every_wrong_field_of_a_worker_is_named() {
         (Message::Evaluation(v1::EvaluationResult { seeds: Vec::new() }), "message.evaluation.seeds: "),
         (Message::EpisodeScores(v1::EpisodeScores::default()), "message.episode_scores: must follow"),
     ] {
-        let said = refused(message);
-        assert!(said.starts_with(field), "{field} expected in {said:?}");
+        let progress_sent = refused(message);
+        assert!(progress_sent.starts_with(field), "{field} expected in {progress_sent:?}");
     }
     assert!(checkpoint_request(v1::SaveCheckpointRequest { step: 1, blob: "x".into() }).is_err());
     let metric = |name: &str| v1::Metric { step: 1, name: name.into(), value: 0.5 };

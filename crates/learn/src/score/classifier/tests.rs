@@ -17,7 +17,7 @@ fn classify(experts: &[Trajectory], imperfect: &[Trajectory], seed: u64) -> Resu
 }
 
 #[test]
-fn experts_are_told_from_failures_they_were_not_trained_with_and_nothing_is_matched() {
+fn experts_are_separated_from_unseen_failures_and_nothing_is_matched() {
     let (experts, imperfect) = (toy::experts(8, 9), failures(8));
     let scores = classify(&experts, &imperfect, 1).unwrap();
     let mean = |scores: &[crate::EpisodeScores]| {

@@ -70,7 +70,7 @@ fn what_cannot_be_scored_is_named() {
     let mut history = History::new(live.segment_length());
     assert!(live.score(&[&history]).is_err());
     history.push(live.embed(&[&toy::frame(0.1, 0.2)]).unwrap().remove(0), vec![0.0; 3]).unwrap();
-    let said = live.score(&[&history]).unwrap_err().to_string();
-    assert!(said.contains("set what was executed"), "{said}");
+    let problem = live.score(&[&history]).unwrap_err().to_string();
+    assert!(problem.contains("set what was executed"), "{problem}");
     assert!(live.embed(&[&[0u8; 3][..]]).is_err());
 }

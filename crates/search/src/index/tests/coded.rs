@@ -58,7 +58,7 @@ fn queries_and_points_of_any_number_are_compared() {
 }
 
 #[test]
-fn what_codes_do_not_tell_apart_is_found_all_the_same() {
+fn points_with_equal_codes_are_found() {
     // Because of the outlier all other rows have the same code; with this many queries the last ones are not coded.
     let groups = [crowd(1, 150, (0.01, 1e6)), crowd(2, 80, (0.01, 3.0))];
     let queries = crowd(3, 800, (0.01, 3.0));

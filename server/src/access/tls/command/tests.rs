@@ -105,8 +105,8 @@ async fn a_client_with_the_authority_accepts_the_server_under_each_of_its_names_
 async fn renewal_keeps_the_authority_and_the_names_and_changes_the_key() {
     let lab = Lab::with(&["--name", "lab7", "--name", "fd00::7"]);
     let (ca, old_cert, old_key) = (lab.der("ca.pem"), lab.read("server.pem"), lab.read("server.key"));
-    let said = lab.tls(&["renew", "--days", "30"]).unwrap();
-    assert!(said.contains("lab7, fd00::7, localhost"), "{said}");
+    let output = lab.tls(&["renew", "--days", "30"]).unwrap();
+    assert!(output.contains("lab7, fd00::7, localhost"), "{output}");
     assert_eq!(lab.der("ca.pem"), ca);
     assert!(lab.read("server.pem") != old_cert && lab.read("server.key") != old_key);
     for name in ["lab7", "fd00::7", "127.0.0.1"] {
@@ -120,8 +120,8 @@ async fn renewal_keeps_the_authority_and_the_names_and_changes_the_key() {
 #[tokio::test]
 async fn only_client_certificates_are_accepted_where_clients_are_asked_for_one() {
     let lab = Lab::with(&[]);
-    let said = lab.tls(&["client", "arm1"]).unwrap();
-    assert!(said.contains("client-arm1.pem") && said.contains("--client-ca"), "{said}");
+    let output = lab.tls(&["client", "arm1"]).unwrap();
+    assert!(output.contains("client-arm1.pem") && output.contains("--client-ca"), "{output}");
     let (tls, ca) = (lab.serves(true), lab.der("ca.pem"));
     assert!(lab.shakes(&tls, "localhost", &ca, Some("client-arm1")).await);
     assert!(!lab.shakes(&tls, "localhost", &ca, Some("server")).await, "a server's is for servers");
@@ -132,11 +132,11 @@ async fn only_client_certificates_are_accepted_where_clients_are_asked_for_one()
 #[test]
 fn keys_are_readable_by_their_owner_alone_and_nothing_is_replaced_unasked() {
     let lab = Lab::new();
-    let said = lab.tls(&["init", "--name", "lab7"]).unwrap();
+    let output = lab.tls(&["init", "--name", "lab7"]).unwrap();
     for part in
         ["lab7", "--tls-cert", "server.pem", "--tls-key", "server.key", "GLEANER_CA=ca.pem", "https://lab7:7400"]
     {
-        assert!(said.contains(part), "{part}: {said}");
+        assert!(output.contains(part), "{part}: {output}");
     }
     let mode = |name: &str| std::fs::metadata(lab.file(name)).unwrap().permissions().mode() & 0o777;
     assert_eq!(

@@ -46,7 +46,7 @@ fn certificates_that_clients_refuse_now_or_soon_are_warned_about_with_the_fix() 
 }
 
 #[test]
-fn what_is_not_a_certificate_is_said() {
+fn a_file_without_a_certificate_is_named() {
     assert!(Parsed::pem(b"nothing").unwrap_err().contains("no certificate"));
     assert!(Parsed::der(b"nothing").unwrap_err().contains("not an X.509 certificate"));
 }
