@@ -72,8 +72,24 @@ const SOURCES: [&str; 7] =
     ["benches/", "client/command/src/", "client/src/", "crates/", "fuzz/", "server/src/", "tests/end_to_end/"];
 
 /// Folders whose names follow the list of names too. Add a folder once it does.
-const NAMED: [&str; 6] =
-    ["benches/", "crates/inspector/src/", "crates/recording/", "crates/sim/", "fuzz/", "tests/end_to_end/"];
+const NAMED: [&str; 16] = [
+    "benches/",
+    "crates/",
+    "fuzz/",
+    "server/src/config.rs",
+    "server/src/config/",
+    "server/src/curation/",
+    "server/src/ingest/",
+    "server/src/jobs/",
+    "server/src/pages/",
+    "server/src/policies/",
+    "server/src/rollouts/",
+    "server/src/scorers/",
+    "server/src/service/",
+    "server/src/telemetry/",
+    "server/src/wire/",
+    "tests/end_to_end/",
+];
 
 /// Every Markdown file of the project.
 fn markdown() -> Vec<(String, String)> {

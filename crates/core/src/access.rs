@@ -107,13 +107,13 @@ impl Token {
         Err(Error::forbidden(format!(
             "this needs the role {}{or_higher}; the token {:?} has the role {}",
             least.as_str(),
-            self.who(),
+            self.label(),
             self.role.as_str()
         )))
     }
 
     /// Who it is, for people: its name, or its id when it has none.
-    pub fn who(&self) -> &str {
+    pub fn label(&self) -> &str {
         if self.name.is_empty() { self.id.as_str() } else { &self.name }
     }
 }
@@ -126,7 +126,7 @@ pub struct AuditEntry {
     /// The caller's token, if the call had one.
     pub token_id: Option<TokenId>,
     /// The token's name, or the caller's address.
-    pub who: String,
+    pub caller: String,
     /// The caller's address; empty when unknown.
     pub peer: String,
     /// The rpc, as `Service/Method`, or the command.
@@ -170,9 +170,9 @@ mod tests {
             last_used_at: None,
         };
         assert_eq!((token.standing(Millis(9)), token.standing(Millis(10))), ("live", "expired"));
-        assert_eq!(token.who(), token.id.as_str());
+        assert_eq!(token.label(), token.id.as_str());
         let revoked = Token { revoked_at: Some(Millis(5)), name: "arm".into(), ..token };
         assert!(!revoked.is_live(Millis(1)));
-        assert_eq!((revoked.standing(Millis(1)), revoked.who()), ("revoked", "arm"));
+        assert_eq!((revoked.standing(Millis(1)), revoked.label()), ("revoked", "arm"));
     }
 }

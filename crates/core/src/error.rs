@@ -47,9 +47,9 @@ pub struct Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// The request is wrong. `field` is its path in the request; `mend` is what is wrong and what to do.
-    pub fn invalid(field: &str, mend: impl std::fmt::Display) -> Self {
-        Self::new(Kind::Invalid, format!("{field}: {mend}"))
+    /// The request is wrong. `field` is its path in the request; `fix` is what is wrong and what to do.
+    pub fn invalid(field: &str, fix: impl std::fmt::Display) -> Self {
+        Self::new(Kind::Invalid, format!("{field}: {fix}"))
     }
 
     /// The caller is not authenticated; the message names the remedy.

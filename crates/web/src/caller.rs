@@ -36,7 +36,7 @@ impl Caller {
     /// The caller's name, for display.
     pub(super) fn name(&self) -> &str {
         match self {
-            Self::Known { token, .. } => token.who(),
+            Self::Known { token, .. } => token.label(),
             Self::Anyone => "anyone",
         }
     }

@@ -190,7 +190,7 @@ async fn note(
     let entry = AuditEntry {
         at: Millis::now(),
         token_id: caller.token_id().cloned(),
-        who: caller.name().to_owned(),
+        caller: caller.name().to_owned(),
         peer: connection.peer().to_string(),
         rpc: format!("pages/{page:?}"),
         subjects,

@@ -52,7 +52,7 @@ pub(super) fn page(request: &PageRequest, head: &Head, body: &Markup) -> Markup 
                 (link(Tab::Deployments, "/deployments", "Deployments"))
                 (link(Tab::Kinds, "/kinds", "Kinds"))
             }
-            div.who { (who(request)) }
+            div.account { (signed_in(request)) }
         }
         main #main { (body) }
     };
@@ -85,7 +85,7 @@ pub(super) fn data(id: &str, value: &Value) -> Markup {
     html! { script type="application/json" id=(id) { (PreEscaped(text)) } }
 }
 
-fn who(request: &PageRequest) -> Markup {
+fn signed_in(request: &PageRequest) -> Markup {
     match &request.caller {
         Caller::Known { .. } => html! {
             span { (request.caller.name()) }

@@ -61,8 +61,8 @@ impl AuditDraft {
             let outcome = if code == Code::Ok { "ok".to_owned() } else { format!("{code:?}") };
             // `/gleaner.v1.TaskService/CreateTask` becomes `TaskService/CreateTask`.
             let rpc = path.rsplit_once('.').map_or(path.as_str(), |(_, rpc)| rpc).to_owned();
-            let (at, token_id, who) = (Millis::now(), caller.token_id(), caller.name().to_owned());
-            write(store, AuditEntry { at, token_id, who, peer, rpc, subjects: subjects.into(), outcome })
+            let (at, token_id, caller) = (Millis::now(), caller.token_id(), caller.name().to_owned());
+            write(store, AuditEntry { at, token_id, caller, peer, rpc, subjects: subjects.into(), outcome })
         });
         async move {
             if let Some(writing) = writing {
@@ -89,7 +89,7 @@ pub(crate) fn write(store: Store, entry: AuditEntry) -> impl Future<Output = ()>
     let writing = tokio::spawn(async move {
         if let Err(error) = store.insert_audit(&entry).await {
             tracing::error!(
-                %error, audit.rpc = entry.rpc, audit.who = entry.who, audit.subjects = ?entry.subjects,
+                %error, audit.rpc = entry.rpc, audit.caller = entry.caller, audit.subjects = ?entry.subjects,
                 audit.outcome = entry.outcome, "the audit log could not be written"
             );
         }

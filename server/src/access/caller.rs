@@ -70,7 +70,7 @@ impl Caller {
     /// The name of the caller, for people.
     pub(crate) fn name(&self) -> &str {
         match self {
-            Self::Known(live) => live.token.who(),
+            Self::Known(live) => live.token.label(),
             Self::Anyone => "anyone",
         }
     }

@@ -43,13 +43,13 @@ pub async fn audit(config: AuditConfig, out: &mut impl Write) -> Result<()> {
     let since = since(&config.since, Millis::now()).map_err(|problem| Error::invalid("--since", problem))?;
     let store = open(&config.data_dir, false).await?;
     for entry in store.audit(since, config.limit).await? {
-        let AuditEntry { at, token_id, who, peer, rpc, subjects, outcome } = entry;
+        let AuditEntry { at, token_id, caller, peer, rpc, subjects, outcome } = entry;
         let id = token_id.map_or_else(|| "-".to_owned(), |id| id.to_string());
         let peer = if peer.is_empty() { "-" } else { &peer };
         let (subjects, peer) = (subjects.join(" "), printable::field(peer));
-        let (who, subjects, outcome) =
-            (printable::field(&who), printable::field(&subjects), printable::field(&outcome));
-        writeln!(out, "{}\t{who}\t{id}\t{peer}\t{rpc}\t{outcome}\t{subjects}", shown(at)).map_err(output_error)?;
+        let (caller, subjects, outcome) =
+            (printable::field(&caller), printable::field(&subjects), printable::field(&outcome));
+        writeln!(out, "{}\t{caller}\t{id}\t{peer}\t{rpc}\t{outcome}\t{subjects}", shown(at)).map_err(output_error)?;
     }
     store.close().await;
     Ok(())
@@ -101,7 +101,7 @@ async fn note(store: &Store, command: &str, token: &Token) -> Result<()> {
         .insert_audit(&AuditEntry {
             at: Millis::now(),
             token_id: None,
-            who: "command line".to_owned(),
+            caller: "command line".to_owned(),
             peer: String::new(),
             rpc: command.to_owned(),
             subjects: subjects.into_iter().chain(name).chain(deployments).collect(),

@@ -163,7 +163,7 @@ macro_rules! entries {
         if (entry.outcome.as_str(), &subjects) != ($outcome, &expected) {
             $wrong.push(format!("{:?}: {:?} {subjects:?}", Rpc::$rpc, entry.outcome));
         }
-        assert_eq!((entry.who.as_str(), entry.token_id, entry.peer.as_str()), ("anyone", None, "10.0.0.1:7"));
+        assert_eq!((entry.caller.as_str(), entry.token_id, entry.peer.as_str()), ("anyone", None, "10.0.0.1:7"));
         // Garbage is no message: the entry has the outcome alone.
         let entry = $server.call(Rpc::$rpc, &[0xff; 8]).await;
         assert!(entry.outcome != "ok" && entry.subjects.is_empty(), "{entry:?}");

@@ -25,7 +25,7 @@ impl AuditRow {
         Ok(AuditEntry {
             at: Millis(self.at),
             token_id: self.token_id.map(|id| row::id("audit.token_id", id)).transpose()?,
-            who: self.who,
+            caller: self.who,
             peer: self.peer,
             rpc: self.rpc,
             subjects: row::json("audit.subjects", &self.subjects)?,
@@ -41,7 +41,7 @@ impl Store {
         sqlx::query("insert into audit (at, token_id, who, peer, rpc, subjects, outcome) values (?, ?, ?, ?, ?, ?, ?)")
             .bind(entry.at.0)
             .bind(entry.token_id.as_ref().map(|id| id.as_str()))
-            .bind(&entry.who)
+            .bind(&entry.caller)
             .bind(&entry.peer)
             .bind(&entry.rpc)
             .bind(row::to_json(&entry.subjects)?)
@@ -106,7 +106,7 @@ mod tests {
         let entry = |at| AuditEntry {
             at: Millis(at),
             token_id: (at > 1).then(TokenId::new),
-            who: "anna".into(),
+            caller: "anna".into(),
             peer: "10.0.0.7:9".into(),
             rpc: "TaskService/CreateTask".into(),
             subjects: vec!["spec.name=reach".into()],

@@ -62,12 +62,12 @@ pub(crate) fn step(request: v1::ScoreStepsRequest) -> Result<(Observation, Vec<f
     let path = "step.observation";
     let sent = policy::observation(path, field::required(path, observation)?)?;
     if !sent.executed_action.is_empty() {
-        let mend = "applies to sessions; omit it, and send this step's action in step.action";
-        return Err(Error::invalid("step.observation.executed_action", mend));
+        let fix = "applies to sessions; omit it, and send this step's action in step.action";
+        return Err(Error::invalid("step.observation.executed_action", fix));
     }
     if sent.deadline.is_some() {
-        let mend = "applies to sessions; omit it: every step is scored";
-        return Err(Error::invalid("step.observation.deadline_us", mend));
+        let fix = "applies to sessions; omit it: every step is scored";
+        return Err(Error::invalid("step.observation.deadline_us", fix));
     }
     Ok((sent, action))
 }

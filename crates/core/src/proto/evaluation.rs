@@ -52,7 +52,7 @@ pub fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<Seed
     let mut total: u32 = 0;
     let mut read: Vec<SeedResult> = Vec::with_capacity(seeds.len());
     for (place, v1::SeedResult { seed, episodes, successes, mean_steps }) in seeds.into_iter().enumerate() {
-        let wrong = |name: &str, mend: String| Error::invalid(&format!("{at}[{place}].{name}"), mend);
+        let wrong = |name: &str, fix: String| Error::invalid(&format!("{at}[{place}].{name}"), fix);
         if episodes == 0 {
             return Err(wrong("episodes", "must be at least 1".to_owned()));
         }

@@ -32,7 +32,7 @@ pub struct Naming {
 #[derive(Debug)]
 pub struct Removing {
     _held: OwnedRwLockWriteGuard<()>,
-    _nobody_copies: File,
+    _no_copy: File,
 }
 
 /// A server on this data folder removes no blob while this is held.
@@ -56,7 +56,7 @@ impl Blobs {
         let path = self.folder.join(FILE);
         let file = open(&path).map_err(fault("opening", &path))?;
         match file.try_lock() {
-            Ok(()) => Ok(Some(Removing { _held: held, _nobody_copies: file })),
+            Ok(()) => Ok(Some(Removing { _held: held, _no_copy: file })),
             Err(TryLockError::WouldBlock) => Ok(None),
             Err(TryLockError::Error(error)) => Err(fault("locking", &path)(error)),
         }

@@ -250,14 +250,15 @@ async fn changes_and_refusals_by_role_are_in_the_audit_log_and_other_calls_are_n
     let path = Rpc::PolicyServiceDeploy.path();
     assert_eq!(fixture.code(true, path, Some("trainer")).await, Code::Ok);
     let log = fixture.log().await;
-    assert_eq!((log.len(), log[0].who.as_str(), log[0].outcome.as_str()), (1, "trainer", "ok"));
+    assert_eq!((log.len(), log[0].caller.as_str(), log[0].outcome.as_str()), (1, "trainer", "ok"));
     assert_eq!((log[0].token_id.as_ref(), log[0].rpc.as_str()), (Some(&trainer), "PolicyService/Deploy"));
 
     fixture.code(true, path, Some("viewer")).await;
     fixture.code(true, path, Some("nobody")).await;
     fixture.code(true, Rpc::TaskServiceListTasks.path(), Some("viewer")).await;
     fixture.code(false, path, None).await;
-    let log: Vec<(String, String)> = fixture.log().await.into_iter().map(|entry| (entry.who, entry.outcome)).collect();
-    let pair = |who: &str, outcome: &str| (who.to_owned(), outcome.to_owned());
+    let log: Vec<(String, String)> =
+        fixture.log().await.into_iter().map(|entry| (entry.caller, entry.outcome)).collect();
+    let pair = |caller: &str, outcome: &str| (caller.to_owned(), outcome.to_owned());
     assert_eq!(log, [pair("trainer", "ok"), pair("viewer", "PermissionDenied"), pair("anyone", "ok")]);
 }

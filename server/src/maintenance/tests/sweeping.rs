@@ -192,7 +192,7 @@ async fn the_audit_log_is_kept_for_the_configured_time() {
     let entry = |days| AuditEntry {
         at: Millis::of(SystemTime::now() - DAY * days),
         token_id: None,
-        who: "anna".into(),
+        caller: "anna".into(),
         peer: "10.0.0.7:9".into(),
         rpc: "TaskService/CreateTask".into(),
         subjects: Vec::new(),

@@ -35,8 +35,8 @@ async fn every_page_with_every_role() {
     let revoked = Client::with(&pages.revoked().await);
     for &page in Page::ALL {
         let refused = |status: StatusCode| matches!(status, StatusCode::UNAUTHORIZED | StatusCode::FORBIDDEN);
-        for nobody in [Client::default(), Client::with("no token of ours"), expired.clone(), revoked.clone()] {
-            let answered = status(&pages, &nobody, page).await;
+        for stranger in [Client::default(), Client::with("no token of ours"), expired.clone(), revoked.clone()] {
+            let answered = status(&pages, &stranger, page).await;
             let sent_to_sign_in = answered == StatusCode::SEE_OTHER && page.method() == Method::GET;
             let let_in = !refused(answered) && !sent_to_sign_in;
             // Signing in and out is public, but requires a request from our own page.

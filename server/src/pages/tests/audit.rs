@@ -44,7 +44,7 @@ async fn every_page_that_changes_something_is_in_the_audit_log_with_its_subjects
             assert_eq!(pages.post(client, &path, (JSON, body)).await.status, status, "{page:?}");
             let entry = pages.services.store.audit(Millis(0), 1000).await.unwrap().pop().unwrap();
             assert_eq!((entry.rpc, entry.outcome.as_str()), (format!("pages/{page:?}"), outcome));
-            assert_eq!((entry.who.as_str(), entry.peer.as_str()), (role.as_str(), "127.0.0.1:4000"));
+            assert_eq!((entry.caller.as_str(), entry.peer.as_str()), (role.as_str(), "127.0.0.1:4000"));
             assert!(entry.token_id.is_some());
             // The body of a refused request is not read.
             assert_eq!(entry.subjects, if role == Role::Viewer { Vec::new() } else { subjects.clone() });

@@ -41,7 +41,7 @@ pub(super) fn place(mut parameters: BTreeMap<String, InferParameter>) -> Result<
 
 fn sequence_id(parameter: InferParameter) -> Result<Option<SequenceId>> {
     let InferParameter { parameter_choice } = parameter;
-    let wrong = |mend: &str| Err(Error::invalid(&field(ID), mend));
+    let wrong = |fix: &str| Err(Error::invalid(&field(ID), fix));
     let id = match parameter_choice {
         Some(ParameterChoice::Int64Param(number)) => match u64::try_from(number) {
             Ok(number) => SequenceId::Number(number),

@@ -165,8 +165,8 @@ fn requested(outputs: &[InferRequestedOutputTensor]) -> Result<()> {
             ));
         }
         if let Some(parameter) = parameters.keys().min() {
-            let mend = format!("{} is unknown; omit it", quoted(parameter));
-            return Err(Error::invalid(&format!("outputs[{index}].parameters"), mend));
+            let fix = format!("{} is unknown; omit it", quoted(parameter));
+            return Err(Error::invalid(&format!("outputs[{index}].parameters"), fix));
         }
     }
     Ok(())

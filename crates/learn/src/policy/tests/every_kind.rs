@@ -119,7 +119,7 @@ fn sessions_in_one_pass_get_what_each_gets_alone() {
 }
 
 #[test]
-fn every_policy_learns_to_look_at_the_image() {
+fn every_policy_looks_at_the_image() {
     let (shape, experts) = (toy::shape(), toy::experts(80, 6));
     let encoder = pretrain(&shape, &experts, &toy::pretrain_spec(40), None, &mut Silent).unwrap();
     for kind in kinds().filter(looks) {
