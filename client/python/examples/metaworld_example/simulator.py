@@ -10,8 +10,8 @@ import numpy as np
 from metaworld.env_dict import ALL_V3_ENVIRONMENTS
 from numpy.typing import NDArray
 
-# The task's name of a camera, and Meta-World's. Both move with the hand, whose position is in the proprioception, so that
-# their images show the position of the object.
+# The task's name of a camera, and Meta-World's. Both move with the hand, whose position is in the proprioception, so
+# that their images show the position of the object.
 CAMERAS = {"behind": "behindGripper", "wrist": "gripperPOV"}
 RATE_HZ = 40.0
 # Meta-World moves at 80 Hz.
