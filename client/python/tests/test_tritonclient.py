@@ -70,7 +70,7 @@ def test_the_server_and_its_models_are_found(infer_client: triton.InferenceServe
     assert infer_client.is_server_ready()
     assert infer_client.get_server_metadata().name == "gleaner"
     assert infer_client.is_model_ready(deployment)
-    assert not infer_client.is_model_ready("nobody")
+    assert not infer_client.is_model_ready("missing")
     metadata = infer_client.get_model_metadata(deployment)
     assert infer_client.is_model_ready(deployment, metadata.versions[0])
     assert [output.name for output in metadata.outputs] == ["action"]
@@ -144,5 +144,5 @@ def test_mistakes_are_named(infer_client: triton.InferenceServerClient, deployme
         told = refused(arrays)
         assert "INVALID_ARGUMENT" in told
         assert words in told
-    assert "NOT_FOUND" in refused(seen, "nobody")
+    assert "NOT_FOUND" in refused(seen, "missing")
     assert "priority" in refused(seen, priority=1)

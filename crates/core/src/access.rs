@@ -150,7 +150,7 @@ mod tests {
             }
             assert!(!Role::Robot.reaches(role) && !role.reaches(Role::Robot));
         }
-        assert!(!Role::Robot.reaches(Role::Robot), "what robots may do is said by itself");
+        assert!(!Role::Robot.reaches(Role::Robot), "the rules of robots are separate");
         for role in Role::ALL {
             assert_eq!(Role::from_word(role.as_str()).unwrap(), role);
         }

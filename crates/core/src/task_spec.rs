@@ -130,7 +130,7 @@ impl TaskSpec {
         total(&self.action)
     }
 
-    /// Size of a field by name; 0 when there is none.
+    /// Size of a field by name; 0 for an unknown name.
     pub fn field_size(&self, name: &str) -> usize {
         let fields = self.proprioception.iter().chain(&self.action);
         fields.filter(|field| field.name == name).map(|field| field.size as usize).sum()

@@ -102,7 +102,7 @@ mod armed {
         let (name, count) = which.split_once('=').unwrap_or((which, "1"));
         let count: u64 = count.parse().map_err(|_| format!("fail point {which}: {count} is no number"))?;
         if !NAMES.contains(&name) {
-            return Err(format!("fail point {name}: there is none of this name"));
+            return Err(format!("fail point {name}: unknown name; `fail_point::NAMES` lists them"));
         }
         let passed = AtomicU64::new(0);
         fail::cfg_callback(name, move || {

@@ -220,12 +220,12 @@ pub trait Deployments: Send + Sync {
     /// The policy before the current one.
     ///
     /// # Errors
-    /// Precondition when there is none.
+    /// Precondition if the deployment has had one policy only.
     async fn previous_policy(&self, deployment: &str) -> Result<PolicyId>;
     /// Deploys the policy before the current one.
     ///
     /// # Errors
-    /// Precondition when there is none, or its model cannot be loaded.
+    /// Precondition if the deployment has had one policy only, or if the earlier model cannot be loaded.
     async fn roll_back(&self, deployment: &str) -> Result<Deployment>;
     /// Every running session.
     fn live(&self) -> Vec<(LiveSession, SessionState)>;

@@ -10,16 +10,16 @@ mod config;
 mod episodes;
 mod failure;
 mod features;
+mod kinds;
 mod monitor;
 mod process;
 mod reporter;
-mod work;
 
 pub use self::config::WorkerConfig;
 use self::{
     client::Client,
     failure::Failure,
-    work::{Base, Work},
+    kinds::{Base, Work},
 };
 use gleaner_core::error::{Error, Result};
 use gleaner_data_folder::{blobs::Blobs, file_limit};

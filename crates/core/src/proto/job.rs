@@ -82,7 +82,9 @@ fn state_from(state: i32) -> Result<Option<JobState>> {
         Ok(v1::JobState::Succeeded) => Ok(Some(JobState::Succeeded)),
         Ok(v1::JobState::Failed) => Ok(Some(JobState::Failed)),
         Ok(v1::JobState::Cancelled) => Ok(Some(JobState::Cancelled)),
-        Err(_) => Err(Error::invalid("state", "is none that this server knows")),
+        Err(_) => {
+            Err(Error::invalid("state", "unknown value; supported: queued, running, succeeded, failed, cancelled"))
+        }
     }
 }
 

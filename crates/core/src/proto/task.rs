@@ -44,7 +44,7 @@ fn alignment_from(alignment: i32) -> Result<Alignment> {
     match v1::Alignment::try_from(alignment) {
         Ok(v1::Alignment::Unspecified | v1::Alignment::LatestBefore) => Ok(Alignment::LatestBefore),
         Ok(v1::Alignment::Nearest) => Ok(Alignment::Nearest),
-        Err(_) => Err(Error::invalid("spec.alignment", "is none that this server knows")),
+        Err(_) => Err(Error::invalid("spec.alignment", "unknown value; supported: latest_before, nearest")),
     }
 }
 

@@ -254,7 +254,7 @@ async fn changes_and_refusals_by_role_are_in_the_audit_log_and_other_calls_are_n
     assert_eq!((log[0].token_id.as_ref(), log[0].rpc.as_str()), (Some(&trainer), "PolicyService/Deploy"));
 
     fixture.code(true, path, Some("viewer")).await;
-    fixture.code(true, path, Some("nobody")).await;
+    fixture.code(true, path, Some("unknown")).await;
     fixture.code(true, Rpc::TaskServiceListTasks.path(), Some("viewer")).await;
     fixture.code(false, path, None).await;
     let log: Vec<(String, String)> =

@@ -32,7 +32,7 @@ impl Parsed {
     /// Reads the first certificate of a PEM file.
     ///
     /// # Errors
-    /// A sentence when there is none.
+    /// A sentence if the file has no certificate.
     pub(super) fn pem(pem: &[u8]) -> Result<Self, String> {
         let (_, block) = parse_x509_pem(pem).map_err(|error| format!("holds no certificate in PEM form: {error}"))?;
         Self::der(&block.contents)

@@ -186,7 +186,7 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     let stranger = submit(Subject::Policy(policy.id)).await.unwrap_err();
     assert!(stranger.message().starts_with("spec.evaluate.policy_id: "), "{stranger}");
     assert_eq!(submit(Subject::Policy(PolicyId::new())).await.unwrap_err().kind(), Kind::NotFound);
-    assert_eq!(submit(Subject::Deployment("nobody".into())).await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(submit(Subject::Deployment("missing".into())).await.unwrap_err().kind(), Kind::NotFound);
 
     let job = submit(Subject::Deployment("cube@prod".into())).await.unwrap();
     assert_eq!(job.needs, [mine.job_id]);

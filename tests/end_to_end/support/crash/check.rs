@@ -26,7 +26,7 @@ pub async fn sample(lab: &Lab) -> Result<(), Status> {
     Ok(())
 }
 
-/// Checks everything, on a server that is no longer killed.
+/// Checks every invariant on a server after the last kill.
 pub async fn everything(lab: &Lab) {
     sample(lab).await.unwrap();
     for episode in episodes(lab).await.unwrap().values() {
