@@ -6,7 +6,8 @@ use clap::Parser;
 use gleaner_core::Secret;
 use gleaner_logs::LogOptions;
 
-/// Works on one job of a gleaner server, which starts this program. The token is passed by the environment, so that it is not in the process list.
+/// Works on one job of a gleaner server, which starts this program. The token is passed by the environment, so that it
+/// is not in the process list.
 #[derive(Debug, Parser)]
 #[command(name = "gleaner-worker", version)]
 pub struct WorkerConfig {
