@@ -41,9 +41,9 @@ class Learner(nn.Module):
             errors = [squared_error(model.head[name](z[..., i, :]), y) for i, (name, y) in enumerate(heads)]
             errors = torch.stack(errors, -1)
             if "mtp" in objectives:
-                total = total + modality_mean(errors, batch.hidden)
+                total = total + sum_per_step(errors, batch.hidden, batch.valid)
             if "tr" in objectives:
-                total = total + modality_mean(errors, ~batch.hidden & batch.valid.unsqueeze(-1))
+                total = total + sum_per_step(errors, ~batch.hidden & batch.valid.unsqueeze(-1), batch.valid)
         if "aa" in objectives:
             tokens = model.token(steps, batch.index, None)
             z = model.transformer(tokens, attention_mask(batch.valid, causal=True))
@@ -57,6 +57,5 @@ def squared_error(prediction: Tensor, target: Tensor) -> Tensor:
     return (prediction - target).square().mean(-1)
 
 
-def modality_mean(errors: Tensor, counted: Tensor) -> Tensor:
-    counted = counted.float()
-    return ((errors * counted).sum((0, 1)) / counted.sum((0, 1)).clamp_min(1)).mean()
+def sum_per_step(errors: Tensor, counted: Tensor, valid: Tensor) -> Tensor:
+    return (errors * counted.float()).sum() / valid.float().sum().clamp_min(1)

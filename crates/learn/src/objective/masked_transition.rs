@@ -5,7 +5,7 @@
 
 use tch::Tensor;
 
-use super::{Objective, modality_mean};
+use super::{Objective, sum_per_step};
 
 pub(super) const OBJECTIVE: Objective = Objective {
     name: "mtp",
@@ -13,12 +13,13 @@ pub(super) const OBJECTIVE: Objective = Objective {
     about: "Masked transition prediction: predicts the elements of a segment that are masked.",
     metric: "loss_mtp",
     bidirectional: true,
-    loss: |passes| loss(&passes.masked().errors, &passes.masked().masked),
+    loss: |passes| loss(&passes.masked().errors, &passes.masked().masked, &passes.windows.valid),
 };
 
-/// The loss, a scalar: `errors` `[W, L, 3]` are those of a pass over M(τ), `masked` `[W, L, 3]` is the indicator.
-pub(crate) fn loss(errors: &Tensor, masked: &Tensor) -> Tensor {
-    modality_mean(errors, masked)
+/// The loss, a scalar: `errors` `[W, L, 3]` are those of a pass over M(τ), `masked` `[W, L, 3]` is the indicator, and
+/// `valid` `[W, L]` marks the steps inside the episode.
+pub(crate) fn loss(errors: &Tensor, masked: &Tensor, valid: &Tensor) -> Tensor {
+    sum_per_step(errors, masked, valid)
 }
 
 #[cfg(test)]
@@ -35,17 +36,26 @@ mod tests {
         let masked = [false, false, false, false, true, true];
         let masked = Windows::grid(&masked, &[1, 2, 3], Device::Cpu);
         let valid = Windows::grid(&[false, true], &[1, 2], Device::Cpu);
-        // MTP: o has no error, m 2, a 4. TR: o 1, m and a have no error. The padded 9s never count.
-        assert_eq!(loss(&errors, &masked).double_value(&[]), 2.0);
-        let reconstructed = reconstruction::loss(&errors, &masked, &valid);
-        assert!((reconstructed.double_value(&[]) - 1.0 / 3.0).abs() < 1e-7);
+        // MTP: m 2 and a 4. TR: o 1. The padded 9s never count, nor does their step.
+        assert_eq!(loss(&errors, &masked, &valid).double_value(&[]), 6.0);
+        assert_eq!(reconstruction::loss(&errors, &masked, &valid).double_value(&[]), 1.0);
     }
 
+    /// A mean over the masked and a mean over the other elements would give each masked one three times the weight.
     #[test]
-    fn a_modality_weighs_the_same_however_many_of_it_are_masked() {
-        let errors = Tensor::from_slice(&[3.0f32, 6.0, 9.0, 3.0, 0.0, 0.0]).view([1, 2, 3]);
-        let masked = [true, true, true, true, false, false];
-        let masked = Windows::grid(&masked, &[1, 2, 3], Device::Cpu);
-        assert_eq!(loss(&errors, &masked).double_value(&[]), (3.0 + 6.0 + 9.0) / 3.0);
+    fn an_element_weighs_the_same_whether_it_is_masked_or_not() {
+        let valid = Windows::grid(&[true; 4], &[1, 4], Device::Cpu);
+        let weight = |element: usize, masked: usize| {
+            let errors: Vec<f32> = (0..12u8).map(|at| f32::from(u8::from(usize::from(at) == element))).collect();
+            let errors = Tensor::from_slice(&errors).view([1, 4, 3]);
+            let hidden: Vec<bool> = (0..12).map(|at| at < masked).collect();
+            let hidden = Windows::grid(&hidden, &[1, 4, 3], Device::Cpu);
+            (loss(&errors, &hidden, &valid) + reconstruction::loss(&errors, &hidden, &valid)).double_value(&[])
+        };
+        for masked in [1, 3, 6, 11] {
+            for element in 0..12 {
+                assert_eq!(weight(element, masked), 0.25, "element {element} of {masked} masked");
+            }
+        }
     }
 }

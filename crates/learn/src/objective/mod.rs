@@ -2,8 +2,8 @@
 //! the heads' predictions. Independent of batches and optimisers.
 //!
 //! log P is Gaussian with fixed variance, so minus log P is the squared error up to constants. The error of an element
-//! is the mean over its values of standardised m or a, or of the down-sampled standardised image. A loss is the mean
-//! over its elements, taken per modality first, so that o, m and a have equal weight for any sizes.
+//! is the mean over its values of standardised m or a, or of the down-sampled standardised image, so that o, m and a
+//! have equal weight for any sizes. A loss is the sum over its elements, as in the paper, for each step of the segments.
 
 pub(crate) mod action_autoregression;
 mod kind;
@@ -71,12 +71,9 @@ pub(crate) fn squared_error(prediction: &Tensor, target: &Tensor) -> Tensor {
     (prediction - target).square().mean_dim([-1i64].as_slice(), false, None)
 }
 
-/// Mean over o, m, a of the mean of `errors` `[W, L, 3]` where `counted` `[W, L, 3]` is true; a
-/// modality with no counted element gives 0.
-fn modality_mean(errors: &Tensor, counted: &Tensor) -> Tensor {
-    let counted = counted.to_kind(errors.kind());
-    let places = [0i64, 1];
-    let count = counted.sum_dim_intlist(places.as_slice(), false, None);
-    let sum = (errors * counted).sum_dim_intlist(places.as_slice(), false, None);
-    (sum / count.clamp_min(1.0)).mean(None)
+/// The paper's sum over elements, for each step of the segments: the sum of `errors` `[W, L, 3]` where `counted`
+/// `[W, L, 3]` is true, over the number of steps where `valid` `[W, L]` is. Losses whose elements complement each other,
+/// as those of MTP and TR do, therefore add up to the loss over all elements, each with weight 1.
+fn sum_per_step(errors: &Tensor, counted: &Tensor, valid: &Tensor) -> Tensor {
+    (errors * counted.to_kind(errors.kind())).sum(None) / valid.to_kind(errors.kind()).sum(None).clamp_min(1.0)
 }

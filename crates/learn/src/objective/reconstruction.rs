@@ -5,7 +5,7 @@
 
 use tch::Tensor;
 
-use super::{Objective, modality_mean};
+use super::{Objective, sum_per_step};
 
 pub(super) const OBJECTIVE: Objective = Objective {
     name: "tr",
@@ -19,5 +19,5 @@ pub(super) const OBJECTIVE: Objective = Objective {
 /// The loss, a scalar: `errors` and `masked` as in MTP; `valid` `[W, L]` excludes padding, which is not masked either.
 pub(crate) fn loss(errors: &Tensor, masked: &Tensor, valid: &Tensor) -> Tensor {
     let kept = masked.logical_not().logical_and(&valid.unsqueeze(-1));
-    modality_mean(errors, &kept)
+    sum_per_step(errors, &kept, valid)
 }
