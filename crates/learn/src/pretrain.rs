@@ -10,7 +10,7 @@ use crate::checkpoint::{self, CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
 use crate::model::{Network, Size};
-use crate::normalize::{FeatureScale, Statistics};
+use crate::normalize::{FeatureScale, Sample, Statistics};
 use crate::objective::{self, Objective, Passes, features_view};
 use crate::random::{Purpose, generator};
 use crate::score::last_steps;
@@ -109,7 +109,7 @@ fn begin(
         return Training::resume(bytes, &info, device);
     }
     let target = Size::of(spec.model.preset).target;
-    let statistics = Statistics::measure(shape, data, target, device);
+    let statistics = Statistics::measure(shape, &Sample::every(shape, data), target, device);
     let network = Network::new(shape, spec.model, statistics, spec.run.seed, device);
     Ok(Resumed::Unfinished(Box::new(Training::start(network, info))))
 }

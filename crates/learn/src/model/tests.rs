@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::batch::{Segment, Segments, values};
+use crate::normalize::Sample;
 use crate::toy;
 use crate::trajectory::Trajectory;
 
@@ -9,7 +10,7 @@ const DEVICE: Device = Device::Cpu;
 
 fn network(data: &[&Trajectory]) -> Network {
     let spec = toy::pretrain_spec(1).model;
-    let statistics = Statistics::measure(&toy::shape(), data, 8, DEVICE);
+    let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), data), 8, DEVICE);
     Network::new(&toy::shape(), spec, statistics, 3, DEVICE)
 }
 
@@ -31,7 +32,7 @@ fn largest_difference(a: &Tensor, b: &Tensor) -> f64 {
 fn first_weights_depend_on_the_seed_alone() {
     let data = toy::episode("e", 1, 6, true);
     let weights = |seed| {
-        let statistics = Statistics::measure(&toy::shape(), &[&data], 8, DEVICE);
+        let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[&data]), 8, DEVICE);
         let spec = toy::pretrain_spec(1).model;
         let network = Network::new(&toy::shape(), spec, statistics, seed, DEVICE);
         let all: Vec<f32> = network.parameters().iter().flat_map(|(_, p)| values(p)).collect();

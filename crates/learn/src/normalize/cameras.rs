@@ -2,11 +2,10 @@
 
 use tch::{Device, Kind, Tensor};
 
-use super::Standard;
 use super::frames::Lookup;
+use super::{Sample, Standard};
 use crate::batch::images;
 use crate::shape::{CameraShape, TaskShape};
-use crate::trajectory::Trajectory;
 
 /// Number of images in the sample of the image statistics; an even sample of the steps when there are more.
 const SAMPLED_FRAMES: usize = 2_048;
@@ -45,16 +44,12 @@ struct Sums {
     target_square: Tensor,
 }
 
-/// Measures every camera over an even sample of the steps.
-pub(super) fn measure(shape: &TaskShape, data: &[&Trajectory], target: u32, device: Device) -> Vec<CameraStandard> {
-    let steps: Vec<(usize, usize)> =
-        data.iter().enumerate().flat_map(|(i, t)| (0..t.steps(shape)).map(move |step| (i, step))).collect();
-    let every = steps.len().div_ceil(SAMPLED_FRAMES).max(1);
-    let sample: Vec<_> = steps.into_iter().step_by(every).collect();
+/// Measures every camera over an even part of the sample.
+pub(super) fn measure(shape: &TaskShape, sample: &Sample<'_>, target: u32, device: Device) -> Vec<CameraStandard> {
+    let frames = sample.frames(shape, SAMPLED_FRAMES);
     let mut sums: Vec<Option<Sums>> = shape.cameras.iter().map(|_| None).collect();
-    for chunk in sample.chunks(CHUNK) {
-        let frames: Vec<&[u8]> = chunk.iter().map(|(i, t)| data[*i].frame(shape, *t)).collect();
-        for (i, image) in images(shape, &frames, device).iter().enumerate() {
+    for chunk in frames.chunks(CHUNK) {
+        for (i, image) in images(shape, chunk, device).iter().enumerate() {
             let size = target_size(&shape.cameras[i], target);
             let part = Sums::of(image, size);
             sums[i] = Some(match sums[i].take() {
@@ -63,7 +58,7 @@ pub(super) fn measure(shape: &TaskShape, data: &[&Trajectory], target: u32, devi
             });
         }
     }
-    let count = f64::from(u32::try_from(sample.len()).unwrap_or(u32::MAX));
+    let count = f64::from(u32::try_from(frames.len()).unwrap_or(u32::MAX));
     let finish = |sums: Sums| sums.standard(count, device);
     sums.into_iter().flatten().map(finish).collect()
 }

@@ -92,6 +92,7 @@ fn camera_frames<'a>(
 mod tests {
     use super::*;
     use crate::batch::images;
+    use crate::normalize::Sample;
     use crate::trajectory::Trajectory;
 
     #[test]
@@ -115,7 +116,7 @@ mod tests {
             proprioception: vec![0.0; steps],
             action: vec![0.0; steps],
         };
-        let statistics = Statistics::measure(&shape, &[&data], 8, Device::Cpu);
+        let statistics = Statistics::measure(&shape, &Sample::every(&shape, &[&data]), 8, Device::Cpu);
         let frames: Vec<&[u8]> = bytes.chunks(shape.frame_bytes()).collect();
         for frames in [&frames[..1], &frames] {
             let long = statistics.images(&images(&shape, frames, Device::Cpu));

@@ -1,26 +1,30 @@
-//! Standardisation: mean and deviation of everything the model reads or predicts, measured once
-//! over D_u and kept in every checkpoint. Independent of the model.
+//! Standardisation: mean and deviation of everything the model reads or predicts, measured once over D_u, or over the
+//! steps that a policy learns from, and kept in every checkpoint. Independent of the model.
 
 mod cameras;
 mod features;
 mod frames;
+mod sample;
 
 pub(crate) use cameras::target_size;
 pub(crate) use features::FeatureScale;
+pub(crate) use sample::Sample;
 
 use std::collections::BTreeMap;
 
 use tch::{Device, Kind, Tensor};
 
-use crate::batch::{int, rows};
+use crate::batch::int;
 use crate::error::LearnError;
 use crate::shape::{CameraShape, TaskShape};
-use crate::trajectory::Trajectory;
 use cameras::CameraStandard;
 use frames::Lookup;
 
 /// A deviation below this part of the values' magnitude is rounding noise: the dimension is constant.
 const CONSTANT: f64 = 1e-6;
+
+/// The name of the held actions in a checkpoint.
+const HELD: &str = "statistics.action.held";
 
 /// `(x - mean) / deviation`, and back.
 pub(crate) struct Standard {
@@ -34,6 +38,8 @@ pub(crate) struct Statistics {
     pub(crate) proprioception: Standard,
     /// Per dimension of a, `[A]`.
     pub(crate) action: Standard,
+    /// Per dimension of a, `[2, A]`: 1 where it changed and 0 elsewhere; its value where it never changed.
+    held: Tensor,
     /// Per camera.
     pub(crate) cameras: Vec<CameraStandard>,
 }
@@ -60,12 +66,21 @@ impl Standard {
         }
     }
 
-    /// Statistics per dimension of `[T, D]`.
-    fn of_rows(rows: &Tensor, device: Device) -> Self {
-        let rows = rows.to_kind(Kind::Double);
-        let mean = rows.mean_dim([0i64].as_slice(), false, Kind::Double);
-        let deviation = (&rows - &mean).square().mean_dim([0i64].as_slice(), false, Kind::Double).sqrt();
-        Self::new(&mean, &deviation, &mean, device)
+    /// Statistics per dimension of rows of `width` values, in two passes.
+    fn of_rows<'a>(rows: impl Iterator<Item = &'a [f32]> + Clone, width: usize, device: Device) -> Self {
+        let mut count = 0.0f64;
+        let (mut mean, mut variance) = (vec![0.0f64; width], vec![0.0f64; width]);
+        for row in rows.clone() {
+            count += 1.0;
+            mean.iter_mut().zip(row).for_each(|(sum, value)| *sum += f64::from(*value));
+        }
+        mean.iter_mut().for_each(|sum| *sum /= count.max(1.0));
+        for row in rows {
+            let each = variance.iter_mut().zip(&mean).zip(row);
+            each.for_each(|((sum, mean), value)| *sum += (f64::from(*value) - mean).powi(2) / count);
+        }
+        let [mean, variance] = [mean, variance].map(|values| Tensor::from_slice(&values));
+        Self::new(&mean, &variance.sqrt(), &mean, device)
     }
 
     fn name_into(&self, prefix: &str, named: &mut Vec<(String, Tensor)>) {
@@ -91,17 +106,27 @@ impl Standard {
 }
 
 impl Statistics {
-    /// Measures `data`. Images are down-sampled to at most `target` a side for H_o.
-    pub(crate) fn measure(shape: &TaskShape, data: &[&Trajectory], target: u32, device: Device) -> Self {
-        let gather = |field: fn(&Trajectory) -> &[f32], width: usize| {
-            let all: Vec<f32> = data.iter().flat_map(|t| field(t)).copied().collect();
-            Standard::of_rows(&rows(&all, width, Device::Cpu), device)
-        };
+    /// Measures a sample. Images are down-sampled to at most `target` a side for H_o.
+    pub(crate) fn measure(shape: &TaskShape, sample: &Sample<'_>, target: u32, device: Device) -> Self {
+        let proprioception = sample.rows(|episode, step| episode.proprioception_at(shape, step));
+        let action = sample.rows(|episode, step| episode.action_at(shape, step));
         Self {
-            proprioception: gather(|t| &t.proprioception, shape.proprioception),
-            action: gather(|t| &t.action, shape.action),
-            cameras: cameras::measure(shape, data, target, device),
+            held: held(action.clone(), shape.action, device),
+            proprioception: Standard::of_rows(proprioception, shape.proprioception, device),
+            action: Standard::of_rows(action, shape.action, device),
+            cameras: cameras::measure(shape, sample, target, device),
         }
+    }
+
+    /// These statistics, holding the actions that never change in another sample.
+    pub(crate) fn holding(self, shape: &TaskShape, sample: &Sample<'_>) -> Self {
+        let action = sample.rows(|episode, step| episode.action_at(shape, step));
+        Self { held: held(action, shape.action, self.held.device()), ..self }
+    }
+
+    /// Predicted actions `[…, A]` in physical units. A dimension that never changed keeps its value.
+    pub(crate) fn actions(&self, standardised: &Tensor) -> Tensor {
+        self.action.invert(standardised) * self.held.get(0) + self.held.get(1)
     }
 
     /// Standardises images, per camera `[N, C, H, W]`, for the image encoder.
@@ -114,6 +139,7 @@ impl Statistics {
         let mut named = Vec::new();
         self.proprioception.name_into("statistics.proprioception", &mut named);
         self.action.name_into("statistics.action", &mut named);
+        named.push((HELD.to_owned(), self.held.shallow_clone()));
         for (i, camera) in self.cameras.iter().enumerate() {
             camera.input.name_into(&format!("statistics.camera.{i}.input"), &mut named);
             camera.target.name_into(&format!("statistics.camera.{i}.target"), &mut named);
@@ -152,24 +178,63 @@ impl Statistics {
         Ok(Self {
             proprioception: vector("proprioception", shape.proprioception)?,
             action: vector("action", shape.action)?,
+            held: match named.get(HELD) {
+                Some(held) if held.size() == [2, int(shape.action)] => held.to_device(device),
+                Some(_) => return Err(LearnError::Checkpoint(format!("`{HELD}` does not have two rows of actions"))),
+                // Checkpoints of earlier versions hold no action.
+                None => Tensor::from_slice2(&[vec![1f32; shape.action], vec![0.0; shape.action]]).to_device(device),
+            },
             cameras: shape.cameras.iter().enumerate().map(camera).collect::<Result<_, LearnError>>()?,
         })
     }
 }
 
+/// Per dimension whether the rows differ (1 or 0), and their value where they do not.
+fn held<'a>(mut rows: impl Iterator<Item = &'a [f32]>, width: usize, device: Device) -> Tensor {
+    let mut value = rows.next().map_or_else(|| vec![0.0; width], <[f32]>::to_vec);
+    let first = value.clone();
+    let mut moves = vec![0f32; width];
+    for row in rows {
+        let moved =
+            moves.iter_mut().zip(&mut value).zip(first.iter().zip(row)).filter(|(_, (first, now))| first != now);
+        moved.for_each(|((moves, value), _)| (*moves, *value) = (1.0, 0.0));
+    }
+    Tensor::from_slice2(&[moves, value]).to_device(device)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::batch::values;
+    use crate::batch::{rows, values};
+    use crate::trajectory::Trajectory;
 
     #[test]
     fn a_constant_dimension_is_centred_and_keeps_its_scale() {
-        let data = rows(&[1.0, 0.1, 3.0, 0.1], 2, Device::Cpu);
-        let standard = Standard::of_rows(&data, Device::Cpu);
+        let data = [1.0f32, 0.1, 3.0, 0.1];
+        let standard = Standard::of_rows(data.chunks(2), 2, Device::Cpu);
+        let data = rows(&data, 2, Device::Cpu);
         assert_eq!(values(&standard.apply(&data)), [-1.0, 0.0, 1.0, 0.0]);
         let off = rows(&[2.0, 0.6], 2, Device::Cpu);
         assert_eq!(values(&standard.apply(&off)), [0.0, 0.5]);
         let back = standard.invert(&standard.apply(&data));
         assert_eq!(values(&back), values(&data));
+    }
+
+    #[test]
+    fn an_action_that_never_changes_is_returned_exactly() {
+        let shape = crate::toy::shape();
+        let mut episode = crate::toy::episode("e", 1, 6, true);
+        episode.action.chunks_mut(2).for_each(|action| action[1] = 0.3);
+        let data: [&Trajectory; 1] = [&episode];
+        let statistics = Statistics::measure(&shape, &Sample::every(&shape, &data), 8, Device::Cpu);
+        let predicted = rows(&[0.7, -0.4], 2, Device::Cpu);
+        let free = values(&statistics.action.invert(&predicted));
+        assert_eq!(values(&statistics.actions(&predicted)), [free[0], 0.3]);
+        let named = statistics.named().into_iter().collect();
+        let back = Statistics::from_named(&shape, 8, &named, Device::Cpu).unwrap();
+        assert_eq!(values(&back.actions(&predicted)), [free[0], 0.3]);
+        let earlier = named.into_iter().filter(|(name, _)| name != HELD).collect();
+        let earlier = Statistics::from_named(&shape, 8, &earlier, Device::Cpu).unwrap();
+        assert_eq!(values(&earlier.actions(&predicted)), free);
     }
 }

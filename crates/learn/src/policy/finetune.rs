@@ -54,7 +54,9 @@ fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
             "differs from the shape the encoder was pretrained on; use that or pretrain again",
         ));
     }
-    load(info, &named, from.device)
+    let mut network = Network::from_named(&info.shape, info.model, &named, from.device)?;
+    network.statistics = network.statistics.holding(&info.shape, from.sample);
+    Ok(Box::new(CausalTransformer { network, history: info.settings()? }))
 }
 
 fn encoder<'a>(from: &PolicyInit<'a>) -> Result<&'a [u8], LearnError> {

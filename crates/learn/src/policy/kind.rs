@@ -11,9 +11,8 @@ use tch::{Device, Tensor};
 use crate::batch::{Chunks, Windows, int};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
-use crate::normalize::Statistics;
+use crate::normalize::{Sample, Statistics};
 use crate::shape::TaskShape;
-use crate::trajectory::Trajectory;
 
 /// A policy, or the reason why it cannot be made.
 pub(super) type NewPolicy = Result<Box<dyn PolicyModel>, LearnError>;
@@ -51,13 +50,18 @@ pub(super) struct PolicyInit<'a> {
     pub(super) shape: &'a TaskShape,
     /// A pretrained encoder's checkpoint.
     pub(super) encoder: Option<&'a [u8]>,
-    /// Every episode of the training.
-    pub(super) data: &'a [&'a Trajectory],
+    /// The steps that the training learns from.
+    pub(super) sample: &'a Sample<'a>,
     pub(super) spec: &'a TrainSpec,
     pub(super) device: Device,
 }
 
 impl PolicyInit<'_> {
+    /// The statistics of a policy from scratch, for a model that predicts images of `target` a side.
+    pub(super) fn statistics(&self, target: u32) -> Statistics {
+        Statistics::measure(self.shape, self.sample, target, self.device)
+    }
+
     /// The policy's own settings.
     pub(super) fn chosen(&self) -> &Chosen {
         &self.spec.policy

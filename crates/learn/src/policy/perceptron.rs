@@ -41,8 +41,7 @@ gleaner_core::settings! {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let target = Size::of(info.model.preset).target;
-    let statistics = Statistics::measure(from.shape, from.data, target, from.device);
+    let statistics = from.statistics(Size::of(info.model.preset).target);
     let policy = Perceptron::new(info, statistics, from.device)?;
     weights::draw(&policy.parameters(), from.spec.run.seed);
     Ok(Box::new(policy))

@@ -32,8 +32,7 @@ pub(super) fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
 impl Scratch {
     /// A start with statistics of the training's episodes; no weight is drawn yet.
     pub(super) fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> Result<Self, LearnError> {
-        let target = Size::of(info.model.preset).target;
-        let statistics = Statistics::measure(from.shape, from.data, target, from.device);
+        let statistics = from.statistics(Size::of(info.model.preset).target);
         Ok(Self::build(info, statistics, from.device))
     }
 

@@ -96,7 +96,7 @@ impl Policy {
             let Stacked { embedded, proprioception, action, windows } = layout(&about).stack(histories);
             let input = PolicyInput { embedded, proprioception, action, windows, hidden: None };
             let chunks = self.model.act(&input);
-            let chunks = values(&about.statistics.action.invert(&chunks));
+            let chunks = values(&about.statistics.actions(&chunks));
             let chunks = chunks.chunks(about.chunk * about.shape.action);
             Ok(chunks.map(|chunk| chunk.chunks(about.shape.action).map(<[f32]>::to_vec).collect()).collect())
         })

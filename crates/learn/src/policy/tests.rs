@@ -14,6 +14,7 @@ use super::{Ensemble, Policy, train_policy};
 use crate::History;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::error::LearnError;
+use crate::normalize::Sample;
 use crate::pretrain::pretrain;
 use crate::toy::{self, Recorder};
 use crate::train::Silent;
@@ -58,7 +59,8 @@ fn spec(policy: &str, steps: u64) -> TrainSpec {
 /// A policy of `kind` before its first step.
 pub(super) fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel> {
     let (encoder, spec, shape) = (encoder(1), spec(kind, 1), toy::shape());
-    let from = PolicyInit { shape: &shape, encoder: Some(&encoder), data, spec: &spec, device: Device::Cpu };
+    let sample = Sample::every(&shape, data);
+    let from = PolicyInit { shape: &shape, encoder: Some(&encoder), sample: &sample, spec: &spec, device: Device::Cpu };
     let kind = find(kind).unwrap();
     let info = CheckpointInfo {
         format_version: FORMAT_VERSION,

@@ -9,7 +9,6 @@ use super::kind::{NewPolicy, PolicyInit, PolicyKind};
 use crate::checkpoint::CheckpointInfo;
 use crate::error::LearnError;
 use crate::model::{Network, Size};
-use crate::normalize::Statistics;
 
 pub(super) const KIND: PolicyKind = PolicyKind {
     name: "tf_bc",
@@ -27,8 +26,7 @@ fn model(from: &PolicyInit<'_>) -> Result<ModelSpec, LearnError> {
 }
 
 fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
-    let target = Size::of(info.model.preset).target;
-    let statistics = Statistics::measure(from.shape, from.data, target, from.device);
+    let statistics = from.statistics(Size::of(info.model.preset).target);
     let network = Network::new(from.shape, info.model, statistics, from.spec.run.seed, from.device);
     Ok(Box::new(CausalTransformer { network, history: from.chosen().read()? }))
 }

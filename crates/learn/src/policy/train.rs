@@ -13,6 +13,7 @@ use crate::batch::{Batch, Chunks, Segment, Segments, Windows, int};
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
+use crate::normalize::Sample;
 use crate::random::{Purpose, generator};
 use crate::shape::{self, TaskShape};
 use crate::train::{Loss, Monitor, Resumed, Training};
@@ -53,9 +54,9 @@ pub fn train_policy(
     }
     guard(|| {
         let sources = Sources::new(shape, experts, kept, spec);
-        let data = [sources.experts.data.as_slice(), &sources.kept.data].concat();
+        let sample = sources.sample();
         let device = device::open(spec.run.device, spec.threads)?;
-        let from = PolicyInit { shape, encoder, data: &data, spec, device };
+        let from = PolicyInit { shape, encoder, sample: &sample, spec, device };
         let training = match begin(&from, resume)? {
             Resumed::Finished(bytes) => return Ok(bytes),
             Resumed::Unfinished(training) => training,
@@ -119,6 +120,12 @@ impl<'a> Sources<'a> {
                 segments: Segments::kept(kept),
             },
         }
+    }
+
+    /// All steps of experts and the kept steps.
+    fn sample(&self) -> Sample<'_> {
+        let sources = [&self.experts, &self.kept].map(|source| (source.data.as_slice(), &source.segments));
+        Sample::of_segments(&sources)
     }
 
     fn loss(&self, policy: &dyn PolicyModel, spec: &TrainSpec, step: u64) -> Loss {

@@ -144,3 +144,47 @@ fn every_policy_looks_at_the_image() {
         }
     }
 }
+
+/// A rejected step may hold any value, and neither its images nor its numbers may reach the policy.
+#[test]
+fn statistics_do_not_depend_on_rejected_steps() {
+    for kind in kinds() {
+        let spec = spec(kind, 1);
+        let encoder = (kind == "finetune").then(|| encoder(1));
+        let trained = |change: f32| {
+            let mut kept = kept(0.9);
+            // Steps 0 and 1 are outside each window of 4 that ends at step 9 or 8; they are the rejected ones.
+            kept[0].steps = vec![(8, 0.9), (9, 0.9)];
+            kept[0].trajectory.action[0] += change;
+            kept[0].trajectory.proprioception[0] += change;
+            if change > 0.0 {
+                let mut frames = kept[0].trajectory.frames.as_ref().as_ref().to_vec();
+                frames[..toy::shape().frame_bytes()].fill(255);
+                kept[0].trajectory.frames = std::sync::Arc::new(frames);
+            }
+            let encoder = encoder.as_deref();
+            train_policy(&toy::shape(), encoder, &toy::experts(4, 12), &kept, &spec, None, &mut Silent).unwrap()
+        };
+        assert!(trained(0.0) == trained(100.0), "{kind}");
+    }
+}
+
+#[test]
+fn an_action_value_that_never_changed_in_training_is_returned_exactly() {
+    for kind in kinds() {
+        // The encoder has seen it change.
+        let encoder = (kind == "finetune").then(|| encoder(1));
+        let mut experts = toy::experts(3, 8);
+        for expert in &mut experts {
+            expert.action.chunks_mut(2).for_each(|action| action[1] = 0.25);
+        }
+        let spec = spec(kind, 2);
+        let bytes = train_policy(&toy::shape(), encoder.as_deref(), &experts, &[], &spec, None, &mut Silent).unwrap();
+        let policy = Policy::load(&bytes).unwrap();
+        let mut history = History::new(policy.segment_length());
+        let embedding = policy.embed(&[&toy::frame(0.2, 0.7)]).unwrap().remove(0);
+        history.push(embedding, vec![0.4, 0.9, 5.0]).unwrap();
+        let chunk = policy.act(&[&history]).unwrap().remove(0);
+        assert!(chunk.iter().all(|action| action[0] != 0.25 && action[1] == 0.25), "{kind}: {chunk:?}");
+    }
+}

@@ -6,7 +6,7 @@ use tch::{Kind, Tensor, no_grad_guard};
 use super::*;
 use crate::batch::{Batch, Segment, Segments, values};
 use crate::model::{Modality, Network, View};
-use crate::normalize::Statistics;
+use crate::normalize::{Sample, Statistics};
 use crate::objective::action_autoregression;
 use crate::policy::kind::PolicyInput;
 use crate::policy::train::{Source, mean_loss};
@@ -17,7 +17,7 @@ use gleaner_core::{Augmentation, PretrainSpec};
 const STEP: f64 = 1e-5;
 
 fn network(data: &Trajectory) -> Network {
-    let statistics = Statistics::measure(&toy::shape(), &[data], 8, Device::Cpu);
+    let statistics = Statistics::measure(&toy::shape(), &Sample::every(&toy::shape(), &[data]), 8, Device::Cpu);
     Network::new(&toy::shape(), toy::pretrain_spec(1).model, statistics, 3, Device::Cpu)
 }
 
