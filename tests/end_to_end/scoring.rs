@@ -23,6 +23,8 @@ use crate::support::{
     shared::shared,
 };
 
+/// The first success: an expert of the shared run.
+const EXPERT: usize = 0;
 /// The first failure: imperfect in the shared run.
 const FAILURE: usize = 6;
 
@@ -68,6 +70,20 @@ async fn unstored_recording_scores_like_the_stored_one() {
     assert_eq!(reply.scores.unwrap(), unnamed);
     let report = reply.report.unwrap();
     assert_eq!((report.steps, &report.mapping), (episode.steps, &episode.mapping));
+}
+
+#[tokio::test]
+async fn recording_of_an_expert_is_compared_with_the_other_experts() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let client = Client::connect(shared.server.url(), None).await.unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = recording_file(folder.path(), &RECORDINGS[EXPERT].bytes);
+    let scores = client.score_recording(&shared.run, &path, |_| {}).await.unwrap().scores.unwrap();
+    let stored = api.episode_scores(&shared.run, &shared.episodes[EXPERT].id).await;
+    assert_eq!((&scores.episode_id, scores.role()), (&shared.episodes[EXPERT].id, Role::Expert));
+    assert_eq!((&scores.w, &scores.match_episode), (&stored.w, &stored.match_episode));
+    assert!(scores.w.iter().all(|w| *w < 0.0), "{:?}", scores.w);
 }
 
 #[tokio::test]

@@ -59,6 +59,16 @@ impl Trajectory {
         self.action.len() / shape.action.max(1)
     }
 
+    /// A hash of the steps, whatever the episode's id and the file that it was read from.
+    pub(crate) fn content(&self) -> blake3::Hash {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.frames.as_ref().as_ref());
+        for value in self.proprioception.iter().chain(&self.action) {
+            hasher.update(&value.to_le_bytes());
+        }
+        hasher.finalize()
+    }
+
     /// The images of `step`.
     pub(crate) fn frame(&self, shape: &TaskShape, step: usize) -> &[u8] {
         let size = shape.frame_bytes();

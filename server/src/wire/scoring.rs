@@ -9,6 +9,7 @@ use crate::{
         id::{EpisodeId, ScoreRunId},
         observation::Observation,
         score::SegmentScored,
+        snapshot::Role,
         time::seconds,
     },
     error::{Error, Result},
@@ -77,11 +78,16 @@ pub(crate) fn recording_response(
     experts: &[EpisodeId],
     report: gleaner_recording::Report,
 ) -> v1::ScoreRecordingResponse {
-    let gleaner_learn::EpisodeScores { episode_id: _, role: _, w, q, match_episode, match_step, distances } = scores;
+    let gleaner_learn::EpisodeScores { episode_id, role, w, q, match_episode, match_step, distances } = scores;
     let distance = |modality: usize| distances.iter().map(|all| all[modality]).collect();
+    // Only an expert of the run is stored, and has an id.
+    let (episode_id, role) = match role {
+        Role::Expert => (episode_id, v1::Role::Expert),
+        Role::Imperfect => (String::new(), v1::Role::Unspecified),
+    };
     let scores = v1::EpisodeScores {
-        episode_id: String::new(),
-        role: v1::Role::Unspecified.into(),
+        episode_id,
+        role: role.into(),
         w,
         q,
         match_episode,

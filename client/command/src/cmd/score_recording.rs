@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use gleaner_proto::v1::{Finding, Severity};
+use gleaner_proto::v1::{Finding, Role, Severity};
 
 use super::scores::shown;
 use crate::context::Context;
@@ -36,6 +36,12 @@ impl ScoreRecordingArgs {
         let findings = reply.report.iter().flat_map(|report| &report.findings);
         for finding in findings.filter(|finding| finding.severity() != Severity::Note) {
             context.output.note(found(finding));
+        }
+        if scores.role() == Role::Expert {
+            let expert = &scores.episode_id;
+            context
+                .output
+                .note(format!("the recording has the steps of expert {expert}; compared with the other experts"));
         }
         let what = format!("{} (not stored)", self.file.display());
         let text = || shown(&what, scores, self.beta, self.matches);

@@ -42,9 +42,17 @@ pub struct LiveScorer {
     index: Index,
     /// For every number in matches, the expert's index in the given order.
     places: Vec<u32>,
+    /// Per number, the expert.
+    experts: Vec<Expert>,
     /// Per number and step, the local scale of experts; `None` if w is not scaled.
     local: Option<Vec<Vec<f64>>>,
     normaliser: Normaliser,
+}
+
+/// What remains of an expert beside its features.
+struct Expert {
+    id: String,
+    content: blake3::Hash,
 }
 
 impl fmt::Debug for LiveScorer {
@@ -91,8 +99,10 @@ impl LiveScorer {
             let numbered: Vec<(u32, &Features)> = (0..).zip(&features).collect();
             let index = Index::new(&numbered, metric)?;
             let local = if comparison.local_scale { local_scale(&features, &index, metric)? } else { None };
+            let known = |(_, expert): &(u32, &Trajectory)| Expert { id: expert.id.clone(), content: expert.content() };
+            let experts = sorted.iter().map(known).collect();
             let places = sorted.into_iter().map(|(place, _)| place).collect();
-            Ok(Self { opened, comparison, index, places, local, normaliser })
+            Ok(Self { opened, comparison, index, places, experts, local, normaliser })
         })
     }
 
@@ -135,23 +145,27 @@ impl LiveScorer {
             let _no_grad = no_grad_guard();
             let stacked = self.layout().stack(histories);
             let features = newest_features(self.opened.encoder(), &stacked, &self.comparison);
-            self.judge(&sound(features, "now running")?)
+            self.judge(&sound(features, "now running")?, None)
         })
     }
 
-    /// The scores of every segment of an unstored episode: bit for bit those of the run.
+    /// The scores of every segment of an unstored episode: bit for bit those of the run. An episode with the steps of an
+    /// expert gets that expert's id and role, and is compared with the other experts, as the run compared it.
     ///
     /// # Errors
-    /// [`LearnError::Invalid`] if the episode does not fit the shape.
+    /// [`LearnError::Invalid`] if the episode does not fit the shape, or has the steps of the only expert.
     pub fn score_episode(&self, episode: &Trajectory) -> Result<EpisodeScores, LearnError> {
         episode.validate(&self.opened.network.shape)?;
         guard(|| {
             let _no_grad = no_grad_guard();
-            let features = episode_features(self.opened.encoder(), episode, &self.comparison);
-            let scores = self.judge(&sound(features, &episode.id)?)?;
+            let content = episode.content();
+            let own = (0..).zip(&self.experts).find(|(_, expert)| expert.content == content);
+            let features = sound(episode_features(self.opened.encoder(), episode, &self.comparison), &episode.id)?;
+            let scores = self.judge(&features, own.map(|(number, _)| number))?;
+            let (id, role) = own.map_or((&episode.id, Role::Imperfect), |(_, expert)| (&expert.id, Role::Expert));
             Ok(EpisodeScores {
-                episode_id: episode.id.clone(),
-                role: Role::Imperfect,
+                episode_id: id.clone(),
+                role,
                 w: scores.iter().map(|score| score.w).collect(),
                 q: scores.iter().map(|score| score.q).collect(),
                 match_episode: scores.iter().map(|score| score.match_episode).collect(),
@@ -161,9 +175,14 @@ impl LiveScorer {
         })
     }
 
-    fn judge(&self, features: &Features) -> Result<Vec<SegmentScore>, LearnError> {
-        let matches = self.index.nearest(features, None)?;
-        let matches = matches.ok_or_else(|| LearnError::Torch("the search had no expert to compare with".into()))?;
+    /// The scores of `features`; `own` is the number of the expert that they are of, which no segment may match.
+    fn judge(&self, features: &Features, own: Option<u32>) -> Result<Vec<SegmentScore>, LearnError> {
+        let matches = self.index.nearest(features, own)?.ok_or_else(|| {
+            LearnError::invalid(
+                "recording",
+                "has the steps of the run's only expert, and an episode never matches itself; score with more experts",
+            )
+        })?;
         Ok(matches.iter().map(|found| self.segment(found)).collect())
     }
 

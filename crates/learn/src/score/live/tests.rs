@@ -32,6 +32,27 @@ fn an_episode_scores_bit_for_bit_as_in_the_run() {
 }
 
 #[test]
+fn an_expert_s_steps_are_compared_with_the_other_experts() {
+    let (experts, failure) = episodes();
+    for spec in specs() {
+        let run = score_anew(&experts, std::slice::from_ref(&failure), &spec, &mut Silent).unwrap();
+        let live = LiveScorer::load(&encoder(), &experts, &spec, run.normaliser).unwrap();
+        for (place, expert) in experts.iter().enumerate() {
+            // Known by its steps, not by its id.
+            let scores = live.score_episode(&Trajectory { id: "recording".into(), ..expert.clone() }).unwrap();
+            let stored = &run.experts[place];
+            assert_eq!((&scores.episode_id, scores.role), (&expert.id, Role::Expert));
+            assert_eq!((&scores.w, &scores.match_step), (&stored.w, &stored.match_step), "{spec:?}");
+            assert_eq!(scores.match_episode, stored.match_episode);
+            assert!(scores.match_episode.iter().all(|of| *of as usize != place) && scores.w.iter().all(|w| *w < 0.0));
+        }
+        let alone = LiveScorer::load(&encoder(), &experts[..1], &spec, live.normaliser.clone()).unwrap();
+        let problem = alone.score_episode(&experts[0]).unwrap_err().to_string();
+        assert!(problem.starts_with("recording: ") && problem.contains("only expert"), "{problem}");
+    }
+}
+
+#[test]
 fn a_session_scores_step_by_step_as_the_episode_does() {
     let (experts, failure) = episodes();
     let shape = toy::shape();
