@@ -17,7 +17,7 @@ pub fn task() -> TaskSpec {
             .expect("the task is valid");
     spec.cameras = vec![CameraSpec { name: "front".into(), height: SIDE, width: SIDE, depth: true }];
     spec.proprioception =
-        vec![FieldSpec { name: "joints".into(), size: 3 }, FieldSpec { name: "tool".into(), size: 2 }];
+        vec![FieldSpec::new("joints", 3), FieldSpec::new("tool", 2)];
     spec.mappings = vec![ros2(), json()];
     spec.mappings.push(written_mapping(&spec));
     gleaner_recording::validate(&spec).expect("the task is valid");

@@ -38,6 +38,26 @@ async fn session_and_act_agree() {
     robot.expect_end().await;
 }
 
+/// A regressed gripper of 0.4, or a move of 1.3, is nothing that the robot does or that the policy saw in training.
+#[tokio::test]
+async fn every_action_of_a_session_is_one_that_the_robot_executes() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let mut robot = Robot::open(&mut api, NAME).await.unwrap();
+    let bounds = |range: &ActionRange| (range.minimum, range.maximum, range.binary);
+    let ranges: Vec<_> = robot.opened.action_ranges.iter().map(bounds).collect();
+    let (within, binary) = ((Some(-1.0), Some(1.0), false), (Some(-1.0), Some(1.0), true));
+    assert_eq!(ranges, [within, within, within, within, within, within, binary]);
+    let mut sim = start_sim();
+    for _ in 0..6 {
+        let answer = robot.act(observe(&sim)).await.unwrap();
+        for action in values(&answer.actions).chunks(7) {
+            assert!(action.iter().all(|value| value.abs() <= 1.0) && action[6].abs() == 1.0, "{action:?}");
+        }
+        sim.step(answer.actions[0].values.as_slice().try_into().unwrap());
+    }
+}
+
 /// Two concurrent sessions give the same actions as one: neither uses the other's history.
 #[tokio::test]
 async fn sessions_are_isolated() {

@@ -4,6 +4,7 @@
 
 use std::time::Duration;
 
+use gleaner_core::action::ActionRanges;
 use gleaner_core::ensemble::{ChunkError, Ensemble};
 
 use crate::error::{ClientError, Result};
@@ -34,7 +35,12 @@ impl ActionBuffer {
     #[must_use]
     pub fn new(period: Duration, ensembling: Ensembling) -> Self {
         let period_ns = i64::try_from(period.as_nanos()).unwrap_or(i64::MAX);
-        Self { ensembling, chunks: Ensemble::new(period_ns) }
+        Self { ensembling, chunks: Ensemble::new(period_ns, ActionRanges::default()) }
+    }
+
+    /// Sets the values that the robot executes: the ranges of the opened session.
+    pub fn set_ranges(&mut self, ranges: ActionRanges) {
+        self.chunks.set_ranges(ranges);
     }
 
     /// Adds the chunk that answers the observation of this stamp, and removes chunks that end before it.
@@ -66,7 +72,7 @@ impl ActionBuffer {
         {
             return Some(action.to_vec());
         }
-        self.chunks.mean(at_ns)
+        self.chunks.action(at_ns)
     }
 
     /// Whether the newest chunk covers this time or a later one.

@@ -4,16 +4,20 @@
 
 use std::collections::VecDeque;
 
+use crate::action::ActionRanges;
+
 /// The decay of a prediction's weight with its rank by age: `exp(-DECAY * i)`, i = 0 the oldest.
 const DECAY: f64 = 0.01;
 
 /// The chunks of actions that cover the present or the future.
 ///
 /// Action i of a chunk is for the chunk's time plus i periods. The mean of several predictions for one time has the
-/// weights `exp(-0.01 i)`, i = 0 the oldest: a new observation changes the motion gradually.
+/// weights `exp(-0.01 i)`, i = 0 the oldest: a new observation changes the motion gradually. Of a binary value the newest
+/// prediction counts, because a mean of "close" and "open" is neither. The action is one that the robot executes.
 #[derive(Clone, Debug)]
 pub struct Ensemble {
     period: i64,
+    ranges: ActionRanges,
     /// Oldest first.
     chunks: VecDeque<Chunk>,
 }
@@ -58,10 +62,16 @@ impl Chunk {
 }
 
 impl Ensemble {
-    /// One without chunks; `period` (at least 1) is the time between two actions of a chunk.
+    /// One without chunks; `period` (at least 1) is the time between two actions of a chunk, and `ranges` has the values
+    /// that an action may take.
     #[must_use]
-    pub fn new(period: i64) -> Self {
-        Self { period: period.max(1), chunks: VecDeque::new() }
+    pub fn new(period: i64, ranges: ActionRanges) -> Self {
+        Self { period: period.max(1), ranges, chunks: VecDeque::new() }
+    }
+
+    /// Changes the values that an action may take.
+    pub fn set_ranges(&mut self, ranges: ActionRanges) {
+        self.ranges = ranges;
     }
 
     /// Adds the chunk whose first action is for this time, and removes chunks that end before it.
@@ -83,11 +93,14 @@ impl Ensemble {
         Ok(())
     }
 
-    /// The weighted mean of all predictions for this time; `None` when no chunk covers it.
+    /// The action for this time: the weighted mean of all predictions for it, and the newest one of binary values; `None`
+    /// when no chunk covers it.
     #[must_use]
-    pub fn mean(&self, time: i64) -> Option<Vec<f32>> {
+    pub fn action(&self, time: i64) -> Option<Vec<f32>> {
         let (mut sum, mut weights, mut weight) = (Vec::new(), 0.0, 1.0);
+        let mut newest: &[f32] = &[];
         for (_, action) in self.chunks.iter().filter_map(|chunk| chunk.at(time, self.period)) {
+            newest = action;
             sum.resize(action.len(), 0.0);
             for (sum, value) in sum.iter_mut().zip(action) {
                 *sum += weight * f64::from(*value);
@@ -97,7 +110,13 @@ impl Ensemble {
         }
         #[expect(clippy::cast_possible_truncation, reason = "a mean of f32 values fits one")]
         let mean = |sum: f64| (sum / weights) as f32;
-        (weights > 0.0).then(|| sum.into_iter().map(mean).collect())
+        if weights == 0.0 {
+            return None;
+        }
+        let of = |(index, sum)| if self.ranges.is_binary(index) { newest[index] } else { mean(sum) };
+        let mut action: Vec<f32> = sum.into_iter().enumerate().map(of).collect();
+        self.ranges.apply(&mut action);
+        Some(action)
     }
 
     /// The first action of the newest chunk that covers this time, if it is for this time.
@@ -142,6 +161,7 @@ impl Ensemble {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::FieldSpec;
 
     /// The mean as the server and the robot client computed it apart from each other, before they shared this module.
     fn earlier(predictions: &[Vec<f32>]) -> Vec<u32> {
@@ -168,7 +188,7 @@ mod tests {
         let chunk = |chunk: u8| -> Vec<Vec<f32>> {
             (0..LENGTH).map(|index| vec![value(chunk, index, 0), value(chunk, index, 1)]).collect()
         };
-        let (mut steps, mut stamps) = (Ensemble::new(1), Ensemble::new(PERIOD));
+        let (mut steps, mut stamps) = (free(1), free(PERIOD));
         for now in 0..40u8 {
             // Stamps are a little late or early.
             let stamp = i64::from(now) * PERIOD + i64::from(now % 5) * 1_000_000 - 2_000_000;
@@ -177,16 +197,32 @@ mod tests {
             let covering = now.saturating_sub(LENGTH - 1)..=now;
             let predictions: Vec<Vec<f32>> =
                 covering.map(|begin| vec![value(begin, now - begin, 0), value(begin, now - begin, 1)]).collect();
-            for mean in [steps.mean(now.into()), stamps.mean(stamp)] {
+            for mean in [steps.action(now.into()), stamps.action(stamp)] {
                 let bits: Vec<u32> = mean.unwrap().into_iter().map(f32::to_bits).collect();
                 assert_eq!(bits, earlier(&predictions), "step {now}");
             }
         }
     }
 
+    fn free(period: i64) -> Ensemble {
+        Ensemble::new(period, ActionRanges::default())
+    }
+
+    #[test]
+    fn a_binary_value_is_never_averaged_and_a_bounded_one_stays_within() {
+        let bounded = |name| FieldSpec { minimum: Some(-1.0), maximum: Some(1.0), ..FieldSpec::new(name, 1) };
+        let gripper = FieldSpec { binary: true, ..bounded("gripper") };
+        let mut ensemble = Ensemble::new(1, ActionRanges::of(&[bounded("move"), gripper]));
+        ensemble.push(0, vec![vec![1.0, -1.0]; 4]).unwrap();
+        ensemble.push(1, vec![vec![4.0, -0.3]; 4]).unwrap();
+        ensemble.push(2, vec![vec![1.0, 0.4]; 4]).unwrap();
+        // The mean of the gripper is negative; the newest prediction opens it.
+        assert_eq!(ensemble.action(2), Some(vec![1.0, 1.0]));
+    }
+
     #[test]
     fn a_rejected_chunk_changes_nothing() {
-        let mut ensemble = Ensemble::new(1);
+        let mut ensemble = free(1);
         ensemble.push(3, vec![vec![1.0], vec![2.0]]).unwrap();
         for (time, actions, expected) in [
             (4, vec![], ChunkError::Empty),
@@ -195,8 +231,8 @@ mod tests {
         ] {
             assert_eq!(ensemble.push(time, actions), Err(expected));
         }
-        assert_eq!((ensemble.len(), ensemble.mean(4)), (1, Some(vec![2.0])));
+        assert_eq!((ensemble.len(), ensemble.action(4)), (1, Some(vec![2.0])));
         ensemble.clear();
-        assert_eq!((ensemble.is_empty(), ensemble.mean(4)), (true, None));
+        assert_eq!((ensemble.is_empty(), ensemble.action(4)), (true, None));
     }
 }

@@ -31,6 +31,7 @@
 //! ```
 
 pub mod access;
+pub mod action;
 pub mod attempt;
 pub mod client;
 pub mod curation;

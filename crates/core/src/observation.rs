@@ -5,6 +5,7 @@
 use std::time::Duration;
 
 use super::{
+    action::ActionRanges,
     episode::Outcome,
     id::{EpisodeId, PolicyId, SessionId, TaskId},
     score::SegmentScored,
@@ -127,6 +128,8 @@ pub enum SessionOutput {
         policy_id: PolicyId,
         /// The task.
         task_id: TaskId,
+        /// The values that the robot executes.
+        ranges: ActionRanges,
     },
     /// Actions for an observation.
     Action {

@@ -3,6 +3,7 @@
 //! Every message is taken apart field by field, so that a new field breaks the build rather than being lost. A wrong
 //! field is named by its path in the request. Must not depend on calls, status codes or streams.
 
+pub mod action;
 pub mod dataset;
 pub mod episode;
 pub mod evaluation;

@@ -50,13 +50,22 @@ pub struct CameraSpec {
 }
 
 /// One named group of numbers in the proprioception or the action.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub struct FieldSpec {
     /// The field's name, unique within the task.
     pub name: String,
     /// The number of its values.
     pub size: u32,
+    /// In an action: the least value that the robot executes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub minimum: Option<f32>,
+    /// In an action: the greatest value that the robot executes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub maximum: Option<f32>,
+    /// In an action: each value is `minimum` or `maximum` and nothing between, such as a gripper's command.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub binary: bool,
 }
 
 /// The choice of a step's message in each stream.
@@ -117,6 +126,13 @@ pub struct FieldSource {
 
 fn default_tolerance() -> f64 {
     0.25
+}
+
+impl FieldSpec {
+    /// A field whose values are free.
+    pub fn new(name: impl Into<String>, size: u32) -> Self {
+        Self { name: name.into(), size, minimum: None, maximum: None, binary: false }
+    }
 }
 
 impl TaskSpec {

@@ -154,6 +154,7 @@ mod tests {
                 cameras: vec![CameraShape { name: "top".into(), height: 16, width: 16, depth: false }],
                 proprioception: 2,
                 action: 1,
+                ranges: gleaner_core::action::ActionRanges::default(),
             },
             model: ModelSpec::default(),
             policy: None,

@@ -1,5 +1,6 @@
 //! The shape of one step of a task: its cameras, proprioception and action.
 
+use gleaner_core::action::ActionRanges;
 use gleaner_core::{Augmentation, CameraSpec, TaskSpec};
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +11,7 @@ const MAX_DIMENSIONS: usize = 4096;
 const IMAGE_SIDE: (u32, u32) = (8, 2048);
 
 /// The contents of one step: images o, proprioception m and action a.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TaskShape {
     /// The cameras, in the order of their images in a frame.
@@ -19,6 +20,13 @@ pub struct TaskShape {
     pub proprioception: usize,
     /// Number of action values A.
     pub action: usize,
+    /// The values that the robot executes.
+    #[serde(default, skip_serializing_if = "free")]
+    pub ranges: ActionRanges,
+}
+
+fn free(ranges: &ActionRanges) -> bool {
+    ranges.each().is_empty()
 }
 
 /// One camera's image.
@@ -72,6 +80,7 @@ impl From<&TaskSpec> for TaskShape {
             cameras: spec.cameras.iter().map(camera).collect(),
             proprioception: spec.proprioception_size(),
             action: spec.action_size(),
+            ranges: ActionRanges::of(&spec.action),
         }
     }
 }
@@ -107,6 +116,9 @@ impl TaskShape {
                     format!("has {count} values, must have between 1 and {MAX_DIMENSIONS}"),
                 ));
             }
+        }
+        if !free(&self.ranges) && self.ranges.each().len() != self.action {
+            return Err(LearnError::invalid("shape.ranges", format!("must have {} values", self.action)));
         }
         Ok(())
     }

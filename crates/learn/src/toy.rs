@@ -19,6 +19,7 @@ pub(crate) fn shape() -> TaskShape {
         cameras: vec![CameraShape { name: "top".into(), height: SIDE, width: SIDE, depth: true }],
         proprioception: 3,
         action: 2,
+        ranges: gleaner_core::action::ActionRanges::default(),
     }
 }
 

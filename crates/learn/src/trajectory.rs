@@ -163,6 +163,7 @@ mod tests {
             cameras: vec![CameraShape { name: "top".into(), height: 8, width: 8, depth: true }],
             proprioception: 2,
             action: 1,
+            ranges: gleaner_core::action::ActionRanges::default(),
         }
     }
 

@@ -14,11 +14,8 @@ pub(crate) fn arm() -> TaskSpec {
         name: "arm".into(),
         rate_hz: 10.0,
         cameras: vec![CameraSpec { name: "front".into(), height: 8, width: 16, depth: true }],
-        proprioception: vec![
-            FieldSpec { name: "joint_position".into(), size: 2 },
-            FieldSpec { name: "tool".into(), size: 1 },
-        ],
-        action: vec![FieldSpec { name: "command".into(), size: 2 }],
+        proprioception: vec![FieldSpec::new("joint_position", 2), FieldSpec::new("tool", 1)],
+        action: vec![FieldSpec::new("command", 2)],
         alignment: Alignment::default(),
         tolerance: 0.25,
         mappings: vec![Mapping {

@@ -103,7 +103,8 @@ fn check_fields(spec: &TaskSpec) -> Result<(), RecordingError> {
     let mut names = BTreeSet::new();
     for (kind, fields) in [("proprioception", &spec.proprioception), ("action", &spec.action)] {
         few(kind, fields.len(), MAX_FIELDS)?;
-        for (i, FieldSpec { name, size }) in fields.iter().enumerate() {
+        for (i, field) in fields.iter().enumerate() {
+            let FieldSpec { name, size, .. } = field;
             if !is_identifier(name) || !names.insert(name) {
                 return wrong(
                     format!("{kind}[{i}].name"),
@@ -114,9 +115,32 @@ fn check_fields(spec: &TaskSpec) -> Result<(), RecordingError> {
             if *size == 0 || *size > MAX_FIELD_SIZE {
                 return wrong(format!("{kind}[{i}].size"), format!("{size} numbers is outside 1 to {MAX_FIELD_SIZE}"));
             }
+            check_range(field, kind, i)?;
         }
     }
     Ok(())
+}
+
+fn check_range(field: &FieldSpec, kind: &str, i: usize) -> Result<(), RecordingError> {
+    let at = |part: &str| format!("{kind}[{i}].{part}");
+    let FieldSpec { minimum, maximum, binary, .. } = *field;
+    if kind != "action" && (minimum.is_some() || maximum.is_some() || binary) {
+        return wrong(at("minimum"), "only fields of the action have `minimum`, `maximum` and `binary`; remove them");
+    }
+    for (part, bound) in [("minimum", minimum), ("maximum", maximum)] {
+        if bound.is_some_and(|bound| !bound.is_finite()) {
+            return wrong(at(part), "give a finite number, or leave it out");
+        }
+    }
+    match (minimum, maximum) {
+        (Some(minimum), Some(maximum)) if minimum >= maximum => {
+            wrong(at("maximum"), format!("{maximum} is not above the minimum {minimum}"))
+        }
+        (None, _) | (_, None) if binary => {
+            wrong(at("binary"), "give the two values of a binary field as `minimum` and `maximum`")
+        }
+        _ => Ok(()),
+    }
 }
 
 fn check_mapping(spec: &TaskSpec, mapping: &Mapping, at: &str) -> Result<(), RecordingError> {

@@ -39,7 +39,7 @@ fn camera(name: &str, depth: bool) -> CameraSpec {
 
 /// Two cameras, two fields of proprioception.
 fn seeing() -> TaskSpec {
-    let field = |name: &str, size| FieldSpec { name: name.into(), size };
+    let field = |name: &str, size| FieldSpec::new(name, size);
     TaskSpec {
         cameras: vec![camera("front", true), camera("wrist", false)],
         proprioception: vec![field("joint_position", 2), field("gripper", 1)],

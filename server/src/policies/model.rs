@@ -81,7 +81,7 @@ impl Model for Policy {
         for input in inputs {
             let mut memory = input.history.clone().unwrap_or_else(|| Memory {
                 history: History::new(self.segment_length()),
-                ensemble: Ensemble::new(),
+                ensemble: self.ensemble(),
                 step: 0,
             });
             memory.step += input.skipped;

@@ -161,7 +161,12 @@ mod tests {
 
     fn shape() -> TaskShape {
         let camera = |name: &str, depth| CameraShape { name: name.into(), height: 8, width: 16, depth };
-        TaskShape { cameras: vec![camera("top", true), camera("wrist", false)], proprioception: 2, action: 1 }
+        TaskShape {
+            cameras: vec![camera("top", true), camera("wrist", false)],
+            proprioception: 2,
+            action: 1,
+            ranges: gleaner_core::action::ActionRanges::default(),
+        }
     }
 
     fn raw(data: Vec<u8>) -> Option<Image> {

@@ -209,7 +209,8 @@ impl<M: Model> Session<M> {
     fn opened(&self) -> SessionOutput {
         let identity = self.engine.identity();
         let (policy_id, task_id) = (identity.policy_id.clone(), identity.task_id.clone());
-        SessionOutput::Opened { session_id: self.terms.id.clone(), policy_id, task_id }
+        let ranges = self.engine.shape().ranges.clone();
+        SessionOutput::Opened { session_id: self.terms.id.clone(), policy_id, task_id, ranges }
     }
 
     fn closed(&self, episode_id: Option<EpisodeId>) -> SessionOutput {

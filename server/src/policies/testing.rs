@@ -95,7 +95,12 @@ pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Cont
     let (begun_sender, begun) = tokio_mpsc::unbounded_channel();
     let (gate, wait) = mpsc::channel();
     let engine = Engine::start(identity(batch, queue), move || {
-        let shape = TaskShape { cameras: Vec::new(), proprioception: 1, action: 2 };
+        let shape = TaskShape {
+            cameras: Vec::new(),
+            proprioception: 1,
+            action: 2,
+            ranges: gleaner_core::action::ActionRanges::default(),
+        };
         Ok(Parrot { shape, warm: Cell::new(false), begun: begun_sender, gate: wait })
     });
     (engine.await.unwrap(), Control { begun, gate })

@@ -71,7 +71,12 @@ impl Lab {
 
 fn shape() -> TaskShape {
     let camera = CameraShape { name: "top".into(), height: 16, width: 16, depth: false };
-    TaskShape { cameras: vec![camera], proprioception: 2, action: 1 }
+    TaskShape {
+        cameras: vec![camera],
+        proprioception: 2,
+        action: 1,
+        ranges: gleaner_core::action::ActionRanges::default(),
+    }
 }
 
 /// A policy after one training step: untrained but runnable.

@@ -101,7 +101,12 @@ pub(super) async fn ready_in(loaded: Weak<LoadedRuns<Parrot>>) -> (Ready<Parrot>
     let (begun_sender, begun) = tokio_mpsc::unbounded_channel();
     let (gate, wait) = mpsc::channel();
     let load = move || {
-        let shape = TaskShape { cameras: Vec::new(), proprioception: 1, action: 1 };
+        let shape = TaskShape {
+            cameras: Vec::new(),
+            proprioception: 1,
+            action: 1,
+            ranges: gleaner_core::action::ActionRanges::default(),
+        };
         Ok(Parrot { shape, begun: begun_sender, gate: wait })
     };
     let engine = Engine::start(&ScoreRunId::new(), load).await.unwrap();

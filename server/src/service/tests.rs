@@ -75,7 +75,7 @@ fn task_spec() -> v1::TaskSpec {
         paths: vec!["position".into()],
         names: Vec::new(),
     };
-    let fields = |name: &str| vec![v1::FieldSpec { name: name.into(), size: 1 }];
+    let fields = |name: &str| vec![v1::FieldSpec { name: name.into(), size: 1, ..v1::FieldSpec::default() }];
     let mapping =
         v1::Mapping { name: "ros".into(), fields: vec![source("joint"), source("target")], ..Default::default() };
     v1::TaskSpec {

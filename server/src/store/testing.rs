@@ -28,7 +28,7 @@ pub(crate) async fn store() -> (TempDir, Store) {
 
 /// A task without cameras: two joints, one action, 10 steps a second.
 pub(crate) fn spec() -> TaskSpec {
-    let field = |name: &str, size| FieldSpec { name: name.into(), size };
+    let field = |name: &str, size| FieldSpec::new(name, size);
     TaskSpec {
         name: "reach".into(),
         rate_hz: 10.0,

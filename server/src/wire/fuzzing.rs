@@ -85,5 +85,10 @@ fn convert<M: Message + Default, T: Debug>(bytes: &[u8], from_proto: impl Fn(M) 
 
 fn shape() -> TaskShape {
     let camera = |name: &str, depth| CameraShape { name: name.to_owned(), height: 8, width: 8, depth };
-    TaskShape { cameras: vec![camera("top", true), camera("wrist", false)], proprioception: 2, action: 1 }
+    TaskShape {
+        cameras: vec![camera("top", true), camera("wrist", false)],
+        proprioception: 2,
+        action: 1,
+        ranges: gleaner_core::action::ActionRanges::default(),
+    }
 }

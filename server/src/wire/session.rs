@@ -1,5 +1,6 @@
 //! Sessions on the wire: the messages of a robot and of its session.
 
+use gleaner_core::proto::action::ranges_to_proto;
 use gleaner_proto::v1::{self, session_request, session_response};
 
 use super::{
@@ -53,11 +54,12 @@ fn control_rate(field: &str, hertz: f64) -> Result<Option<f64>> {
 
 pub(crate) fn session_response(output: SessionOutput) -> v1::SessionResponse {
     let message = match output {
-        SessionOutput::Opened { session_id, policy_id, task_id } => {
+        SessionOutput::Opened { session_id, policy_id, task_id, ranges } => {
             session_response::Message::Opened(v1::SessionOpened {
                 session_id: session_id.into(),
                 policy_id: policy_id.into(),
                 task_id: task_id.into(),
+                action_ranges: ranges_to_proto(&ranges),
             })
         }
         SessionOutput::Action { acted, dropped, score } => {

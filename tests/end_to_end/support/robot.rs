@@ -23,6 +23,8 @@ pub fn observe(sim: &Sim) -> Observation {
 pub struct Robot {
     requests: mpsc::Sender<SessionRequest>,
     responses: Streaming<SessionResponse>,
+    /// The first answer of the server.
+    pub opened: SessionOpened,
 }
 
 impl Robot {
@@ -30,7 +32,7 @@ impl Robot {
     pub async fn connect(api: &mut Api) -> Self {
         let (requests, receiver) = mpsc::channel(8);
         let responses = api.policies.session(ReceiverStream::new(receiver)).await.unwrap().into_inner();
-        Self { requests, responses }
+        Self { requests, responses, opened: SessionOpened::default() }
     }
 
     /// Opens a session on a deployment.
@@ -39,7 +41,7 @@ impl Robot {
         let open = SessionOpen { deployment: deployment.into(), ..SessionOpen::default() };
         robot.send(SessionMessage::Open(open)).await;
         match robot.receive().await? {
-            SessionReply::Opened(_) => Ok(robot),
+            SessionReply::Opened(opened) => Ok(Self { opened, ..robot }),
             other => panic!("{other:?}"),
         }
     }

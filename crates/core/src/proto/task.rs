@@ -36,8 +36,8 @@ fn camera_from(camera: v1::CameraSpec) -> CameraSpec {
 }
 
 fn field_from(field: v1::FieldSpec) -> FieldSpec {
-    let v1::FieldSpec { name, size } = field;
-    FieldSpec { name, size }
+    let v1::FieldSpec { name, size, minimum, maximum, binary } = field;
+    FieldSpec { name, size, minimum, maximum, binary }
 }
 
 fn alignment_from(alignment: i32) -> Result<Alignment> {
@@ -110,8 +110,8 @@ fn camera_to(camera: CameraSpec) -> v1::CameraSpec {
 }
 
 fn field_to(field: FieldSpec) -> v1::FieldSpec {
-    let FieldSpec { name, size } = field;
-    v1::FieldSpec { name, size }
+    let FieldSpec { name, size, minimum, maximum, binary } = field;
+    v1::FieldSpec { name, size, minimum, maximum, binary }
 }
 
 fn mapping_to(mapping: Mapping) -> v1::Mapping {
@@ -148,8 +148,13 @@ pub(crate) mod tests {
             name: "reach".into(),
             rate_hz: 10.0,
             cameras: vec![CameraSpec { name: "front".into(), height: 4, width: 6, depth: true }],
-            proprioception: vec![FieldSpec { name: "joint_position".into(), size: 2 }],
-            action: vec![FieldSpec { name: "target".into(), size: 1 }],
+            proprioception: vec![FieldSpec::new("joint_position", 2)],
+            action: vec![FieldSpec {
+                minimum: Some(-1.0),
+                maximum: Some(1.0),
+                binary: true,
+                ..FieldSpec::new("target", 1)
+            }],
             alignment: Alignment::Nearest,
             tolerance: 0.1,
             mappings: vec![Mapping {

@@ -11,7 +11,12 @@ const STEPS: usize = 100;
 /// A model and a task with two cameras of `side` pixels a side.
 pub(crate) fn sizes(preset: Preset, side: u32, depth: bool) -> (ModelSpec, TaskShape) {
     let camera = |name: &str| CameraShape { name: name.into(), height: side, width: side, depth };
-    let shape = TaskShape { cameras: vec![camera("top"), camera("hand")], proprioception: 38, action: 7 };
+    let shape = TaskShape {
+        cameras: vec![camera("top"), camera("hand")],
+        proprioception: 38,
+        action: 7,
+        ranges: gleaner_core::action::ActionRanges::default(),
+    };
     (ModelSpec { preset, ..ModelSpec::default() }, shape)
 }
 

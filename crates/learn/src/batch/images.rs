@@ -56,7 +56,12 @@ mod tests {
     #[test]
     fn colour_and_depth_land_in_their_channels() {
         let camera = |depth| CameraShape { name: "c".into(), height: 1, width: 2, depth };
-        let shape = TaskShape { cameras: vec![camera(false), camera(true)], proprioception: 1, action: 1 };
+        let shape = TaskShape {
+            cameras: vec![camera(false), camera(true)],
+            proprioception: 1,
+            action: 1,
+            ranges: gleaner_core::action::ActionRanges::default(),
+        };
         let mut frame = vec![255, 0, 0, 0, 0, 51];
         frame.extend([0, 255, 0, 0, 0, 0]);
         frame.extend(1000u16.to_le_bytes());

@@ -116,6 +116,7 @@ mod tests {
                 cameras: vec![CameraShape { name: "c".into(), height, width, depth }],
                 proprioception: 1,
                 action: 1,
+                ranges: gleaner_core::action::ActionRanges::default(),
             };
             let store = nn::VarStore::new(Device::Cpu);
             let encoder = ImageEncoder::new(&store.root(), &shape, &Size::of(Preset::Tiny));

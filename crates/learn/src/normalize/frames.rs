@@ -102,6 +102,7 @@ mod tests {
             cameras: vec![camera("a", 16, 48, true), camera("b", 8, 32, false)],
             proprioception: 1,
             action: 1,
+            ranges: gleaner_core::action::ActionRanges::default(),
         };
         let steps = 3;
         let mut state = 1u32;

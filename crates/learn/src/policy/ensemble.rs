@@ -1,5 +1,6 @@
 //! Temporal ensembling in a session: chunks by control step. The mean is that of `gleaner_core`.
 
+use gleaner_core::action::ActionRanges;
 use gleaner_core::ensemble::{self, ChunkError};
 
 use crate::error::LearnError;
@@ -7,20 +8,15 @@ use crate::error::LearnError;
 /// The chunks of a session that cover the present or the future.
 ///
 /// Every control step a chunk of k actions is predicted, so up to k chunks cover each step. The action for a step is
-/// their mean with weights `exp(-0.01 i)`, i = 0 the oldest: a new observation changes the motion gradually.
+/// their mean with weights `exp(-0.01 i)`, i = 0 the oldest: a new observation changes the motion gradually. Binary values
+/// are those of the newest chunk.
 #[derive(Debug, Clone)]
 pub struct Ensemble(ensemble::Ensemble);
 
-impl Default for Ensemble {
-    fn default() -> Self {
-        Self(ensemble::Ensemble::new(1))
-    }
-}
-
 impl Ensemble {
-    /// One without chunks.
-    pub fn new() -> Self {
-        Self::default()
+    /// One without chunks, of actions with these ranges.
+    pub fn new(ranges: ActionRanges) -> Self {
+        Self(ensemble::Ensemble::new(1, ranges))
     }
 
     /// Adds the chunk predicted at `step`, whose first action is for that step, and returns the action for it. Steps
@@ -41,7 +37,7 @@ impl Ensemble {
             }
         })?;
         // The chunk that was just added covers its own step.
-        Ok(self.0.mean(time).unwrap_or_default())
+        Ok(self.0.action(time).unwrap_or_default())
     }
 
     /// Removes every chunk, for a new episode.
@@ -60,7 +56,7 @@ mod tests {
 
     #[test]
     fn the_oldest_opinion_weighs_most_and_what_is_past_is_forgotten() {
-        let mut ensemble = Ensemble::new();
+        let mut ensemble = Ensemble::new(ActionRanges::default());
         assert_eq!(ensemble.push(0, chunk(&[1.0, 2.0, 3.0])).unwrap(), [1.0]);
         let second = (-0.01f64).exp();
         let expected = (2.0 + second * 5.0) / (1.0 + second);
@@ -78,7 +74,7 @@ mod tests {
 
     #[test]
     fn chunks_of_one_action_pass_through() {
-        let mut ensemble = Ensemble::new();
+        let mut ensemble = Ensemble::new(ActionRanges::default());
         for step in 0..4u8 {
             let action = vec![vec![f32::from(step), -0.1]];
             assert_eq!(ensemble.push(u64::from(step), action.clone()).unwrap(), action[0]);
@@ -87,7 +83,7 @@ mod tests {
 
     #[test]
     fn a_chunk_out_of_turn_or_shape_is_refused() {
-        let mut ensemble = Ensemble::new();
+        let mut ensemble = Ensemble::new(ActionRanges::default());
         assert!(ensemble.push(3, Vec::new()).unwrap_err().to_string().starts_with("chunk: "));
         ensemble.push(3, chunk(&[1.0, 2.0])).unwrap();
         assert!(ensemble.push(3, chunk(&[1.0])).unwrap_err().to_string().starts_with("step: "));

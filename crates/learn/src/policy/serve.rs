@@ -6,6 +6,7 @@ use std::fmt;
 use gleaner_core::Device;
 use tch::no_grad_guard;
 
+use super::Ensemble;
 use super::kind::{PolicyInfo, PolicyInput, PolicyModel};
 use crate::batch::values;
 use crate::checkpoint::{self, CheckpointInfo, CheckpointKind};
@@ -78,8 +79,14 @@ impl Policy {
         layout(&about).embed(frames, |frames| self.model.encode(&images(frames)))
     }
 
-    /// The next k actions of each history, the first for now, in physical units; one pass for all. k is
-    /// [`Policy::chunk_length`]; [`Ensemble`](crate::Ensemble) combines chunks into one action.
+    /// An empty ensemble for one session of this policy.
+    pub fn ensemble(&self) -> Ensemble {
+        Ensemble::new(self.info.shape.ranges.clone())
+    }
+
+    /// The next k actions of each history, the first for now, in physical units and within the task's ranges, so that
+    /// each can be executed and remembered as it is; one pass for all. k is
+    /// [`Policy::chunk_length`]; [`Ensemble`] combines chunks into one action.
     ///
     /// # Errors
     /// [`LearnError::Invalid`] if a history is empty, of another segment length, or holds values
@@ -97,8 +104,13 @@ impl Policy {
             let input = PolicyInput { embedded, proprioception, action, windows, hidden: None };
             let chunks = self.model.act(&input);
             let chunks = values(&about.statistics.actions(&chunks));
+            let executed = |action: &[f32]| {
+                let mut action = action.to_vec();
+                about.shape.ranges.apply(&mut action);
+                action
+            };
             let chunks = chunks.chunks(about.chunk * about.shape.action);
-            Ok(chunks.map(|chunk| chunk.chunks(about.shape.action).map(<[f32]>::to_vec).collect()).collect())
+            Ok(chunks.map(|chunk| chunk.chunks(about.shape.action).map(executed).collect()).collect())
         })
     }
 }

@@ -10,7 +10,7 @@ use tch::Device;
 
 use super::find;
 use super::kind::{PolicyInit, PolicyModel};
-use super::{Ensemble, Policy, train_policy};
+use super::{Policy, train_policy};
 use crate::History;
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::error::LearnError;
@@ -80,7 +80,7 @@ pub(super) fn untrained(kind: &str, data: &[&Trajectory]) -> Box<dyn PolicyModel
 fn final_distance(policy: &Policy, square: [f32; 2], steps: u64) -> f32 {
     let mut hand = [0.5f32, 0.5];
     let mut history = History::new(policy.segment_length());
-    let mut ensemble = Ensemble::new();
+    let mut ensemble = policy.ensemble();
     let frame = toy::frame(square[0], square[1]);
     for step in 0..steps {
         let embedding = policy.embed(&[&frame]).unwrap().remove(0);

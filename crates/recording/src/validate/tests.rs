@@ -34,6 +34,26 @@ fn names_the_field_that_is_wrong() {
 }
 
 #[test]
+fn ranges_are_of_actions_and_complete() {
+    let range = |minimum, maximum, binary| {
+        move |spec: &mut TaskSpec| {
+            let name = spec.action[0].name.clone();
+            spec.action[0] = FieldSpec { minimum, maximum, binary, ..FieldSpec::new(name, 2) };
+        }
+    };
+    for right in [range(Some(-1.0), Some(1.0), true), range(None, Some(1.0), false), range(Some(0.0), None, false)] {
+        let mut spec = arm();
+        right(&mut spec);
+        validate(&spec).unwrap();
+    }
+    assert!(problem(range(Some(1.0), Some(1.0), false)).contains("action[0].maximum: 1 is not above the minimum 1"));
+    assert!(problem(range(Some(1.0), None, true)).contains("action[0].binary"));
+    assert!(problem(range(None, None, true)).contains("action[0].binary"));
+    assert!(problem(range(Some(f32::NAN), None, false)).contains("action[0].minimum"));
+    assert!(problem(|s| s.proprioception[0].maximum = Some(1.0)).contains("proprioception[0].minimum"));
+}
+
+#[test]
 fn lists_are_limited() {
     assert!(problem(|s| s.cameras = vec![s.cameras[0].clone(); 17]).contains("cameras: has 17"));
     assert!(problem(|s| s.action = vec![s.action[0].clone(); 257]).contains("action: has 257"));

@@ -33,8 +33,10 @@ type Fields = &'static [(&'static str, u32)];
 const HAND: Fields = &[("tool_position", 3), ("tool_yaw", 2), ("gripper_width", 1), ("tool_velocity", 3)];
 /// Proprioception of a task whose goal is given.
 const GOAL: Fields = &[("goal", 3), ("goal_from_tool", 3)];
-/// The action of every task.
-const ACTION: Fields = &[("delta_position", 3), ("delta_rotation", 3), ("gripper", 1)];
+/// The action of every task; each value is within ±1.
+const ACTION: Fields = &[("delta_position", 3), ("delta_rotation", 3), (GRIPPER, 1)];
+/// The field that is −1 (close) or 1 (open).
+const GRIPPER: &str = "gripper";
 
 /// The differences between tasks.
 pub(crate) struct Rules {
@@ -113,7 +115,7 @@ pub fn task_spec(task: Task, config: &SimConfig) -> TaskSpec {
         rate_hz: f64::from(RATE_HZ),
         cameras: vec![camera("table"), camera("hand")],
         proprioception: fields(HAND).chain(fields(goal)).collect(),
-        action: fields(ACTION).collect(),
+        action: fields(ACTION).map(within_one).collect(),
         alignment: Alignment::default(),
         tolerance: 0.25,
         mappings: Vec::new(),
@@ -124,7 +126,11 @@ pub fn task_spec(task: Task, config: &SimConfig) -> TaskSpec {
 }
 
 fn fields(list: Fields) -> impl Iterator<Item = FieldSpec> {
-    list.iter().map(|&(name, size)| FieldSpec { name: name.to_owned(), size })
+    list.iter().map(|&(name, size)| FieldSpec::new(name, size))
+}
+
+fn within_one(field: FieldSpec) -> FieldSpec {
+    FieldSpec { minimum: Some(-1.0), maximum: Some(1.0), binary: field.name == GRIPPER, ..field }
 }
 
 /// The proprioception vector of the world's present state.

@@ -1,9 +1,10 @@
 //! Evaluation: a policy drives the embedded simulator in closed loop, with many attempts batched in one pass.
 
+use gleaner_core::action::ActionRanges;
 use gleaner_core::{EvaluateSpec, evaluation::SeedResult, work::Made};
 use gleaner_learn::{Ensemble, History, Monitor as _, Policy};
 use gleaner_recording::TaskSpec;
-use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task, simulated};
+use gleaner_sim::{ACTION_SIZE, Sim, SimConfig, Task, simulated, task_spec};
 
 use super::Work;
 use crate::{failure::Failure, monitor::Watcher};
@@ -34,7 +35,8 @@ fn evaluate(
     let mut results = Vec::with_capacity(spec.seeds.len());
     for &seed in &spec.seeds {
         let before = u64::from(spec.episodes) * results.len() as u64;
-        let trials = Trials { policy, simulation, config, tally: Tally::default() };
+        let ranges = ActionRanges::of(&task_spec(simulation, &config).action);
+        let trials = Trials { policy, simulation, config, ranges, tally: Tally::default() };
         let tally = trials.run(spec.attempts(seed), &mut |tally| {
             monitor.progress(before + u64::from(tally.episodes), total, &[]);
             if monitor.cancelled() { Err(Failure::Cancelled) } else { Ok(()) }
@@ -78,6 +80,7 @@ struct Trials<'a> {
     policy: &'a Policy,
     simulation: Task,
     config: SimConfig,
+    ranges: ActionRanges,
     tally: Tally,
 }
 
@@ -111,7 +114,7 @@ impl Trials<'_> {
         Attempt {
             sim: Sim::new(self.simulation, self.config, seed),
             history: History::new(self.policy.segment_length()),
-            ensemble: Ensemble::new(),
+            ensemble: Ensemble::new(self.ranges.clone()),
         }
     }
 
@@ -125,9 +128,8 @@ impl Trials<'_> {
         }
         let chunks = self.policy.act(&running.iter().map(|attempt| &attempt.history).collect::<Vec<_>>())?;
         for (attempt, chunk) in running.iter_mut().zip(chunks) {
-            // The executed action is remembered: the simulator clips to ±1.
+            // The task's ranges are the simulator's, so this is the action that it executes.
             let action = attempt.ensemble.push(u64::from(attempt.sim.steps()), chunk)?;
-            let action: Vec<f32> = action.into_iter().map(|value| value.clamp(-1.0, 1.0)).collect();
             let command: &[f32; ACTION_SIZE] = action.as_slice().try_into().map_err(|_| {
                 Failure::Permanent(format!(
                     "the policy gives {} values, the simulator takes {ACTION_SIZE}",

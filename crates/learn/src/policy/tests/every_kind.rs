@@ -188,3 +188,24 @@ fn an_action_value_that_never_changed_in_training_is_returned_exactly() {
         assert!(chunk.iter().all(|action| action[0] != 0.25 && action[1] == 0.25), "{kind}: {chunk:?}");
     }
 }
+
+#[test]
+fn actions_are_within_the_task_s_ranges() {
+    use gleaner_core::action::ActionRange::{Binary, Within};
+    for kind in kinds() {
+        let shape =
+            crate::TaskShape { ranges: [Within(-0.01, 0.02), Binary(-1.0, 1.0)].into_iter().collect(), ..toy::shape() };
+        let spec = TrainSpec { policy: chosen(kind), ..toy::train_spec(2) };
+        let encoder = (kind == "finetune")
+            .then(|| pretrain(&shape, &toy::experts(2, 8), &toy::pretrain_spec(1), None, &mut Silent).unwrap());
+        let bytes =
+            train_policy(&shape, encoder.as_deref(), &toy::experts(3, 8), &[], &spec, None, &mut Silent).unwrap();
+        let policy = Policy::load(&bytes).unwrap();
+        let mut history = History::new(policy.segment_length());
+        let embedding = policy.embed(&[&toy::frame(0.9, 0.1)]).unwrap().remove(0);
+        history.push(embedding, vec![0.1, 0.9, 5.0]).unwrap();
+        let chunk = policy.act(&[&history]).unwrap().remove(0);
+        assert!(chunk.iter().all(|a| (-0.01..=0.02).contains(&a[0]) && a[1].abs() == 1.0), "{kind}: {chunk:?}");
+        assert_eq!(policy.ensemble().push(0, chunk.clone()).unwrap(), chunk[0]);
+    }
+}

@@ -10,7 +10,13 @@ use crate::{domain::observation::ImageFormat, error::Kind};
 fn tensors() -> Tensors {
     let camera = |name: &str, depth| CameraShape { name: name.into(), height: 2, width: 3, depth };
     let cameras = vec![camera("top", true), camera("wrist", false)];
-    Tensors::of(&TaskShape { cameras, proprioception: 2, action: 1 }).unwrap()
+    Tensors::of(&TaskShape {
+        cameras,
+        proprioception: 2,
+        action: 1,
+        ranges: gleaner_core::action::ActionRanges::default(),
+    })
+    .unwrap()
 }
 
 fn input(name: &str, datatype: &str, shape: &[i64]) -> InferInputTensor {
@@ -192,7 +198,13 @@ fn an_empty_tensor_is_small() {
 fn tensors_that_would_share_a_name_are_refused() {
     let camera = |name: &str, depth| CameraShape { name: name.into(), height: 8, width: 8, depth };
     for cameras in [vec![camera("proprioception", false)], vec![camera("top", true), camera("top.depth", false)]] {
-        let error = Tensors::of(&TaskShape { cameras, proprioception: 1, action: 1 }).unwrap_err();
+        let error = Tensors::of(&TaskShape {
+            cameras,
+            proprioception: 1,
+            action: 1,
+            ranges: gleaner_core::action::ActionRanges::default(),
+        })
+        .unwrap_err();
         assert_eq!(error.kind(), Kind::Precondition);
     }
 }
