@@ -11,7 +11,7 @@ use crate::support::{
     lab,
     robot::{Robot, observe, start_sim},
     rollouts::{NAME, Sent, endless, episodes, messages, read, recorded, scored_deployment, step, tear},
-    wait::within,
+    wait::{until, within},
 };
 
 #[tokio::test]
@@ -203,7 +203,8 @@ async fn rollouts_survive_a_kill_and_a_stop() {
     assert!((2..=sent.stamps.len()).contains(&steps), "{steps} of {}", sent.stamps.len());
     assert_eq!(reading.episode.stamps(), &sent.stamps[..steps]);
     assert!(reading.episode.frames().as_ref() == &sent.frames[..sent.frames.len() / sent.stamps.len() * steps]);
-    assert!(!file.exists(), "the rollout is not a blob");
+    // The episode is listed as soon as it is stored, before the file of the rollout is removed.
+    until("the rollout's file is removed", async || (!file.exists()).then_some(())).await;
 
     let client = Client::connect(server.url(), None).await.unwrap();
     let mut session = Session::open_with(&client, recorded("stopped")).await.unwrap();
