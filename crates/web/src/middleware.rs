@@ -1,5 +1,5 @@
-//! The middleware of every page: authentication, authorisation, the audit of changes, and the security headers of
-//! every response.
+//! The middleware of every page: authentication, authorisation, the audit of refused requests, and the security headers
+//! of every response.
 
 use std::{sync::Arc, time::Duration};
 
@@ -17,12 +17,13 @@ use axum::{
     response::{IntoResponse as _, Response},
 };
 use futures::StreamExt as _;
-use gleaner_core::{Error, Result, access::AuditEntry, error::Kind, printable, time::Millis};
+use gleaner_core::{Error, Result, error::Kind, printable};
 use gleaner_edge::{Call, ConnectionState};
 
 use super::{
     AppState, Caller,
     browser::Browser,
+    change::AuditDraft,
     escape, forgery,
     page::Page,
     page_request::{PageRequest, escaped},
@@ -36,9 +37,6 @@ const BODY_BYTES: usize = 1 << 20;
 const OPEN_BODY_BYTES: usize = 64 << 10;
 /// The time limit of a request and its page. Streams after that are watched by the connection.
 const WITHIN: Duration = Duration::from_secs(30);
-/// The subjects of a change, returned by pages for the audit log.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Subjects(pub(super) Vec<String>);
 
 /// No foreign resource, no inline script, and no frame around the page.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; \
@@ -92,16 +90,17 @@ async fn serve(
     state.expects(request.headers())?;
     let bearer = bearer(request.headers()).map(|token| state.backend.token_hash(token));
     let (call, caller) = identify(state, page, connection, (browser, bearer.as_deref())).await?;
-    let changes = page.changes();
+    let (changes, audit) = (page.changes(), AuditDraft::begin(page, &caller, connection));
     if let Err(error) = caller.permit(page) {
         if changes && caller.token_id().is_none_or(|token| state.backend.audits_rejection(token)) {
-            note(state, page, connection, &caller, (Vec::new(), format!("{:?}", error.kind()))).await;
+            audit.write(&*state.backend, StatusCode::FORBIDDEN).await;
         }
         return Err(error);
     }
     let page_request = PageRequest {
         state: Arc::clone(state),
         caller: caller.clone(),
+        audit: audit.clone(),
         proof: browser.proof(),
         uri: request.uri().clone(),
     };
@@ -115,11 +114,7 @@ async fn serve(
     request.extensions_mut().insert(page_request);
     // Further requests of this client wait meanwhile.
     let turn = call.turn().await;
-    let response = if changes {
-        change(state, page, connection, &caller, next.run(request)).await?
-    } else {
-        next.run(request).await
-    };
+    let response = if changes { run_to_end(state, audit, next.run(request)).await? } else { next.run(request).await };
     drop(turn);
     let response = escape::answer(response).await?;
     Ok(response.map(|body| {
@@ -157,46 +152,20 @@ async fn identify(
     }
 }
 
-/// Makes a change to the end and records it, even if its caller is gone.
-async fn change(
+/// Runs a page that changes something to its end, even if its caller is gone. Its audit entry is written if the page did
+/// not receive the request.
+async fn run_to_end(
     state: &Arc<AppState>,
-    page: Page,
-    connection: &ConnectionState,
-    caller: &Caller,
-    making: impl Future<Output = Response> + Send + 'static,
+    audit: AuditDraft,
+    page: impl Future<Output = Response> + Send + 'static,
 ) -> Result<Response> {
-    let (state, connection, caller) = (Arc::clone(state), connection.clone(), caller.clone());
-    let making = tokio::spawn(async move {
-        let mut response = making.await;
-        let subjects = response.extensions_mut().remove::<Subjects>().unwrap_or_default().0;
-        let outcome = if response.status().is_success() || response.status().is_redirection() {
-            "ok".to_owned()
-        } else {
-            response.status().canonical_reason().unwrap_or("refused").to_owned()
-        };
-        note(&state, page, &connection, &caller, (subjects, outcome)).await;
+    let state = Arc::clone(state);
+    let running = tokio::spawn(async move {
+        let response = page.await;
+        audit.write(&*state.backend, response.status()).await;
         response
     });
-    making.await.map_err(|error| Error::internal("making a change", error))
-}
-
-async fn note(
-    state: &AppState,
-    page: Page,
-    connection: &ConnectionState,
-    caller: &Caller,
-    (subjects, outcome): (Vec<String>, String),
-) {
-    let entry = AuditEntry {
-        at: Millis::now(),
-        token_id: caller.token_id().cloned(),
-        caller: caller.name().to_owned(),
-        peer: connection.peer().to_string(),
-        rpc: format!("pages/{page:?}"),
-        subjects,
-        outcome,
-    };
-    state.backend.audit(entry).await;
+    running.await.map_err(|error| Error::internal("making a change", error))
 }
 
 /// The token in the header, for programs that read pages.

@@ -9,13 +9,15 @@ use axum::{
 use gleaner_core::{Error, Result};
 use serde::de::DeserializeOwned;
 
-use super::{AppState, Backend, Caller, page::Page};
+use super::{AppState, Backend, Caller, change::AuditDraft, page::Page};
 
 /// A request that has passed the middleware.
 #[derive(Clone)]
 pub(super) struct PageRequest {
     pub(super) state: Arc<AppState>,
     pub(super) caller: Caller,
+    /// The audit entry, if the page changes something.
+    pub(super) audit: AuditDraft,
     /// The proof that forms and scripts must send with a change.
     pub(super) proof: String,
     pub(super) uri: Uri,

@@ -1,6 +1,9 @@
 //! Rows of the audit log: insertion, and removal when they are old.
 
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{access::AuditEntry, time::Millis},
     error::Result,
@@ -9,42 +12,19 @@ use crate::{
 /// Entries removed in one transaction.
 const FORGOTTEN_AT_ONCE: u32 = if cfg!(test) { 2 } else { 10_000 };
 
-#[derive(sqlx::FromRow)]
-struct AuditRow {
-    at: i64,
-    token_id: Option<String>,
-    who: String,
-    peer: String,
-    rpc: String,
-    subjects: String,
-    outcome: String,
-}
-
-impl AuditRow {
-    fn read(self) -> Result<AuditEntry> {
-        Ok(AuditEntry {
-            at: Millis(self.at),
-            token_id: self.token_id.map(|id| row::id("audit.token_id", id)).transpose()?,
-            caller: self.who,
-            peer: self.peer,
-            rpc: self.rpc,
-            subjects: row::json("audit.subjects", &self.subjects)?,
-            outcome: self.outcome,
-        })
-    }
-}
+record! { AuditEntry: at, token_id, caller = "who", peer, rpc, subjects, outcome }
 
 impl Store {
     /// Adds an entry.
     pub(crate) async fn insert_audit(&self, entry: &AuditEntry) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("insert into audit (at, token_id, who, peer, rpc, subjects, outcome) values (?, ?, ?, ?, ?, ?, ?)")
-            .bind(entry.at.0)
-            .bind(entry.token_id.as_ref().map(|id| id.as_str()))
+            .bind(entry.at.param())
+            .bind(entry.token_id.param())
             .bind(&entry.caller)
             .bind(&entry.peer)
             .bind(&entry.rpc)
-            .bind(row::to_json(&entry.subjects)?)
+            .bind(entry.subjects.param())
             .bind(&entry.outcome)
             .execute(&mut *tx)
             .await
@@ -54,16 +34,16 @@ impl Store {
 
     /// The entries since a time, oldest first: the newest `most` of them.
     pub(crate) async fn audit(&self, since: Millis, most: u32) -> Result<Vec<AuditEntry>> {
-        let rows: Vec<AuditRow> = sqlx::query_as(
+        sqlx::query(
             "select at, token_id, who, peer, rpc, subjects, outcome from (select * from audit where at >= ? \
              order by at desc, id desc limit ?) order by at, id",
         )
-        .bind(since.0)
+        .bind(since.param())
         .bind(most)
+        .try_map(row::read)
         .fetch_all(self.read())
         .await
-        .map_err(fault("reading the audit log"))?;
-        rows.into_iter().map(AuditRow::read).collect()
+        .map_err(fault("reading the audit log"))
     }
 
     /// Removes the entries before a time, in batches so that others can write in between, and returns their number.
@@ -72,7 +52,7 @@ impl Store {
         loop {
             let mut tx = self.write().await?;
             let some = sqlx::query("delete from audit where id in (select id from audit where at < ? limit ?)")
-                .bind(before.0)
+                .bind(before.param())
                 .bind(FORGOTTEN_AT_ONCE)
                 .execute(&mut *tx)
                 .await

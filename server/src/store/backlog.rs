@@ -18,18 +18,18 @@ pub(crate) struct Backlog {
 impl Store {
     /// Counts the jobs.
     pub(crate) async fn backlog(&self) -> Result<Backlog> {
-        let counts: Vec<(String, i64, i64)> =
-            sqlx::query_as("select state, count(*), min(created_at) from jobs group by state")
+        let counts: Vec<(JobState, u64, Millis)> =
+            sqlx::query("select state, count(*), min(created_at) from jobs group by state")
+                .try_map(row::read)
                 .fetch_all(self.read())
                 .await
                 .map_err(fault("counting jobs"))?;
         let mut backlog = Backlog::default();
-        for (word, count, oldest) in counts {
-            let state = row::parsed("jobs.state", JobState::from_word(&word))?;
+        for (state, count, oldest) in counts {
             if state == JobState::Queued {
-                backlog.oldest_queued = Some(Millis(oldest));
+                backlog.oldest_queued = Some(oldest);
             }
-            backlog.jobs.push((state, row::count("count(*)", count)?));
+            backlog.jobs.push((state, count));
         }
         Ok(backlog)
     }

@@ -1,7 +1,10 @@
 //! The rows that name a blob: needed before a blob is removed, because equal content shares one file, and by `check`
 //! and `backup`, which process all blobs.
 
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, record},
+};
 use crate::{domain::id::BlobId, error::Result};
 
 /// The one list of the columns that name blobs: the blob, the row that needs it, and its size where the row has it.
@@ -14,6 +17,8 @@ macro_rules! named_blobs {
          union all select checkpoint, id || ' (to resume from)', null from jobs where checkpoint is not null"
     };
 }
+
+record! { NamedBlob: blob, needed_by, size_bytes }
 
 /// A blob that a row names.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,7 +39,7 @@ impl Store {
             named_blobs!(),
             ") where blob = ?1) or exists (select 1 from uploads where blake3 = ?1 and committed = size_bytes)"
         ))
-        .bind(blob.as_str())
+        .bind(blob.param())
         .fetch_one(self.read())
         .await
         .map_err(fault("reading the rows that name a blob"))
@@ -42,15 +47,10 @@ impl Store {
 
     /// Every blob that a row names, once for each such row, sorted by blob; read at one moment.
     pub(crate) async fn named_blobs(&self) -> Result<Vec<NamedBlob>> {
-        let rows: Vec<(String, String, Option<i64>)> = sqlx::query_as(concat!(named_blobs!(), " order by 1, 2"))
+        sqlx::query(concat!(named_blobs!(), " order by 1, 2"))
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("listing the blobs that rows name"))?;
-        let named = |(blob, needed_by, size): (String, String, Option<i64>)| {
-            let blob = row::id("the blob of a row", blob)?;
-            let size_bytes = size.map(|size| row::count("the size of a blob", size)).transpose()?;
-            Ok(NamedBlob { blob, needed_by, size_bytes })
-        };
-        rows.into_iter().map(named).collect()
+            .map_err(fault("listing the blobs that rows name"))
     }
 }

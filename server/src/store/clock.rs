@@ -3,7 +3,10 @@
 
 use std::time::Duration;
 
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _},
+};
 use crate::{domain::time::Millis, error::Result};
 
 /// Longest time without a server that is not a jump: a night is plausible, and a longer gap may be a wrongly set clock.
@@ -37,7 +40,7 @@ impl Store {
         }
         sqlx::query("update lab set elapsed_ms = elapsed_ms + ?, seen_at = ?")
             .bind(millis(elapsed))
-            .bind(now.0)
+            .bind(now.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("noting the clock"))?;
@@ -47,14 +50,15 @@ impl Store {
 
     /// Sum of the clock's jumps within the newest `age` of the time during which the database was in use.
     pub(crate) async fn jumped_within(&self, age: Duration) -> Result<Duration> {
-        let jumped: i64 = sqlx::query_scalar(
+        let jumped = sqlx::query(
             "select coalesce(sum(jump_ms), 0) from clock_jumps, lab where clock_jumps.elapsed_ms > lab.elapsed_ms - ?",
         )
         .bind(millis(age))
+        .try_map(row::read)
         .fetch_one(self.read())
         .await
         .map_err(fault("asking for jumps of the clock"))?;
-        Ok(Duration::from_millis(row::count("clock_jumps.jump_ms", jumped)?))
+        Ok(Duration::from_millis(jumped))
     }
 }
 

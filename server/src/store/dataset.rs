@@ -1,9 +1,12 @@
 //! Datasets: selections of score runs, and their contents.
 
 use futures::TryStreamExt as _;
-use sqlx::{Sqlite, Transaction};
+use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
 
-use super::{Store, fault, packed::unpack, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, Record, column, record, unreadable},
+};
 use crate::{
     domain::{
         dataset::{Dataset, DatasetContents, DatasetCounts, KeptEpisode, KeptSegment, Nearest},
@@ -16,57 +19,41 @@ use crate::{
     error::{Error, Result},
 };
 
-#[derive(sqlx::FromRow)]
-struct DatasetRow {
-    id: String,
-    task_id: String,
-    score_run_id: String,
-    beta: Option<f64>,
-    top_fraction: Option<f64>,
-    created_at: i64,
-}
+record! { Dataset: id, task_id, score_run_id, created_at; selection }
 
-impl DatasetRow {
-    fn dataset(self) -> Result<Dataset> {
-        let beta = self.beta.map(Selection::Beta);
-        let selection = beta.or(self.top_fraction.map(Selection::TopFraction));
-        Ok(Dataset {
-            id: row::id("datasets.id", self.id)?,
-            task_id: row::id("datasets.task_id", self.task_id)?,
-            score_run_id: row::id("datasets.score_run_id", self.score_run_id)?,
-            selection: row::parsed("datasets.beta", selection)?,
-            created_at: Millis(self.created_at),
-        })
+impl Record for Selection {
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+        let (beta, top_fraction): (Option<f64>, Option<f64>) = (column(row, "beta")?, column(row, "top_fraction")?);
+        let selection = beta.map(Self::Beta).or(top_fraction.map(Self::TopFraction));
+        selection.ok_or_else(|| unreadable("beta", "the dataset has neither β nor a top fraction"))
     }
 }
 
-#[derive(sqlx::FromRow)]
-struct KeptRow {
-    episode_id: String,
-    w: Vec<u8>,
-    q: Vec<u8>,
-    match_episode: Vec<u8>,
-    match_step: Vec<u8>,
+struct Scores {
+    episode_id: EpisodeId,
+    w: Vec<f64>,
+    q: Vec<f32>,
+    match_episode: Vec<u32>,
+    match_step: Vec<u32>,
 }
 
-impl KeptRow {
+record! { Scores: episode_id, w, q, match_episode, match_step }
+
+impl Scores {
     /// The segments that the filter keeps; `None` when it keeps none.
     fn kept(self, filter: Filter, experts: &[EpisodeId]) -> Result<Option<KeptEpisode>> {
-        let w = unpack::<f64>("episode_scores.w", &self.w)?;
-        let q = unpack::<f32>("episode_scores.q", &self.q)?;
-        let episodes: Vec<u32> = unpack("episode_scores.match_episode", &self.match_episode)?.collect();
-        let steps: Vec<u32> = unpack("episode_scores.match_step", &self.match_step)?.collect();
         // Without matches both lists are empty.
-        let nearest = |step: usize| match (episodes.get(step), steps.get(step)) {
+        let nearest = |step: usize| match (self.match_episode.get(step), self.match_step.get(step)) {
             (Some(&episode), Some(&end_step)) => {
                 let expert = usize::try_from(episode).ok().and_then(|index| experts.get(index)).cloned();
-                let episode_id = row::parsed("episode_scores.match_episode", expert)?;
+                let unknown = || Error::internal("reading a match", format!("the run has no expert {episode}"));
+                let episode_id = expert.ok_or_else(unknown)?;
                 Ok(Some(Nearest { episode_id, end_step }))
             }
             (None, _) | (_, None) => Ok(None),
         };
         let mut segments = Vec::new();
-        for ((end_step, step), (w, weight)) in (0..).zip(0..).zip(w.zip(q)) {
+        for ((end_step, step), (w, weight)) in (0..).zip(0..).zip(self.w.into_iter().zip(self.q)) {
             if filter.keeps(w, weight) {
                 segments.push(KeptSegment { end_step, weight, nearest: nearest(step)? });
             }
@@ -74,7 +61,7 @@ impl KeptRow {
         if segments.is_empty() {
             return Ok(None);
         }
-        Ok(Some(KeptEpisode { episode_id: row::id("episode_scores.episode_id", self.episode_id)?, segments }))
+        Ok(Some(KeptEpisode { episode_id: self.episode_id, segments }))
     }
 }
 
@@ -92,12 +79,12 @@ pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, dataset: &Dataset) 
     sqlx::query(
         "insert into datasets (id, task_id, score_run_id, beta, top_fraction, created_at) values (?, ?, ?, ?, ?, ?)",
     )
-    .bind(dataset.id.as_str())
-    .bind(dataset.task_id.as_str())
-    .bind(dataset.score_run_id.as_str())
+    .bind(dataset.id.param())
+    .bind(dataset.task_id.param())
+    .bind(dataset.score_run_id.param())
     .bind(beta)
     .bind(top_fraction)
-    .bind(dataset.created_at.0)
+    .bind(dataset.created_at.param())
     .execute(&mut **tx)
     .await
     .map_err(fault("adding a dataset"))?;
@@ -119,17 +106,18 @@ impl Store {
         };
         let mut tx = self.write().await?;
         let (beta, top_fraction) = columns(selection);
-        let same: Option<DatasetRow> = sqlx::query_as(
+        let same = sqlx::query(
             "select * from datasets where score_run_id = ? and beta is ? and top_fraction is ? order by id limit 1",
         )
-        .bind(run.as_str())
+        .bind(run.param())
         .bind(beta)
         .bind(top_fraction)
+        .try_map(row::read)
         .fetch_optional(&mut *tx)
         .await
         .map_err(fault("looking for a dataset"))?;
         if let Some(same) = same {
-            return same.dataset();
+            return Ok(same);
         }
         insert(&mut tx, &dataset).await?;
         crate::fail_point::pass("dataset.row_written");
@@ -143,12 +131,13 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn dataset(&self, id: &DatasetId) -> Result<Dataset> {
-        let found: Option<DatasetRow> = sqlx::query_as("select * from datasets where id = ?")
-            .bind(id.as_str())
+        sqlx::query("select * from datasets where id = ?")
+            .bind(id.param())
+            .try_map(row::read)
             .fetch_optional(self.read())
             .await
-            .map_err(fault("reading a dataset"))?;
-        found.ok_or_else(|| Error::not_found("dataset", id))?.dataset()
+            .map_err(fault("reading a dataset"))?
+            .ok_or_else(|| Error::not_found("dataset", id))
     }
 
     /// A task's datasets, newest first.
@@ -156,12 +145,12 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn datasets(&self, task: &TaskId) -> Result<Vec<Dataset>> {
-        let rows: Vec<DatasetRow> = sqlx::query_as("select * from datasets where task_id = ? order by id desc")
-            .bind(task.as_str())
+        sqlx::query("select * from datasets where task_id = ? order by id desc")
+            .bind(task.param())
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("reading datasets"))?;
-        rows.into_iter().map(DatasetRow::dataset).collect()
+            .map_err(fault("reading datasets"))
     }
 
     /// The datasets of a score run, newest first.
@@ -169,12 +158,12 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn datasets_of_run(&self, run: &ScoreRunId) -> Result<Vec<Dataset>> {
-        let rows: Vec<DatasetRow> = sqlx::query_as("select * from datasets where score_run_id = ? order by id desc")
-            .bind(run.as_str())
+        sqlx::query("select * from datasets where score_run_id = ? order by id desc")
+            .bind(run.param())
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("reading a run's datasets"))?;
-        rows.into_iter().map(DatasetRow::dataset).collect()
+            .map_err(fault("reading a run's datasets"))
     }
 
     /// The counts of each dataset, in order; `None` while its score run is not finished. Reads each run once for all
@@ -229,11 +218,12 @@ impl Store {
         };
         let ranked = ranked(&candidates);
         let filter = Filter::new(selection, &ranked);
-        let mut rows = sqlx::query_as::<_, KeptRow>(
+        let mut rows = sqlx::query(
             "select episode_id, w, q, match_episode, match_step from episode_scores \
              where score_run_id = ? and role = 'imperfect' order by position",
         )
-        .bind(run.id.as_str())
+        .bind(run.id.param())
+        .try_map(row::read::<Scores>)
         .fetch(self.read());
         let mut kept = Vec::new();
         while let Some(found) = rows.try_next().await.map_err(fault("reading a dataset's segments"))? {

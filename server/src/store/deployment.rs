@@ -1,8 +1,11 @@
 //! Deployments and their history.
 
-use sqlx::SqliteExecutor;
+use sqlx::{SqliteExecutor, sqlite::SqliteRow};
 
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column, Record as _, record},
+};
 use crate::{
     domain::{
         id::{PolicyId, ScoreRunId, TaskId},
@@ -12,14 +15,10 @@ use crate::{
     error::{Error, Result},
 };
 
-#[derive(sqlx::FromRow)]
-struct ChangeRow {
-    name: String,
-    task_id: String,
-    policy_id: String,
-    score_run_id: Option<String>,
-    created_at: i64,
-}
+record! { DeploymentChange: policy_id, score_run_id, since = "created_at" }
+
+/// A change with the deployment's name and task.
+type Change = (String, TaskId, DeploymentChange);
 
 impl Store {
     /// Points a name at a policy of a task and, if one is named, at a score run of that task. Repeating the current
@@ -37,16 +36,17 @@ impl Store {
         let mut tx = self.write().await?;
         sqlx::query("insert into deployments (name, task_id) values (?, ?) on conflict do nothing")
             .bind(name)
-            .bind(task.as_str())
+            .bind(task.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("adding a deployment"))?;
-        let owner: String = sqlx::query_scalar("select task_id from deployments where name = ?")
+        let owner: TaskId = sqlx::query("select task_id from deployments where name = ?")
             .bind(name)
+            .try_map(row::read)
             .fetch_one(&mut *tx)
             .await
             .map_err(fault("reading a deployment's task"))?;
-        if owner != task.as_str() {
+        if owner != *task {
             return Err(Error::precondition(format!(
                 "deployment {name} belongs to {owner}, the policy to {task}; deploy it under another name"
             )));
@@ -58,9 +58,9 @@ impl Store {
              and policy_id = ?2 and score_run_id is ?3)",
         )
         .bind(name)
-        .bind(policy.as_str())
-        .bind(score_run.map(ScoreRunId::as_str))
-        .bind(Millis::now().0)
+        .bind(policy.param())
+        .bind(score_run.map(Column::param))
+        .bind(Millis::now().param())
         .execute(&mut *tx)
         .await
         .map_err(fault("changing a deployment"))?;
@@ -77,18 +77,18 @@ impl Store {
     /// # Errors
     /// NotFound; Precondition when there is no earlier assignment.
     pub(crate) async fn before(&self, name: &str) -> Result<(PolicyId, Option<ScoreRunId>)> {
-        let before: Option<(Option<String>, Option<String>)> = sqlx::query_as(
+        let before: Option<(Option<PolicyId>, Option<ScoreRunId>)> = sqlx::query(
             "select earlier.policy_id, earlier.score_run_id from deployment_changes now \
              left join deployment_changes earlier on earlier.id = now.previous \
              where now.name = ? order by now.id desc limit 1",
         )
         .bind(name)
+        .try_map(row::read)
         .fetch_optional(self.read())
         .await
         .map_err(fault("reading a deployment's earlier assignment"))?;
         let (policy, score_run) = before.ok_or_else(|| Error::not_found("deployment", name))?;
-        let policy = row::id("deployment_changes.policy_id", policy.ok_or_else(|| nothing_before(name))?)?;
-        Ok((policy, optional_run(score_run)?))
+        Ok((policy.ok_or_else(|| nothing_before(name))?, score_run))
     }
 
     /// Points a name back at its previous policy and score run. The assignment before that is then the next to roll
@@ -105,7 +105,7 @@ impl Store {
              where now.id = (select max(id) from deployment_changes where name = ?1)",
         )
         .bind(name)
-        .bind(Millis::now().0)
+        .bind(Millis::now().param())
         .execute(&mut *tx)
         .await
         .map_err(fault("rolling a deployment back"))?;
@@ -130,56 +130,51 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn deployments(&self, task: Option<&TaskId>) -> Result<Vec<Deployment>> {
-        let rows: Vec<ChangeRow> = sqlx::query_as(
+        let rows = sqlx::query(
             "select name, task_id, policy_id, score_run_id, created_at from deployment_changes join deployments \
              using (name) where ?1 is null or task_id = ?1 order by name, deployment_changes.id",
         )
-        .bind(task.map(TaskId::as_str))
+        .bind(task.map(Column::param))
+        .try_map(change)
         .fetch_all(self.read())
         .await
         .map_err(fault("reading deployments"))?;
-        grouped(rows)
+        Ok(grouped(rows))
     }
 }
 
 /// A deployment with its history, read through this connection.
 async fn deployment(from: impl SqliteExecutor<'_>, name: &str) -> Result<Deployment> {
-    let rows: Vec<ChangeRow> = sqlx::query_as(
+    let rows = sqlx::query(
         "select name, task_id, policy_id, score_run_id, created_at from deployment_changes join deployments \
          using (name) where name = ? order by deployment_changes.id",
     )
     .bind(name)
+    .try_map(change)
     .fetch_all(from)
     .await
     .map_err(fault("reading a deployment"))?;
-    grouped(rows)?.pop().ok_or_else(|| Error::not_found("deployment", name))
+    grouped(rows).pop().ok_or_else(|| Error::not_found("deployment", name))
 }
 
 fn nothing_before(name: &str) -> Error {
     Error::precondition(format!("deployment {name} has no policy before the one in force; deploy another instead"))
 }
 
-fn optional_run(id: Option<String>) -> Result<Option<ScoreRunId>> {
-    id.map(|id| row::id("deployment_changes.score_run_id", id)).transpose()
+fn change(row: SqliteRow) -> sqlx::Result<Change> {
+    Ok((row::column(&row, "name")?, row::column(&row, "task_id")?, DeploymentChange::decode(&row)?))
 }
 
 /// Groups changes, which are sorted by name, into deployments.
-fn grouped(rows: Vec<ChangeRow>) -> Result<Vec<Deployment>> {
+fn grouped(changes: Vec<Change>) -> Vec<Deployment> {
     let mut deployments: Vec<Deployment> = Vec::new();
-    for change in rows {
-        let policy_id = row::id("deployment_changes.policy_id", change.policy_id)?;
-        let score_run_id = optional_run(change.score_run_id)?;
-        let change_at = DeploymentChange { policy_id, score_run_id, since: Millis(change.created_at) };
+    for (name, task_id, change) in changes {
         match deployments.last_mut() {
-            Some(last) if last.name == change.name => last.history.push(change_at),
-            Some(_) | None => deployments.push(Deployment {
-                task_id: row::id("deployments.task_id", change.task_id)?,
-                name: change.name,
-                history: vec![change_at],
-            }),
+            Some(last) if last.name == name => last.history.push(change),
+            Some(_) | None => deployments.push(Deployment { task_id, name, history: vec![change] }),
         }
     }
-    Ok(deployments)
+    deployments
 }
 
 #[cfg(test)]

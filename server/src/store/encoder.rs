@@ -2,51 +2,32 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{
         id::EncoderId,
         job::{JobKind, JobSpec},
         score::Encoder,
-        time::Millis,
     },
     error::{Error, Result},
 };
 
-#[derive(sqlx::FromRow)]
-struct EncoderRow {
-    id: String,
-    task_id: String,
-    job_id: String,
-    snapshot_id: String,
-    checkpoint: String,
-    created_at: i64,
-}
-
-impl EncoderRow {
-    fn encoder(self) -> Result<Encoder> {
-        Ok(Encoder {
-            id: row::id("encoders.id", self.id)?,
-            task_id: row::id("encoders.task_id", self.task_id)?,
-            job_id: row::id("encoders.job_id", self.job_id)?,
-            snapshot_id: row::id("encoders.snapshot_id", self.snapshot_id)?,
-            checkpoint: row::id("encoders.checkpoint", self.checkpoint)?,
-            created_at: Millis(self.created_at),
-        })
-    }
-}
+record! { Encoder: id, task_id, job_id, snapshot_id, checkpoint, created_at }
 
 /// Adds a finished encoder.
 pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, encoder: &Encoder) -> Result<()> {
     sqlx::query(
         "insert into encoders (id, task_id, job_id, snapshot_id, checkpoint, created_at) values (?, ?, ?, ?, ?, ?)",
     )
-    .bind(encoder.id.as_str())
-    .bind(encoder.task_id.as_str())
-    .bind(encoder.job_id.as_str())
-    .bind(encoder.snapshot_id.as_str())
-    .bind(encoder.checkpoint.as_str())
-    .bind(encoder.created_at.0)
+    .bind(encoder.id.param())
+    .bind(encoder.task_id.param())
+    .bind(encoder.job_id.param())
+    .bind(encoder.snapshot_id.param())
+    .bind(encoder.checkpoint.param())
+    .bind(encoder.created_at.param())
     .execute(&mut **tx)
     .await
     .map_err(fault("adding an encoder"))?;
@@ -59,13 +40,14 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn encoder(&self, id: &EncoderId) -> Result<Encoder> {
-        let found: Option<EncoderRow> = sqlx::query_as("select * from encoders where id = ?")
-            .bind(id.as_str())
+        let found = sqlx::query("select * from encoders where id = ?")
+            .bind(id.param())
+            .try_map(row::read)
             .fetch_optional(self.read())
             .await
             .map_err(fault("reading an encoder"))?;
         match found {
-            Some(found) => found.encoder(),
+            Some(found) => Ok(found),
             None => Err(self.missing(JobKind::Pretrain, "encoder", id.as_str()).await),
         }
     }

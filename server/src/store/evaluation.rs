@@ -2,51 +2,32 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{
         evaluation::Evaluation,
         id::{EvaluationId, PolicyId},
         job::JobKind,
-        time::Millis,
     },
     error::Result,
 };
 
-#[derive(sqlx::FromRow)]
-struct EvaluationRow {
-    id: String,
-    policy_id: String,
-    job_id: Option<String>,
-    simulation: String,
-    seeds: String,
-    created_at: i64,
-}
-
-impl EvaluationRow {
-    fn evaluation(self) -> Result<Evaluation> {
-        Ok(Evaluation {
-            id: row::id("evaluations.id", self.id)?,
-            policy_id: row::id("evaluations.policy_id", self.policy_id)?,
-            job_id: self.job_id.map(|id| row::id("evaluations.job_id", id)).transpose()?,
-            simulation: self.simulation,
-            seeds: row::json("evaluations.seeds", &self.seeds)?,
-            created_at: Millis(self.created_at),
-        })
-    }
-}
+record! { Evaluation: id, policy_id, job_id, simulation, seeds, created_at }
 
 /// Adds an evaluation.
 pub(super) async fn insert(tx: &mut Transaction<'_, Sqlite>, evaluation: &Evaluation) -> Result<()> {
     sqlx::query(
         "insert into evaluations (id, policy_id, job_id, simulation, seeds, created_at) values (?, ?, ?, ?, ?, ?)",
     )
-    .bind(evaluation.id.as_str())
-    .bind(evaluation.policy_id.as_str())
-    .bind(evaluation.job_id.as_ref().map(|id| id.as_str()))
+    .bind(evaluation.id.param())
+    .bind(evaluation.policy_id.param())
+    .bind(evaluation.job_id.param())
     .bind(&evaluation.simulation)
-    .bind(row::to_json(&evaluation.seeds)?)
-    .bind(evaluation.created_at.0)
+    .bind(evaluation.seeds.param())
+    .bind(evaluation.created_at.param())
     .execute(&mut **tx)
     .await
     .map_err(fault("adding an evaluation"))?;
@@ -69,13 +50,14 @@ impl Store {
     /// # Errors
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn evaluation(&self, id: &EvaluationId) -> Result<Evaluation> {
-        let found: Option<EvaluationRow> = sqlx::query_as("select * from evaluations where id = ?")
-            .bind(id.as_str())
+        let found = sqlx::query("select * from evaluations where id = ?")
+            .bind(id.param())
+            .try_map(row::read)
             .fetch_optional(self.read())
             .await
             .map_err(fault("reading an evaluation"))?;
         match found {
-            Some(found) => found.evaluation(),
+            Some(found) => Ok(found),
             None => Err(self.missing(JobKind::Evaluate, "evaluation", id.as_str()).await),
         }
     }
@@ -85,13 +67,12 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn evaluations(&self, policy: &PolicyId) -> Result<Vec<Evaluation>> {
-        let rows: Vec<EvaluationRow> =
-            sqlx::query_as("select * from evaluations where policy_id = ? order by created_at desc, id desc")
-                .bind(policy.as_str())
-                .fetch_all(self.read())
-                .await
-                .map_err(fault("reading evaluations"))?;
-        rows.into_iter().map(EvaluationRow::evaluation).collect()
+        sqlx::query("select * from evaluations where policy_id = ? order by created_at desc, id desc")
+            .bind(policy.param())
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading evaluations"))
     }
 }
 
@@ -99,7 +80,7 @@ impl Store {
 mod tests {
     use super::*;
     use crate::{
-        domain::{episode::Outcome, evaluation::SeedResult},
+        domain::{episode::Outcome, evaluation::SeedResult, time::Millis},
         error::Kind,
         store::testing::{self, results},
     };

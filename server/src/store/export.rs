@@ -2,7 +2,10 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{
         dataset::ExportFile,
@@ -13,22 +16,7 @@ use crate::{
     error::{Error, Result},
 };
 
-#[derive(sqlx::FromRow)]
-struct FileRow {
-    name: String,
-    blob: String,
-    size_bytes: i64,
-}
-
-impl FileRow {
-    fn file(self) -> Result<ExportFile> {
-        Ok(ExportFile {
-            name: self.name,
-            blob: row::id("export_files.blob", self.blob)?,
-            size_bytes: row::count("export_files.size_bytes", self.size_bytes)?,
-        })
-    }
-}
+record! { ExportFile: name, blob, size_bytes }
 
 /// Adds a finished export.
 pub(super) async fn insert(
@@ -39,20 +27,20 @@ pub(super) async fn insert(
     files: &[ExportFile],
 ) -> Result<()> {
     sqlx::query("insert into exports (id, dataset_id, job_id, created_at) values (?, ?, ?, ?)")
-        .bind(export.as_str())
-        .bind(dataset.as_str())
-        .bind(job.as_str())
-        .bind(Millis::now().0)
+        .bind(export.param())
+        .bind(dataset.param())
+        .bind(job.param())
+        .bind(Millis::now().param())
         .execute(&mut **tx)
         .await
         .map_err(fault("adding an export"))?;
     for (position, file) in (0i64..).zip(files) {
         sqlx::query("insert into export_files (export_id, position, name, blob, size_bytes) values (?, ?, ?, ?, ?)")
-            .bind(export.as_str())
+            .bind(export.param())
             .bind(position)
             .bind(&file.name)
-            .bind(file.blob.as_str())
-            .bind(row::stored(file.size_bytes))
+            .bind(file.blob.param())
+            .bind(file.size_bytes.param())
             .execute(&mut **tx)
             .await
             .map_err(fault("adding a file of an export"))?;
@@ -67,20 +55,19 @@ impl Store {
     /// NotFound, or Precondition naming its job when that has not succeeded.
     pub(crate) async fn export_files(&self, id: &ExportId) -> Result<Vec<ExportFile>> {
         let there: i64 = sqlx::query_scalar("select count(*) from exports where id = ?")
-            .bind(id.as_str())
+            .bind(id.param())
             .fetch_one(self.read())
             .await
             .map_err(fault("reading an export"))?;
         if there == 0 {
             return Err(self.missing(JobKind::Export, "export", id.as_str()).await);
         }
-        let rows: Vec<FileRow> =
-            sqlx::query_as("select name, blob, size_bytes from export_files where export_id = ? order by position")
-                .bind(id.as_str())
-                .fetch_all(self.read())
-                .await
-                .map_err(fault("reading an export's files"))?;
-        rows.into_iter().map(FileRow::file).collect()
+        sqlx::query("select name, blob, size_bytes from export_files where export_id = ? order by position")
+            .bind(id.param())
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading an export's files"))
     }
 
     /// One file of a finished export.

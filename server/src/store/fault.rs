@@ -104,6 +104,26 @@ mod tests {
         assert_eq!(refusal(1, true), None);
     }
 
+    #[tokio::test]
+    async fn an_unreadable_column_is_an_internal_error_with_its_name() {
+        let (_dir, store) = testing::store().await;
+        let task = testing::task(&store).await;
+        let episode = testing::episode(&store, &task, Outcome::Success, "").await;
+        testing::run(&store, "pragma ignore_check_constraints = 1").await;
+        let whole = format!("outcome = 'success', recording = '{}', steps = 20", episode.recording);
+        for (column, value) in [("outcome", "'won'"), ("recording", "'abc'"), ("steps", "-1")] {
+            testing::run(&store, &format!("update episodes set {whole}")).await;
+            testing::run(&store, &format!("update episodes set {column} = {value}")).await;
+            let error = store.episode(&episode.id).await.unwrap_err();
+            assert_eq!(error.kind(), Kind::Internal, "{error}");
+            let named = format!("reading an episode: error occurred while decoding column \"{column}\": ");
+            assert!(error.to_string().starts_with(&named), "{error}");
+        }
+        testing::run(&store, "update tasks set spec = '{'").await;
+        let error = store.tasks().await.unwrap_err();
+        assert!(error.to_string().starts_with("listing tasks: ") && error.to_string().contains("\"spec\""), "{error}");
+    }
+
     /// A slow disk delays writers, but no reader.
     #[tokio::test]
     async fn a_slow_write_holds_up_no_reader() {

@@ -3,7 +3,10 @@
 
 use futures::TryStreamExt as _;
 
-use super::{Store, fault, packed::unpack, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{
         id::{EpisodeId, ScoreRunId},
@@ -13,24 +16,7 @@ use crate::{
     error::{Error, Result},
 };
 
-#[derive(sqlx::FromRow)]
-struct CandidateRow {
-    episode_id: String,
-    cohort: String,
-    w: Vec<u8>,
-    q: Vec<u8>,
-}
-
-impl CandidateRow {
-    fn candidate(self) -> Result<Candidate> {
-        Ok(Candidate {
-            episode_id: row::id("episode_scores.episode_id", self.episode_id)?,
-            cohort: self.cohort,
-            w: unpack("episode_scores.w", &self.w)?.collect(),
-            q: unpack("episode_scores.q", &self.q)?.collect(),
-        })
-    }
-}
+record! { Candidate: episode_id, cohort, w, q }
 
 impl Store {
     /// Fills a histogram with the q of a run's imperfect segments.
@@ -39,13 +25,13 @@ impl Store {
     /// As for [`Store::score_run`].
     pub(crate) async fn fill(&self, run: &ScoreRunId, mut histogram: Histogram) -> Result<Histogram> {
         self.score_run(run).await?;
-        let mut rows = sqlx::query_scalar::<_, Vec<u8>>(
-            "select q from episode_scores where score_run_id = ? and role = 'imperfect' order by position",
-        )
-        .bind(run.as_str())
-        .fetch(self.read());
+        let mut rows =
+            sqlx::query("select q from episode_scores where score_run_id = ? and role = 'imperfect' order by position")
+                .bind(run.param())
+                .try_map(row::read::<Vec<f32>>)
+                .fetch(self.read());
         while let Some(q) = rows.try_next().await.map_err(fault("reading a run's q"))? {
-            histogram.add(unpack("episode_scores.q", &q)?);
+            histogram.add(q.into_iter());
         }
         Ok(histogram)
     }
@@ -66,19 +52,17 @@ impl Store {
     /// As for [`Store::score_run`].
     pub(crate) async fn candidates(&self, run: &ScoreRunId) -> Result<Vec<Candidate>> {
         let snapshot = self.score_run(run).await?.snapshot_id;
-        let mut rows = sqlx::query_as::<_, CandidateRow>(
+        sqlx::query(
             "select episode_scores.episode_id, cohort, w, q from episode_scores join snapshot_episodes \
              on snapshot_id = ? and snapshot_episodes.episode_id = episode_scores.episode_id \
              where score_run_id = ? and episode_scores.role = 'imperfect' order by episode_scores.position",
         )
-        .bind(snapshot.as_str())
-        .bind(run.as_str())
-        .fetch(self.read());
-        let mut candidates = Vec::new();
-        while let Some(found) = rows.try_next().await.map_err(fault("reading a run's scores"))? {
-            candidates.push(found.candidate()?);
-        }
-        Ok(candidates)
+        .bind(snapshot.param())
+        .bind(run.param())
+        .try_map(row::read)
+        .fetch_all(self.read())
+        .await
+        .map_err(fault("reading a run's scores"))
     }
 
     /// The episodes with scores in a run, in the snapshot's order, for reading them one by one.
@@ -86,12 +70,11 @@ impl Store {
     /// # Errors
     /// As for [`Store::score_run`].
     pub(crate) async fn scored_episodes(&self, run: &ScoreRunId) -> Result<Vec<EpisodeId>> {
-        let ids: Vec<String> =
-            sqlx::query_scalar("select episode_id from episode_scores where score_run_id = ? order by position")
-                .bind(run.as_str())
-                .fetch_all(self.read())
-                .await
-                .map_err(fault("listing a run's episodes"))?;
-        ids.into_iter().map(|id| row::id("episode_scores.episode_id", id)).collect()
+        sqlx::query("select episode_id from episode_scores where score_run_id = ? order by position")
+            .bind(run.param())
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing a run's episodes"))
     }
 }

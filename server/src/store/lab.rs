@@ -9,7 +9,10 @@ use sqlx::SqlitePool;
 use tokio_util::sync::CancellationToken;
 
 use self::fit::{damaged, file, found, misfit};
-use super::{Store, fault, row};
+use super::{
+    Store, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     blobs::Blobs,
     data_folder::{
@@ -22,14 +25,16 @@ use crate::{
 };
 
 /// The row of the database itself.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 struct Lab {
     folder: String,
     stamped: bool,
-    generation: i64,
+    generation: u64,
     /// Expected number of episodes minus the actual number.
     missing: i64,
 }
+
+record! { Lab: folder, stamped, generation, missing }
 
 /// The columns of [`Lab`].
 macro_rules! columns {
@@ -112,7 +117,7 @@ impl Store {
             }
             Err(error) => return Err(error),
         };
-        let generation = row::count("lab.generation", lab.generation)?.max(least);
+        let generation = lab.generation.max(least);
         let (inode, bytes) = file(&data_folder::database(data_dir));
         let stamp = StampFile::put(data_dir, Stamp { folder: lab.folder, generation, inode, bytes })?;
         if !lab.stamped {
@@ -128,8 +133,9 @@ impl Store {
 
     async fn start_generation(&self, least: u64) -> Result<Lab> {
         let mut tx = self.write().await?;
-        let lab = sqlx::query_as(concat!("update lab set generation = max(generation, ?) + 1 returning ", columns!()))
-            .bind(row::stored(least))
+        let lab = sqlx::query(concat!("update lab set generation = max(generation, ?) + 1 returning ", columns!()))
+            .bind(least.param())
+            .try_map(row::read)
             .fetch_one(&mut *tx)
             .await
             .map_err(fault("starting a generation"))?;
@@ -140,12 +146,13 @@ impl Store {
     /// Commits a write whose loss in an older copy of the database must be detected: when this returns, the stamp has
     /// the new generation.
     pub(super) async fn commit_generation(&self, mut tx: sqlx::Transaction<'static, sqlx::Sqlite>) -> Result<()> {
-        let generation: i64 = sqlx::query_scalar("update lab set generation = generation + 1 returning generation")
+        let generation = sqlx::query("update lab set generation = generation + 1 returning generation")
+            .try_map(row::read)
             .fetch_one(&mut *tx)
             .await
             .map_err(fault("counting a generation"))?;
         self.commit(tx).await?;
-        let (tie, generation) = (Arc::clone(&self.tie), row::count("lab.generation", generation)?);
+        let tie = Arc::clone(&self.tie);
         let raising = tokio::task::spawn_blocking(move || tie.get().map_or(Ok(()), |tie| tie.stamp.raise(generation)));
         raising.await.map_err(|error| Error::internal("raising the stamp", error))?
     }
@@ -175,10 +182,9 @@ impl Store {
     pub(crate) async fn compare(&self, stamp: Option<&Stamp>) -> Result<Comparison> {
         let lab = lab(&self.readers).await?;
         let same = stamp.filter(|stamp| stamp.folder == lab.folder);
-        let generation = row::count("lab.generation", lab.generation)?;
         Ok(Comparison {
             same_folder: same.is_some(),
-            current: same.is_some_and(|stamp| generation >= stamp.generation),
+            current: same.is_some_and(|stamp| lab.generation >= stamp.generation),
             whole: lab.missing == 0,
         })
     }
@@ -216,7 +222,8 @@ pub(super) async fn detach(copy: &SqlitePool) -> Result<()> {
 }
 
 async fn lab(pool: &SqlitePool) -> Result<Lab> {
-    sqlx::query_as(concat!("select ", columns!(), " from lab"))
+    sqlx::query(concat!("select ", columns!(), " from lab"))
+        .try_map(row::read)
         .fetch_one(pool)
         .await
         .map_err(fault("reading the database's row"))

@@ -2,7 +2,10 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, fault, queue, row};
+use super::{
+    Store, fault, queue,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{attempt::Attempt, id::JobId, job::Metric, work::Progress},
     error::Result,
@@ -20,18 +23,18 @@ impl Store {
             "update jobs set done = ?1, total = ?2, message = iif(cancel_requested, message, ?3), \
              peak_memory_bytes = max(peak_memory_bytes, ?4) where id = ?5",
         )
-        .bind(row::stored(progress.done))
-        .bind(row::stored(progress.total))
+        .bind(progress.done.param())
+        .bind(progress.total.param())
         .bind(&progress.message)
-        .bind(row::stored(progress.peak_memory_bytes))
-        .bind(job.id.as_str())
+        .bind(progress.peak_memory_bytes.param())
+        .bind(job.id.param())
         .execute(&mut *tx)
         .await
         .map_err(fault("keeping progress"))?;
         for (step, name, value) in &progress.metrics {
             sqlx::query("insert into job_metrics (job_id, step, name, value) values (?, ?, ?, ?)")
-                .bind(job.id.as_str())
-                .bind(row::stored(*step))
+                .bind(job.id.param())
+                .bind(step.param())
                 .bind(name)
                 .bind(value)
                 .execute(&mut *tx)
@@ -46,16 +49,14 @@ impl Store {
 
     /// At most `limit` metrics of a job that arrived after `sequence`, in order of arrival.
     pub(crate) async fn metrics(&self, job: &JobId, sequence: i64, limit: u32) -> Result<Vec<Metric>> {
-        let rows: Vec<MetricRow> = sqlx::query_as(
-            "select id, step, name, value from job_metrics where job_id = ? and id > ? order by id limit ?",
-        )
-        .bind(job.as_str())
-        .bind(sequence)
-        .bind(limit)
-        .fetch_all(self.read())
-        .await
-        .map_err(fault("reading metrics"))?;
-        rows.into_iter().map(metric).collect()
+        sqlx::query("select id, step, name, value from job_metrics where job_id = ? and id > ? order by id limit ?")
+            .bind(job.param())
+            .bind(sequence)
+            .bind(limit)
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading metrics"))
     }
 }
 
@@ -63,26 +64,21 @@ impl Store {
     /// A job's metrics for a plot, in order of arrival: about `points` of each name, evenly spaced, and the newest.
     /// Values in between are left out, peaks included.
     pub(crate) async fn sparse_metrics(&self, job: &JobId, points: u32) -> Result<Vec<Metric>> {
-        let rows: Vec<MetricRow> = sqlx::query_as(
+        sqlx::query(
             "select id, step, name, value from (select *, row_number() over (partition by name order by id) as place, \
                count(*) over (partition by name) as places from job_metrics where job_id = ?1) \
              where place = places or (place - 1) % ((places + ?2 - 1) / ?2) = 0 order by id",
         )
-        .bind(job.as_str())
+        .bind(job.param())
         .bind(points.max(1))
+        .try_map(row::read)
         .fetch_all(self.read())
         .await
-        .map_err(fault("reading some of the metrics"))?;
-        rows.into_iter().map(metric).collect()
+        .map_err(fault("reading some of the metrics"))
     }
 }
 
-/// id, step, name, value.
-type MetricRow = (i64, i64, String, f64);
-
-fn metric((sequence, step, name, value): MetricRow) -> Result<Metric> {
-    Ok(Metric { sequence, step: row::count("job_metrics.step", step)?, name, value })
-}
+record! { Metric: sequence = "id", step, name, value }
 
 /// Removes the metrics of steps that the next attempt will repeat.
 pub(super) async fn cut_back(
@@ -91,8 +87,8 @@ pub(super) async fn cut_back(
     checkpoint_step: Option<u64>,
 ) -> Result<()> {
     sqlx::query("delete from job_metrics where job_id = ? and step > ?")
-        .bind(job.as_str())
-        .bind(checkpoint_step.map_or(-1, row::stored))
+        .bind(job.param())
+        .bind(checkpoint_step.map_or(-1, |step| i64::try_from(step).unwrap_or(i64::MAX)))
         .execute(&mut **tx)
         .await
         .map_err(fault("cutting metrics back"))?;

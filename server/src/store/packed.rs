@@ -1,26 +1,23 @@
 //! Arrays packed into blobs: little-endian values in sequence, one entry for each step.
 
-use crate::error::{Error, Result};
+use sqlx::error::BoxDynError;
 
 /// A value of fixed size that can be packed.
 pub(super) trait Packed: Sized {
-    /// Its little-endian bytes.
-    type Bytes: AsRef<[u8]>;
     /// The size of a value in bytes.
     const SIZE: usize;
 
-    fn to_bytes(&self) -> Self::Bytes;
+    fn push_to(&self, bytes: &mut Vec<u8>);
     fn from_bytes(bytes: &[u8]) -> Option<Self>;
 }
 
 macro_rules! packed {
     ($($number:ty)*) => {$(
         impl Packed for $number {
-            type Bytes = [u8; size_of::<$number>()];
             const SIZE: usize = size_of::<$number>();
 
-            fn to_bytes(&self) -> Self::Bytes {
-                self.to_le_bytes()
+            fn push_to(&self, bytes: &mut Vec<u8>) {
+                bytes.extend_from_slice(&self.to_le_bytes());
             }
 
             fn from_bytes(bytes: &[u8]) -> Option<Self> {
@@ -32,25 +29,32 @@ macro_rules! packed {
 
 packed!(f32 f64 u32);
 
-/// Packs values.
-pub(super) fn pack<T: Packed>(values: impl IntoIterator<Item = T>) -> Vec<u8> {
-    let values = values.into_iter();
-    let mut bytes = Vec::with_capacity(values.size_hint().0 * T::SIZE);
-    for value in values {
-        bytes.extend_from_slice(value.to_bytes().as_ref());
+impl Packed for [f32; 3] {
+    const SIZE: usize = size_of::<Self>();
+
+    fn push_to(&self, bytes: &mut Vec<u8>) {
+        self.iter().for_each(|value| value.push_to(bytes));
     }
+
+    fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let values: [[u8; 4]; 3] = bytes.as_chunks().0.try_into().ok()?;
+        Some(values.map(f32::from_le_bytes))
+    }
+}
+
+/// Packs values.
+pub(super) fn pack<T: Packed>(values: &[T]) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(values.len() * T::SIZE);
+    values.iter().for_each(|value| value.push_to(&mut bytes));
     bytes
 }
 
 /// The values of a packed column.
-pub(super) fn unpack<T: Packed>(column: &str, bytes: &[u8]) -> Result<impl Iterator<Item = T>> {
+pub(super) fn unpack<T: Packed>(bytes: &[u8]) -> Result<Vec<T>, BoxDynError> {
     if !bytes.len().is_multiple_of(T::SIZE) {
-        return Err(Error::internal(
-            format!("reading the column {column}"),
-            format!("{} bytes are not a multiple of {}-byte values", bytes.len(), T::SIZE),
-        ));
+        return Err(format!("{} bytes are not a multiple of {}-byte values", bytes.len(), T::SIZE).into());
     }
-    Ok(bytes.chunks_exact(T::SIZE).filter_map(T::from_bytes))
+    Ok(bytes.chunks_exact(T::SIZE).filter_map(T::from_bytes).collect())
 }
 
 #[cfg(test)]
@@ -60,18 +64,20 @@ mod tests {
     #[test]
     fn arrays_survive_a_round_trip_bit_for_bit() {
         let doubles = [0.0, -0.0, f64::MIN_POSITIVE, -1.0 / 3.0, f64::MAX];
-        let back: Vec<f64> = unpack("w", &pack(doubles)).unwrap().collect();
+        let back: Vec<f64> = unpack(&pack(&doubles)).unwrap();
         assert_eq!(back.map_bits(), doubles.to_vec().map_bits());
         let counts = [0, 1, u32::MAX];
-        assert_eq!(unpack::<u32>("match_step", &pack(counts)).unwrap().collect::<Vec<_>>(), counts);
-        assert_eq!(pack([1u32]), [1, 0, 0, 0], "little-endian");
-        assert!(unpack::<f32>("q", &[]).unwrap().next().is_none());
+        assert_eq!(unpack::<u32>(&pack(&counts)).unwrap(), counts);
+        let triples = [[0.5, -1.0, f32::MAX], [1.0, 2.0, 3.0]];
+        assert_eq!(unpack::<[f32; 3]>(&pack(&triples)).unwrap(), triples);
+        assert_eq!(pack(&[1u32]), [1, 0, 0, 0], "little-endian");
+        assert!(unpack::<f32>(&[]).unwrap().is_empty());
     }
 
     #[test]
     fn a_torn_array_is_our_fault_not_a_shorter_array() {
-        let error = unpack::<f32>("q", &[0; 7]).err().unwrap();
-        assert_eq!(error.kind(), crate::error::Kind::Internal);
+        let error = unpack::<f32>(&[0; 7]).unwrap_err();
+        assert_eq!(error.to_string(), "7 bytes are not a multiple of 4-byte values");
     }
 
     trait Bits {

@@ -2,7 +2,12 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, fault, job::by_id, metric, row};
+use super::{
+    Store, fault,
+    job::by_id,
+    metric,
+    row::{self, Column as _},
+};
 use crate::{
     domain::{
         attempt::{Attempt, AttemptEnd, Standing},
@@ -27,7 +32,7 @@ impl Store {
     /// highest priority, then the oldest.
     pub(crate) async fn claim_job(&self, token_hash: &str) -> Result<Option<Job>> {
         let mut tx = self.write().await?;
-        let claimed: Option<String> = sqlx::query_scalar(
+        let claimed: Option<JobId> = sqlx::query(
             "update jobs set state = 'running', attempt = attempt + 1, token_hash = ?1, started_at = ?2 \
              where id = (select id from jobs as ready where state = 'queued' and not exists ( \
                select 1 from job_dependencies join jobs as needed on needed.id = job_dependencies.needs \
@@ -35,12 +40,13 @@ impl Store {
              order by priority desc, id limit 1) returning id",
         )
         .bind(token_hash)
-        .bind(Millis::now().0)
+        .bind(Millis::now().param())
+        .try_map(row::read)
         .fetch_optional(&mut *tx)
         .await
         .map_err(fault("claiming a job"))?;
         let Some(id) = claimed else { return Ok(None) };
-        let job = by_id(&mut tx, &row::id("jobs.id", id)?).await?;
+        let job = by_id(&mut tx, &id).await?;
         crate::fail_point::pass("claim.row_written");
         self.commit(tx).await?;
         crate::fail_point::pass("claim.committed");
@@ -52,7 +58,7 @@ impl Store {
         let running: bool = sqlx::query_scalar(
             "select exists (select 1 from jobs where id = ? and token_hash = ? and state = 'running')",
         )
-        .bind(attempt.job_id.as_str())
+        .bind(attempt.job_id.param())
         .bind(&attempt.token_hash)
         .fetch_one(self.read())
         .await
@@ -72,7 +78,7 @@ impl Store {
         });
         sqlx::query("update jobs set attempt = ? where id = ?")
             .bind(next.attempt)
-            .bind(job.id.as_str())
+            .bind(job.id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("counting attempts"))?;
@@ -88,12 +94,11 @@ impl Store {
 
     /// Every running attempt according to the rows: at the start, those of an earlier server.
     pub(crate) async fn running_attempts(&self) -> Result<Vec<Attempt>> {
-        let rows: Vec<(String, String)> =
-            sqlx::query_as("select id, coalesce(token_hash, '') from jobs where state = 'running'")
-                .fetch_all(self.read())
-                .await
-                .map_err(fault("listing running attempts"))?;
-        rows.into_iter().map(|(id, token_hash)| Ok(Attempt { job_id: row::id("jobs.id", id)?, token_hash })).collect()
+        sqlx::query("select id, coalesce(token_hash, '') from jobs where state = 'running'")
+            .try_map(|row| Ok(Attempt { job_id: row::column(&row, 0)?, token_hash: row::column(&row, 1)? }))
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("listing running attempts"))
     }
 
     /// Cancels a job, and the jobs that wait for it: at once if it is queued, else by asking its worker.
@@ -105,7 +110,7 @@ impl Store {
         let job = by_id(&mut tx, id).await?.ok_or_else(|| Error::not_found("job", id))?;
         let moved = if job.state == JobState::Running {
             sqlx::query("update jobs set cancel_requested = 1, message = 'cancelling' where id = ?")
-                .bind(id.as_str())
+                .bind(id.param())
                 .execute(&mut *tx)
                 .await
                 .map_err(fault("asking a job to stop"))?;
@@ -128,9 +133,9 @@ impl Store {
         let mut tx = self.write().await?;
         let job = running(&mut tx, attempt).await?.ok_or_else(attempt_is_over)?;
         sqlx::query("update jobs set checkpoint = ?, checkpoint_step = ? where id = ?")
-            .bind(blob.as_str())
-            .bind(row::stored(step))
-            .bind(job.id.as_str())
+            .bind(blob.param())
+            .bind(step.param())
+            .bind(job.id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("saving a checkpoint"))?;
@@ -146,7 +151,7 @@ impl Store {
     pub(crate) async fn drop_checkpoint(&self, id: &JobId) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("update jobs set checkpoint = null, checkpoint_step = null, done = 0 where id = ?")
-            .bind(id.as_str())
+            .bind(id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("dropping a checkpoint"))?;
@@ -164,7 +169,7 @@ pub(super) fn attempt_is_over() -> Error {
 pub(super) async fn running(tx: &mut Transaction<'_, Sqlite>, attempt: &Attempt) -> Result<Option<Job>> {
     let held: Option<i64> =
         sqlx::query_scalar("select 1 from jobs where id = ? and coalesce(token_hash, '') = ? and state = 'running'")
-            .bind(attempt.job_id.as_str())
+            .bind(attempt.job_id.param())
             .bind(&attempt.token_hash)
             .fetch_optional(&mut **tx)
             .await
@@ -189,12 +194,12 @@ pub(super) async fn advance(
         "update jobs set state = ?1, message = ?2, error = ?3, token_hash = null, ended_at = ?4, \
          checkpoint = iif(?5, null, checkpoint), checkpoint_step = iif(?5, null, checkpoint_step) where id = ?6",
     )
-    .bind(next.as_str())
+    .bind(next.param())
     .bind(message)
     .bind(error)
-    .bind(ended.then(|| Millis::now().0))
+    .bind(ended.then(Millis::now).param())
     .bind(ended)
-    .bind(job.id.as_str())
+    .bind(job.id.param())
     .execute(&mut **tx)
     .await
     .map_err(fault("moving a job"))?;
@@ -218,11 +223,11 @@ async fn drop_dependents(tx: &mut Transaction<'_, Sqlite>, id: &JobId, state: Jo
          update jobs set state = ?2, message = ?3, error = ?4, ended_at = ?5 \
          where state = 'queued' and id in (select id from waiting)",
     )
-    .bind(id.as_str())
-    .bind(state.as_str())
+    .bind(id.param())
+    .bind(state.param())
     .bind(message)
     .bind(error)
-    .bind(Millis::now().0)
+    .bind(Millis::now().param())
     .execute(&mut **tx)
     .await
     .map_err(fault("ending the jobs that wait"))?;

@@ -1,35 +1,169 @@
-//! Conversions from columns: words, ids, counts and packed arrays to domain values.
+//! Values of the domain in rows. The domain does not depend on sqlx, so its types are mapped here: each has one form in a
+//! column, for reading and for binding, and a struct names its columns once.
 //!
-//! An unreadable row is a fault of the server, never of the caller.
+//! An unreadable column is sqlx's `ColumnDecode` error, which names the column.
 
-use crate::error::{Error, Result};
+use std::result::Result;
 
-/// Reads a column that must contain a known word or id.
-pub(super) fn parsed<T>(column: &str, value: Option<T>) -> Result<T> {
-    value.ok_or_else(|| Error::internal(format!("reading the column {column}"), "the value is not one of ours"))
+use gleaner_core::ScoreSpec;
+use gleaner_recording::{Report, TaskSpec};
+use sqlx::{
+    Column as _, ColumnIndex, Decode, Encode, Row as _, Sqlite, Type,
+    encode::IsNull,
+    error::BoxDynError,
+    sqlite::{SqliteArgumentsBuffer, SqliteRow, SqliteTypeInfo},
+};
+
+use super::packed::{pack, unpack};
+use crate::domain::{
+    access,
+    client::Client,
+    episode::Outcome,
+    evaluation::SeedResult,
+    id::{
+        BlobId, DatasetId, EncoderId, EpisodeId, EvaluationId, ExportId, JobId, PolicyId, ScheduleId, ScoreRunId,
+        SnapshotId, TaskId, TokenId, UploadId,
+    },
+    job::{JobKind, JobSpec, JobState},
+    order::JobOrder,
+    schedule::PipelineSpec,
+    snapshot::{Role, RoleRule},
+    time::Millis,
+};
+
+/// A value of one column.
+pub(super) trait Column: Sized {
+    /// The type that sqlx reads and binds.
+    type Form: Type<Sqlite> + for<'r> Decode<'r, Sqlite> + for<'q> Encode<'q, Sqlite> + 'static;
+
+    fn decode(form: Self::Form) -> Result<Self, BoxDynError>;
+    fn encode(&self) -> Result<Self::Form, BoxDynError>;
+
+    /// The value as a parameter of a query.
+    fn param(&self) -> Param<'_, Self> {
+        Param(self)
+    }
 }
 
-/// Reads an id column.
-pub(super) fn id<T: TryFrom<String, Error = String>>(column: &str, text: String) -> Result<T> {
-    T::try_from(text).map_err(|problem| Error::internal(format!("reading the column {column}"), problem))
+/// A value of several columns: a row, or a part of one.
+pub(super) trait Record: Sized {
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self>;
 }
 
-/// Reads a column with a count.
-pub(super) fn count(column: &str, value: i64) -> Result<u64> {
-    parsed(column, u64::try_from(value).ok())
+/// Reads a row; for sqlx's `try_map`.
+pub(super) fn read<T: Record>(row: SqliteRow) -> sqlx::Result<T> {
+    T::decode(&row)
 }
 
-/// Converts a count to a column's type.
-pub(super) fn stored(value: u64) -> i64 {
-    i64::try_from(value).unwrap_or(i64::MAX)
+/// Reads the column of this name or position.
+pub(super) fn column<T: Column>(row: &SqliteRow, index: impl ColumnIndex<SqliteRow> + Copy) -> sqlx::Result<T> {
+    let form = row.try_get(index)?;
+    T::decode(form).or_else(|source| Err(unreadable(row.try_column(index)?.name(), source)))
 }
 
-/// Reads a JSON column.
-pub(super) fn json<T: serde::de::DeserializeOwned>(column: &str, text: &str) -> Result<T> {
-    serde_json::from_str(text).map_err(|error| Error::internal(format!("reading the column {column}"), error))
+/// The error of a column with a value that its type does not have.
+pub(super) fn unreadable(column: &str, source: impl Into<BoxDynError>) -> sqlx::Error {
+    sqlx::Error::ColumnDecode { index: format!("{column:?}"), source: source.into() }
 }
 
-/// Writes a JSON column.
-pub(super) fn to_json<T: serde::Serialize>(value: &T) -> Result<String> {
-    serde_json::to_string(value).map_err(|error| Error::internal("writing JSON", error))
+/// A parameter of a query.
+#[derive(Debug)]
+pub(super) struct Param<'a, T>(&'a T);
+
+impl<T: Column> Type<Sqlite> for Param<'_, T> {
+    fn type_info() -> SqliteTypeInfo {
+        T::Form::type_info()
+    }
 }
+
+impl<T: Column> Encode<'_, Sqlite> for Param<'_, T> {
+    fn encode_by_ref(&self, buffer: &mut SqliteArgumentsBuffer) -> Result<IsNull, BoxDynError> {
+        self.0.encode()?.encode(buffer)
+    }
+}
+
+/// Maps types to a form: how a value is read from it, and written to it.
+macro_rules! columns {
+    ($form:ty: $($value:ty)+; $decode:expr; $encode:expr) => {$(
+        impl Column for $value {
+            type Form = $form;
+
+            fn decode(form: $form) -> Result<Self, BoxDynError> {
+                let decode: fn($form) -> Result<Self, BoxDynError> = $decode;
+                decode(form)
+            }
+
+            fn encode(&self) -> Result<$form, BoxDynError> {
+                let encode: fn(&Self) -> Result<$form, BoxDynError> = $encode;
+                encode(self)
+            }
+        }
+    )+};
+    ($($plain:ty)+) => {$(
+        columns!($plain: $plain; Ok; |value| Ok(value.clone()));
+    )+};
+}
+
+columns!(String i64 u32 i32 f64 bool);
+columns!(i64: u64; |count| Ok(u64::try_from(count)?); |count| Ok(i64::try_from(*count).unwrap_or(i64::MAX)));
+columns!(i64: Millis; |time| Ok(Millis(time)); |time| Ok(time.0));
+columns!(String: BlobId DatasetId EncoderId EpisodeId EvaluationId ExportId JobId PolicyId ScheduleId ScoreRunId
+    SnapshotId TaskId TokenId UploadId; |text| Ok(text.try_into()?); |id| Ok(id.as_str().to_owned()));
+columns!(String: Outcome Role JobKind JobState access::Role;
+    |word| Self::from_word(&word).ok_or_else(|| format!("{word:?} is an unknown word").into());
+    |value| Ok(value.as_str().to_owned()));
+columns!(String: Client; |text| Self::parse(&text).ok_or_else(|| format!("{text:?} is not a client").into());
+    |client| Ok(client.to_string()));
+columns!(String: TaskSpec Report RoleRule JobSpec JobOrder ScoreSpec PipelineSpec Vec<SeedResult> Vec<EpisodeId> Vec<String>;
+    |json| Ok(serde_json::from_str(&json)?); |value| Ok(serde_json::to_string(value)?));
+columns!(Option<String>: Vec<JobId>;
+    |ids| ids.iter().flat_map(|ids| ids.split(',')).map(|id| Ok(id.to_owned().try_into()?)).collect();
+    |ids| Ok(Some(ids.iter().map(JobId::as_str).collect::<Vec<_>>().join(","))));
+columns!(Vec<u8>: Vec<f64> Vec<f32> Vec<u32> Vec<[f32; 3]>; |bytes| unpack(&bytes); |values| Ok(pack(values)));
+
+impl<T: Column> Column for Option<T> {
+    type Form = Option<T::Form>;
+
+    fn decode(form: Self::Form) -> Result<Self, BoxDynError> {
+        form.map(T::decode).transpose()
+    }
+
+    fn encode(&self) -> Result<Self::Form, BoxDynError> {
+        self.as_ref().map(T::encode).transpose()
+    }
+}
+
+/// The columns of a struct, each of its field's name unless another is given; after `;` the fields of several columns.
+macro_rules! record {
+    ($record:ident: $($field:ident $(= $column:literal)?),+ $(; $($part:ident),+)?) => {
+        impl $crate::store::row::Record for $record {
+            fn decode(row: &sqlx::sqlite::SqliteRow) -> sqlx::Result<Self> {
+                Ok(Self {
+                    $($field: $crate::store::row::column(row, $crate::store::row::record!(@ $field $($column)?))?,)+
+                    $($($part: $crate::store::row::Record::decode(row)?,)+)?
+                })
+            }
+        }
+    };
+    (@ $field:ident) => { stringify!($field) };
+    (@ $field:ident $column:literal) => { $column };
+}
+pub(super) use record;
+
+impl<T: Column> Record for T {
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+        column(row, 0)
+    }
+}
+
+macro_rules! tuples {
+    ($(($($value:ident $index:literal),+))+) => {$(
+        impl<$($value: Column),+> Record for ($($value),+) {
+            fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+                Ok(($(column(row, $index)?),+))
+            }
+        }
+    )+};
+}
+
+tuples!((A 0, B 1)(A 0, B 1, C 2)(A 0, B 1, C 2, D 3));

@@ -1,12 +1,15 @@
 //! Rows of schedules, and the number of episodes labelled since each last started.
 
-use sqlx::{Sqlite, Transaction};
+use sqlx::{Sqlite, Transaction, sqlite::SqliteRow};
 
-use super::{Store, fault, is_duplicate, row};
+use super::{
+    Store, fault, is_duplicate,
+    row::{self, Column, Record, column, unreadable},
+};
 use crate::{
     domain::{
         id::{ScheduleId, TaskId},
-        schedule::{PipelineSpec, Schedule, ScheduleStart, Trigger},
+        schedule::{Schedule, ScheduleStart, Trigger},
         time::Millis,
     },
     error::{Error, Result},
@@ -24,42 +27,26 @@ macro_rules! select_schedules {
     };
 }
 
-#[derive(sqlx::FromRow)]
-struct ScheduleRow {
-    id: String,
-    task_id: String,
-    name: String,
-    cron: Option<String>,
-    labelled_episodes: Option<u32>,
-    pipeline: String,
-    paused: bool,
-    next_run_at: Option<i64>,
-    last_run_at: Option<i64>,
-    label_mark: i64,
-    last_error: String,
-    labelled_since: u32,
-}
-
-impl ScheduleRow {
-    fn read(self) -> Result<Schedule> {
-        let trigger = match (self.cron, self.labelled_episodes) {
-            (Some(cron), None) => Some(Trigger::Cron(cron)),
-            (None, Some(episodes)) => Some(Trigger::LabelledEpisodes(episodes)),
-            (None, None) | (Some(_), Some(_)) => None,
-        };
-        Ok(Schedule {
-            id: row::id("schedules.id", self.id)?,
-            task_id: row::id("schedules.task_id", self.task_id)?,
-            name: self.name,
-            trigger: row::parsed("schedules.cron", trigger)?,
-            pipeline: row::json::<PipelineSpec>("schedules.pipeline", &self.pipeline)?,
-            paused: self.paused,
-            next_run_at: self.next_run_at.map(Millis),
-            last_run_at: self.last_run_at.map(Millis),
-            label_mark: self.label_mark,
+impl Record for Schedule {
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+        let paused = column(row, "paused")?;
+        Ok(Self {
+            id: column(row, "id")?,
+            task_id: column(row, "task_id")?,
+            name: column(row, "name")?,
+            trigger: match (column(row, "cron")?, column(row, "labelled_episodes")?) {
+                (Some(cron), None) => Trigger::Cron(cron),
+                (None, Some(episodes)) => Trigger::LabelledEpisodes(episodes),
+                (None, None) | (Some(_), Some(_)) => return Err(unreadable("cron", "the schedule needs one trigger")),
+            },
+            pipeline: column(row, "pipeline")?,
+            paused,
+            next_run_at: column(row, "next_run_at")?,
+            last_run_at: column(row, "last_run_at")?,
+            label_mark: column(row, "label_mark")?,
             // Labels are also counted during a pause, but that count is dropped.
-            labelled_since: if self.paused { 0 } else { self.labelled_since },
-            last_error: self.last_error,
+            labelled_since: if paused { 0 } else { column(row, "labelled_since")? },
+            last_error: column(row, "last_error")?,
         })
     }
 }
@@ -79,15 +66,15 @@ impl Store {
             "insert into schedules (id, task_id, name, cron, labelled_episodes, pipeline, paused, next_run_at, \
              label_mark, created_at) values (?, ?, ?, ?, ?, ?, ?, ?, (select coalesce(max(id), 0) from labels), ?)",
         )
-        .bind(schedule.id.as_str())
-        .bind(schedule.task_id.as_str())
+        .bind(schedule.id.param())
+        .bind(schedule.task_id.param())
         .bind(&schedule.name)
         .bind(cron)
         .bind(labelled_episodes)
-        .bind(row::to_json(&schedule.pipeline)?)
+        .bind(schedule.pipeline.param())
         .bind(schedule.paused)
-        .bind(schedule.next_run_at.map(|time| time.0))
-        .bind(Millis::now().0)
+        .bind(schedule.next_run_at.param())
+        .bind(Millis::now().param())
         .execute(&mut *tx)
         .await
         .map_err(|error| {
@@ -109,22 +96,23 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn schedule(&self, id: &ScheduleId) -> Result<Schedule> {
-        let found: Option<ScheduleRow> = sqlx::query_as(select_schedules!("where id = ?"))
-            .bind(id.as_str())
+        sqlx::query(select_schedules!("where id = ?"))
+            .bind(id.param())
+            .try_map(row::read)
             .fetch_optional(self.read())
             .await
-            .map_err(fault("reading a schedule"))?;
-        found.ok_or_else(|| Error::not_found("schedule", id))?.read()
+            .map_err(fault("reading a schedule"))?
+            .ok_or_else(|| Error::not_found("schedule", id))
     }
 
     /// The schedules of a task, or of all, oldest first.
     pub(crate) async fn schedules(&self, task: Option<&TaskId>) -> Result<Vec<Schedule>> {
-        let rows: Vec<ScheduleRow> = sqlx::query_as(select_schedules!("where ?1 is null or task_id = ?1 order by id"))
-            .bind(task.map(TaskId::as_str))
+        sqlx::query(select_schedules!("where ?1 is null or task_id = ?1 order by id"))
+            .bind(task.map(Column::param))
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("listing schedules"))?;
-        rows.into_iter().map(ScheduleRow::read).collect()
+            .map_err(fault("listing schedules"))
     }
 
     /// The number of the newest label.
@@ -151,8 +139,8 @@ impl Store {
              where id = ?3 and paused <> ?1",
         )
         .bind(paused)
-        .bind(next_run_at.map(|time| time.0))
-        .bind(id.as_str())
+        .bind(next_run_at.param())
+        .bind(id.param())
         .execute(&mut *tx)
         .await
         .map_err(fault("pausing a schedule"))?;
@@ -170,8 +158,8 @@ impl Store {
         let mut tx = self.write().await?;
         sqlx::query("update schedules set last_error = ?, next_run_at = ? where id = ?")
             .bind(error)
-            .bind(next_run_at.map(|time| time.0))
-            .bind(id.as_str())
+            .bind(next_run_at.param())
+            .bind(id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("noting a failed start"))?;
@@ -185,7 +173,7 @@ impl Store {
     pub(crate) async fn delete_schedule(&self, id: &ScheduleId) -> Result<()> {
         let mut tx = self.write().await?;
         let done = sqlx::query("delete from schedules where id = ?")
-            .bind(id.as_str())
+            .bind(id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("deleting a schedule"))?;
@@ -197,10 +185,10 @@ impl Store {
 /// Stores the state of a schedule after its start.
 pub(super) async fn started(tx: &mut Transaction<'_, Sqlite>, start: &ScheduleStart) -> Result<()> {
     sqlx::query("update schedules set last_run_at = ?, next_run_at = ?, label_mark = ?, last_error = '' where id = ?")
-        .bind(start.at.0)
-        .bind(start.next_run_at.map(|time| time.0))
+        .bind(start.at.param())
+        .bind(start.next_run_at.param())
         .bind(start.label_mark)
-        .bind(start.id.as_str())
+        .bind(start.id.param())
         .execute(&mut **tx)
         .await
         .map_err(fault("moving a schedule on"))?;

@@ -1,19 +1,24 @@
 //! Rows whose sidecars are missing or out of date, and rows restored from sidecars.
 
-use super::{Store, episode, fault, row};
+use super::{
+    Store, episode, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{
         description::{Description, Recording},
         episode::InspectedEpisode,
-        id::{BlobId, EpisodeId, TaskId},
+        id::{BlobId, EpisodeId, PolicyId, TaskId},
         task::Task,
         time::Millis,
     },
-    error::{Kind, Result},
+    error::{Error, Kind, Result},
 };
 
+record! { Undescribed: seq, id }
+
 /// A row to be described.
-#[derive(Debug, Clone, PartialEq, Eq, sqlx::FromRow)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Undescribed {
     seq: i64,
     /// The id of a task, an episode, an encoder or a policy.
@@ -34,9 +39,10 @@ pub(crate) enum Described {
 impl Store {
     /// Up to `most` rows whose sidecars are out of date, oldest changes first, after `after`.
     pub(crate) async fn undescribed(&self, after: Option<&Undescribed>, most: u32) -> Result<Vec<Undescribed>> {
-        sqlx::query_as("select seq, id from sidecar_queue where seq > ? order by seq limit ?")
+        sqlx::query("select seq, id from sidecar_queue where seq > ? order by seq limit ?")
             .bind(after.map_or(0, |row| row.seq))
             .bind(most)
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
             .map_err(fault("listing rows without a sidecar"))
@@ -44,12 +50,11 @@ impl Store {
 
     /// The episodes with existing recordings, each with its recording.
     pub(crate) async fn kept_recordings(&self) -> Result<Vec<(EpisodeId, BlobId)>> {
-        let rows: Vec<(String, String)> = sqlx::query_as("select id, recording from episodes where purged_at is null")
+        sqlx::query("select id, recording from episodes where purged_at is null")
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("listing recordings"))?;
-        let read = |(id, blob)| Ok((row::id("episodes.id", id)?, row::id("episodes.recording", blob)?));
-        rows.into_iter().map(read).collect()
+            .map_err(fault("listing recordings"))
     }
 
     /// Queues the sidecars of these episodes to be written again.
@@ -57,7 +62,7 @@ impl Store {
         let mut tx = self.write().await?;
         for id in ids {
             sqlx::query("insert or replace into sidecar_queue (id) values (?)")
-                .bind(id.as_str())
+                .bind(id.param())
                 .execute(&mut *tx)
                 .await
                 .map_err(fault("queueing a sidecar"))?;
@@ -99,7 +104,8 @@ impl Store {
                 Described::Beside(encoder.checkpoint, Description::Encoder { id, task_id, job_id, created_at })
             })
         } else {
-            let id = row::id("sidecar_queue.id", id.to_owned())?;
+            let id = PolicyId::try_from(id.to_owned());
+            let id = id.map_err(|problem| Error::internal("reading the id of a queued sidecar", problem))?;
             self.policy(&id).await.map(|policy| {
                 let (task_id, job_id, created_at) = (policy.task_id, policy.job_id, policy.created_at);
                 let description = Description::Policy { id, task_id, job_id, policy: policy.kind, created_at };
@@ -136,10 +142,10 @@ impl Store {
         }
         let mut tx = self.write().await?;
         sqlx::query("insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)")
-            .bind(task.id.as_str())
+            .bind(task.id.param())
             .bind(&spec.name)
-            .bind(row::to_json(&spec)?)
-            .bind(task.created_at.0)
+            .bind(spec.param())
+            .bind(task.created_at.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("restoring a task"))?;
@@ -158,12 +164,12 @@ impl Store {
         }
         (episode.outcome, episode.cohort) = (described.episode.outcome, described.episode.cohort.clone());
         // The retention time in the trash starts again.
-        let deleted_at = described.episode.deleted_at.map(|_| Millis::now().0);
+        let deleted_at = described.episode.deleted_at.map(|_| Millis::now());
         sqlx::query("update episodes set outcome = ?, cohort = ?, deleted_at = ?, delete_forced = 0 where id = ?")
-            .bind(episode.outcome.as_str())
+            .bind(episode.outcome.param())
             .bind(&episode.cohort)
-            .bind(if trashed { deleted_at } else { episode.deleted_at.map(|at| at.0) })
-            .bind(episode.id.as_str())
+            .bind(if trashed { deleted_at } else { episode.deleted_at }.param())
+            .bind(episode.id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("bringing an episode up to date"))?;
@@ -186,9 +192,9 @@ impl Store {
             "select exists (select 1 from episodes where purged_at is null \
              and (id = ?1 or (task_id = ?2 and recording = ?3)))",
         )
-        .bind(described.episode.id.as_str())
-        .bind(described.episode.task_id.as_str())
-        .bind(described.episode.recording.as_str())
+        .bind(described.episode.id.param())
+        .bind(described.episode.task_id.param())
+        .bind(described.episode.recording.param())
         .fetch_one(&mut *tx)
         .await
         .map_err(fault("looking for an episode"))?;
@@ -202,8 +208,8 @@ impl Store {
         if let Some(deleted_at) = deleted_at {
             // The retention time in the trash starts again, because the time spent there is unknown.
             sqlx::query("update episodes set deleted_at = ? where id = ?")
-                .bind(deleted_at.0.max(Millis::now().0))
-                .bind(inspected.episode.id.as_str())
+                .bind(deleted_at.max(Millis::now()).param())
+                .bind(inspected.episode.id.param())
                 .execute(&mut *tx)
                 .await
                 .map_err(fault("making an episode again"))?;

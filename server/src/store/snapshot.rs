@@ -5,9 +5,8 @@ use std::collections::HashMap;
 use sqlx::{QueryBuilder, Sqlite, Transaction};
 
 use super::{
-    Store,
-    episode::{self, EpisodeRow},
-    fault, row,
+    Store, episode, fault,
+    row::{self, Column as _, record},
 };
 use crate::{
     domain::{
@@ -25,57 +24,8 @@ const COLUMNS: &str = "select snapshots.id, task_id, rule, created_at, \
      (select count(*) from snapshot_episodes where snapshot_id = snapshots.id and role = 'imperfect') as imperfect \
      from snapshots ";
 
-#[derive(sqlx::FromRow)]
-struct SnapshotRow {
-    id: String,
-    task_id: String,
-    rule: String,
-    created_at: i64,
-    experts: i64,
-    imperfect: i64,
-}
-
-impl SnapshotRow {
-    fn read(self) -> Result<Snapshot> {
-        Ok(Snapshot {
-            id: row::id("snapshots.id", self.id)?,
-            task_id: row::id("snapshots.task_id", self.task_id)?,
-            rule: row::json("snapshots.rule", &self.rule)?,
-            expert_episodes: row::count("experts", self.experts)?,
-            imperfect_episodes: row::count("imperfect", self.imperfect)?,
-            created_at: Millis(self.created_at),
-        })
-    }
-}
-
-#[derive(sqlx::FromRow)]
-struct LabelledRow {
-    id: String,
-    recording: String,
-    outcome: String,
-    cohort: String,
-}
-
-#[derive(sqlx::FromRow)]
-struct MemberRow {
-    episode_id: String,
-    outcome: String,
-    cohort: String,
-    role: String,
-    steps: i64,
-}
-
-impl MemberRow {
-    fn read(self) -> Result<SnapshotEpisode> {
-        Ok(SnapshotEpisode {
-            episode_id: row::id("snapshot_episodes.episode_id", self.episode_id)?,
-            outcome: row::parsed("snapshot_episodes.outcome", Outcome::from_word(&self.outcome))?,
-            cohort: self.cohort,
-            role: row::parsed("snapshot_episodes.role", Role::from_word(&self.role))?,
-            steps: row::count("episodes.steps", self.steps)?,
-        })
-    }
-}
+record! { Snapshot: id, task_id, rule, expert_episodes = "experts", imperfect_episodes = "imperfect", created_at }
+record! { SnapshotEpisode: episode_id, outcome, cohort, role, steps }
 
 impl Store {
     /// Freezes the task's present episodes and labels under a rule.
@@ -108,10 +58,9 @@ impl Store {
     /// NotFound.
     pub(crate) async fn frozen(&self, id: &SnapshotId) -> Result<Snapshot> {
         let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
-        query.push("where id = ").push_bind(id.as_str());
-        let row: Option<SnapshotRow> =
-            query.build_query_as().fetch_optional(self.read()).await.map_err(fault("reading a snapshot"))?;
-        row.ok_or_else(|| Error::not_found("snapshot", id))?.read()
+        query.push("where id = ").push_bind(id.param());
+        let found = query.build().try_map(row::read).fetch_optional(self.read()).await;
+        found.map_err(fault("reading a snapshot"))?.ok_or_else(|| Error::not_found("snapshot", id))
     }
 
     /// A snapshot with its episodes, in its order.
@@ -120,25 +69,24 @@ impl Store {
     /// NotFound.
     pub(crate) async fn snapshot(&self, id: &SnapshotId) -> Result<(Snapshot, Vec<SnapshotEpisode>)> {
         let snapshot = self.frozen(id).await?;
-        let members = sqlx::query_as::<_, MemberRow>(
+        let members = sqlx::query(
             "select episode_id, snapshot_episodes.outcome, snapshot_episodes.cohort, role, steps \
              from snapshot_episodes join episodes on episodes.id = episode_id \
              where snapshot_id = ? order by position",
         )
-        .bind(id.as_str())
+        .bind(id.param())
+        .try_map(row::read)
         .fetch_all(self.read())
         .await
         .map_err(fault("reading a snapshot's episodes"))?;
-        Ok((snapshot, members.into_iter().map(MemberRow::read).collect::<Result<_>>()?))
+        Ok((snapshot, members))
     }
 
     /// A task's snapshots, newest first.
     pub(crate) async fn snapshots(&self, task: &TaskId) -> Result<Vec<Snapshot>> {
         let mut query = QueryBuilder::<Sqlite>::new(COLUMNS);
-        query.push("where task_id = ").push_bind(task.as_str()).push(" order by created_at desc, id desc");
-        let rows: Vec<SnapshotRow> =
-            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing snapshots"))?;
-        rows.into_iter().map(SnapshotRow::read).collect()
+        query.push("where task_id = ").push_bind(task.param()).push(" order by created_at desc, id desc");
+        query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing snapshots"))
     }
 
     /// The episodes of a snapshot in its order, each with its role and with its outcome and cohort at that time.
@@ -149,16 +97,20 @@ impl Store {
         let (_, members) = self.snapshot(id).await?;
         self.expect_recordings(id).await?;
         let mut query = QueryBuilder::<Sqlite>::new(episode::COLUMNS);
-        query.push("join snapshot_episodes on episode_id = episodes.id where snapshot_id = ").push_bind(id.as_str());
-        let rows: Vec<EpisodeRow> =
-            query.build_query_as().fetch_all(self.read()).await.map_err(fault("reading a snapshot's episodes"))?;
-        let episodes = rows.into_iter().map(EpisodeRow::read).collect::<Result<Vec<_>>>()?;
+        query.push("join snapshot_episodes on episode_id = episodes.id where snapshot_id = ").push_bind(id.param());
+        let episodes: Vec<Episode> = query
+            .build()
+            .try_map(row::read)
+            .fetch_all(self.read())
+            .await
+            .map_err(fault("reading a snapshot's episodes"))?;
         let mut by_id: HashMap<EpisodeId, Episode> =
             episodes.into_iter().map(|episode| (episode.id.clone(), episode)).collect();
         members
             .into_iter()
             .map(|member| {
-                let episode = row::parsed("snapshot_episodes.episode_id", by_id.remove(&member.episode_id))?;
+                let episode = by_id.remove(&member.episode_id);
+                let episode = episode.ok_or_else(|| Error::internal("reading a snapshot", "an episode has no row"))?;
                 Ok((Episode { outcome: member.outcome, cohort: member.cohort, ..episode }, member.role))
             })
             .collect()
@@ -174,21 +126,20 @@ async fn members_now(
     task: &TaskId,
     rule: &RoleRule,
 ) -> Result<Vec<(Member, Outcome)>> {
-    let rows = sqlx::query_as::<_, LabelledRow>(
+    let rows: Vec<(EpisodeId, String, Outcome, String)> = sqlx::query(
         "select id, recording, outcome, cohort from episodes where task_id = ? and deleted_at is null order by recording, id",
     )
-    .bind(task.as_str())
+    .bind(task.param())
+    .try_map(row::read)
     .fetch_all(&mut **tx)
     .await
     .map_err(fault("reading the task's episodes"))?;
     let mut outcomes = HashMap::with_capacity(rows.len());
     let mut members = Vec::with_capacity(rows.len());
-    for labelled in rows {
-        let outcome = row::parsed("episodes.outcome", Outcome::from_word(&labelled.outcome))?;
-        if let Some(role) = rule.role(outcome, &labelled.cohort) {
-            let episode_id: EpisodeId = row::id("episodes.id", labelled.id)?;
+    for (episode_id, recording, outcome, cohort) in rows {
+        if let Some(role) = rule.role(outcome, &cohort) {
             outcomes.insert(episode_id.clone(), outcome);
-            members.push(Member { episode_id, recording: labelled.recording, cohort: labelled.cohort, role });
+            members.push(Member { episode_id, recording, cohort, role });
         }
     }
     let members = limited(members, rule).into_iter();
@@ -219,24 +170,24 @@ fn check_both_sides(snapshot: &Snapshot) -> Result<()> {
 
 async fn insert(tx: &mut Transaction<'_, Sqlite>, snapshot: &Snapshot, members: &[(Member, Outcome)]) -> Result<()> {
     sqlx::query("insert into snapshots (id, task_id, rule, created_at) values (?, ?, ?, ?)")
-        .bind(snapshot.id.as_str())
-        .bind(snapshot.task_id.as_str())
-        .bind(row::to_json(&snapshot.rule)?)
-        .bind(snapshot.created_at.0)
+        .bind(snapshot.id.param())
+        .bind(snapshot.task_id.param())
+        .bind(snapshot.rule.param())
+        .bind(snapshot.created_at.param())
         .execute(&mut **tx)
         .await
         .map_err(fault("inserting a snapshot"))?;
-    for (position, (member, outcome)) in members.iter().enumerate() {
+    for (position, (member, outcome)) in (0i64..).zip(members) {
         sqlx::query(
             "insert into snapshot_episodes (snapshot_id, position, episode_id, outcome, cohort, role) \
              values (?, ?, ?, ?, ?, ?)",
         )
-        .bind(snapshot.id.as_str())
-        .bind(row::stored(position as u64))
-        .bind(member.episode_id.as_str())
-        .bind(outcome.as_str())
+        .bind(snapshot.id.param())
+        .bind(position)
+        .bind(member.episode_id.param())
+        .bind(outcome.param())
         .bind(&member.cohort)
-        .bind(member.role.as_str())
+        .bind(member.role.param())
         .execute(&mut **tx)
         .await
         .map_err(fault("inserting a snapshot's episode"))?;

@@ -2,7 +2,10 @@
 
 use gleaner_recording::TaskSpec;
 
-use super::{Store, fault, is_duplicate, row};
+use super::{
+    Store, fault, is_duplicate,
+    row::{self, Column as _, Record as _, record},
+};
 use crate::{
     domain::{
         id::TaskId,
@@ -12,42 +15,8 @@ use crate::{
     error::{Error, Result},
 };
 
-#[derive(sqlx::FromRow)]
-pub(super) struct TaskRow {
-    id: String,
-    spec: String,
-    created_at: i64,
-}
-
-#[derive(sqlx::FromRow)]
-struct CountedRow {
-    #[sqlx(flatten)]
-    task: TaskRow,
-    success: i64,
-    failure: i64,
-    unknown: i64,
-}
-
-impl TaskRow {
-    pub(super) fn read(self) -> Result<Task> {
-        Ok(Task {
-            id: row::id("tasks.id", self.id)?,
-            spec: row::json("tasks.spec", &self.spec)?,
-            created_at: Millis(self.created_at),
-        })
-    }
-}
-
-impl CountedRow {
-    fn read(self) -> Result<(Task, OutcomeCounts)> {
-        let counts = OutcomeCounts {
-            success: row::count("success", self.success)?,
-            failure: row::count("failure", self.failure)?,
-            unknown: row::count("unknown", self.unknown)?,
-        };
-        Ok((self.task.read()?, counts))
-    }
-}
+record! { Task: id, spec, created_at }
+record! { OutcomeCounts: success, failure, unknown }
 
 impl Store {
     /// Creates a task.
@@ -58,10 +27,10 @@ impl Store {
         let task = Task { id: TaskId::new(), spec: spec.clone(), created_at: Millis::now() };
         let mut tx = self.write().await?;
         sqlx::query("insert into tasks (id, name, spec, created_at) values (?, ?, ?, ?)")
-            .bind(task.id.as_str())
+            .bind(task.id.param())
             .bind(&spec.name)
-            .bind(row::to_json(spec)?)
-            .bind(task.created_at.0)
+            .bind(spec.param())
+            .bind(task.created_at.param())
             .execute(&mut *tx)
             .await
             .map_err(|error| match is_duplicate(&error) {
@@ -81,15 +50,13 @@ impl Store {
     /// NotFound.
     pub(crate) async fn task(&self, name_or_id: &str) -> Result<Task> {
         // An id takes precedence over a task with that name.
-        sqlx::query_as::<_, TaskRow>(
-            "select id, spec, created_at from tasks where id = ?1 or name = ?1 order by id = ?1 desc limit 1",
-        )
-        .bind(name_or_id)
-        .fetch_optional(self.read())
-        .await
-        .map_err(fault("reading a task"))?
-        .ok_or_else(|| Error::not_found("task", format!("{name_or_id:?}; list the tasks to see all names")))?
-        .read()
+        sqlx::query("select id, spec, created_at from tasks where id = ?1 or name = ?1 order by id = ?1 desc limit 1")
+            .bind(name_or_id)
+            .try_map(row::read)
+            .fetch_optional(self.read())
+            .await
+            .map_err(fault("reading a task"))?
+            .ok_or_else(|| Error::not_found("task", format!("{name_or_id:?}; list the tasks to see all names")))
     }
 
     /// The task with this id.
@@ -97,57 +64,52 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn task_by_id(&self, id: &TaskId) -> Result<Task> {
-        sqlx::query_as::<_, TaskRow>("select id, spec, created_at from tasks where id = ?")
-            .bind(id.as_str())
+        sqlx::query("select id, spec, created_at from tasks where id = ?")
+            .bind(id.param())
+            .try_map(row::read)
             .fetch_optional(self.read())
             .await
             .map_err(fault("reading a task"))?
-            .ok_or_else(|| Error::not_found("task", id))?
-            .read()
+            .ok_or_else(|| Error::not_found("task", id))
     }
 
     /// Every task with the counts of its episodes, oldest first.
     pub(crate) async fn tasks(&self) -> Result<Vec<(Task, OutcomeCounts)>> {
-        sqlx::query_as::<_, CountedRow>(
+        sqlx::query(
             "select tasks.id, spec, tasks.created_at, \
                  count(*) filter (where outcome = 'success') as success, \
                  count(*) filter (where outcome = 'failure') as failure, \
                  count(*) filter (where outcome = 'unknown') as unknown \
              from tasks left join episodes on task_id = tasks.id and deleted_at is null group by tasks.id order by tasks.id",
         )
+        .try_map(|row| Ok((Task::decode(&row)?, OutcomeCounts::decode(&row)?)))
         .fetch_all(self.read())
         .await
-        .map_err(fault("listing tasks"))?
-        .into_iter()
-        .map(CountedRow::read)
-        .collect()
+        .map_err(fault("listing tasks"))
     }
 
     /// The id and the name of every task, by name.
     pub(crate) async fn task_names(&self) -> Result<Vec<(TaskId, String)>> {
-        let rows: Vec<(String, String)> = sqlx::query_as("select id, name from tasks order by name")
+        sqlx::query("select id, name from tasks order by name")
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("listing the names of tasks"))?;
-        rows.into_iter().map(|(id, name)| Ok((row::id("tasks.id", id)?, name))).collect()
+            .map_err(fault("listing the names of tasks"))
     }
 
     /// The number of a task's episodes by outcome.
     pub(crate) async fn outcome_counts(&self, task: &TaskId) -> Result<OutcomeCounts> {
-        let (success, failure, unknown) = sqlx::query_as::<_, (i64, i64, i64)>(
+        let (success, failure, unknown) = sqlx::query(
             "select count(*) filter (where outcome = 'success'), count(*) filter (where outcome = 'failure'), \
                  count(*) filter (where outcome = 'unknown') from episodes where task_id = ? \
                  and deleted_at is null",
         )
-        .bind(task.as_str())
+        .bind(task.param())
+        .try_map(row::read)
         .fetch_one(self.read())
         .await
         .map_err(fault("counting episodes"))?;
-        Ok(OutcomeCounts {
-            success: row::count("success", success)?,
-            failure: row::count("failure", failure)?,
-            unknown: row::count("unknown", unknown)?,
-        })
+        Ok(OutcomeCounts { success, failure, unknown })
     }
 }
 

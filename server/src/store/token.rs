@@ -1,46 +1,18 @@
 //! Rows of tokens. Only the hash of a token is stored.
 
-use super::{Store, fault, is_duplicate, row};
+use super::{
+    Store, fault, is_duplicate,
+    row::{self, Column as _, Record as _, record},
+};
 use crate::{
-    domain::{
-        access::{Role, Token},
-        id::TokenId,
-        time::Millis,
-    },
+    domain::{access::Token, id::TokenId, time::Millis},
     error::{Error, Result},
 };
 
 const COLUMNS: &str = "select id, name, role, deployments, hash, created_at, expires_at, revoked_at, last_used_at \
      from tokens ";
 
-#[derive(sqlx::FromRow)]
-struct TokenRow {
-    id: String,
-    name: String,
-    role: String,
-    deployments: String,
-    hash: String,
-    created_at: i64,
-    expires_at: Option<i64>,
-    revoked_at: Option<i64>,
-    last_used_at: Option<i64>,
-}
-
-impl TokenRow {
-    fn read(self) -> Result<(String, Token)> {
-        let token = Token {
-            id: row::id("tokens.id", self.id)?,
-            name: self.name,
-            role: row::parsed("tokens.role", Role::from_word(&self.role))?,
-            deployments: row::json("tokens.deployments", &self.deployments)?,
-            created_at: Millis(self.created_at),
-            expires_at: self.expires_at.map(Millis),
-            revoked_at: self.revoked_at.map(Millis),
-            last_used_at: self.last_used_at.map(Millis),
-        };
-        Ok((self.hash, token))
-    }
-}
+record! { Token: id, name, role, deployments, created_at, expires_at, revoked_at, last_used_at }
 
 impl Store {
     /// Stores a new token by its hash.
@@ -52,13 +24,13 @@ impl Store {
         sqlx::query(
             "insert into tokens (id, name, role, deployments, hash, created_at, expires_at) values (?, ?, ?, ?, ?, ?, ?)",
         )
-        .bind(token.id.as_str())
+        .bind(token.id.param())
         .bind(&token.name)
-        .bind(token.role.as_str())
-        .bind(row::to_json(&token.deployments)?)
+        .bind(token.role.param())
+        .bind(token.deployments.param())
         .bind(hash)
-        .bind(token.created_at.0)
-        .bind(token.expires_at.map(|end| end.0))
+        .bind(token.created_at.param())
+        .bind(token.expires_at.param())
         .execute(&mut *tx)
         .await
         .map_err(|error| match is_duplicate(&error) {
@@ -74,9 +46,8 @@ impl Store {
     pub(crate) async fn tokens(&self) -> Result<Vec<(String, Token)>> {
         let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
         query.push("order by id");
-        let rows: Vec<TokenRow> =
-            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing tokens"))?;
-        rows.into_iter().map(TokenRow::read).collect()
+        let hashed = |row| Ok((row::column(&row, "hash")?, Token::decode(&row)?));
+        query.build().try_map(hashed).fetch_all(self.read()).await.map_err(fault("listing tokens"))
     }
 
     /// Revokes a token, found by its id or by the name of a live one. A second call does not change the time.
@@ -88,15 +59,14 @@ impl Store {
         let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
         query.push("where id = ").push_bind(id_or_name);
         query.push(" or (name = ").push_bind(id_or_name).push(" and name <> '' and revoked_at is null) limit 1");
-        let found: Option<TokenRow> =
-            query.build_query_as().fetch_optional(&mut *tx).await.map_err(fault("reading a token"))?;
-        let (_, mut token) = found
-            .ok_or_else(|| Error::not_found("live token", format!("{id_or_name:?}; list the tokens to see all names")))?
-            .read()?;
+        let found = query.build().try_map(row::read::<Token>).fetch_optional(&mut *tx).await;
+        let mut token = found.map_err(fault("reading a token"))?.ok_or_else(|| {
+            Error::not_found("live token", format!("{id_or_name:?}; list the tokens to see all names"))
+        })?;
         let now = token.revoked_at.unwrap_or_else(Millis::now);
         sqlx::query("update tokens set revoked_at = ? where id = ?")
-            .bind(now.0)
-            .bind(token.id.as_str())
+            .bind(now.param())
+            .bind(token.id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("revoking a token"))?;
@@ -109,8 +79,8 @@ impl Store {
     pub(crate) async fn token_used(&self, id: &TokenId, at: Millis) -> Result<()> {
         let mut tx = self.write().await?;
         sqlx::query("update tokens set last_used_at = max(coalesce(last_used_at, 0), ?) where id = ?")
-            .bind(at.0)
-            .bind(id.as_str())
+            .bind(at.param())
+            .bind(id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("noting a token's use"))?;
@@ -121,7 +91,7 @@ impl Store {
 #[cfg(test)]
 mod tests {
     use super::{super::testing, *};
-    use crate::error::Kind;
+    use crate::{domain::access::Role, error::Kind};
 
     fn token(name: &str) -> Token {
         Token {

@@ -2,7 +2,10 @@
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{Store, episode, fault, row};
+use super::{
+    Store, episode, fault,
+    row::{self, Column as _},
+};
 use crate::{
     domain::{
         episode::Episode,
@@ -42,9 +45,9 @@ impl Store {
                 "update episodes set deleted_at = coalesce(deleted_at, ?), delete_forced = max(delete_forced, ?) \
                  where id = ?",
             )
-            .bind(Millis::now().0)
+            .bind(Millis::now().param())
             .bind(force)
-            .bind(id.as_str())
+            .bind(id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("deleting an episode"))?;
@@ -63,7 +66,7 @@ impl Store {
         let mut back = Vec::with_capacity(ids.len());
         for id in ids {
             sqlx::query("update episodes set deleted_at = null, delete_forced = 0 where id = ? and purged_at is null")
-                .bind(id.as_str())
+                .bind(id.param())
                 .execute(&mut *tx)
                 .await
                 .map_err(fault("taking an episode back"))?;
@@ -80,18 +83,19 @@ impl Store {
     /// row, and is removed only if it was deleted by force and no job of its task is running.
     pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
         let mut tx = self.write().await?;
-        let gone: Vec<(String, String)> = sqlx::query_as(
+        let mut episodes: Vec<(EpisodeId, BlobId)> = sqlx::query(
             "select id, recording from episodes where deleted_at < ? \
              and not exists (select 1 from snapshot_episodes where episode_id = episodes.id) \
              and not exists (select 1 from episode_scores where episode_id = episodes.id)",
         )
-        .bind(time.0)
+        .bind(time.param())
+        .try_map(row::read)
         .fetch_all(&mut *tx)
         .await
         .map_err(fault("looking through the trash"))?;
-        for (id, _) in &gone {
+        for (id, _) in &episodes {
             for query in ["delete from labels where episode_id = ?", "delete from episodes where id = ?"] {
-                sqlx::query(query).bind(id).execute(&mut *tx).await.map_err(fault("emptying the trash"))?;
+                sqlx::query(query).bind(id.param()).execute(&mut *tx).await.map_err(fault("emptying the trash"))?;
             }
         }
         // The newest labels may have been removed, and their numbers are used again.
@@ -99,23 +103,23 @@ impl Store {
             .execute(&mut *tx)
             .await
             .map_err(fault("emptying the trash"))?;
-        let purged: Vec<(String, String)> = sqlx::query_as(
+        let purged = sqlx::query(
             "update episodes set purged_at = ?1 where deleted_at < ?2 and delete_forced and purged_at is null \
              and not exists (select 1 from jobs where jobs.task_id = episodes.task_id and state in ('queued', 'running')) \
              returning id, recording",
         )
-        .bind(Millis::now().0)
-        .bind(time.0)
+        .bind(Millis::now().param())
+        .bind(time.param())
+        .try_map(row::read)
         .fetch_all(&mut *tx)
         .await
         .map_err(fault("emptying the trash"))?;
         crate::fail_point::pass("sweep.rows_removed");
         self.commit(tx).await?;
         crate::fail_point::pass("sweep.committed");
-        let (removed, counted) = (gone.len() as u64, purged.len() as u64);
-        let read = |(id, blob)| Ok((row::id("episodes.id", id)?, row::id("episodes.recording", blob)?));
-        let episodes = gone.into_iter().chain(purged).map(read).collect::<Result<_>>()?;
-        Ok(Swept { removed, purged: counted, episodes })
+        let (removed, purged_count) = (episodes.len() as u64, purged.len() as u64);
+        episodes.extend(purged);
+        Ok(Swept { removed, purged: purged_count, episodes })
     }
 
     /// Rejects a snapshot with a removed recording: it can no longer be trained on.
@@ -123,11 +127,12 @@ impl Store {
     /// # Errors
     /// Precondition.
     pub(crate) async fn expect_recordings(&self, snapshot: &SnapshotId) -> Result<()> {
-        let gone: Option<String> = sqlx::query_scalar(
+        let gone: Option<EpisodeId> = sqlx::query(
             "select id from episodes join snapshot_episodes on episode_id = id \
              where snapshot_id = ? and purged_at is not null order by id limit 1",
         )
-        .bind(snapshot.as_str())
+        .bind(snapshot.param())
+        .try_map(row::read)
         .fetch_optional(self.read())
         .await
         .map_err(fault("reading the deleted episodes of a snapshot"))?;
@@ -142,24 +147,25 @@ impl Store {
 
     /// When the longest running attempt began; its results may not have rows yet.
     pub(crate) async fn oldest_running(&self) -> Result<Option<Millis>> {
-        let oldest: Option<i64> = sqlx::query_scalar("select min(started_at) from jobs where state = 'running'")
+        sqlx::query("select min(started_at) from jobs where state = 'running'")
+            .try_map(row::read)
             .fetch_one(self.read())
             .await
-            .map_err(fault("reading the running jobs"))?;
-        Ok(oldest.map(Millis))
+            .map_err(fault("reading the running jobs"))
     }
 }
 
 /// Rejects the deletion when snapshots or results need the episode, and names them.
 async fn refuse_if_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<()> {
-    let (snapshots, first): (i64, Option<String>) =
-        sqlx::query_as("select count(*), min(snapshot_id) from snapshot_episodes where episode_id = ?")
-            .bind(id.as_str())
+    let (snapshots, first): (u64, Option<SnapshotId>) =
+        sqlx::query("select count(*), min(snapshot_id) from snapshot_episodes where episode_id = ?")
+            .bind(id.param())
+            .try_map(row::read)
             .fetch_one(&mut **tx)
             .await
             .map_err(fault("reading the snapshots of an episode"))?;
     let Some(first) = first else { return Ok(()) };
-    let (runs, datasets, policies): (i64, i64, i64) = sqlx::query_as(
+    let (runs, datasets, policies): (u64, u64, u64) = sqlx::query(
         "with held(id) as (select snapshot_id from snapshot_episodes where episode_id = ?), \
          runs(id) as (select id from score_runs where snapshot_id in held), \
          sets(id) as (select id from datasets where score_run_id in runs) \
@@ -167,7 +173,8 @@ async fn refuse_if_needed(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> R
          (select count(*) from policies join jobs on jobs.id = job_id where dataset_id in sets \
           or json_extract(jobs.spec, '$.snapshot_id') in held)",
     )
-    .bind(id.as_str())
+    .bind(id.param())
+    .try_map(row::read)
     .fetch_one(&mut **tx)
     .await
     .map_err(fault("reading the results made from an episode"))?;

@@ -1,10 +1,12 @@
 //! Rows of open uploads. A row's `committed` counts bytes that are synced to disk.
 
-use super::{Store, episode, fault, row};
+use super::{
+    Store, episode, fault,
+    row::{self, Column as _, record},
+};
 use crate::{
     domain::{
-        client::Client,
-        episode::{Episode, InspectedEpisode, Outcome, Upload},
+        episode::{Episode, InspectedEpisode, Upload},
         id::{BlobId, TaskId, UploadId},
         time::Millis,
     },
@@ -14,36 +16,7 @@ use crate::{
 const COLUMNS: &str =
     "select id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author, client from uploads ";
 
-#[derive(sqlx::FromRow)]
-struct UploadRow {
-    id: String,
-    task_id: String,
-    file_name: String,
-    size_bytes: i64,
-    blake3: String,
-    committed: i64,
-    outcome: String,
-    cohort: String,
-    author: String,
-    client: String,
-}
-
-impl UploadRow {
-    fn read(self) -> Result<Upload> {
-        Ok(Upload {
-            id: row::id("uploads.id", self.id)?,
-            task_id: row::id("uploads.task_id", self.task_id)?,
-            file_name: self.file_name,
-            size_bytes: row::count("uploads.size_bytes", self.size_bytes)?,
-            blake3: row::id("uploads.blake3", self.blake3)?,
-            committed: row::count("uploads.committed", self.committed)?,
-            outcome: row::parsed("uploads.outcome", Outcome::from_word(&self.outcome))?,
-            cohort: self.cohort,
-            author: self.author,
-            client: row::parsed("uploads.client", Client::parse(&self.client))?,
-        })
-    }
-}
+record! { Upload: id, task_id, file_name, size_bytes, blake3, committed, outcome, cohort, author, client }
 
 impl Store {
     /// Opens an upload, unless its client has `most` open already; returns whether it was opened. `None`: no limit.
@@ -55,18 +28,18 @@ impl Store {
                  client, created_at) select ?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11 \
                  where ?12 is null or (select count(*) from uploads where client = ?10) < ?12",
         )
-        .bind(upload.id.as_str())
-        .bind(upload.task_id.as_str())
+        .bind(upload.id.param())
+        .bind(upload.task_id.param())
         .bind(&upload.file_name)
-        .bind(row::stored(upload.size_bytes))
-        .bind(upload.blake3.as_str())
-        .bind(row::stored(upload.committed))
-        .bind(upload.outcome.as_str())
+        .bind(upload.size_bytes.param())
+        .bind(upload.blake3.param())
+        .bind(upload.committed.param())
+        .bind(upload.outcome.param())
         .bind(&upload.cohort)
         .bind(&upload.author)
-        .bind(upload.client.to_string())
-        .bind(Millis::now().0)
-        .bind(most.map(row::stored))
+        .bind(upload.client.param())
+        .bind(Millis::now().param())
+        .bind(most.param())
         .execute(&mut *tx)
         .await
         .map_err(fault("opening an upload"))?;
@@ -80,29 +53,24 @@ impl Store {
     /// NotFound.
     pub(crate) async fn upload(&self, id: &UploadId) -> Result<Upload> {
         let mut query = sqlx::QueryBuilder::new(COLUMNS);
-        query.push("where id = ").push_bind(id.as_str());
-        let row: Option<UploadRow> =
-            query.build_query_as().fetch_optional(self.read()).await.map_err(fault("reading an upload"))?;
-        row.ok_or_else(|| Error::not_found("open upload", format!("{id}; start again")))?.read()
+        query.push("where id = ").push_bind(id.param());
+        let found = query.build().try_map(row::read).fetch_optional(self.read()).await;
+        found.map_err(fault("reading an upload"))?.ok_or_else(|| no_upload(id))
     }
 
     /// The task's open uploads of this content, the one with the most bytes first.
     pub(crate) async fn uploads_of(&self, task: &TaskId, blake3: &BlobId) -> Result<Vec<Upload>> {
         let mut query = sqlx::QueryBuilder::new(COLUMNS);
-        query.push("where task_id = ").push_bind(task.as_str());
-        query.push(" and blake3 = ").push_bind(blake3.as_str()).push(" order by committed desc, id");
-        let rows: Vec<UploadRow> =
-            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing uploads"))?;
-        rows.into_iter().map(UploadRow::read).collect()
+        query.push("where task_id = ").push_bind(task.param());
+        query.push(" and blake3 = ").push_bind(blake3.param()).push(" order by committed desc, id");
+        query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing uploads"))
     }
 
     /// Every open upload, oldest first.
     pub(crate) async fn uploads(&self) -> Result<Vec<Upload>> {
         let mut query = sqlx::QueryBuilder::<sqlx::Sqlite>::new(COLUMNS);
         query.push("order by id");
-        let rows: Vec<UploadRow> =
-            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing uploads"))?;
-        rows.into_iter().map(UploadRow::read).collect()
+        query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing uploads"))
     }
 
     /// Raises an upload's committed size; it never falls. Must be called after the bytes are synced.
@@ -112,13 +80,13 @@ impl Store {
     pub(crate) async fn commit_upload(&self, id: &UploadId, committed: u64) -> Result<()> {
         let mut tx = self.write().await?;
         let result = sqlx::query("update uploads set committed = max(committed, ?) where id = ?")
-            .bind(row::stored(committed))
-            .bind(id.as_str())
+            .bind(committed.param())
+            .bind(id.param())
             .execute(&mut *tx)
             .await
             .map_err(fault("committing an upload's bytes"))?;
         if result.rows_affected() == 0 {
-            return Err(Error::not_found("open upload", format!("{id}; start again")));
+            return Err(no_upload(id));
         }
         self.commit(tx).await?;
         crate::fail_point::pass("upload.size_committed");
@@ -135,10 +103,8 @@ impl Store {
     /// The uploads that were opened before `time`.
     pub(crate) async fn uploads_before(&self, time: Millis) -> Result<Vec<Upload>> {
         let mut query = sqlx::QueryBuilder::new(COLUMNS);
-        query.push("where created_at < ").push_bind(time.0);
-        let rows: Vec<UploadRow> =
-            query.build_query_as().fetch_all(self.read()).await.map_err(fault("listing old uploads"))?;
-        rows.into_iter().map(UploadRow::read).collect()
+        query.push("where created_at < ").push_bind(time.param());
+        query.build().try_map(row::read).fetch_all(self.read()).await.map_err(fault("listing old uploads"))
     }
 
     /// Ends an upload: in one transaction its row is removed and the episode becomes visible. When the same content has
@@ -158,9 +124,13 @@ impl Store {
     }
 }
 
+fn no_upload(id: &UploadId) -> Error {
+    Error::not_found("open upload", format!("{id}; start again"))
+}
+
 async fn delete(tx: &mut sqlx::Transaction<'_, sqlx::Sqlite>, id: &UploadId) -> Result<()> {
     sqlx::query("delete from uploads where id = ?")
-        .bind(id.as_str())
+        .bind(id.param())
         .execute(&mut **tx)
         .await
         .map_err(fault("deleting an upload"))?;

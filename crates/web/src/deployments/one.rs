@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::live;
 use crate::{
-    change::about,
+    change::change,
     page::Page,
     page_request::{PageRequest, escaped},
     refusal::Answer,
@@ -53,12 +53,15 @@ pub(crate) async fn show(request: PageRequest, Path(name): Path<String>) -> Answ
 }
 
 pub(crate) async fn roll_back(request: PageRequest, Path(name): Path<String>) -> Response {
-    let rolled = request.backend().roll_back(&name).await;
-    let policy = rolled.as_ref().ok().and_then(Deployment::policy_id).cloned();
-    let to = format!("/deployments/{}", escaped(&name));
-    let answer = rolled.map(|_| (StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response()).map_err(Into::into);
-    let subjects = [Some(("name", name.as_str())), policy.as_ref().map(|policy| ("policy_id", policy.as_str()))];
-    about(subjects.into_iter().flatten(), answer)
+    let rolled = async {
+        let deployment = request.backend().roll_back(&name).await?;
+        if let Some(policy) = deployment.policy_id() {
+            request.audit.about("policy_id", policy.as_str());
+        }
+        let to = format!("/deployments/{}", escaped(&name));
+        Ok((StatusCode::SEE_OTHER, [(LOCATION, to)]).into_response())
+    };
+    change(&request, [("name", name.as_str())], rolled).await
 }
 
 fn facts(deployment: &Deployment) -> Markup {

@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 use super::query::outcome;
 use crate::{
     Backend,
-    change::about,
+    change::change,
     page_request::{PageRequest, read},
     refusal::Answer,
     text,
@@ -70,13 +70,12 @@ impl Sent {
 }
 
 pub(crate) async fn label(request: PageRequest, Path(task): Path<String>, body: Bytes) -> Response {
-    let sent = match read::<Sent>(&body) {
-        Ok(sent) => sent,
-        Err(error) => return about([("task", task.as_str())], Err(error.into())),
+    let labelled = async {
+        let sent = read::<Sent>(&body)?;
+        sent.episodes.iter().take(NAMED).for_each(|labelled| request.audit.about("episode_id", &labelled.id));
+        given(&request, &task, sent).await
     };
-    let ids: Vec<String> = sent.episodes.iter().take(NAMED).map(|labelled| labelled.id.clone()).collect();
-    let episodes = ids.iter().map(|id| ("episode_id", id.as_str()));
-    about([("task", task.as_str())].into_iter().chain(episodes), given(&request, &task, sent).await)
+    change(&request, [("task", task.as_str())], labelled).await
 }
 
 async fn given(request: &PageRequest, task: &str, sent: Sent) -> Answer {

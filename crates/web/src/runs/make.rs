@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::query;
 use crate::{
-    change::{about, done, is_json},
+    change::{change, done, is_json},
     page_request::PageRequest,
     refusal::Answer,
 };
@@ -26,7 +26,7 @@ struct Named<T> {
 /// Makes the dataset of a selection, or returns the existing one. A form is redirected to its page, JSON is answered
 /// with JSON.
 pub(crate) async fn make(page_request: PageRequest, Path(id): Path<String>, request: Request) -> Response {
-    about([("score_run_id", id.as_str())], create(&page_request, &id, request).await)
+    change(&page_request, [("score_run_id", id.as_str())], create(&page_request, &id, request)).await
 }
 
 async fn create(page_request: &PageRequest, id: &str, request: Request) -> Answer {

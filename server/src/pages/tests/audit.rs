@@ -1,4 +1,5 @@
-//! The audit entry of every page that changes something: each is requested once. An audited page without a row fails here.
+//! The audit entry of every page that changes something: each is requested once. An audited page fails here without a row,
+//! and without subjects, which only the page's own change adds.
 
 use std::collections::HashSet;
 
@@ -35,19 +36,27 @@ async fn every_page_that_changes_something_is_in_the_audit_log_with_its_subjects
         (Page::CancelJob, format!("/jobs/job_{ID}/cancel"), "{}", vec![format!("job_id=job_{ID}")]),
         (Page::RetryJob, format!("/jobs/job_{ID}/retry"), "{}", vec![format!("job_id=job_{ID}")]),
     ];
-    let mut seen = HashSet::new();
+    let entries = async || pages.services.store.audit(Millis(0), 1000).await.unwrap();
+    let (mut seen, mut requests) = (HashSet::new(), 0);
     for (page, path, body, subjects) in rows {
-        for (client, role, status, outcome) in [
-            (&trainer, Role::Trainer, StatusCode::NOT_FOUND, "Not Found"),
-            (&viewer, Role::Viewer, StatusCode::FORBIDDEN, "Forbidden"),
+        assert!(!subjects.is_empty(), "{page:?}");
+        // A path that is not UTF-8 is rejected before the page receives the request.
+        let malformed = page.path().replace("{task}", "%FF").replace("{name}", "%FF").replace("{id}", "%FF");
+        for (client, path, role, status, outcome) in [
+            (&trainer, &path, Role::Trainer, StatusCode::NOT_FOUND, "Not Found"),
+            (&trainer, &malformed, Role::Trainer, StatusCode::BAD_REQUEST, "Bad Request"),
+            (&viewer, &path, Role::Viewer, StatusCode::FORBIDDEN, "Forbidden"),
         ] {
-            assert_eq!(pages.post(client, &path, (JSON, body)).await.status, status, "{page:?}");
-            let entry = pages.services.store.audit(Millis(0), 1000).await.unwrap().pop().unwrap();
+            assert_eq!(pages.post(client, path, (JSON, body)).await.status, status, "{page:?}");
+            requests += 1;
+            let mut log = entries().await;
+            assert_eq!(log.len(), requests, "{page:?} writes one entry");
+            let entry = log.pop().unwrap();
             assert_eq!((entry.rpc, entry.outcome.as_str()), (format!("pages/{page:?}"), outcome));
             assert_eq!((entry.caller.as_str(), entry.peer.as_str()), (role.as_str(), "127.0.0.1:4000"));
             assert!(entry.token_id.is_some());
-            // The body of a refused request is not read.
-            assert_eq!(entry.subjects, if role == Role::Viewer { Vec::new() } else { subjects.clone() });
+            let received = status == StatusCode::NOT_FOUND;
+            assert_eq!(entry.subjects, if received { subjects.clone() } else { Vec::new() }, "{page:?}");
         }
         seen.insert(page);
     }

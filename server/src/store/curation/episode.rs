@@ -3,7 +3,10 @@
 use crate::{
     domain::id::{EpisodeId, ScoreRunId, TaskId},
     error::{Error, Result},
-    store::{Store, fault, row},
+    store::{
+        Store, fault,
+        row::{self, Column as _},
+    },
 };
 
 impl Store {
@@ -13,7 +16,7 @@ impl Store {
     /// NotFound.
     pub(crate) async fn label_version(&self, id: &EpisodeId) -> Result<i64> {
         let newest: Option<i64> = sqlx::query_scalar("select max(id) from labels where episode_id = ?")
-            .bind(id.as_str())
+            .bind(id.param())
             .fetch_one(self.read())
             .await
             .map_err(fault("reading a label"))?;
@@ -25,15 +28,15 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn runs_that_scored(&self, task: &TaskId, id: &EpisodeId) -> Result<Vec<ScoreRunId>> {
-        let ids: Vec<String> = sqlx::query_scalar(
+        sqlx::query(
             "select score_runs.id from episode_scores join score_runs on score_runs.id = score_run_id \
              where episode_id = ? and task_id = ? order by score_runs.id desc",
         )
-        .bind(id.as_str())
-        .bind(task.as_str())
+        .bind(id.param())
+        .bind(task.param())
+        .try_map(row::read)
         .fetch_all(self.read())
         .await
-        .map_err(fault("looking for an episode's runs"))?;
-        ids.into_iter().map(|id| row::id("score_runs.id", id)).collect()
+        .map_err(fault("looking for an episode's runs"))
     }
 }

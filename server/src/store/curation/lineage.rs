@@ -3,10 +3,11 @@
 use crate::{
     domain::{
         curation::{Input, Lineage},
+        id::ScoreRunId,
         job::{Job, JobKind},
     },
-    error::Result,
-    store::{Store, row},
+    error::{Error, Result},
+    store::Store,
 };
 
 impl Store {
@@ -16,7 +17,11 @@ impl Store {
     /// Internal.
     pub(crate) async fn lineage(&self, job: &Job) -> Result<Lineage> {
         let datasets = match job.spec.kind() {
-            JobKind::Score => self.datasets_of_run(&row::id("jobs.result_id", job.result_id.clone())?).await?,
+            JobKind::Score => {
+                let run = ScoreRunId::try_from(job.result_id.clone());
+                let run = run.map_err(|problem| Error::internal("reading the run of a job", problem))?;
+                self.datasets_of_run(&run).await?
+            }
             JobKind::Pretrain | JobKind::Train | JobKind::Export | JobKind::Evaluate => Vec::new(),
         };
         let result = job.result_id.as_str();

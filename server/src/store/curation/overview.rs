@@ -4,10 +4,12 @@ use crate::{
     domain::{
         curation::{TaskOverview, Totals},
         id::TaskId,
-        task::OutcomeCounts,
     },
     error::Result,
-    store::{Store, fault, row, task::TaskRow},
+    store::{
+        Store, fault,
+        row::{self, Column as _, record},
+    },
 };
 
 /// Some tasks at a glance. Episodes are counted for those tasks only, from an index, and before they meet the tasks'
@@ -23,33 +25,7 @@ const OVERVIEW: &str = "with shown as materialized (select id, spec, created_at 
          coalesce(cohorts, 0) as cohorts \
      from shown left join counted on task_id = id order by id desc";
 
-#[derive(sqlx::FromRow)]
-struct OverviewRow {
-    #[sqlx(flatten)]
-    task: TaskRow,
-    success: i64,
-    failure: i64,
-    unknown: i64,
-    hours: f64,
-    bytes: i64,
-    cohorts: i64,
-}
-
-impl OverviewRow {
-    fn read(self) -> Result<TaskOverview> {
-        Ok(TaskOverview {
-            task: self.task.read()?,
-            outcomes: OutcomeCounts {
-                success: row::count("success", self.success)?,
-                failure: row::count("failure", self.failure)?,
-                unknown: row::count("unknown", self.unknown)?,
-            },
-            hours: self.hours,
-            bytes: row::count("bytes", self.bytes)?,
-            cohorts: row::count("cohorts", self.cohorts)?,
-        })
-    }
-}
+record! { TaskOverview: hours, bytes, cohorts; task, outcomes }
 
 impl Store {
     /// Tasks with totals, newest first; the trash is left out. Of the tasks with `text` in their name, ignoring the
@@ -58,14 +34,14 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn overview(&self, text: &str, skip: usize, most: usize) -> Result<Vec<TaskOverview>> {
-        let rows: Vec<OverviewRow> = sqlx::query_as(OVERVIEW)
+        sqlx::query(OVERVIEW)
             .bind(text.to_ascii_lowercase())
             .bind(i64::try_from(most).unwrap_or(i64::MAX))
             .bind(i64::try_from(skip).unwrap_or(i64::MAX))
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("looking over the tasks"))?;
-        rows.into_iter().map(OverviewRow::read).collect()
+            .map_err(fault("looking over the tasks"))
     }
 
     /// The number of tasks with `text` in their name, as [`Store::overview`] finds them.
@@ -73,12 +49,12 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn count_tasks(&self, text: &str) -> Result<u64> {
-        let count = sqlx::query_scalar("select count(*) from tasks where instr(lower(name), ?) > 0")
+        sqlx::query("select count(*) from tasks where instr(lower(name), ?) > 0")
             .bind(text.to_ascii_lowercase())
+            .try_map(row::read)
             .fetch_one(self.read())
             .await
-            .map_err(fault("counting tasks"))?;
-        row::count("tasks", count)
+            .map_err(fault("counting tasks"))
     }
 
     /// Sums over all tasks.
@@ -86,19 +62,15 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn totals(&self) -> Result<Totals> {
-        let (tasks, episodes, hours, bytes) = sqlx::query_as::<_, (i64, i64, f64, i64)>(
+        let (tasks, episodes, hours, bytes) = sqlx::query(
             "select (select count(*) from tasks), count(*), coalesce(sum(duration_s), 0.0) / 3600, \
                  coalesce(sum(size_bytes), 0) from episodes where deleted_at is null",
         )
+        .try_map(row::read)
         .fetch_one(self.read())
         .await
         .map_err(fault("summing up the tasks"))?;
-        Ok(Totals {
-            tasks: row::count("tasks", tasks)?,
-            episodes: row::count("episodes", episodes)?,
-            hours,
-            bytes: row::count("bytes", bytes)?,
-        })
+        Ok(Totals { tasks, episodes, hours, bytes })
     }
 
     /// The cohorts of a task's episodes, by name, including the empty one if an episode has no cohort.
@@ -109,7 +81,7 @@ impl Store {
         sqlx::query_scalar(
             "select distinct cohort from episodes where task_id = ? and deleted_at is null order by cohort",
         )
-        .bind(task.as_str())
+        .bind(task.param())
         .fetch_all(self.read())
         .await
         .map_err(fault("listing cohorts"))

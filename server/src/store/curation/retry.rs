@@ -9,7 +9,10 @@ use crate::{
         order::{JobOrder, NewJob},
     },
     error::{Error, Result},
-    store::{Store, fault, row},
+    store::{
+        Store, fault,
+        row::{self, Column as _},
+    },
 };
 
 impl Store {
@@ -18,12 +21,12 @@ impl Store {
     /// # Errors
     /// Internal, also for a job without a key.
     pub(crate) async fn ordered(&self, job: &JobId) -> Result<JobOrder> {
-        let ordered: String = sqlx::query_scalar("select ordered from jobs where id = ?")
-            .bind(job.as_str())
+        sqlx::query("select ordered from jobs where id = ?")
+            .bind(job.param())
+            .try_map(row::read)
             .fetch_one(self.read())
             .await
-            .map_err(fault("reading an order"))?;
-        row::json("jobs.ordered", &ordered)
+            .map_err(fault("reading an order"))
     }
 
     /// The jobs that never started because they waited, directly or not, for this one, which failed or was cancelled;
@@ -32,19 +35,20 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn ended_with(&self, job: &JobId, state: JobState) -> Result<Vec<Job>> {
-        let ids: Vec<String> = sqlx::query_scalar(
+        let ids: Vec<JobId> = sqlx::query(
             "with recursive waiting(id) as (select job_id from job_dependencies where needs = ?1 \
                union select job_id from job_dependencies join waiting on needs = waiting.id) \
              select id from jobs where id in (select id from waiting) and state = ?2 and started_at is null order by id",
         )
-        .bind(job.as_str())
-        .bind(state.as_str())
+        .bind(job.param())
+        .bind(state.param())
+        .try_map(row::read)
         .fetch_all(self.read())
         .await
         .map_err(fault("looking for the jobs that waited"))?;
         let mut jobs = Vec::with_capacity(ids.len());
         for id in ids {
-            jobs.push(self.job(&row::id("jobs.id", id)?).await?);
+            jobs.push(self.job(&id).await?);
         }
         Ok(jobs)
     }
@@ -55,14 +59,14 @@ impl Store {
 /// # Errors
 /// Exists, with the id of that job.
 pub(in crate::store) async fn expect_none_alike(tx: &mut Transaction<'_, Sqlite>, job: &NewJob) -> Result<()> {
-    let alike: Option<String> = sqlx::query_scalar(
-        "select id from jobs where task_id = ? and state in ('queued', 'running') and spec = ? limit 1",
-    )
-    .bind(job.task_id.as_str())
-    .bind(row::to_json(&job.spec)?)
-    .fetch_optional(&mut **tx)
-    .await
-    .map_err(fault("looking for a job that does the same"))?;
+    let alike: Option<JobId> =
+        sqlx::query("select id from jobs where task_id = ? and state in ('queued', 'running') and spec = ? limit 1")
+            .bind(job.task_id.param())
+            .bind(job.spec.param())
+            .try_map(row::read)
+            .fetch_optional(&mut **tx)
+            .await
+            .map_err(fault("looking for a job that does the same"))?;
     match alike {
         Some(id) => {
             Err(Error::exists(format!("{id} does the same and has not ended; look at that one, or cancel it first")))

@@ -1,75 +1,38 @@
 //! Snapshots and their episodes, in both directions.
 
+use sqlx::sqlite::SqliteRow;
+
 use crate::{
     domain::{
         curation::{FrozenEpisode, LabelSeen, SnapshotUse, Standing},
-        episode::Outcome,
         id::{EpisodeId, SnapshotId},
-        snapshot::Role,
-        time::Millis,
     },
     error::Result,
-    store::{Store, fault, row},
+    store::{
+        Store, fault,
+        row::{self, Column as _, Record, column, record},
+    },
 };
 
-#[derive(sqlx::FromRow)]
-struct FrozenRow {
-    episode_id: String,
-    file_name: String,
-    role: String,
-    outcome: String,
-    cohort: String,
-    version: Option<i64>,
-    outcome_now: String,
-    cohort_now: String,
-    version_now: Option<i64>,
-    in_trash: bool,
-    purged: bool,
-}
+record! { SnapshotUse: snapshot_id, created_at, role, outcome, cohort }
 
-impl FrozenRow {
-    fn read(self) -> Result<FrozenEpisode> {
-        Ok(FrozenEpisode {
-            episode_id: row::id("snapshot_episodes.episode_id", self.episode_id)?,
-            file_name: self.file_name,
-            role: row::parsed("snapshot_episodes.role", Role::from_word(&self.role))?,
-            then: LabelSeen {
-                outcome: row::parsed("snapshot_episodes.outcome", Outcome::from_word(&self.outcome))?,
-                cohort: self.cohort,
-                version: self.version,
-            },
-            now: LabelSeen {
-                outcome: row::parsed("episodes.outcome", Outcome::from_word(&self.outcome_now))?,
-                cohort: self.cohort_now,
-                version: self.version_now,
-            },
-            standing: match (self.purged, self.in_trash) {
+impl Record for FrozenEpisode {
+    fn decode(row: &SqliteRow) -> sqlx::Result<Self> {
+        let label = |outcome, cohort, version| -> sqlx::Result<_> {
+            let (outcome, cohort) = (column(row, outcome)?, column(row, cohort)?);
+            Ok(LabelSeen { outcome, cohort, version: column(row, version)? })
+        };
+        Ok(Self {
+            episode_id: column(row, "episode_id")?,
+            file_name: column(row, "file_name")?,
+            role: column(row, "role")?,
+            then: label("outcome", "cohort", "version")?,
+            now: label("outcome_now", "cohort_now", "version_now")?,
+            standing: match (column(row, "purged")?, column(row, "in_trash")?) {
                 (true, _) => Standing::Deleted,
                 (false, true) => Standing::InTrash,
                 (false, false) => Standing::Present,
             },
-        })
-    }
-}
-
-#[derive(sqlx::FromRow)]
-struct UseRow {
-    snapshot_id: String,
-    created_at: i64,
-    role: String,
-    outcome: String,
-    cohort: String,
-    of: i64,
-}
-
-impl UseRow {
-    fn read(self) -> Result<SnapshotUse> {
-        Ok(SnapshotUse {
-            snapshot_id: row::id("snapshot_episodes.snapshot_id", self.snapshot_id)?,
-            created_at: Millis(self.created_at),
-            role: row::parsed("snapshot_episodes.role", Role::from_word(&self.role))?,
-            outcome: row::parsed("snapshot_episodes.outcome", Outcome::from_word(&self.outcome))?,
-            cohort: self.cohort,
         })
     }
 }
@@ -83,7 +46,7 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn frozen_episodes(&self, id: &SnapshotId) -> Result<Vec<FrozenEpisode>> {
-        let rows: Vec<FrozenRow> = sqlx::query_as(
+        sqlx::query(
             "select held.episode_id, file_name, role, held.outcome, held.cohort, episodes.outcome as outcome_now, \
                  episodes.cohort as cohort_now, deleted_at is not null as in_trash, purged_at is not null as purged, \
                  (select max(labels.id) from labels where labels.episode_id = held.episode_id \
@@ -94,11 +57,11 @@ impl Store {
                  join episodes on episodes.id = held.episode_id \
              where held.snapshot_id = ? order by held.position",
         )
-        .bind(id.as_str())
+        .bind(id.param())
+        .try_map(row::read)
         .fetch_all(self.read())
         .await
-        .map_err(fault("reading a snapshot's episodes and their labels"))?;
-        rows.into_iter().map(FrozenRow::read).collect()
+        .map_err(fault("reading a snapshot's episodes and their labels"))
     }
 
     /// At most `most` snapshots that contain an episode, newest first, and the number of all of them.
@@ -106,18 +69,22 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn snapshots_with(&self, episode: &EpisodeId, most: u32) -> Result<(Vec<SnapshotUse>, u64)> {
-        let rows: Vec<UseRow> = sqlx::query_as(
+        let mut of = 0;
+        let uses = sqlx::query(
             "select snapshot_id, created_at, role, outcome, cohort, count(*) over () as \"of\" \
              from snapshot_episodes join snapshots on snapshots.id = snapshot_id \
              where episode_id = ? order by created_at desc, snapshot_id desc limit ?",
         )
-        .bind(episode.as_str())
+        .bind(episode.param())
         .bind(most)
+        .try_map(|row| {
+            of = column(&row, "of")?;
+            SnapshotUse::decode(&row)
+        })
         .fetch_all(self.read())
         .await
         .map_err(fault("asking which snapshots hold an episode"))?;
-        let of = rows.first().map_or(Ok(0), |row| row::count("of", row.of))?;
-        Ok((rows.into_iter().map(UseRow::read).collect::<Result<_>>()?, of))
+        Ok((uses, of))
     }
 }
 
@@ -125,7 +92,11 @@ impl Store {
 mod tests {
     use super::*;
     use crate::{
-        domain::{episode::NewLabel, snapshot::RoleRule},
+        domain::{
+            episode::{NewLabel, Outcome},
+            snapshot::{Role, RoleRule},
+            time::Millis,
+        },
         store::testing,
     };
 

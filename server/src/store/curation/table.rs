@@ -6,35 +6,17 @@ use crate::{
     domain::{
         curation::{TableFilter, TableRow},
         id::TaskId,
-        time::Millis,
     },
     error::Result,
     store::{
         Store,
-        episode::{EpisodeRow, episode_columns},
+        episode::episode_columns,
         fault,
+        row::{self, Column as _, record},
     },
 };
 
-#[derive(sqlx::FromRow)]
-struct LabelledRow {
-    #[sqlx(flatten)]
-    episode: EpisodeRow,
-    label_version: i64,
-    labelled_by: String,
-    labelled_at: i64,
-}
-
-impl LabelledRow {
-    fn read(self) -> Result<TableRow> {
-        Ok(TableRow {
-            episode: self.episode.read()?,
-            label_version: self.label_version,
-            labelled_by: self.labelled_by,
-            labelled_at: Millis(self.labelled_at),
-        })
-    }
-}
+record! { TableRow: label_version, labelled_by, labelled_at; episode }
 
 const TABLE: &str = concat!(
     "select ",
@@ -49,30 +31,30 @@ impl Store {
     /// # Errors
     /// Internal.
     pub(crate) async fn episode_table(&self, task: &TaskId, filter: &TableFilter) -> Result<Vec<TableRow>> {
-        let rows: Vec<LabelledRow> = query(task, filter)
-            .build_query_as()
+        query(task, filter)
+            .build()
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
-            .map_err(fault("listing a table of episodes"))?;
-        rows.into_iter().map(LabelledRow::read).collect()
+            .map_err(fault("listing a table of episodes"))
     }
 }
 
 fn query(task: &TaskId, filter: &TableFilter) -> QueryBuilder<Sqlite> {
     let TableFilter { outcome, cohort, from, before, warnings, text } = filter;
     let mut query = QueryBuilder::<Sqlite>::new(TABLE);
-    query.push_bind(task.as_str().to_owned()).push(" and deleted_at is null");
+    query.push_bind(task.param()).push(" and deleted_at is null");
     if let Some(outcome) = outcome {
-        query.push(" and episodes.outcome = ").push_bind(outcome.as_str());
+        query.push(" and episodes.outcome = ").push_bind(outcome.param());
     }
     if let Some(cohort) = cohort {
         query.push(" and episodes.cohort = ").push_bind(cohort.clone());
     }
     if let Some(from) = from {
-        query.push(" and episodes.created_at >= ").push_bind(from.0);
+        query.push(" and episodes.created_at >= ").push_bind(from.param());
     }
     if let Some(before) = before {
-        query.push(" and episodes.created_at < ").push_bind(before.0);
+        query.push(" and episodes.created_at < ").push_bind(before.param());
     }
     if let Some(warnings) = warnings {
         query.push(if *warnings { " and warnings > 0" } else { " and warnings = 0" });

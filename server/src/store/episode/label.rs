@@ -4,11 +4,14 @@ use std::collections::HashSet;
 
 use sqlx::{Sqlite, Transaction};
 
-use super::{by_id, fault, row};
+use super::{
+    by_id, fault,
+    row::{self, Column as _, Record as _, record},
+};
 use crate::{
     domain::{
         curation::{Labelled, Overtaken},
-        episode::{Episode, Label, NewLabel, Outcome},
+        episode::{Episode, Label, NewLabel},
         id::EpisodeId,
         time::Millis,
     },
@@ -16,27 +19,7 @@ use crate::{
     store::Store,
 };
 
-#[derive(sqlx::FromRow)]
-struct LabelRow {
-    id: i64,
-    outcome: String,
-    cohort: String,
-    author: String,
-    reason: String,
-    created_at: i64,
-}
-
-impl LabelRow {
-    fn read(self) -> Result<Label> {
-        Ok(Label {
-            outcome: row::parsed("labels.outcome", Outcome::from_word(&self.outcome))?,
-            cohort: self.cohort,
-            author: self.author,
-            reason: self.reason,
-            created_at: Millis(self.created_at),
-        })
-    }
-}
+record! { Label: outcome, cohort, author, reason, created_at }
 
 impl Store {
     /// Labels all these episodes or, when one is unknown, none. Every change is stored. The result is in the order of
@@ -60,11 +43,10 @@ impl Store {
         let mut tx = self.write().await?;
         let mut changed = Vec::new();
         for (episode_id, version) in seen {
-            if let Some(newest) = newest(&mut tx, episode_id).await?
-                && newest.id != *version
+            if let Some((label_version, label)) = newest(&mut tx, episode_id).await?
+                && label_version != *version
             {
-                let (episode_id, label_version) = (episode_id.clone(), newest.id);
-                changed.push(Overtaken { episode_id, label_version, label: newest.read()? });
+                changed.push(Overtaken { episode_id: episode_id.clone(), label_version, label });
             }
         }
         if !changed.is_empty() {
@@ -87,16 +69,17 @@ impl Store {
     /// # Errors
     /// NotFound.
     pub(crate) async fn labels(&self, id: &EpisodeId) -> Result<Vec<Label>> {
-        let rows: Vec<LabelRow> = sqlx::query_as("select * from labels where episode_id = ? order by id")
-            .bind(id.as_str())
+        let labels: Vec<Label> = sqlx::query("select * from labels where episode_id = ? order by id")
+            .bind(id.param())
+            .try_map(row::read)
             .fetch_all(self.read())
             .await
             .map_err(fault("listing labels"))?;
-        if rows.is_empty() {
+        if labels.is_empty() {
             // Every episode has at least one label.
             return Err(Error::not_found("episode", id));
         }
-        rows.into_iter().map(LabelRow::read).collect()
+        Ok(labels)
     }
 }
 
@@ -124,9 +107,9 @@ async fn label_all(
             episode.cohort.clone_from(cohort);
         }
         sqlx::query("update episodes set outcome = ?, cohort = ? where id = ?")
-            .bind(episode.outcome.as_str())
+            .bind(episode.outcome.param())
             .bind(&episode.cohort)
-            .bind(id.as_str())
+            .bind(id.param())
             .execute(&mut **tx)
             .await
             .map_err(fault("labelling an episode"))?;
@@ -136,9 +119,11 @@ async fn label_all(
     Ok(labelled)
 }
 
-async fn newest(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<LabelRow>> {
-    sqlx::query_as("select * from labels where episode_id = ? order by id desc limit 1")
-        .bind(id.as_str())
+/// An episode's newest label, with its version.
+async fn newest(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<(i64, Label)>> {
+    sqlx::query("select * from labels where episode_id = ? order by id desc limit 1")
+        .bind(id.param())
+        .try_map(|row| Ok((row::column(&row, "id")?, Label::decode(&row)?)))
         .fetch_optional(&mut **tx)
         .await
         .map_err(fault("reading a label"))
@@ -154,12 +139,12 @@ pub(in crate::store) async fn insert(
     let kept = sqlx::query(
         "insert into labels (episode_id, outcome, cohort, author, reason, created_at) values (?, ?, ?, ?, ?, ?)",
     )
-    .bind(episode.id.as_str())
-    .bind(episode.outcome.as_str())
+    .bind(episode.id.param())
+    .bind(episode.outcome.param())
     .bind(&episode.cohort)
     .bind(author)
     .bind(reason)
-    .bind(Millis::now().0)
+    .bind(Millis::now().param())
     .execute(&mut **tx)
     .await
     .map_err(fault("keeping a label"))?;

@@ -1,7 +1,7 @@
 //! Tests of episode rows: pages.
 
 use super::*;
-use crate::store::testing;
+use crate::{domain::episode::Outcome, store::testing};
 
 #[tokio::test]
 async fn pages_meet_without_gap_or_overlap() {

@@ -8,7 +8,7 @@ use crate::{
     blobs::Blobs,
     data_folder::{self, stamp::Stamp, ways_out},
     error::{Error, Kind, Result},
-    store::{fault, row},
+    store::fault,
 };
 
 /// The row of the database at `path`, which is not changed. A database from before that row counts as one that was
@@ -82,13 +82,13 @@ pub(super) fn misfit(lab: Option<&Lab>, stamp: Option<&Stamp>, blobs: &Blobs) ->
             "the database belongs to another folder, or is older than this folder's stamp".to_owned()
         }
         (Some(lab), Some(stamp)) => {
-            let generation = row::count("lab.generation", lab.generation)?;
-            if generation >= stamp.generation {
+            if lab.generation >= stamp.generation {
                 return Ok(None);
             }
             format!(
-                "the database is older than the blobs (generation {generation}, the stamp has {}): it is an earlier copy, \
+                "the database is older than the blobs (generation {}, the stamp has {}): it is an earlier copy, \
                  or was copied without its write-ahead log ({}-wal)",
+                lab.generation,
                 stamp.generation,
                 data_folder::DATABASE
             )

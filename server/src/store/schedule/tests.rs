@@ -7,6 +7,7 @@ use crate::{
     domain::{
         episode::{NewLabel, Outcome},
         order::Plan,
+        schedule::PipelineSpec,
         snapshot::RoleRule,
         task::Task,
     },

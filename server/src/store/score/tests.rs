@@ -7,6 +7,7 @@ use crate::{
         job::JobState,
         score::Histogram,
         selection::{Kept, Selection},
+        snapshot::Role,
     },
     error::Kind,
     store::testing::{self, results},

@@ -2,7 +2,7 @@
 
 use gleaner_core::{PretrainSpec, ScoreSpec, TrainSpec};
 
-use super::super::{Store, encoder as encoders, policy as policies, score};
+use super::super::{Store, encoder as encoders, policy as policies, row::Column as _, score};
 use crate::domain::{
     id::{BlobId, EncoderId, EpisodeId, JobId, PolicyId, ScoreRunId},
     job::{JobSpec, JobState},
@@ -35,9 +35,9 @@ pub(crate) async fn job(store: &Store, task: &Task, spec: JobSpec, result_id: &s
 pub(crate) async fn set_state(store: &Store, job: &JobId, state: JobState, error: &str) {
     let mut tx = store.write().await.unwrap();
     sqlx::query("update jobs set state = ?, error = ? where id = ?")
-        .bind(state.as_str())
+        .bind(state.param())
         .bind(error)
-        .bind(job.as_str())
+        .bind(job.param())
         .execute(&mut *tx)
         .await
         .unwrap();

@@ -5,6 +5,7 @@ use crate::{
     domain::{
         episode::{Episode, NewLabel, Outcome, Upload},
         task::Task,
+        time::Millis,
     },
     store::testing,
 };

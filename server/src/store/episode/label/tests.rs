@@ -1,7 +1,11 @@
 //! Labels with history, from one client and from two at once.
 
 use super::*;
-use crate::{domain::task::Task, error::Kind, store::testing};
+use crate::{
+    domain::{episode::Outcome, task::Task},
+    error::Kind,
+    store::testing,
+};
 
 fn label(outcome: Outcome, cohort: Option<&str>) -> NewLabel {
     NewLabel { outcome, cohort: cohort.map(str::to_owned), author: "ada".into(), reason: "watched it".into() }
