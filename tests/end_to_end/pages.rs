@@ -169,7 +169,8 @@ async fn deployment_is_rolled_back_on_its_page() {
     let mut api = Api::connect(&shared.server).await;
     let name = "pick_cube@pages";
     for score_run_id in [String::new(), shared.run.clone()] {
-        let request = DeployRequest { name: name.into(), policy_id: shared.policy.clone(), score_run_id };
+        let request =
+            DeployRequest { name: name.into(), policy_id: shared.policy.clone(), score_run_id, ..Default::default() };
         api.policies.deploy(request).await.unwrap();
     }
     browser.open(&format!("{}/deployments", shared.server.pages())).await;
@@ -201,8 +202,12 @@ async fn page_of_a_deployment_shows_live_images() {
     let shared = shared().await;
     let mut api = Api::connect(&shared.server).await;
     let name = "pick_cube@watched";
-    let deploy =
-        DeployRequest { name: name.into(), policy_id: shared.policy.clone(), score_run_id: shared.run.clone() };
+    let deploy = DeployRequest {
+        name: name.into(),
+        policy_id: shared.policy.clone(),
+        score_run_id: shared.run.clone(),
+        ..Default::default()
+    };
     api.policies.deploy(deploy).await.unwrap();
     browser.open(&format!("{}/deployments/{name}", shared.server.pages())).await;
     assert!(browser.text("#live").await.contains("No session"));

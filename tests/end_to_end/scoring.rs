@@ -119,6 +119,7 @@ async fn rollback_restores_the_previous_score_run() {
         name: "scored@test".into(),
         policy_id: shared.policy.clone(),
         score_run_id: run.to_owned(),
+        ..DeployRequest::default()
     };
     api.policies.deploy(request("")).await.unwrap();
     let deployed = api.policies.deploy(request(&shared.run)).await.unwrap().into_inner().deployment.unwrap();

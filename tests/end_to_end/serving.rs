@@ -58,6 +58,34 @@ async fn every_action_of_a_session_is_one_that_the_robot_executes() {
     }
 }
 
+#[tokio::test]
+async fn deployment_may_hide_the_history_from_its_policy() {
+    let shared = shared().await;
+    let mut api = Api::connect(&shared.server).await;
+    let request = DeployRequest {
+        name: "hidden@test".into(),
+        policy_id: shared.policy.clone(),
+        hide_history: true,
+        ..DeployRequest::default()
+    };
+    let deployed = api.policies.deploy(request).await.unwrap().into_inner().deployment.unwrap();
+    assert!(deployed.hide_history && deployed.history[0].hide_history);
+    let mut sim = start_sim();
+    let mut first = observe(&sim);
+    sim.step(&[0.5, -0.5, 0.2, 0.0, 0.0, 0.0, 1.0]);
+    let mut now = observe(&sim);
+    now.executed_action = vec![0.5, -0.5, 0.2, 0.0, 0.0, 0.0, 1.0];
+    let mut act = async |deployment: &str, first: &Observation| {
+        let request = ActRequest { deployment: deployment.into(), observations: vec![first.clone(), now.clone()] };
+        values(&api.policies.act(request).await.unwrap().into_inner().actions)
+    };
+    let (hidden, shown) = (act("hidden@test", &first).await, act(NAME, &first).await);
+    first.proprioception.iter_mut().for_each(|value| *value += 0.1);
+    assert_eq!(act("hidden@test", &first).await, hidden);
+    assert_ne!(act(NAME, &first).await, shown);
+    assert_ne!(hidden, shown);
+}
+
 /// Two concurrent sessions give the same actions as one: neither uses the other's history.
 #[tokio::test]
 async fn sessions_are_isolated() {

@@ -26,13 +26,30 @@ pub struct Policy {
     pub created_at: Millis,
 }
 
-/// An entry in the history of a deployment.
+/// What a deployment's name points at.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct DeploymentChange {
+pub struct Assignment {
     /// The policy that acts.
     pub policy_id: PolicyId,
     /// The run whose scorer scores its sessions, if any.
     pub score_run_id: Option<ScoreRunId>,
+    /// Whether the policy acts on the newest step alone, its history hidden.
+    pub hide_history: bool,
+}
+
+impl Assignment {
+    /// The policy alone, with its history shown.
+    #[must_use]
+    pub fn of(policy: &PolicyId) -> Self {
+        Self { policy_id: policy.clone(), score_run_id: None, hide_history: false }
+    }
+}
+
+/// An entry in the history of a deployment.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct DeploymentChange {
+    /// What the name points at since then.
+    pub assignment: Assignment,
     /// When the change took effect.
     pub since: Millis,
 }
@@ -49,13 +66,18 @@ pub struct Deployment {
 }
 
 impl Deployment {
+    /// What is in force.
+    pub fn assignment(&self) -> Option<&Assignment> {
+        self.history.last().map(|change| &change.assignment)
+    }
+
     /// The policy in force.
     pub fn policy_id(&self) -> Option<&PolicyId> {
-        self.history.last().map(|change| &change.policy_id)
+        self.assignment().map(|now| &now.policy_id)
     }
 
     /// The score run in force, whose scorer scores the sessions.
     pub fn score_run_id(&self) -> Option<&ScoreRunId> {
-        self.history.last().and_then(|change| change.score_run_id.as_ref())
+        self.assignment().and_then(|now| now.score_run_id.as_ref())
     }
 }

@@ -249,7 +249,7 @@ impl Deployments for PageBackend {
     }
 
     async fn previous_policy(&self, deployment: &str) -> Result<PolicyId> {
-        Ok(self.services.store.before(deployment).await?.0)
+        Ok(self.services.store.before(deployment).await?.policy_id)
     }
 
     async fn roll_back(&self, deployment: &str) -> Result<Deployment> {

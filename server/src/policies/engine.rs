@@ -26,6 +26,8 @@ use crate::{
 #[derive(Debug, Clone)]
 pub(super) struct Identity {
     pub(super) policy_id: PolicyId,
+    /// Whether the policy acts without its history.
+    pub(super) hide_history: bool,
     pub(super) task_id: TaskId,
     /// The most inputs in one batch.
     pub(super) batch: usize,
@@ -37,6 +39,13 @@ pub(super) struct Identity {
     pub(super) wait: f64,
     /// The longest time for which the model's thread may spin for the next request.
     pub(super) spin: Duration,
+}
+
+impl Identity {
+    /// What tells engines apart: the policy, and whether its history is hidden.
+    pub(super) fn key(&self) -> (PolicyId, bool) {
+        (self.policy_id.clone(), self.hide_history)
+    }
 }
 
 /// An input to be answered.

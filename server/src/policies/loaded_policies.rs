@@ -5,11 +5,14 @@ use std::{collections::HashMap, sync::Arc};
 use super::{engine::Engine, model::Model};
 use crate::{domain::id::PolicyId, error::Result, model_cache::ModelCache};
 
+/// A policy, and whether its history is hidden: two models for the callers.
+type Key = (PolicyId, bool);
+
 /// Policies in memory. A name pins its policy; a policy without a name lives on while sessions hold it.
 pub(super) struct LoadedPolicies<M: Model> {
-    names: HashMap<String, PolicyId>,
+    names: HashMap<String, Key>,
     /// Weighed by the bytes of their checkpoints.
-    engines: ModelCache<PolicyId, Engine<M>>,
+    engines: ModelCache<Key, Engine<M>>,
 }
 
 impl<M: Model> LoadedPolicies<M> {
@@ -30,18 +33,18 @@ impl<M: Model> LoadedPolicies<M> {
     ///
     /// # Errors
     /// Unavailable after [`Self::stop`].
-    pub(super) fn loaded(&mut self, id: &PolicyId) -> Result<Option<Arc<Engine<M>>>> {
-        self.engines.get(id)
+    pub(super) fn loaded(&mut self, key: &Key) -> Result<Option<Arc<Engine<M>>>> {
+        self.engines.get(key)
     }
 
     /// Adds a policy that was loaded from a checkpoint of this size. No name points at it yet.
     pub(super) fn put(&mut self, engine: &Arc<Engine<M>>, bytes: u64) {
-        self.engines.insert(engine.identity().policy_id.clone(), engine, bytes);
+        self.engines.insert(engine.identity().key(), engine, bytes);
     }
 
     /// Points a name at a loaded policy. The policy before is unpinned unless another name points at it.
     pub(super) fn point(&mut self, name: &str, engine: &Arc<Engine<M>>) {
-        let id = engine.identity().policy_id.clone();
+        let id = engine.identity().key();
         self.engines.pin(&id, engine);
         if let Some(before) = self.names.insert(name.to_owned(), id)
             && !self.names.values().any(|named| *named == before)
@@ -53,7 +56,7 @@ impl<M: Model> LoadedPolicies<M> {
     /// Unloads idle policies, the least recently used first, until `coming` bytes more fit into the budget. Policies in
     /// use may exceed the budget: no session is closed for it.
     pub(super) fn make_room(&mut self, coming: u64) {
-        for (id, _engine) in self.engines.make_room(coming, None) {
+        for ((id, _), _engine) in self.engines.make_room(coming, None) {
             tracing::info!(policy.id = %id, "policy unloaded to make room");
         }
         let bytes = self.engines.weight();
@@ -71,7 +74,7 @@ impl<M: Model> LoadedPolicies<M> {
     /// Whether a policy is in memory; this counts as no use.
     #[cfg(test)]
     pub(super) fn has(&self, id: &PolicyId) -> bool {
-        self.engines.keys().contains(id)
+        self.engines.keys().iter().any(|(loaded, _)| loaded == id)
     }
 }
 

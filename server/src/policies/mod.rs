@@ -43,10 +43,10 @@ use crate::{
     blobs::Blobs,
     config::ServeConfig,
     domain::{
-        id::{PolicyId, ScoreRunId, SessionId},
+        id::{ScoreRunId, SessionId},
         live::{LiveSession, SessionState},
         observation::{Acted, Observation},
-        policy::{Deployment, Policy},
+        policy::{Assignment, Deployment, Policy},
     },
     error::{Error, Result},
     rollouts::Rollouts,
@@ -101,22 +101,18 @@ impl Policies {
     /// the policy has answered a blank observation. Running sessions keep their policy.
     ///
     /// # Errors
-    /// NotFound; Invalid when the run belongs to another task; Precondition when the policy or the run is not finished
-    /// or cannot be used by this version, the run cannot score live, or the name belongs to another task.
-    pub(crate) async fn deploy(
-        &self,
-        name: &str,
-        policy: &PolicyId,
-        score_run: Option<&ScoreRunId>,
-    ) -> Result<Deployment> {
-        let policy = self.0.store.policy(policy).await?;
-        let scorer = self.scorer(&policy, score_run).await?;
-        let (policies, name, score_run) = (self.clone(), name.to_owned(), score_run.cloned());
+    /// NotFound; Invalid when the run belongs to another task, or the history is to be hidden from a policy that always
+    /// saw it in training; Precondition when the policy or the run is not finished or cannot be used by this version, the
+    /// run cannot score live, or the name belongs to another task.
+    pub(crate) async fn deploy(&self, name: &str, assignment: Assignment) -> Result<Deployment> {
+        let policy = self.0.store.policy(&assignment.policy_id).await?;
+        let scorer = self.scorer(&policy, assignment.score_run_id.as_ref()).await?;
+        let (policies, name) = (self.clone(), name.to_owned());
         move_to_end(async move {
             let _scorer = scorer;
             let _moving = policies.0.moving.lock().await;
-            let engine = policies.load(&policy).await?;
-            let deployment = policies.0.store.deploy(&name, &policy.task_id, &policy.id, score_run.as_ref()).await?;
+            let engine = policies.load(&policy, assignment.hide_history).await?;
+            let deployment = policies.0.store.deploy(&name, &policy.task_id, &assignment).await?;
             lock(&policies.0.loaded).point(&name, &engine);
             tracing::info!(deployment.name = name, policy.id = %policy.id, "policy deployed");
             Ok(deployment)
@@ -130,17 +126,17 @@ impl Policies {
     /// NotFound; Precondition when there is no previous policy, or its checkpoint cannot be read by this version.
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
         // Before the lock: loading a scorer takes long.
-        let (policy, score_run) = self.0.store.before(name).await?;
-        let scorer = self.scorer(&self.0.store.policy(&policy).await?, score_run.as_ref()).await?;
+        let before = self.0.store.before(name).await?;
+        let scorer = self.scorer(&self.0.store.policy(&before.policy_id).await?, before.score_run_id.as_ref()).await?;
         let (policies, name) = (self.clone(), name.to_owned());
         move_to_end(async move {
             let (_scorer, store) = (scorer, &policies.0.store);
             let _moving = policies.0.moving.lock().await;
-            let policy = store.policy(&store.before(&name).await?.0).await?;
-            let engine = policies.load(&policy).await?;
+            let before = store.before(&name).await?;
+            let engine = policies.load(&store.policy(&before.policy_id).await?, before.hide_history).await?;
             let deployment = store.roll_back(&name).await?;
             lock(&policies.0.loaded).point(&name, &engine);
-            tracing::info!(deployment.name = name, policy.id = %policy.id, "deployment rolled back");
+            tracing::info!(deployment.name = name, policy.id = %before.policy_id, "deployment rolled back");
             Ok(deployment)
         })
         .await
@@ -195,15 +191,15 @@ impl Policies {
     /// Points a name at the policy in the store; loads it if needed. Requires `moving` to be held.
     async fn as_stored(&self, name: &str) -> Result<(Arc<Engine<Model>>, Deployment)> {
         let deployment = self.0.store.deployment(name).await?;
-        let id = deployment.policy_id().ok_or_else(|| Error::not_found("deployment", name))?;
-        let engine = self.load(&self.0.store.policy(id).await?).await?;
+        let now = deployment.assignment().ok_or_else(|| Error::not_found("deployment", name))?;
+        let engine = self.load(&self.0.store.policy(&now.policy_id).await?, now.hide_history).await?;
         lock(&self.0.loaded).point(name, &engine);
         Ok((engine, deployment))
     }
 
-    /// The policy's engine; loads it if needed. Requires `moving` to be held.
-    async fn load(&self, policy: &Policy) -> Result<Arc<Engine<Model>>> {
-        if let Some(engine) = lock(&self.0.loaded).loaded(&policy.id)? {
+    /// The policy's engine, with its history shown or hidden; loads it if needed. Requires `moving` to be held.
+    async fn load(&self, policy: &Policy, hide_history: bool) -> Result<Arc<Engine<Model>>> {
+        if let Some(engine) = lock(&self.0.loaded).loaded(&(policy.id.clone(), hide_history))? {
             return Ok(engine);
         }
         let bytes = tokio::fs::metadata(self.0.blobs.path(&policy.checkpoint)).await.map_or(0, |file| file.len());
@@ -211,6 +207,7 @@ impl Policies {
         let config = &self.0.config.policies;
         let identity = Identity {
             policy_id: policy.id.clone(),
+            hide_history,
             task_id: policy.task_id.clone(),
             batch: config.policy_batch,
             queue: config.policy_queue,
@@ -219,8 +216,11 @@ impl Policies {
             spin: config.policy_spin(),
         };
         let (blobs, checkpoint) = (self.0.blobs.clone(), policy.checkpoint.clone());
-        let engine =
-            Engine::start(identity, move || Model::load(&blobs.get(&checkpoint)?).map_err(model::learned)).await?;
+        let load = move || {
+            let policy = Model::load(&blobs.get(&checkpoint)?).map_err(model::learned)?;
+            if hide_history { policy.hiding_history().map_err(model::learned) } else { Ok(policy) }
+        };
+        let engine = Engine::start(identity, load).await?;
         lock(&self.0.loaded).put(&engine, bytes);
         Ok(engine)
     }

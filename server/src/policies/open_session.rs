@@ -122,7 +122,8 @@ impl Policies {
     async fn pointed(&self, name: &str) -> Result<(Arc<Engine<Model>>, Option<ScoreRunId>)> {
         let engine = self.deployed(name).await?;
         let deployment = self.0.store.deployment(name).await?;
-        if deployment.policy_id() == Some(&engine.identity().policy_id) {
+        let now = deployment.assignment().map(|now| (now.policy_id.clone(), now.hide_history));
+        if now == Some(engine.identity().key()) {
             return Ok((engine, deployment.score_run_id().cloned()));
         }
         // The deployment was moved meanwhile, or a move was stored without reaching memory. Under the lock, the stored

@@ -108,7 +108,16 @@ pub(super) async fn engine(batch: usize, queue: usize) -> (Arc<TestEngine>, Cont
 
 pub(super) fn identity(batch: usize, queue: usize) -> Identity {
     let (policy_id, task_id) = (PolicyId::new(), TaskId::new());
-    Identity { policy_id, task_id, batch, queue, period: Duration::from_secs(1000), wait: 0.05, spin: Duration::ZERO }
+    Identity {
+        policy_id,
+        hide_history: false,
+        task_id,
+        batch,
+        queue,
+        period: Duration::from_secs(1000),
+        wait: 0.05,
+        spin: Duration::ZERO,
+    }
 }
 
 /// A first input with this proprioception.

@@ -15,6 +15,7 @@ use crate::{
     config::{Cli, Command},
     domain::{
         episode::Outcome,
+        id::PolicyId,
         observation::{CameraFrame, Image, ImageFormat, SessionInput, SessionOutput, SessionSettings},
         score::Encoder,
         task::Task,
@@ -149,13 +150,13 @@ async fn a_deployment_moves_while_sessions_keep_their_policy() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
-    policies.deploy("arm", &old, None).await.unwrap();
+    policies.deploy("arm", Assignment::of(&old)).await.unwrap();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     assert!(matches!(robot.receives().await, Ok(SessionOutput::Opened { policy_id, .. }) if policy_id == old));
     let before = robot.acts(observation(1, &[])).await;
 
-    let deployment = policies.deploy("arm", &new, None).await.unwrap();
+    let deployment = policies.deploy("arm", Assignment::of(&new)).await.unwrap();
     assert_eq!(deployment.policy_id(), Some(&new));
     let acted = policies.act("arm", vec![observation(1, &[])]).await.unwrap();
     assert_eq!(acted.policy_id, new);
@@ -182,7 +183,7 @@ async fn a_session_and_a_window_of_observations_agree() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
-    policies.deploy("arm", &policy, None).await.unwrap();
+    policies.deploy("arm", Assignment::of(&policy)).await.unwrap();
     // As after a restart: the name is stored, the policy not loaded.
     let policies = lab.policies();
     let mut robot = Robot::new(&policies);
@@ -210,13 +211,13 @@ async fn an_unreadable_checkpoint_is_not_deployed() {
     let good = lab.policy(&trained(1)).await;
     let torn = lab.policy(b"no checkpoint").await;
     let policies = lab.policies();
-    policies.deploy("arm", &good, None).await.unwrap();
-    let error = policies.deploy("arm", &torn, None).await.unwrap_err();
+    policies.deploy("arm", Assignment::of(&good)).await.unwrap();
+    let error = policies.deploy("arm", Assignment::of(&torn)).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition, "{error}");
     let acted = policies.act("arm", vec![observation(1, &[])]).await.unwrap();
     assert_eq!(acted.policy_id, good);
     let gone = results::policy(&lab.store, &lab.task, &lab.encoder, blake3::hash(b"gone").into()).await;
-    assert_eq!(policies.deploy("arm", &gone.id, None).await.unwrap_err().kind(), Kind::Internal);
+    assert_eq!(policies.deploy("arm", Assignment::of(&gone.id)).await.unwrap_err().kind(), Kind::Internal);
 }
 
 #[tokio::test]
@@ -224,7 +225,7 @@ async fn unknown_names_are_not_found_and_a_session_begins_with_open() {
     let lab = Lab::new().await;
     let policies = lab.policies();
     assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::NotFound);
-    assert_eq!(policies.deploy("arm", &PolicyId::new(), None).await.unwrap_err().kind(), Kind::NotFound);
+    assert_eq!(policies.deploy("arm", Assignment::of(&PolicyId::new())).await.unwrap_err().kind(), Kind::NotFound);
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     assert_eq!(robot.receives().await.unwrap_err().kind(), Kind::NotFound);
@@ -239,8 +240,8 @@ async fn rolling_back_serves_the_previous_policy() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
-    policies.deploy("arm", &old, None).await.unwrap();
-    policies.deploy("arm", &new, None).await.unwrap();
+    policies.deploy("arm", Assignment::of(&old)).await.unwrap();
+    policies.deploy("arm", Assignment::of(&new)).await.unwrap();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     robot.receives().await.unwrap();
@@ -261,8 +262,8 @@ async fn policies_over_the_memory_budget_are_reloaded_on_use() {
     // Room for one.
     config.policies.policy_memory_bytes = u64::try_from(trained(1).len()).unwrap() * 3 / 2;
     let policies = lab.policies();
-    policies.deploy("one", &first, None).await.unwrap();
-    policies.deploy("two", &second, None).await.unwrap();
+    policies.deploy("one", Assignment::of(&first)).await.unwrap();
+    policies.deploy("two", Assignment::of(&second)).await.unwrap();
     assert!(!policies.has(&first), "the budget is for one");
     let mut robot = Robot::new(&policies);
     robot.opens("one");
@@ -281,7 +282,7 @@ async fn a_stop_unloads_every_policy_and_refuses_requests() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
-    policies.deploy("arm", &policy, None).await.unwrap();
+    policies.deploy("arm", Assignment::of(&policy)).await.unwrap();
     policies.stop().await;
     assert!(lock(&policies.0.loaded).named("arm").is_none());
     assert_eq!(policies.act("arm", vec![observation(1, &[])]).await.unwrap_err().kind(), Kind::Unavailable);

@@ -34,8 +34,8 @@ impl PolicyService for PolicyApi {
 
     async fn deploy(&self, request: Request<v1::DeployRequest>) -> Reply<v1::DeployResponse> {
         change(request, async |request| {
-            let (name, policy, score_run) = wire::policy::deploy_request(request)?;
-            let deployment = self.0.policies.deploy(&name, &policy, score_run.as_ref()).await?;
+            let (name, assignment) = wire::policy::deploy_request(request)?;
+            let deployment = self.0.policies.deploy(&name, assignment).await?;
             Ok(v1::DeployResponse { deployment: Some(wire::policy::deployment(deployment)) })
         })
         .await

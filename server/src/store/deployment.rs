@@ -8,31 +8,25 @@ use super::{
 };
 use crate::{
     domain::{
-        id::{PolicyId, ScoreRunId, TaskId},
-        policy::{Deployment, DeploymentChange},
+        id::TaskId,
+        policy::{Assignment, Deployment, DeploymentChange},
         time::Millis,
     },
     error::{Error, Result},
 };
 
-record! { DeploymentChange: policy_id, score_run_id, since = "created_at" }
+record! { Assignment: policy_id, score_run_id, hide_history }
+record! { DeploymentChange: since = "created_at"; assignment }
 
 /// A change with the deployment's name and task.
 type Change = (String, TaskId, DeploymentChange);
 
 impl Store {
-    /// Points a name at a policy of a task and, if one is named, at a score run of that task. Repeating the current
-    /// assignment changes nothing.
+    /// Points a name at a policy of a task. Repeating the current assignment changes nothing.
     ///
     /// # Errors
     /// Precondition when the name belongs to another task.
-    pub(crate) async fn deploy(
-        &self,
-        name: &str,
-        task: &TaskId,
-        policy: &PolicyId,
-        score_run: Option<&ScoreRunId>,
-    ) -> Result<Deployment> {
+    pub(crate) async fn deploy(&self, name: &str, task: &TaskId, assignment: &Assignment) -> Result<Deployment> {
         let mut tx = self.write().await?;
         sqlx::query("insert into deployments (name, task_id) values (?, ?) on conflict do nothing")
             .bind(name)
@@ -52,14 +46,15 @@ impl Store {
             )));
         }
         sqlx::query(
-            "insert into deployment_changes (name, policy_id, score_run_id, created_at, previous) \
-             select ?1, ?2, ?3, ?4, (select max(id) from deployment_changes where name = ?1) where not exists \
+            "insert into deployment_changes (name, policy_id, score_run_id, hide_history, created_at, previous) \
+             select ?1, ?2, ?3, ?4, ?5, (select max(id) from deployment_changes where name = ?1) where not exists \
              (select 1 from deployment_changes where id = (select max(id) from deployment_changes where name = ?1) \
-             and policy_id = ?2 and score_run_id is ?3)",
+             and policy_id = ?2 and score_run_id is ?3 and hide_history = ?4)",
         )
         .bind(name)
-        .bind(policy.param())
-        .bind(score_run.map(Column::param))
+        .bind(assignment.policy_id.param())
+        .bind(assignment.score_run_id.param())
+        .bind(assignment.hide_history)
         .bind(Millis::now().param())
         .execute(&mut *tx)
         .await
@@ -72,23 +67,25 @@ impl Store {
         Ok(deployment)
     }
 
-    /// The policy and the score run that rolling a name back would restore.
+    /// The assignment that rolling a name back would restore.
     ///
     /// # Errors
     /// NotFound; Precondition when there is no earlier assignment.
-    pub(crate) async fn before(&self, name: &str) -> Result<(PolicyId, Option<ScoreRunId>)> {
-        let before: Option<(Option<PolicyId>, Option<ScoreRunId>)> = sqlx::query(
-            "select earlier.policy_id, earlier.score_run_id from deployment_changes now \
-             left join deployment_changes earlier on earlier.id = now.previous \
-             where now.name = ? order by now.id desc limit 1",
+    pub(crate) async fn before(&self, name: &str) -> Result<Assignment> {
+        let before: Vec<Assignment> = sqlx::query(
+            "select earlier.policy_id, earlier.score_run_id, earlier.hide_history from deployment_changes now \
+             join deployment_changes earlier on earlier.id = now.previous \
+             where now.id = (select max(id) from deployment_changes where name = ?)",
         )
         .bind(name)
         .try_map(row::read)
-        .fetch_optional(self.read())
+        .fetch_all(self.read())
         .await
         .map_err(fault("reading a deployment's earlier assignment"))?;
-        let (policy, score_run) = before.ok_or_else(|| Error::not_found("deployment", name))?;
-        Ok((policy.ok_or_else(|| nothing_before(name))?, score_run))
+        match before.into_iter().next() {
+            Some(assignment) => Ok(assignment),
+            None => Err(self.deployment(name).await.map_or_else(|error| error, |_| nothing_before(name))),
+        }
     }
 
     /// Points a name back at its previous policy and score run. The assignment before that is then the next to roll
@@ -99,8 +96,9 @@ impl Store {
     pub(crate) async fn roll_back(&self, name: &str) -> Result<Deployment> {
         let mut tx = self.write().await?;
         let changed = sqlx::query(
-            "insert into deployment_changes (name, policy_id, score_run_id, created_at, previous) \
-             select ?1, earlier.policy_id, earlier.score_run_id, ?2, earlier.previous from deployment_changes now \
+            "insert into deployment_changes (name, policy_id, score_run_id, hide_history, created_at, previous) \
+             select ?1, earlier.policy_id, earlier.score_run_id, earlier.hide_history, ?2, earlier.previous \
+             from deployment_changes now \
              join deployment_changes earlier on earlier.id = now.previous \
              where now.id = (select max(id) from deployment_changes where name = ?1)",
         )
@@ -131,7 +129,7 @@ impl Store {
     /// Internal.
     pub(crate) async fn deployments(&self, task: Option<&TaskId>) -> Result<Vec<Deployment>> {
         let rows = sqlx::query(
-            "select name, task_id, policy_id, score_run_id, created_at from deployment_changes join deployments \
+            "select name, task_id, policy_id, score_run_id, hide_history, created_at from deployment_changes join deployments \
              using (name) where ?1 is null or task_id = ?1 order by name, deployment_changes.id",
         )
         .bind(task.map(Column::param))
@@ -146,7 +144,7 @@ impl Store {
 /// A deployment with its history, read through this connection.
 async fn deployment(from: impl SqliteExecutor<'_>, name: &str) -> Result<Deployment> {
     let rows = sqlx::query(
-        "select name, task_id, policy_id, score_run_id, created_at from deployment_changes join deployments \
+        "select name, task_id, policy_id, score_run_id, hide_history, created_at from deployment_changes join deployments \
          using (name) where name = ? order by deployment_changes.id",
     )
     .bind(name)

@@ -23,6 +23,7 @@ async fn invalid_policy_requests_are_rejected() {
         name: name.to_owned(),
         policy_id: policy.to_owned(),
         score_run_id: run.to_owned(),
+        ..DeployRequest::default()
     };
     let (policy, unknown) = (shared.policy.as_str(), absent_id("pol"));
     let roll_back = |name: &str| RollBackRequest { name: name.to_owned() };

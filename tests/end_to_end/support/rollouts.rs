@@ -32,7 +32,10 @@ pub async fn scored_deployment() -> Arc<ScoredDeployment> {
     let encoder = api.succeed(lab::TASK, lab::pretrain(2)).await.result_id;
     let score_run_id = api.succeed(lab::TASK, lab::score(&encoder)).await.result_id;
     let policy_id = api.succeed(lab::TASK, lab::train(train_spec::Data::ExpertsOf(encoder), 2)).await.result_id;
-    api.policies.deploy(DeployRequest { name: NAME.into(), policy_id, score_run_id }).await.unwrap();
+    api.policies
+        .deploy(DeployRequest { name: NAME.into(), policy_id, score_run_id, hide_history: false })
+        .await
+        .unwrap();
     let experts = episodes.into_iter().filter(|one| one.outcome() == Outcome::Success).map(|one| one.id).collect();
     let shared = Arc::new(ScoredDeployment { server, experts });
     *held = Arc::downgrade(&shared);

@@ -53,11 +53,20 @@ pub(crate) struct DeployArgs {
     /// Score run of the same task, by which sessions are scored while they run.
     #[arg(long, default_value = "", hide_default_value = true, value_name = "RUN")]
     score_run: String,
+    /// Hide the history from the policy, which then acts on the newest step alone. The policy must have been trained with
+    /// `--history-dropout` above 0.
+    #[arg(long)]
+    hide_history: bool,
 }
 
 impl DeployArgs {
     pub(crate) async fn run(self, context: &Context) -> Result<()> {
-        let request = DeployRequest { name: self.name, policy_id: self.policy, score_run_id: self.score_run };
+        let request = DeployRequest {
+            name: self.name,
+            policy_id: self.policy,
+            score_run_id: self.score_run,
+            hide_history: self.hide_history,
+        };
         let reply = context.client().await?.policies().deploy(request).await?.into_inner();
         let deployment = present(reply.deployment.as_ref(), "a deployment")?;
         context.output.result(|| json::value(&reply), || pointed(deployment))?;

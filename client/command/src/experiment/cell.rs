@@ -34,6 +34,8 @@ pub(crate) struct CellSettings {
     pub(crate) evaluate: bool,
     /// Simulated episodes for each seed.
     pub(crate) episodes: u32,
+    /// Whether the policy acts without its history.
+    pub(crate) hide_history: bool,
     /// Settings of every job that has them: of pretraining, scoring and training.
     #[serde(flatten)]
     pub(crate) settings: Values,
@@ -51,6 +53,7 @@ impl Default for CellSettings {
             seeds: vec![0, 1, 2],
             evaluate: true,
             episodes: 200,
+            hide_history: false,
             settings: Values::new(),
         }
     }

@@ -162,9 +162,14 @@ fn works(task: &str, max_steps: u32, cell: &CellSettings, seed: u64) -> Vec<Work
         settings.remove("lambda");
     }
     works.push(Work::Train { settings });
-    let trials = EvaluateSpec { episodes: cell.episodes, max_steps, seeds: vec![seed], ..EvaluateSpec::default() };
+    let CellSettings { episodes, hide_history, .. } = *cell;
+    let trials = EvaluateSpec { episodes, max_steps, seeds: vec![seed], hide_history, ..EvaluateSpec::default() };
     let mut settings = complete(Ok(trials.values()));
     settings.remove("simulation");
+    if !hide_history {
+        // Not part of the keys of earlier versions.
+        settings.remove("hide_history");
+    }
     works.push(Work::Evaluate { settings });
     works
 }

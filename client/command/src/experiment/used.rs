@@ -47,6 +47,7 @@ impl CellSettings {
                 || scorer.as_ref().is_some_and(|scorer| has("score", name) && scorer.uses(name))
                 || (has("train", name) && policy.uses(name) && (self.method.gleans || name != "lambda"))
         });
+        used.hide_history &= policy.kind.is_some_and(|kind| kind.needs.history);
         if !self.method.gleans {
             (used.beta, used.top) = (default.beta, default.top);
         }

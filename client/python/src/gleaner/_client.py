@@ -52,12 +52,15 @@ class Client:
         """As `score_steps`, for a running episode: yields each step's score before it takes the next step."""
         return self._scoring.stream(run, steps)
 
-    def deploy(self, name: str, policy_id: str, *, score_run: str = "") -> Deployment:
+    def deploy(
+        self, name: str, policy_id: str, *, score_run: str = "", hide_history: bool = False
+    ) -> Deployment:
         """Points a deployment's name at a policy; running sessions keep theirs.
 
-        With a score run each answer carries the score of the session's newest segment.
+        With a score run each answer carries the score of the session's newest segment. With `hide_history` the policy
+        acts on the newest step alone; it must have been trained with history_dropout above 0.
         """
-        return self.policies.deploy(name, policy_id, score_run=score_run)
+        return self.policies.deploy(name, policy_id, score_run=score_run, hide_history=hide_history)
 
     def rollback(self, name: str) -> Deployment:
         """Points a deployment's name back at its previous policy."""

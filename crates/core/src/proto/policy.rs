@@ -9,7 +9,7 @@ use crate::{
     error::{Error, Result},
     id::{PolicyId, ScoreRunId},
     observation::{Acted, CameraFrame, Image, ImageFormat, Observation, Timings},
-    policy::{Deployment, DeploymentChange, Policy},
+    policy::{Assignment, Deployment, DeploymentChange, Policy},
 };
 
 const NAME_BYTES: usize = 128;
@@ -26,14 +26,16 @@ pub fn deployment_name(field: &str, name: String) -> Result<String> {
     Ok(name)
 }
 
-/// Reads the deployment's name, the policy, and the score run whose scorer is used, if any.
+/// Reads the deployment's name and what it points at.
 ///
 /// # Errors
 /// Invalid names the field.
-pub fn deploy_request(request: v1::DeployRequest) -> Result<(String, PolicyId, Option<ScoreRunId>)> {
-    let v1::DeployRequest { name, policy_id, score_run_id } = request;
-    let score_run = (!score_run_id.is_empty()).then(|| ScoreRunId::parse("score_run_id", &score_run_id)).transpose()?;
-    Ok((deployment_name("name", name)?, PolicyId::parse("policy_id", &policy_id)?, score_run))
+pub fn deploy_request(request: v1::DeployRequest) -> Result<(String, Assignment)> {
+    let v1::DeployRequest { name, policy_id, score_run_id, hide_history } = request;
+    let score_run_id =
+        (!score_run_id.is_empty()).then(|| ScoreRunId::parse("score_run_id", &score_run_id)).transpose()?;
+    let name = deployment_name("name", name)?;
+    Ok((name, Assignment { policy_id: PolicyId::parse("policy_id", &policy_id)?, score_run_id, hide_history }))
 }
 
 /// Reads the name of the deployment to roll back.
@@ -118,17 +120,19 @@ pub fn policy(policy: Policy) -> v1::Policy {
 pub fn deployment(deployment: Deployment) -> v1::Deployment {
     let policy_id = deployment.policy_id().map(ToString::to_string).unwrap_or_default();
     let score_run_id = deployment.score_run_id().map(ToString::to_string).unwrap_or_default();
+    let hide_history = deployment.assignment().is_some_and(|now| now.hide_history);
     let Deployment { name, task_id, history } = deployment;
     let change = |change| {
-        let DeploymentChange { policy_id, score_run_id, since } = change;
+        let DeploymentChange { assignment: Assignment { policy_id, score_run_id, hide_history }, since } = change;
         v1::DeploymentChange {
             policy_id: policy_id.into(),
             deploy_time: Some(field::timestamp(since)),
             score_run_id: score_run_id.map(Into::into).unwrap_or_default(),
+            hide_history,
         }
     };
     let history = history.into_iter().map(change).collect();
-    v1::Deployment { name, task_id: task_id.into(), policy_id, history, score_run_id }
+    v1::Deployment { name, task_id: task_id.into(), policy_id, history, score_run_id, hide_history }
 }
 
 /// The actions of a policy, with the time they took.

@@ -18,6 +18,9 @@ crate::settings! {
         pub seeds: Vec<u64> = vec![0], Shape::Integers { most: SEED_LIMIT - 1, count: 1000 };
         /// Steps after which an attempt has failed.
         pub max_steps: u32 = 60, integer_in(1, 10_000);
+        /// Hide the history from the policy, which then acts on the newest step alone. Needs a policy that was trained with
+        /// `history_dropout` above 0.
+        pub hide_history: bool = false, Shape::Flag;
         /// Where the policy runs.
         pub device: Device = Device::Cpu, Device::shape();
     }

@@ -60,6 +60,20 @@ impl Windows {
         }
     }
 
+    /// The elements `[W, L, 3]` of all steps but the last of each window that is marked; `None` if there are none.
+    pub(crate) fn past_of(&self, marked: &[bool]) -> Option<Tensor> {
+        if self.length < 2 || !marked.contains(&true) {
+            return None;
+        }
+        let past = 3 * (self.length - 1);
+        let window = |marked: &bool| {
+            let marked = *marked;
+            (0..3 * self.length).map(move |element| marked && element < past)
+        };
+        let hidden: Vec<bool> = marked.iter().flat_map(window).collect();
+        Some(Self::grid(&hidden, &[int(marked.len()), int(self.length), 3], self.valid.device()))
+    }
+
     /// Truth values as a tensor of `size`.
     pub(crate) fn grid(values: &[bool], size: &[i64], device: Device) -> Tensor {
         Tensor::from_slice(values).view(size).to_device(device)

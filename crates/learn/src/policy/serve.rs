@@ -20,6 +20,7 @@ use crate::train::Learner;
 pub struct Policy {
     info: CheckpointInfo,
     model: Box<dyn PolicyModel>,
+    hides_history: bool,
 }
 
 impl fmt::Debug for Policy {
@@ -45,7 +46,7 @@ impl Policy {
         guard(|| {
             let device = device::open(device, None)?;
             let (info, named) = checkpoint::read(bytes, CheckpointKind::Policy)?;
-            Ok(Self { model: Learner::from_named(&info, &named, device)?, info })
+            Ok(Self { model: Learner::from_named(&info, &named, device)?, info, hides_history: false })
         })
     }
 
@@ -67,6 +68,21 @@ impl Policy {
     /// Actions that [`Policy::act`] returns for each history, k; 1 except for ACT.
     pub fn chunk_length(&self) -> u32 {
         u32::try_from(self.model.info().chunk).unwrap_or(u32::MAX)
+    }
+
+    /// The same policy, acting on the newest step alone: the past is hidden as in the training windows whose past was
+    /// hidden. A policy that never saw a past, because its `history_dropout` is 1, always acts so.
+    ///
+    /// # Errors
+    /// [`LearnError::Invalid`] if the policy has a history and training never hid it.
+    pub fn hiding_history(self) -> Result<Self, LearnError> {
+        if self.segment_length() > 0 && self.model.history_dropout() == 0.0 {
+            return Err(LearnError::invalid(
+                "hide_history",
+                "needs a policy that was trained with its history hidden at times; train with history_dropout above 0",
+            ));
+        }
+        Ok(Self { hides_history: true, ..self })
     }
 
     /// Encodes frames, each with the layout of one step of [`FrameBytes`](crate::FrameBytes).
@@ -101,7 +117,9 @@ impl Policy {
             let _no_grad = no_grad_guard();
             // The newest action is not known yet, and no policy reads it.
             let Stacked { embedded, proprioception, action, windows } = layout(&about).stack(histories);
-            let input = PolicyInput { embedded, proprioception, action, windows, hidden: None };
+            let hides = self.hides_history || self.model.history_dropout() >= 1.0;
+            let hidden = windows.past_of(&vec![hides; histories.len()]);
+            let input = PolicyInput { embedded, proprioception, action, windows, hidden };
             let chunks = self.model.act(&input);
             let chunks = values(&about.statistics.actions(&chunks));
             let executed = |action: &[f32]| {

@@ -9,7 +9,7 @@ use tch::Tensor;
 
 use super::find;
 use super::kind::{Losses, PolicyInit, PolicyInput, PolicyModel};
-use crate::batch::{Batch, Chunks, Segment, Segments, Windows, int};
+use crate::batch::{Batch, Chunks, Segment, Segments, Windows};
 use crate::checkpoint::{CheckpointInfo, CheckpointKind, FORMAT_VERSION};
 use crate::device;
 use crate::error::{LearnError, guard};
@@ -172,14 +172,9 @@ fn hide_past(windows: &Windows, dropout: f64, rng: &mut ChaCha8Rng) -> Option<Te
     if windows.length < 2 || dropout == 0.0 {
         return None;
     }
-    let past = 3 * (windows.length - 1);
     let count = windows.valid_places.len() / windows.length;
-    let window = |_| {
-        let hides = rng.random_bool(dropout);
-        (0..3 * windows.length).map(move |element| hides && element < past)
-    };
-    let hidden: Vec<bool> = (0..count).flat_map(window).collect();
-    Some(Windows::grid(&hidden, &[int(count), int(windows.length), 3], windows.valid.device()))
+    let hides: Vec<bool> = (0..count).map(|_| rng.random_bool(dropout)).collect();
+    windows.past_of(&hides)
 }
 
 /// Mean of weight · −log P over `batch`; each of its frames is encoded once.

@@ -66,8 +66,8 @@ fn line(row: &Row) -> Markup {
             td { a href=(format!("/deployments/{}", super::page_request::escaped(&deployment.name))) { (deployment.name) } }
             td { a href=(format!("/tasks/{task}/episodes")) { (task) } }
             @if let Some(now) = now {
-                td { a.id href=(format!("/policies/{}", now.policy_id)) { (now.policy_id) } }
-                td { @match &now.score_run_id {
+                td { a.id href=(format!("/policies/{}", now.assignment.policy_id)) { (now.assignment.policy_id) } }
+                td { @match &now.assignment.score_run_id {
                     Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
                     None => span.soft { "none" },
                 } }

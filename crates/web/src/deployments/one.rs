@@ -5,7 +5,7 @@ use axum::{
     http::{StatusCode, header::LOCATION},
     response::{IntoResponse as _, Response},
 };
-use gleaner_core::policy::{Deployment, DeploymentChange};
+use gleaner_core::policy::{Assignment, Deployment, DeploymentChange};
 use maud::{Markup, html};
 use serde_json::json;
 
@@ -68,7 +68,7 @@ fn facts(deployment: &Deployment) -> Markup {
     html! {
         @if let Some(now) = deployment.history.last() {
             dl.facts.panel {
-                dt { "Policy" } dd { a.id href=(format!("/policies/{}", now.policy_id)) { (now.policy_id) } }
+                dt { "Policy" } dd { a.id href=(format!("/policies/{}", now.assignment.policy_id)) { (now.assignment.policy_id) } (hidden(&now.assignment)) }
                 dt { "Live score" } dd { (scorer(now)) }
                 dt { "Since" } dd { (text::time(now.since)) " UTC" }
             }
@@ -76,9 +76,14 @@ fn facts(deployment: &Deployment) -> Markup {
     }
 }
 
+/// Whether the policy acts without its history.
+fn hidden(assignment: &Assignment) -> Markup {
+    html! { @if assignment.hide_history { " " span.soft { "history hidden" } } }
+}
+
 fn scorer(change: &DeploymentChange) -> Markup {
     html! {
-        @match &change.score_run_id {
+        @match &change.assignment.score_run_id {
             Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
             None => span.soft { "none: deploy with a score run to see q while a robot acts" },
         }
@@ -93,8 +98,8 @@ fn history(deployment: &Deployment) -> Markup {
                 @for change in deployment.history.iter().rev() {
                     tr {
                         td { (text::time(change.since)) }
-                        td { a.id href=(format!("/policies/{}", change.policy_id)) { (change.policy_id) } }
-                        td { @match &change.score_run_id {
+                        td { a.id href=(format!("/policies/{}", change.assignment.policy_id)) { (change.assignment.policy_id) } (hidden(&change.assignment)) }
+                        td { @match &change.assignment.score_run_id {
                             Some(run) => a.id href=(format!("/runs/{run}")) { (run) },
                             None => span.soft { "none" },
                         } }
@@ -108,12 +113,13 @@ fn history(deployment: &Deployment) -> Markup {
 /// The history as a table for programs, the newest first.
 fn history_sheet(deployment: &Deployment) -> Sheet {
     let row = |change: &DeploymentChange| {
-        let run = change.score_run_id.as_ref().map(|run| run.as_str());
-        vec![json!(text::stamp(change.since)), json!(change.policy_id.as_str()), json!(run)]
+        let Assignment { policy_id, score_run_id, hide_history } = &change.assignment;
+        let run = score_run_id.as_ref().map(|run| run.as_str());
+        vec![json!(text::stamp(change.since)), json!(policy_id.as_str()), json!(run), json!(hide_history)]
     };
     Sheet {
         name: format!("{}-history", deployment.name),
-        columns: &["since", "policy_id", "score_run_id"],
+        columns: &["since", "policy_id", "score_run_id", "hide_history"],
         rows: deployment.history.iter().rev().map(row).collect(),
     }
 }

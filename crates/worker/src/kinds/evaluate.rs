@@ -16,7 +16,10 @@ const SIDE_BY_SIDE: usize = 32;
 pub(super) fn perform(work: &mut Work, spec: &EvaluateSpec) -> Result<Made, Failure> {
     let checkpoint = work.input("policy", work.inputs.policy.as_ref())?;
     gleaner_learn::set_threads(work.threads);
-    let policy = Policy::load_on(&checkpoint, spec.device)?;
+    let mut policy = Policy::load_on(&checkpoint, spec.device)?;
+    if spec.hide_history {
+        policy = policy.hiding_history()?;
+    }
     work.monitor.phase("evaluating");
     evaluate(&work.inputs.task, &policy, spec, &mut work.monitor).map(Made::Trials)
 }

@@ -19,24 +19,25 @@ use crate::{
 
 pub(super) async fn resolve(jobs: &Jobs, task: &TaskId, subject: Subject, spec: EvaluateSpec) -> Result<Resolved> {
     let spec = simulated(jobs, task, "spec.evaluate.settings.simulation", spec).await?;
-    let (maker, policy_id) = policy(jobs, task, subject).await?;
+    let (maker, policy_id, hidden) = policy(jobs, task, subject).await?;
+    let spec = EvaluateSpec { hide_history: spec.hide_history || hidden, ..spec };
     Ok(Resolved::new(JobSpec::Evaluate { policy_id, spec }, Some(maker)))
 }
 
-/// The policy to evaluate, and the job that makes it.
-async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<(JobId, PolicyId)> {
-    let (field, id) = match subject {
-        Subject::Policy(id) => ("spec.evaluate.policy_id", id),
+/// The policy to evaluate, the job that makes it, and whether its deployment hides the history.
+async fn policy(jobs: &Jobs, task: &TaskId, subject: Subject) -> Result<(JobId, PolicyId, bool)> {
+    let (field, id, hidden) = match subject {
+        Subject::Policy(id) => ("spec.evaluate.policy_id", id, false),
         Subject::Deployment(name) => {
             let deployment = jobs.0.store.deployment(&name).await?;
-            let id = deployment.policy_id().cloned().ok_or_else(|| Error::not_found("deployment", name))?;
-            ("spec.evaluate.deployment", id)
+            let now = deployment.assignment().ok_or_else(|| Error::not_found("deployment", name))?;
+            ("spec.evaluate.deployment", now.policy_id.clone(), now.hide_history)
         }
     };
     match jobs.0.store.job_of_result(id.as_str()).await? {
         Some(Job { id: maker, task_id, spec: JobSpec::Train { .. }, .. }) => {
             same_task(field, id.as_str(), &task_id, task)?;
-            Ok((maker, id))
+            Ok((maker, id, hidden))
         }
         Some(_) | None => Err(Error::not_found("policy", id)),
     }

@@ -40,7 +40,7 @@ fn evaluate(subject: Subject, simulation: &str) -> JobOrder {
         episodes: 2,
         seeds: vec![0, 1],
         max_steps: 5,
-        device: gleaner_core::Device::Cpu,
+        ..EvaluateSpec::default()
     };
     JobOrder::Evaluate { subject, spec }
 }
@@ -181,7 +181,7 @@ async fn an_evaluation_is_of_a_task_that_can_be_simulated() {
     }
     let encoder = results::encoder(&bench.store, &task).await;
     let mine = results::policy(&bench.store, &task, &encoder, blake3::hash(b"mine").into()).await;
-    bench.store.deploy("cube@prod", &task.id, &mine.id, None).await.unwrap();
+    bench.store.deploy("cube@prod", &task.id, &crate::domain::policy::Assignment::of(&mine.id)).await.unwrap();
     let submit = async |subject| bench.jobs.submit(&task.id, evaluate(subject, ""), Queueing::default()).await;
     let stranger = submit(Subject::Policy(policy.id)).await.unwrap_err();
     assert!(stranger.message().starts_with("spec.evaluate.policy_id: "), "{stranger}");

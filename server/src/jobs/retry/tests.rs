@@ -1,6 +1,6 @@
 //! Retries on a queue without workers.
 
-use gleaner_core::{Device, EvaluateSpec, PretrainSpec, TrainSpec};
+use gleaner_core::{EvaluateSpec, PretrainSpec, TrainSpec};
 
 use super::*;
 use crate::{
@@ -156,8 +156,13 @@ fn every_spec_can_be_ordered_again() {
     assert_eq!(data(train(Some(encoder.clone()), None)), TrainData::ExpertsOf(encoder));
     assert_eq!(data(train(None, None)), TrainData::ExpertsIn(snapshot.clone()));
     let policy = PolicyId::new();
-    let spec =
-        EvaluateSpec { simulation: "pick_cube".into(), episodes: 1, seeds: vec![4], max_steps: 9, device: Device::Cpu };
+    let spec = EvaluateSpec {
+        simulation: "pick_cube".into(),
+        episodes: 1,
+        seeds: vec![4],
+        max_steps: 9,
+        ..EvaluateSpec::default()
+    };
     let order = JobOrder::from(JobSpec::Evaluate { policy_id: policy.clone(), spec: spec.clone() });
     assert_eq!(order, JobOrder::Evaluate { subject: Subject::Policy(policy.clone()), spec });
     let other = PolicyId::new();

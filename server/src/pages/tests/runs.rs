@@ -164,7 +164,7 @@ async fn a_policy_shows_its_success_and_inputs() {
         created_at: Millis::now(),
     };
     store.insert_evaluation(&evaluation).await.unwrap();
-    store.deploy("arm", &task.id, &policy.id, None).await.unwrap();
+    store.deploy("arm", &task.id, &crate::domain::policy::Assignment::of(&policy.id)).await.unwrap();
     let path = format!("/policies/{}", policy.id);
     let shown = pages.get(&Client::default(), &path).await.text();
     let (made_with, made_of) = (format!("/encoders/{}", encoder.id), format!("/snapshots/{}", encoder.snapshot_id));

@@ -51,9 +51,9 @@ async fn a_policy_without_a_name_is_unloaded_with_its_last_session() {
     load(&mut loaded, "a").await;
     let id = old.identity().policy_id.clone();
     drop(old);
-    assert!(loaded.loaded(&id).unwrap().is_some(), "the other name still holds it");
+    assert!(loaded.loaded(&(id.clone(), false)).unwrap().is_some(), "the other name still holds it");
     load(&mut loaded, "other").await;
-    assert!(loaded.loaded(&id).unwrap().is_none());
+    assert!(loaded.loaded(&(id.clone(), false)).unwrap().is_none());
 }
 
 #[tokio::test]
@@ -62,6 +62,6 @@ async fn stop_removes_every_policy_and_refuses_later_requests() {
     let engine = load(&mut loaded, "a").await;
     assert_eq!(loaded.stop().len(), 1);
     assert!(loaded.named("a").is_none());
-    let error = loaded.loaded(&engine.identity().policy_id).err().unwrap();
+    let error = loaded.loaded(&engine.identity().key()).err().unwrap();
     assert_eq!(error.kind(), Kind::Unavailable);
 }

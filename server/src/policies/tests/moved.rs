@@ -7,8 +7,8 @@ async fn a_session_uses_the_stored_policy_even_if_memory_is_behind() {
     let lab = Lab::new().await;
     let (old, new) = (lab.policy(&trained(1)).await, lab.policy(&trained(2)).await);
     let policies = lab.policies();
-    policies.deploy("arm", &old, None).await.unwrap();
-    lab.store.deploy("arm", &lab.task.id, &new, None).await.unwrap();
+    policies.deploy("arm", Assignment::of(&old)).await.unwrap();
+    lab.store.deploy("arm", &lab.task.id, &Assignment::of(&new)).await.unwrap();
     let mut robot = Robot::new(&policies);
     robot.opens("arm");
     let output = tokio::time::timeout(Duration::from_secs(60), robot.receives()).await.unwrap();

@@ -7,7 +7,7 @@ async fn a_run_that_cannot_score_leaves_the_deployment_unchanged() {
     let lab = Lab::new().await;
     let policy = lab.policy(&trained(1)).await;
     let policies = lab.policies();
-    policies.deploy("arm", &policy, None).await.unwrap();
+    policies.deploy("arm", Assignment::of(&policy)).await.unwrap();
     let mut spec = testing::spec();
     spec.name = "other".into();
     let other = lab.store.insert_task(&spec).await.unwrap();
@@ -28,7 +28,10 @@ async fn a_run_that_cannot_score_leaves_the_deployment_unchanged() {
         (unfinished, Kind::Precondition, ["job_", ""]),
         (ScoreRunId::new(), Kind::NotFound, ["score run", ""]),
     ] {
-        let error = policies.deploy("arm", &policy, Some(&run)).await.unwrap_err();
+        let error = policies
+            .deploy("arm", Assignment { score_run_id: Some(run), ..Assignment::of(&policy) })
+            .await
+            .unwrap_err();
         assert_eq!(error.kind(), kind, "{error}");
         assert!(words.iter().all(|word| error.message().contains(word)), "{error}");
     }

@@ -83,7 +83,17 @@ mod tests {
         };
         let training = results::job(&store, &task, spec, "pol_later").await;
         let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;
-        store.deploy("arm", &task.id, &policy.id, Some(&run.id)).await.unwrap();
+        store
+            .deploy(
+                "arm",
+                &task.id,
+                &crate::domain::policy::Assignment {
+                    score_run_id: Some(run.id.clone()),
+                    ..crate::domain::policy::Assignment::of(&policy.id)
+                },
+            )
+            .await
+            .unwrap();
 
         let of = |id| {
             let store = store.clone();
@@ -108,7 +118,7 @@ mod tests {
         let acting = of(policy.job_id.clone()).await;
         assert_eq!(acting.deployments.len(), 1);
         let newer = results::policy(&store, &task, &encoder, blake3::hash(b"newer").into()).await;
-        store.deploy("arm", &task.id, &newer.id, None).await.unwrap();
+        store.deploy("arm", &task.id, &crate::domain::policy::Assignment::of(&newer.id)).await.unwrap();
         assert!(of(policy.job_id).await.deployments.is_empty(), "it no longer acts");
         assert!(of(run.job_id).await.deployments.is_empty());
     }

@@ -20,12 +20,12 @@ async fn a_deployment_keeps_its_history() {
 
     assert_eq!(store.deployment("arm@prod").await.unwrap_err().kind(), Kind::NotFound);
     for policy in [&first, &second, &second, &first] {
-        store.deploy("arm@prod", &task.id, policy, None).await.unwrap();
+        store.deploy("arm@prod", &task.id, &Assignment::of(policy)).await.unwrap();
     }
-    store.deploy("arm@test", &task.id, &second, None).await.unwrap();
+    store.deploy("arm@test", &task.id, &Assignment::of(&second)).await.unwrap();
 
     let deployment = store.deployment("arm@prod").await.unwrap();
-    let history: Vec<_> = deployment.history.iter().map(|change| change.policy_id.clone()).collect();
+    let history: Vec<_> = deployment.history.iter().map(|change| change.assignment.policy_id.clone()).collect();
     assert_eq!(history, [first.clone(), second.clone(), first.clone()], "deploying it again is no change");
     assert_eq!(deployment.policy_id(), Some(&first));
     let all = store.deployments(None).await.unwrap();
@@ -44,12 +44,12 @@ async fn a_name_stays_with_its_task() {
     testing::episode(&store, &task, Outcome::Failure, "").await;
     let encoder = results::encoder(&store, &task).await;
     let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await;
-    store.deploy("arm@prod", &task.id, &policy.id, None).await.unwrap();
+    store.deploy("arm@prod", &task.id, &Assignment::of(&policy.id)).await.unwrap();
     let mut spec = testing::spec();
     spec.name = "other".into();
     let other = store.insert_task(&spec).await.unwrap();
 
-    let error = store.deploy("arm@prod", &other.id, &policy.id, None).await.unwrap_err();
+    let error = store.deploy("arm@prod", &other.id, &Assignment::of(&policy.id)).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);
     assert_eq!(store.deployment("arm@prod").await.unwrap().history.len(), 1, "no row was written");
 }
@@ -70,18 +70,18 @@ async fn rolling_back_walks_the_history() {
     assert_eq!(back().await.unwrap_err().kind(), Kind::NotFound);
     assert_eq!(store.before("arm").await.unwrap_err().kind(), Kind::NotFound);
     for policy in &made[..3] {
-        store.deploy("arm", &task.id, policy, None).await.unwrap();
+        store.deploy("arm", &task.id, &Assignment::of(policy)).await.unwrap();
     }
-    assert_eq!(store.before("arm").await.unwrap(), (made[1].clone(), None));
+    assert_eq!(store.before("arm").await.unwrap(), Assignment::of(&made[1]));
     assert_eq!(back().await.unwrap(), made[1]);
     assert_eq!(back().await.unwrap(), made[0], "rolling back twice goes two steps back");
     assert_eq!(back().await.unwrap_err().kind(), Kind::Precondition);
     assert_eq!(store.before("arm").await.unwrap_err().kind(), Kind::Precondition);
 
-    store.deploy("arm", &task.id, &made[3], None).await.unwrap();
+    store.deploy("arm", &task.id, &Assignment::of(&made[3])).await.unwrap();
     assert_eq!(back().await.unwrap(), made[0], "a new deployment continues from there");
     let history = store.deployment("arm").await.unwrap().history;
-    let kept: Vec<_> = history.into_iter().map(|change| change.policy_id).collect();
+    let kept: Vec<_> = history.into_iter().map(|change| change.assignment.policy_id).collect();
     assert_eq!(kept, [0, 1, 2, 1, 0, 3, 0].map(|index: usize| made[index].clone()), "the history is complete");
 }
 
@@ -94,16 +94,37 @@ async fn a_score_run_is_deployed_and_rolled_back_with_its_policy() {
     let encoder = results::encoder(&store, &task).await;
     let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id;
     let run = results::run(&store, &task, &encoder, &[]).await.id;
-    let deploy = async |run| store.deploy("arm", &task.id, &policy, run).await.unwrap();
+    let to = |run: Option<&crate::domain::id::ScoreRunId>| Assignment {
+        score_run_id: run.cloned(),
+        ..Assignment::of(&policy)
+    };
+    let deploy = async |run| store.deploy("arm", &task.id, &to(run)).await.unwrap();
 
     assert_eq!(deploy(None).await.score_run_id(), None);
     assert_eq!(deploy(Some(&run)).await.score_run_id(), Some(&run), "another run is a change");
     assert_eq!(deploy(Some(&run)).await.history.len(), 2, "an equal assignment is no change");
     assert_eq!(deploy(None).await.score_run_id(), None);
-    assert_eq!(store.before("arm").await.unwrap(), (policy.clone(), Some(run.clone())));
+    assert_eq!(store.before("arm").await.unwrap(), to(Some(&run)));
     let back = store.roll_back("arm").await.unwrap();
     assert_eq!((back.policy_id(), back.score_run_id()), (Some(&policy), Some(&run)));
-    let kept: Vec<_> = back.history.iter().map(|change| change.score_run_id.as_ref()).collect();
+    let kept: Vec<_> = back.history.iter().map(|change| change.assignment.score_run_id.as_ref()).collect();
     assert_eq!(kept, [None, Some(&run), None, Some(&run)]);
     assert_eq!(store.deployments(None).await.unwrap()[0].score_run_id(), Some(&run));
+}
+
+#[tokio::test]
+async fn hiding_the_history_is_a_change_and_is_rolled_back() {
+    let (_dir, store) = testing::store().await;
+    let task = testing::task(&store).await;
+    testing::episode(&store, &task, Outcome::Success, "").await;
+    testing::episode(&store, &task, Outcome::Failure, "").await;
+    let encoder = results::encoder(&store, &task).await;
+    let policy = results::policy(&store, &task, &encoder, blake3::hash(b"policy").into()).await.id;
+    let hidden = |deployment: Deployment| deployment.assignment().unwrap().hide_history;
+    let shown = Assignment::of(&policy);
+    let hiding = Assignment { hide_history: true, ..shown.clone() };
+    assert!(!hidden(store.deploy("arm", &task.id, &shown).await.unwrap()));
+    assert!(hidden(store.deploy("arm", &task.id, &hiding).await.unwrap()));
+    assert_eq!(store.deploy("arm", &task.id, &hiding).await.unwrap().history.len(), 2);
+    assert!(!hidden(store.roll_back("arm").await.unwrap()));
 }

@@ -74,6 +74,32 @@ fn a_session_with_cached_embeddings_acts_like_the_full_window() {
 }
 
 #[test]
+fn a_hidden_past_has_no_influence_and_is_hidden_only_where_training_hid_it() {
+    let policy = |dropout: f64| {
+        let policy = chosen("finetune").with(Family::Policy, "history_dropout", dropout).unwrap();
+        let (bytes, _) = finetune(&encoder(1), &[], &TrainSpec { policy, ..toy::train_spec(2) });
+        Policy::load(&bytes).unwrap()
+    };
+    let act = |policy: &Policy, past: f32| {
+        let mut history = History::new(policy.segment_length());
+        for x in [past, 0.3] {
+            history.push(policy.embed(&[&toy::frame(x, 0.5)]).unwrap().remove(0), vec![x, 0.0, 5.0]).unwrap();
+            history.set_executed(vec![x, -x]).unwrap();
+        }
+        policy.act(&[&history]).unwrap()
+    };
+    let shown = policy(0.5);
+    assert_ne!(act(&shown, 0.1), act(&shown, 0.9));
+    let hidden = policy(0.5).hiding_history().unwrap();
+    assert_eq!(act(&hidden, 0.1), act(&hidden, 0.9));
+    assert_ne!(act(&hidden, 0.1), act(&shown, 0.1));
+    assert!(policy(0.0).hiding_history().unwrap_err().to_string().starts_with("hide_history: "));
+    // A policy that never saw a past is never shown one.
+    let always = policy(1.0);
+    assert_eq!(act(&always, 0.1), act(&always, 0.9));
+}
+
+#[test]
 fn a_policy_refuses_what_does_not_fit_it() {
     let (bytes, _) = finetune(&encoder(1), &[], &toy::train_spec(1));
     let policy = Policy::load(&bytes).unwrap();
