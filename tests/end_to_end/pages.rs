@@ -205,7 +205,7 @@ async fn page_of_a_deployment_shows_live_images() {
         DeployRequest { name: name.into(), policy_id: shared.policy.clone(), score_run_id: shared.run.clone() };
     api.policies.deploy(deploy).await.unwrap();
     browser.open(&format!("{}/deployments/{name}", shared.server.pages())).await;
-    assert!(browser.text("#live").await.contains("No session"));
+    assert!(browser.text("#live").await.contains("No open sessions"));
     let mut robot = Robot::open(&mut api, name).await.unwrap();
     for _ in 0..3 {
         robot.act(observe(&start_sim())).await.unwrap();
@@ -215,7 +215,9 @@ async fn page_of_a_deployment_shows_live_images() {
     browser.until("its pictures, and three answers", seen).await;
     browser.keep("live").await;
     drop(robot);
-    browser.until("it is gone", "return document.querySelector('#live').textContent.includes('No session')").await;
+    browser
+        .until("it is gone", "return document.querySelector('#live').textContent.includes('No open sessions')")
+        .await;
     browser.close().await;
 }
 

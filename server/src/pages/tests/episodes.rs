@@ -177,7 +177,7 @@ async fn invalid_parameters_are_named() {
         assert!(reply.text().contains(content), "{query} {}", reply.text());
     }
     let reply = lab.table("?page=9").await;
-    assert!(reply.status == StatusCode::OK && reply.text().contains("No episode matches"));
+    assert!(reply.status == StatusCode::OK && reply.text().contains("No episodes match"));
 }
 
 #[tokio::test]
