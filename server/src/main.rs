@@ -29,7 +29,7 @@ const ENDING: Duration = Duration::from_secs(10);
 /// Time for work on other threads after the server has ended.
 const LEFT_OVER: Duration = Duration::from_secs(1);
 
-#[expect(clippy::print_stderr, reason = "logging may not be up when these are told")]
+#[expect(clippy::print_stderr, reason = "logging may not be set up when these are reported")]
 fn main() -> ExitCode {
     data_folder::access::keep_private();
     let cli = match Cli::try_parse() {
@@ -127,8 +127,10 @@ impl Stage {
             Command::Serve(config) => Some(config),
             Command::Keep(_) | Command::Token(_) | Command::Tls(_) | Command::Audit(_) => None,
         };
-        let runtime =
-            serving.map(|config| threads(config)).transpose().map_err(|error| format!("no threads: {error}"))?;
+        let runtime = serving
+            .map(|config| threads(config))
+            .transpose()
+            .map_err(|error| format!("cannot start the threads of the runtime: {error}"))?;
         let _entered = runtime.as_ref().map(Runtime::enter);
         let otlp_endpoint = serving.and_then(|config| config.telemetry.otlp_endpoint.as_deref());
         let traces = telemetry::start(&cli.log, otlp_endpoint)?;
@@ -169,7 +171,7 @@ async fn serve(config: ServeConfig) -> Result<()> {
     gleaner_server::run(config, lock, listeners, async move {
         asked.await;
         if let Err(error) = shutdown::must_end_within(limit) {
-            tracing::error!(%error, "the end has no limit");
+            tracing::error!(%error, "the time limit of the shutdown cannot be set");
         }
     })
     .await

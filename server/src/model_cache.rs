@@ -58,7 +58,7 @@ impl<K: Clone + Eq + Hash, M> ModelCache<K, M> {
     /// Unavailable after [`Self::stop`].
     pub(crate) fn get(&mut self, key: &K) -> Result<Option<Arc<M>>> {
         if self.stopped {
-            return Err(Error::unavailable("the server is stopping; try again"));
+            return Err(Error::unavailable("the server is stopping; retry"));
         }
         let Some(entry) = self.entries.get_mut(key) else { return Ok(None) };
         self.uses += 1;

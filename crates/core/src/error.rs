@@ -146,15 +146,15 @@ impl StdError for Error {
 
 /// The caller's message when a disk is full or cannot be written.
 pub const DISK_FULL: &str =
-    "the server's disk is full: nothing was kept of this request. Free some space there, then try again";
+    "the server's disk is full: no part of this request was stored. Free some space there, then retry";
 /// The caller's message when a disk is read-only.
 pub const DISK_READ_ONLY: &str =
-    "the server's disk cannot be written: nothing was kept of this request. Once that is mended, try again";
+    "the server's disk cannot be written: no part of this request was stored. Repair or remount it, then retry";
 
 /// The message for a write beyond the largest file that the process or the file system allows.
 pub const FILE_TOO_LARGE: &str = "a file of the server has reached the largest size that its process or its file \
-     system allows: nothing was kept of this request. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or use \
-     another file system, then try again";
+     system allows: no part of this request was stored. Raise the limit (`ulimit -f`, LimitFSIZE= of its service) or \
+     use another file system, then retry";
 
 /// The message for a disk that rejected a write, if such an error is among the causes.
 fn refusal(error: &(dyn StdError + Send + Sync + 'static)) -> Option<&'static str> {

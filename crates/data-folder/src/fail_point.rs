@@ -100,7 +100,7 @@ mod armed {
     /// Kills this process at the n-th passing of `name=n`, and before it the server that started it.
     pub(super) fn arm(which: &str, server: Option<Pid>) -> Result<(), String> {
         let (name, count) = which.split_once('=').unwrap_or((which, "1"));
-        let count: u64 = count.parse().map_err(|_| format!("fail point {which}: {count} is no number"))?;
+        let count: u64 = count.parse().map_err(|_| format!("fail point {which}: {count} is not a number"))?;
         if !NAMES.contains(&name) {
             return Err(format!("fail point {name}: unknown name; `fail_point::NAMES` lists them"));
         }

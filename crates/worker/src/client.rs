@@ -57,7 +57,7 @@ impl Client {
             .map_err(|error| Error::unavailable(format!("the server {} does not answer: {error}", config.server)))?;
         let mut bearer: MetadataValue<Ascii> = format!("Bearer {}", config.token.reveal())
             .parse()
-            .map_err(|_| Error::invalid("GLEANER_JOB_TOKEN", "is no token"))?;
+            .map_err(|_| Error::invalid("GLEANER_JOB_TOKEN", "is not a token"))?;
         bearer.set_sensitive(true);
         let client = WorkerServiceClient::with_interceptor(channel, Bearer(bearer))
             .max_decoding_message_size(config.max_message_bytes)
@@ -143,7 +143,7 @@ async fn with_retries<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> toni
         if begun.elapsed() >= RETRY_FOR {
             return Err(status);
         }
-        tracing::warn!(code = ?status.code(), reason = status.message(), "the server does not take it; asking again");
+        tracing::warn!(code = ?status.code(), reason = status.message(), "the server did not accept a message; retrying");
         sleep(pause).await;
         pause = LONGEST_PAUSE.min(pause * 2);
     }

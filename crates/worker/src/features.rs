@@ -85,7 +85,7 @@ impl FeatureStore for KeptFeatures<'_> {
         let mut bytes = std::fs::read(&place.path).ok()?;
         let (digest, features) = bytes.split_first_chunk::<{ blake3::OUT_LEN }>()?;
         if place.digest(features) != *digest {
-            tracing::warn!(episode.id = episode, "its kept features are not what they were; making them again");
+            tracing::warn!(episode.id = episode, "its kept features are damaged; computing them again");
             return None;
         }
         bytes.drain(..blake3::OUT_LEN);
@@ -98,7 +98,7 @@ impl FeatureStore for KeptFeatures<'_> {
             return;
         }
         if let Err(error) = self.write(place, bytes) {
-            tracing::warn!(%error, "no more features are kept");
+            tracing::warn!(%error, "features cannot be written; further ones are not kept");
             self.full.set(true);
         }
     }

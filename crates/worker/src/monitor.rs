@@ -110,11 +110,11 @@ impl Monitor for Watcher {
             gleaner_data_folder::fail_point::pass("checkpoint.blob_kept");
             let (saved, answer) = oneshot::channel();
             self.send(Event::Checkpoint { step, blob, saved });
-            if answer.blocking_recv().map_err(|_| "the server did not take it".to_owned())? {
+            if answer.blocking_recv().map_err(|_| "the server did not accept the checkpoint".to_owned())? {
                 return Ok(());
             }
         }
-        Err("the checkpoint went away each time before the server named it".to_owned())
+        Err("the checkpoint was removed each time before the server stored its id".to_owned())
     }
 
     fn cancelled(&self) -> bool {

@@ -118,7 +118,7 @@ impl Caller {
             return Ok(());
         }
         Err(Error::forbidden(format!(
-            "this belongs to other deployments than this robot's, {}",
+            "this robot's token allows other deployments only: {}",
             self.bound().unwrap_or_default().join(", ")
         )))
     }

@@ -81,12 +81,12 @@ async fn pass_on(lines: Bytes) {
 async fn standing(room: &Room, job: &Job) -> String {
     let ended = format!("attempt {} has ended", job.attempt);
     match room.store.job(&job.id).await {
-        Ok(Job { attempt, .. }) if attempt > job.attempt => format!("{ended}; the next goes on"),
+        Ok(Job { attempt, .. }) if attempt > job.attempt => format!("{ended}; the next one resumes the job"),
         Ok(Job { state, error, message, .. }) => {
             let reason = if error.is_empty() { message } else { error };
             format!("{ended}; the job is {}: {reason}", state.as_str())
         }
-        Err(error) => format!("{ended}; how the job stands cannot be read: {error}"),
+        Err(error) => format!("{ended}; the state of the job cannot be read: {error}"),
     }
 }
 

@@ -46,7 +46,7 @@ impl Log {
             log.open().await
         };
         if let Err(error) = opened.await {
-            tracing::warn!(%error, "the job's log is not kept");
+            tracing::warn!(%error, "the job's log cannot be opened");
         }
         log
     }
@@ -85,7 +85,7 @@ impl Log {
 
     async fn keep(&mut self, lines: &[u8]) {
         if let Err(error) = self.write(lines).await {
-            tracing::warn!(%error, "the rest of the job's log is not kept");
+            tracing::warn!(%error, "the rest of the job's log cannot be opened");
             self.open = None;
         }
     }

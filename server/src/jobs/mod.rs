@@ -165,7 +165,7 @@ impl Room {
     /// would otherwise stay in the state running. If the server stops first, its next start ends the attempt.
     async fn end_with_retries(&self, attempt: &Attempt, end: &AttemptEnd) {
         while let Err(error) = self.end_attempt(attempt, end).await {
-            tracing::error!(job.id = %attempt.job_id, %error, "the end of an attempt cannot be written down; trying again");
+            tracing::error!(job.id = %attempt.job_id, %error, "the end of an attempt cannot be stored; retrying");
             if self.stopping.run_until_cancelled(tokio::time::sleep(AGAIN_AFTER)).await.is_none() {
                 return;
             }
@@ -198,7 +198,7 @@ impl Room {
     /// Removes a blob unless a row names it. A failure is only logged: the blob takes space until the sweep removes it.
     async fn forget(&self, blob: BlobId) {
         if let Err(error) = maintenance::forget(&self.store, &self.blobs, &blob).await {
-            tracing::warn!(blob.id = %blob, %error, "a checkpoint that nothing needs stays");
+            tracing::warn!(blob.id = %blob, %error, "an unneeded checkpoint cannot be removed");
         }
     }
 }

@@ -50,7 +50,7 @@ impl Jobs {
         }
         let plan = Plan { once: true, ..again.plan };
         let first = self.queue(&plan).await?.into_iter().next();
-        let first = first.ok_or_else(|| Error::internal("queueing a retry", "it was not there afterwards"))?;
+        let first = first.ok_or_else(|| Error::internal("queueing a retry", "the new job has no row"))?;
         tracing::info!(job.id = %id, again.id = %first.id, jobs = plan.jobs.len(), "a job is tried again");
         Ok(first)
     }
@@ -127,7 +127,7 @@ impl Again {
 
 /// A spec or an order with old ids replaced by new ones. Ids occur only where they name an object.
 fn with_names<T: Serialize + DeserializeOwned>(named: &T, renamed: &Renamed) -> Result<T> {
-    let wrong = |error: serde_json::Error| Error::internal("naming a job's inputs anew", error);
+    let wrong = |error: serde_json::Error| Error::internal("replacing a job's inputs", error);
     let mut text = serde_json::to_string(named).map_err(wrong)?;
     for (old, new) in renamed {
         text = text.replace(old.as_str(), new);

@@ -22,7 +22,7 @@ pub(super) async fn schedule(room: Arc<Room>) {
             let next = match start_due(&room, Millis::now()).await {
                 Ok(next) => next,
                 Err(error) => {
-                    tracing::error!(%error, "schedules cannot be read; trying again");
+                    tracing::error!(%error, "schedules cannot be read; retrying");
                     None
                 }
             };

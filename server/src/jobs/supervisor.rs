@@ -43,7 +43,7 @@ async fn next_job(room: &Room) -> (Job, Issuer) {
                 return (job, issuer);
             }
             Ok(None) => {}
-            Err(error) => tracing::error!(%error, "the queue cannot be read; trying again"),
+            Err(error) => tracing::error!(%error, "the queue cannot be read; retrying"),
         }
         // The cause of the wake-up does not matter.
         let _ = tokio::time::timeout(FALLBACK, room.ready.notified()).await;

@@ -77,7 +77,7 @@ impl Watching {
                 // The sender is in the state that this watcher holds, so it is not closed.
                 _ = self.changed.changed() => {}
                 () = self.room.stopping.cancelled() => {
-                    return Err(Error::unavailable(format!("the server is stopping; {} will go on after its next start", self.id)));
+                    return Err(Error::unavailable(format!("the server is stopping; {} resumes after its next start", self.id)));
                 }
             }
         }

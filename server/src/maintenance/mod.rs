@@ -122,8 +122,8 @@ impl Room {
             Ok(None) => {}
             Ok(Some(jump)) => tracing::warn!(
                 clock.jump_days = jump.as_secs() / (24 * 60 * 60),
-                "the clock is this far ahead of the time that the database has seen pass: it jumped, or the server was \
-                 off. Nothing is removed for its age until that age has passed by the server's own count"
+                "the clock is ahead of the time that the database has recorded: it jumped, or the server was off. Age \
+                 limits count only the time that the server has measured"
             ),
             Err(error) => tracing::error!(%error, "the clock could not be noted, so the sweep is skipped until later"),
         }

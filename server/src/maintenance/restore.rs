@@ -55,7 +55,7 @@ fn same_database(backup: &Path) -> Result<()> {
     match blobs::digest(&backup.join(DATABASE))? == manifest.database {
         true => Ok(()),
         false => Err(Error::precondition(format!(
-            "the database of {} is not what its manifest says: it is damaged. Use another backup",
+            "the database of {} does not match its manifest: it is damaged. Use another backup",
             backup.display()
         ))),
     }

@@ -139,10 +139,10 @@ impl Room {
         let share = unexplained as f64 / all.max(1) as f64;
         if unexplained > FEW && share > self.maintenance.max_sweep_share {
             return Err(Error::precondition(format!(
-                "the database names {} of {all} blobs only, and the sweep would move {unexplained} recordings and results \
-                 to the trash: above --max-sweep-share {}. Nothing was removed. `gleaner-server check` lists them; \
-                 `gleaner-server rebuild` adds recordings that the database lacks; a larger --max-sweep-share lets the \
-                 sweep go on",
+                "the database names {} of {all} blobs only, and the sweep would move {unexplained} recordings and \
+                 results to the trash: above --max-sweep-share {}. Nothing was removed. `gleaner-server check` lists \
+                 them; `gleaner-server rebuild` adds recordings that the database lacks; a larger --max-sweep-share \
+                 allows it",
                 all - orphans.len(),
                 self.maintenance.max_sweep_share
             )));

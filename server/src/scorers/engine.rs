@@ -211,7 +211,7 @@ fn answer<S: Scorer>(scorer: &S, stretches: &[&Stretch<S::History>]) -> Result<V
 }
 
 fn unloading() -> Error {
-    Error::unavailable("the scorer is being unloaded or the server is stopping; try again")
+    Error::unavailable("the scorer is being unloaded or the server is stopping; retry")
 }
 
 fn miscounted() -> Error {

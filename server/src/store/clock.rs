@@ -53,7 +53,7 @@ impl Store {
         .bind(millis(age))
         .fetch_one(self.read())
         .await
-        .map_err(fault("asking for jumps of the clock"))?;
+        .map_err(fault("reading the jumps of the clock"))?;
         Ok(Duration::from_millis(row::count("clock_jumps.jump_ms", jumped)?))
     }
 }

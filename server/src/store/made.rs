@@ -28,11 +28,11 @@ impl Store {
         let job = job.ok_or_else(|| Error::not_found(what, id))?;
         match job.state {
             JobState::Failed => Err(Error::precondition(format!(
-                "{what} {id} was never made: {} failed: {}; submit it again",
+                "{what} {id} does not exist: {} failed: {}; submit that job again",
                 job.id, job.error
             ))),
             JobState::Cancelled => Err(Error::precondition(format!(
-                "{what} {id} was never made: {} was cancelled; submit it again",
+                "{what} {id} does not exist: {} was cancelled; submit that job again",
                 job.id
             ))),
             JobState::Queued | JobState::Running | JobState::Succeeded => Ok(job),

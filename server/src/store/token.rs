@@ -63,7 +63,7 @@ impl Store {
         .await
         .map_err(|error| match is_duplicate(&error) {
             true => {
-                Error::exists(format!("a live token is named {:?} already: revoke it, or take another name", token.name))
+                Error::exists(format!("a live token is named {:?} already: revoke it, or choose another name", token.name))
             }
             false => fault("keeping a token")(error),
         })?;

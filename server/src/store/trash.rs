@@ -69,7 +69,7 @@ impl Store {
                 .map_err(fault("taking an episode back"))?;
             let episode = episode::by_id(&mut tx, id).await?;
             back.push(episode.ok_or_else(|| {
-                Error::not_found("episode", format!("{id}: unknown, or removed for good; no episode was restored"))
+                Error::not_found("episode", format!("{id}: unknown, or permanently deleted; no episode was restored"))
             })?);
         }
         self.commit_generation(tx).await?;
@@ -134,8 +134,8 @@ impl Store {
         match gone {
             None => Ok(()),
             Some(episode) => Err(Error::precondition(format!(
-                "the recording of {episode}, which {snapshot} holds, was deleted for good: make a new snapshot, or push \
-                 the recording again"
+                "the recording of {episode}, which {snapshot} holds, was permanently deleted: create a new snapshot, \
+                 or push the recording again"
             ))),
         }
     }

@@ -59,7 +59,7 @@ fn init(from: &PolicyInit<'_>, info: &CheckpointInfo) -> NewPolicy {
 
 fn encoder<'a>(from: &PolicyInit<'a>) -> Result<&'a [u8], LearnError> {
     from.encoder.ok_or_else(|| {
-        LearnError::invalid("encoder", "is missing; finetune goes on from one, the other policies need none")
+        LearnError::invalid("encoder", "is missing; finetune starts from an encoder, other policies do not need one")
     })
 }
 

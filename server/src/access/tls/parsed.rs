@@ -63,7 +63,7 @@ impl Parsed {
     /// Why clients will refuse a server with this certificate now or soon, each with the fix.
     pub(super) fn warnings(&self, now: Timestamp) -> Vec<String> {
         let now = now.as_second();
-        let renew = "renew it with `gleaner-server tls renew`, or with whatever made it";
+        let renew = "renew it with `gleaner-server tls renew`, or with the tool that issued it";
         let mut warnings = Vec::new();
         if self.not_after < now {
             warnings.push(format!("it expired on {} and clients refuse it; {renew}", day(self.not_after)));

@@ -38,7 +38,7 @@ pub(super) async fn extension(
         ));
     }
     let JobSpec::Score { spec: frozen, .. } = jobs.0.store.job(&base.job_id).await?.spec else {
-        return Err(Error::internal("reading a run's spec", "its job is no scoring"));
+        return Err(Error::internal("reading a run's spec", "its job is not a score job"));
     };
     let spec = settings(&asked, frozen)?;
     let (_, own) = jobs.encoder(task, "spec.score.encoder_id", &base.encoder_id).await?;
@@ -54,8 +54,8 @@ async fn has_every_expert(jobs: &Jobs, base: &ScoreRun, snapshot: &SnapshotId) -
     match base.expert_ids.iter().find(|id| !experts.contains(id)) {
         None => Ok(()),
         Some(lacking) => Err(Error::precondition(format!(
-            "{snapshot} has no expert {lacking}, which {} was scored with; make a snapshot that has it, or score \
-             without extends",
+            "{snapshot} has no expert {lacking}, which {} was scored with; create a snapshot with it, or score without \
+             extends",
             base.id
         ))),
     }

@@ -112,7 +112,7 @@ async fn a_dangling_row_is_found() {
     let lab = lab().await;
     testing::run(&lab.store, "pragma foreign_keys = off; delete from snapshots; pragma foreign_keys = on").await;
     let found = problems(&lab, true).await;
-    assert!(found.iter().any(|problem| problem.contains("a row of snapshots that is not there")), "{found:?}");
+    assert!(found.iter().any(|problem| problem.contains("a row of snapshots that does not exist")), "{found:?}");
 }
 
 #[tokio::test]

@@ -115,7 +115,7 @@ impl Store {
         .bind(most)
         .fetch_all(self.read())
         .await
-        .map_err(fault("asking which snapshots hold an episode"))?;
+        .map_err(fault("reading the snapshots of an episode"))?;
         let of = rows.first().map_or(Ok(0), |row| row::count("of", row.of))?;
         Ok((rows.into_iter().map(UseRow::read).collect::<Result<_>>()?, of))
     }
