@@ -36,8 +36,8 @@ gleaner_core::settings! {
     /// Settings of a policy that sees its history.
     #[derive(Copy)]
     pub(super) struct HistorySpec {
-        /// Chance of hiding a training window's past (0: never). A policy that always sees its past continues it, which
-        /// predicts an expert's next action well and fails in closed loop.
+        /// Probability of hiding the history of a training window (0: never). A policy that always sees its history
+        /// tends to continue it, which predicts an expert's next action well and fails in closed loop.
         pub(super) history_dropout: f64 = 0.5, number_in(0.0, 1.0);
     }
 }
