@@ -65,7 +65,9 @@ fn relative(name: &str) -> Result<&Path> {
     if stays && !name.is_empty() {
         return Ok(path);
     }
-    Err(ClientError::Invalid(format!("the export holds a file named {name:?}, which leaves the folder; not written")))
+    Err(ClientError::Invalid(format!(
+        "the export contains a file named {name:?}, which is outside the folder; it was not written"
+    )))
 }
 
 async fn save(

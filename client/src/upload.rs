@@ -185,7 +185,7 @@ impl Upload {
                 Ok(Step::Forward)
             }
             Ok(_) => Err(ClientError::Invalid(format!(
-                "{}: the file became shorter while it was sent; push it again once it is complete",
+                "{}: the file was truncated during the upload; push it again once it is complete",
                 self.path.display()
             ))),
             // InvalidArgument: an older stream of this client was still being written when this one began.

@@ -69,15 +69,19 @@ impl ServerProcess {
             .kill_on_drop(true)
             .spawn()
             .map_err(ClientError::io(binary))?;
-        let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server has no output"))?;
+        let stdout = child.stdout.take().ok_or_else(|| Failure::message("the server's output cannot be read"))?;
         let mut lines = BufReader::new(stdout).lines();
         let url = match tokio::time::timeout(START_PATIENCE, ready(&mut lines)).await {
             Ok(Some(url)) => url,
             Ok(None) => {
-                return Err(Failure::message(format!("{} ended before it listened; {}", binary.display(), tail(log))));
+                return Err(Failure::message(format!(
+                    "{} ended before it was listening; {}",
+                    binary.display(),
+                    tail(log)
+                )));
             }
             Err(_) => {
-                return Err(Failure::message(format!("{} did not listen in time; {}", binary.display(), tail(log))));
+                return Err(Failure::message(format!("{} was not listening in time; {}", binary.display(), tail(log))));
             }
         };
         // Later output must not fill the pipe.
@@ -117,7 +121,7 @@ impl ServerProcess {
             Ok(ended) => well(ended?),
             Err(_) => {
                 self.child.kill().await?;
-                Err(Failure::message("the server did not end when asked to, and was killed"))
+                Err(Failure::message("the server did not stop on request and was killed"))
             }
         }
     }
@@ -137,7 +141,7 @@ pub(crate) async fn unless_interrupted<T>(
 }
 
 fn well(status: ExitStatus) -> Result<()> {
-    if status.success() { Ok(()) } else { Err(Failure::message(format!("the server ended badly: {status}"))) }
+    if status.success() { Ok(()) } else { Err(Failure::message(format!("the server failed: {status}"))) }
 }
 
 async fn ready(lines: &mut Lines<BufReader<ChildStdout>>) -> Option<String> {

@@ -82,7 +82,7 @@ impl SessionTask {
 
     /// Waits for the next event.
     pub(super) async fn next(&mut self) -> Event {
-        let ended = || Event::Ended(ClientError::SessionLost("its task ended early".into()));
+        let ended = || Event::Ended(ClientError::SessionLost("its background task ended early".into()));
         self.events.recv().await.unwrap_or_else(ended)
     }
 
@@ -146,7 +146,8 @@ impl<L: Link> Worker<L> {
     }
 
     async fn open_session(&mut self) -> Result<SessionChannel> {
-        let late = || ClientError::SessionLost(format!("it was not opened within {} s", OPEN_WITHIN.as_secs()));
+        let late =
+            || ClientError::SessionLost(format!("the session was not opened within {} s", OPEN_WITHIN.as_secs()));
         let channel = timeout(OPEN_WITHIN, self.link.open(&self.open)).await.map_err(|_| late())??;
         send_event(&self.events, Event::Opened(channel.opened.clone())).await;
         Ok(channel)

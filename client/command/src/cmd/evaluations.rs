@@ -93,7 +93,7 @@ impl FromStr for Trials {
     type Err = String;
 
     fn from_str(text: &str) -> std::result::Result<Self, String> {
-        let wrong = || format!("{text:?}: write SEED:EPISODES:SUCCESSES[:MEAN_STEPS], for example 0:200:153:31.5");
+        let wrong = || format!("{text:?}: expected SEED:EPISODES:SUCCESSES[:MEAN_STEPS], such as 0:200:153:31.5");
         let parts: Vec<&str> = text.split(':').collect();
         let (seed, episodes, successes, mean_steps) = match parts[..] {
             [seed, episodes, successes] => (seed, episodes, successes, "0"),

@@ -115,7 +115,7 @@ impl Experiment {
             let name = study.name().to_owned();
             let cells = study.cells(&file.base, &names).map_err(|problem| format!("study {name:?}: {problem}"))?;
             if studies.iter().any(|other| other.name == name) {
-                return Err(format!("study {name:?}: is there twice; give one another name"));
+                return Err(format!("study {name:?}: the name is duplicated; rename one"));
             }
             studies.push(Study { name, table: study.table, cells });
         }
@@ -146,7 +146,8 @@ fn recordings(file: &ExperimentFile) -> std::result::Result<RecordSet, String> {
             cohort.name.clone_from(name);
         }
         if cohorts.iter().any(|other| other.name == cohort.name) {
-            let problem = if cohort.name == AgentKind::Expert.name() { "is the experts'" } else { "is there twice" };
+            let problem =
+                if cohort.name == AgentKind::Expert.name() { "is the name of the experts" } else { "is duplicated" };
             return Err(field(format!("name: {:?} {problem}; give it another", cohort.name)));
         }
         if cohort.count == 0 {

@@ -17,7 +17,7 @@ pub(crate) fn markdown(report: &Report) -> String {
     );
     let Progress { cells, complete, failed } = report.progress;
     if report.progress.unfinished() {
-        let gaps = "A column that lacks seeds says so; what is not there yet is a -.";
+        let gaps = "Columns without all seeds are marked; results that do not exist yet are shown as -.";
         line(&mut text, format_args!("\n**Unfinished: {complete} of {cells} cells are complete. {gaps}**"));
     }
     if failed > 0 {

@@ -152,7 +152,7 @@ impl StudySettings {
         for (label, varied) in drafts {
             let here = |problem: String| format!("cell {label:?}: {problem}");
             if cells.iter().any(|other| other.label == label) {
-                return Err(here("is there twice".into()));
+                return Err(here("is duplicated".into()));
             }
             let mut table = shared.clone();
             for (key, value) in &varied {

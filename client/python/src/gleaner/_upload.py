@@ -102,7 +102,7 @@ class Upload:
             # An older stream of this client may still have been written when this one began.
             raise Unavailable(str(error), error.code) from error
         if reply.committed_size <= before:
-            problem = "the file became shorter while it was sent; push it again once it is complete"
+            problem = "the file was truncated during the upload; push it again once it is complete"
             raise invalid(str(self.path), problem)
         self.committed = reply.committed_size
 

@@ -165,7 +165,7 @@ mod tests {
         let held: Vec<FrozenEpisode> = (0..250).map(|_| one()).collect();
         let shown = table(&held).into_string();
         assert_eq!(shown.matches("<tr>").count(), 1 + SHOWN);
-        assert!(shown.contains("the same") && shown.contains("<td class=\"number\">–</td>"));
+        assert!(shown.contains("unchanged") && shown.contains("<td class=\"number\">–</td>"));
         let snapshot = Snapshot {
             id: SnapshotId::new(),
             task_id: gleaner_core::id::TaskId::new(),
