@@ -75,7 +75,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cause_without_a_known_fix_stands_alone_and_may_pass() {
+    fn an_unknown_cause_is_shown_alone_and_may_be_retried() {
         let error = Transport(std::io::Error::other("connection reset"));
         assert_eq!(reason(&error), "connection reset");
         assert!(!is_lasting(&error));

@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_model_in_use_is_not_removed_until_its_last_holder_parts() {
+    fn a_model_in_use_is_not_removed_until_its_last_holder_drops_it() {
         let mut cache = ModelCache::new(0);
         let model = load(&mut cache, 'a');
         assert_eq!(removed(&mut cache, 0, None), "");

@@ -176,7 +176,7 @@ mod tests {
 
     // One test: a script that is written while another test forks could not be executed ("text file busy").
     #[tokio::test]
-    async fn a_server_is_started_and_asked_to_stop_and_one_that_does_not_start_says_why() {
+    async fn a_server_starts_and_stops_and_a_failed_start_reports_its_log() {
         let folder = tempfile::tempdir().unwrap();
         let log = folder.path().join("log");
         let body =

@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn other_faults_are_ours() {
+    fn other_faults_are_internal() {
         for number in [5, 13, 2] {
             let error = Error::internal("reading a file", io::Error::from_raw_os_error(number));
             assert_eq!((error.kind(), error.message()), (Kind::Internal, "reading a file"));

@@ -158,7 +158,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn what_the_server_cannot_take_now_is_asked_again_and_nothing_else_is() {
+    async fn only_unavailable_and_exhausted_errors_are_retried() {
         for refused in [|| Status::resource_exhausted("no room"), || Status::unavailable("not now")] {
             let mut refusals = 5;
             let asked = with_retries(async || match refusals {

@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_put_is_there_for_the_same_encoder_and_kind_alone() {
+    fn features_are_found_for_the_same_encoder_and_kind_only() {
         let dir = tempfile::tempdir().unwrap();
         let blobs = Blobs::open(dir.path()).unwrap();
         std::fs::create_dir_all(dir.path().join("cache")).unwrap();
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn without_room_nothing_is_kept_and_nothing_fails() {
+    fn a_full_disk_keeps_no_features_and_fails_no_job() {
         let dir = tempfile::tempdir().unwrap();
         std::fs::create_dir_all(dir.path().join("cache")).unwrap();
         // Enough for all other writes.

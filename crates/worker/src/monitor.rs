@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_disk_has_no_room_for_waits_until_it_has() {
+    fn writes_wait_for_free_disk_space() {
         let dir = tempfile::tempdir().unwrap();
         let free = Arc::new(AtomicU64::new(0));
         let blobs = Blobs::open(dir.path()).unwrap().sparing(100).playing(&free);

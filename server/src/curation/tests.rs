@@ -161,7 +161,7 @@ async fn a_summary_agrees_with_the_database() {
 }
 
 #[tokio::test]
-async fn an_empty_run_and_a_missing_one() {
+async fn empty_runs_are_summarised_and_missing_ones_rejected() {
     let lab = lab(&testing::spec()).await;
     let (run, _) = run_with(&lab, &[]).await;
     let summary = lab.curation.summary(&run).await.unwrap();

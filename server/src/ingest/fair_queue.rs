@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equals_the_client_that_gave_a_slot_back_first_is_next() {
+    fn among_equals_the_client_that_returned_a_slot_first_is_next() {
         let mut queue = queue(2, &[("a", 3), ("b", 3)]);
         assert_eq!(admitted(&mut queue), [("a", 1), ("b", 1)]);
         queue.release(&"b");

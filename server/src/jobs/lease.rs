@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_word_puts_silence_off() {
+    async fn a_report_resets_the_silence() {
         let leases = Leases::new(CancellationToken::new());
         let (attempt, begun) = (attempt(), Instant::now());
         let lease = leases.grant(&attempt);

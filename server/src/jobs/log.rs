@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn of_very_much_the_newest_is_kept() {
+    async fn a_long_log_keeps_its_newest_part() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         let output: String = (0..200_000).map(|line| format!("line {line}\n")).collect();
         Log::of(dir.path(), &job).await.follow(output.as_bytes(), async |_| ()).await;
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn two_attempts_at_once_turn_it_over_once() {
+    async fn two_concurrent_attempts_rotate_the_log_once() {
         let (dir, job) = (tempfile::tempdir().unwrap(), JobId::new());
         let mut logs = [Log::of(dir.path(), &job).await, Log::of(dir.path(), &job).await];
         let much = vec![b'a'; usize::try_from(FULL).unwrap()];

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_leads_back_to_its_attempt_and_never_repeats() {
+    fn a_token_identifies_its_attempt_and_is_unique() {
         let (job, issuer) = (JobId::new(), Issuer::new());
         let token = issuer.token(&job);
         assert_eq!(attempt(token.reveal()).unwrap(), issuer.attempt(&job));

@@ -69,7 +69,7 @@ mod tests {
     const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 
     #[tokio::test]
-    async fn a_jump_counts_until_its_age_has_really_passed() {
+    async fn a_jump_counts_until_the_measured_time_reaches_it() {
         let (_dir, store) = testing::store().await;
         let start = Millis(1_800_000_000_000);
         assert_eq!(store.note_time(start, None).await.unwrap(), None, "a new database has seen nothing");

@@ -104,7 +104,7 @@ mod tests {
 
     /// A slow disk delays writers, but no reader.
     #[tokio::test]
-    async fn a_slow_write_holds_up_no_reader() {
+    async fn a_slow_write_does_not_delay_readers() {
         let (_dir, store) = testing::store().await;
         let task = testing::task(&store).await;
         let slow = store.write().await.unwrap();

@@ -53,7 +53,7 @@ mod tests {
     use crate::error::Kind;
 
     #[tokio::test]
-    async fn two_write_to_one_database() {
+    async fn two_stores_write_to_one_database() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("gleaner.db");
         assert_eq!(Store::open_shared(&path).await.unwrap_err().kind(), Kind::Precondition);

@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn a_torn_array_is_our_fault_not_a_shorter_array() {
+    fn a_torn_array_is_an_internal_error() {
         let error = unpack::<f32>("q", &[0; 7]).err().unwrap();
         assert_eq!(error.kind(), crate::error::Kind::Internal);
     }

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn tokens_come_back_as_they_were_made() {
+    async fn tokens_round_trip() {
         let (_dir, store) = testing::store().await;
         let made = token("arm");
         store.insert_token(&made, "hash").await.unwrap();
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_name_is_one_live_tokens() {
+    async fn a_name_belongs_to_one_live_token() {
         let (_dir, store) = testing::store().await;
         let first = token("arm");
         store.insert_token(&first, "one").await.unwrap();

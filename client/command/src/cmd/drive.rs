@@ -209,7 +209,7 @@ mod tests {
     use gleaner_client::LowestScore;
 
     #[test]
-    fn an_evaluation_reads_and_has_stable_names() {
+    fn an_evaluation_is_described_and_has_stable_names() {
         let plan = DrivePlan {
             deployment: "pick@prod".into(),
             task: gleaner_sim::Task::PickCube,

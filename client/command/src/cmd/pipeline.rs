@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_dataset_is_by_threshold_or_by_part() {
+    fn a_dataset_is_selected_by_threshold_or_by_fraction() {
         let kept = |options: &str| (spec(options).beta, spec(options).top_fraction);
         assert_eq!(kept(""), (Some(0.9), None));
         assert_eq!(kept("--top 0.1"), (None, Some(0.1)));

@@ -210,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn the_summary_counts_and_names_what_was_not_taken() {
+    fn the_summary_counts_and_names_rejected_recordings() {
         assert_eq!(
             summary(&pushed(), &[]),
             "1 recordings pushed, 1 already stored, 1 rejected; 3.0 MB in 0.5 s (6.0 MB/s)\n2 warnings; gleaner \
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn the_summary_names_what_was_skipped() {
+    fn the_summary_names_skipped_files() {
         let shown = summary(&pushed(), &skipped());
         let last: Vec<&str> = shown.lines().rev().take(2).collect();
         assert_eq!(last[0], "skipped: x\\u{1b}[2J\\n.mcap: is a FIFO");

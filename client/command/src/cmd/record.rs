@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn an_agents_cohort_is_its_kind_or_as_named() {
+    fn the_cohort_of_an_agent_is_its_name_or_its_kind() {
         let cohort = |text: &str| text.parse::<CohortArg>().unwrap().0;
         let weak = cohort("weak=noise:0.5:20");
         assert_eq!((weak.name.as_str(), weak.agent.grade(), weak.count), ("weak", 0.5, 20));

@@ -215,7 +215,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_histogram_reads_as_drawn() {
+    fn the_histogram_is_drawn() {
         let reply = GetHistogramResponse {
             counts: vec![0, 5, 10, 1],
             segments: 16,
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn matches_show_the_expert_step_and_gaps_as_gaps() {
+    fn matches_show_the_expert_step_and_leave_gaps_empty() {
         let listed = matches(&scores());
         let rows: Vec<Vec<&str>> = listed.lines().skip(1).map(|line| line.split_whitespace().collect()).collect();
         assert_eq!(rows[0], ["0", "1.000", "-0.250", "ep_1", "4", "0.125", "0.062", "0.062"]);
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn an_episode_without_steps_is_no_panic() {
+    fn an_episode_without_steps_does_not_panic() {
         let drawn = drawing("ep_7", &EpisodeScores::default(), 0.9, 80);
         assert!(drawn.contains("no steps"), "{drawn}");
         assert!(matches(&EpisodeScores::default()).contains("NEAREST EXPERT"));

@@ -225,7 +225,7 @@ mod tests {
     use gleaner_proto::v1::JobState;
 
     #[test]
-    fn a_job_reads_in_one_line_and_leads_on() {
+    fn a_job_is_one_line_and_suggests_the_next_command() {
         let at = |seconds| Some(prost_types::Timestamp { seconds, nanos: 0 });
         let job = Job {
             id: "job_1".into(),

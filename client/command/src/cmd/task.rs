@@ -155,7 +155,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn specs_are_read_as_toml_or_json_and_mistakes_are_placed() {
+    fn specs_are_parsed_as_toml_or_json_and_errors_name_the_line() {
         let folder = tempfile::tempdir().unwrap();
         let write = |name: &str, text: &str| {
             let path = folder.path().join(name);

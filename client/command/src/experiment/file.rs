@@ -183,7 +183,7 @@ mod tests {
     const STUDY: &str = "[[study]]\ntable = \"beta\"\n";
 
     #[test]
-    fn the_committed_files_are_sound() {
+    fn the_committed_files_are_valid() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples/experiments");
         for name in ["pick_cube", "stack_cube", "quick"] {
             let experiment = Experiment::read(&folder.join(name).with_extension("toml")).unwrap();
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_given_has_its_default() {
+    fn omitted_settings_have_their_defaults() {
         let experiment = Experiment::parse(&[HEAD, DATA, STUDY].concat()).unwrap();
         assert_eq!(experiment.recordings.config, SimConfig::default());
         assert_eq!(experiment.recordings.cohorts[1].name, "noise");
@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn recordings_are_named_by_what_they_depend_on_alone() {
+    fn the_name_of_recordings_depends_on_their_settings_only() {
         let key = |text: String| Experiment::parse(&text).unwrap().data_key;
         let plain = key([HEAD, DATA, STUDY].concat());
         assert_eq!(plain, key([HEAD, DATA, "[base]\nbeta = 0.5\n", STUDY].concat()));
@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_name_the_place_and_the_field() {
+    fn errors_name_the_line_and_the_field() {
         let text = |base: &str, data: &str, study: &str| [HEAD, data, base, study].concat();
         for (file, parts) in [
             (text("[base]\nbetta = 1\n", DATA, STUDY), ["base: ", "unknown field `betta`"]),

@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn each_table_has_the_papers_cells_of_itself() {
+    fn each_table_has_the_cells_of_the_paper() {
         assert_eq!(labels("table = \"methods\""), Method::all().map(Method::title).collect::<Vec<_>>());
         assert_eq!(labels("table = \"beta\""), ["0", "0.5", "0.7", "0.8", "0.9", "0.95", "0.99"]);
         assert_eq!(labels("table = \"objectives\"").last().unwrap(), "mtp+tr+aa");
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_name_their_cell_and_field() {
+    fn errors_name_their_cell_and_field() {
         for (study, parts) in [
             ("table = \"beta\"\naxes = { betta = [0.5] }", ["cell \"0.5\"", "unknown field `betta`"]),
             ("table = \"beta\"\naxes = { beta = [2.0] }", ["cell \"2\"", "beta: 2 is outside"]),

@@ -183,7 +183,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_page_token_must_be_ours() {
+    fn a_malformed_page_token_is_rejected() {
         let request = |token: &str, page_size| v1::ListEpisodesRequest {
             page_token: token.into(),
             page_size,
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_finding_keeps_its_word() {
+    fn a_finding_keeps_its_severity_and_code() {
         let found = finding(Finding {
             severity: Severity::Warning,
             code: FindingCode::MissingTopic,

@@ -102,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_report_that_makes_no_sense_is_refused_by_field() {
+    fn an_inconsistent_report_is_rejected_by_field() {
         let seed = v1::SeedResult { seed: 1, episodes: 10, successes: 7, mean_steps: 0.0 };
         let good = v1::ReportEvaluationRequest {
             policy_id: PolicyId::new().into(),

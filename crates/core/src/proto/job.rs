@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_way_of_queueing_is_named() {
+    fn invalid_submission_settings_are_rejected_by_field() {
         let spec = Some(v1::JobSpec { spec: Some(v1::job_spec::Spec::Pretrain(v1::PretrainSpec::default())) });
         let request = v1::SubmitJobRequest { task: "reach".into(), spec, ..v1::SubmitJobRequest::default() };
         let (task, _, queueing) = submit_request(request.clone()).unwrap();

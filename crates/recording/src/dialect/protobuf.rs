@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn names_what_is_wrong_with_schema_or_bytes() {
+    fn errors_name_the_fault_of_schema_or_bytes() {
         let (name, set) = state_schema();
         assert!(Decoder::new("lab.Other", &set).unwrap_err().contains("`lab.Other`"));
         assert!(Decoder::new(&name, b"no descriptor").unwrap_err().contains("FileDescriptorSet"));

@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn short_or_strange_images_are_errors() {
+    fn short_or_unsupported_images_are_errors() {
         assert!(raw_color(image("rgb8", 3, &[0; 5]), 2, 1).unwrap_err().to_string().contains("need 6 bytes"));
         assert!(raw_color(image("rgb8", 2, &[0; 9]), 2, 1).is_err());
         assert!(raw_color(image("yuv422", 2, &[0; 9]), 2, 1).unwrap_err().to_string().contains("yuv422"));

@@ -197,7 +197,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_parsed_or_refused_with_the_known_ones() {
+    fn unknown_words_are_rejected_with_the_known_ones() {
         let read = |text| word("state", text, JobState::from_word, &JobState::ALL.map(JobState::as_str));
         assert_eq!((read("").unwrap(), read("failed").unwrap()), (None, Some(JobState::Failed)));
         let answer = read("done").unwrap_err();

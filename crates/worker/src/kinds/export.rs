@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn a_single_step_takes_its_better_neighbour_along() {
+    fn a_single_step_is_exported_with_its_better_neighbour() {
         let q = [0.9, 0.1, 0.9, 0.3, 0.9];
         assert_eq!(file_steps(&kept(&[1, 2, 3]), &q), Some(1..=3));
         assert_eq!(file_steps(&kept(&[0]), &q), Some(0..=1));

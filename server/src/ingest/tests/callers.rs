@@ -109,7 +109,7 @@ async fn with_one_slot_a_push_waits_for_one_inspection_of_another_client() {
 }
 
 #[tokio::test]
-async fn a_scored_recording_whose_client_left_gives_its_place_back() {
+async fn a_scored_recording_of_a_disconnected_client_frees_its_slot() {
     let lab = Lab::new(&["--inspect-parallel", "1"]).await;
     let (hog, gone) = (token("hog"), token("gone"));
     let slow = lab.finishing(&hog, "slow;").await;
@@ -170,7 +170,7 @@ async fn concurrent_starts_do_not_pass_the_limit_together() {
 }
 
 #[tokio::test]
-async fn zero_is_no_limit_on_open_uploads() {
+async fn a_limit_of_zero_allows_any_number_of_open_uploads() {
     let lab = Lab::new(&["--max-open-uploads-per-caller", "0"]).await;
     for number in 0..5 {
         lab.fixture.start(format!("content {number}").as_bytes()).await;

@@ -19,7 +19,7 @@ async fn lose_rows(lab: &Lab, episode: &crate::domain::episode::Episode) {
 }
 
 #[tokio::test]
-async fn a_sweep_that_would_take_a_large_share_stops_before_it_removes_anything() {
+async fn a_sweep_above_the_largest_share_stops_before_it_removes_a_file() {
     let lab = lab().await;
     let mut room = room(&lab, 0);
     let gone = stored(&lab, b"deleted by a person").await;

@@ -25,7 +25,7 @@ async fn status(pages: &Pages, client: &Client, page: Page) -> StatusCode {
 }
 
 #[tokio::test]
-async fn every_page_with_every_role() {
+async fn every_page_is_permitted_as_its_row_states() {
     let pages = Pages::open(true).await;
     let mut known = Vec::new();
     for role in Role::ALL {
@@ -148,7 +148,7 @@ async fn a_browser_signs_in_and_out() {
 }
 
 #[tokio::test]
-async fn an_ended_token_is_treated_as_no_token() {
+async fn an_ended_token_is_treated_like_a_missing_token() {
     let pages = Pages::open(false).await;
     let browser = pages.visitor().await;
     let soon = Millis::now().after(std::time::Duration::from_millis(300));

@@ -128,14 +128,14 @@ async fn the_database_of_another_folder_is_refused() {
 }
 
 #[tokio::test]
-async fn blobs_that_are_not_mounted_are_missed() {
+async fn unmounted_blobs_are_detected() {
     let dir = used().await;
     fs::rename(dir.path().join("blobs"), dir.path().join("elsewhere")).unwrap();
     refused(dir.path(), "not mounted").await;
 }
 
 #[tokio::test]
-async fn a_crash_before_the_first_stamp_is_no_misfit() {
+async fn a_crash_before_the_first_stamp_is_accepted() {
     let dir = tempfile::tempdir().unwrap();
     Blobs::open(dir.path()).unwrap();
     Store::open(&data_folder::database(dir.path())).await.unwrap().close().await;

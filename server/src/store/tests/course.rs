@@ -188,7 +188,7 @@ impl Course {
 }
 
 #[test]
-fn jobs_keep_to_their_states_under_any_events() {
+fn jobs_keep_to_their_state_machine_under_any_events() {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     let (_dir, store) = runtime.block_on(testing::store());
     let task = runtime.block_on(testing::task(&store));

@@ -117,7 +117,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_what_a_demo_left_is_cleared() {
+    fn only_files_of_an_earlier_demo_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let data = folder.path().join(DATA);
         std::fs::create_dir(&data).unwrap();

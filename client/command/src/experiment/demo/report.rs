@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn the_table_says_what_was_found_and_gaps_as_gaps() {
+    fn the_table_has_the_results_and_leaves_gaps_empty() {
         let text = report().markdown();
         for row in [
             "| expert | 4 | 120 | 4 |",

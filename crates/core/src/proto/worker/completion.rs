@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn messages_out_of_turn_are_refused() {
+    fn messages_out_of_order_are_rejected() {
         let mut swapped = completion_messages(scores());
         swapped.reverse();
         assert!(put_together(swapped).is_err());

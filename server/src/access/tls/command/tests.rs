@@ -130,7 +130,7 @@ async fn only_client_certificates_are_accepted_where_clients_are_asked_for_one()
 }
 
 #[test]
-fn keys_are_readable_by_their_owner_alone_and_nothing_is_replaced_unasked() {
+fn keys_are_readable_by_their_owner_only_and_files_are_not_replaced_by_default() {
     let lab = Lab::new();
     let output = lab.tls(&["init", "--name", "lab7"]).unwrap();
     for part in
@@ -183,7 +183,7 @@ fn certificates_have_the_extensions_that_strict_verifiers_ask_for() {
 }
 
 #[test]
-fn what_cannot_be_used_is_refused_with_the_fix() {
+fn unusable_certificates_are_rejected_with_the_fix() {
     let lab = Lab::new();
     let refused = |words: &[&str], kind: Kind, part: &str| {
         let error = lab.tls(words).unwrap_err();
