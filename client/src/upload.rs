@@ -84,7 +84,7 @@ impl Client {
 #[derive(Clone, Debug)]
 enum Stage {
     Unopened,
-    // After a failure the size on the server's disk is unknown until the server is asked.
+    // After a failure the size on the server's disk is unknown until the server returns it.
     Open { id: String, committed: Option<u64> },
 }
 
@@ -137,7 +137,7 @@ impl Upload {
         let size = self.start.size_bytes;
         match self.stage.clone() {
             Stage::Unopened => self.open().await,
-            Stage::Open { id, committed: None } => self.ask(id).await,
+            Stage::Open { id, committed: None } => self.query_committed(id).await,
             Stage::Open { id, committed: Some(committed) } if committed < size => self.write(id, committed).await,
             Stage::Open { id, committed: Some(_) } => self.finish(id).await,
         }
@@ -155,7 +155,7 @@ impl Upload {
         Ok(Step::Forward)
     }
 
-    async fn ask(&mut self, id: String) -> Result<Step> {
+    async fn query_committed(&mut self, id: String) -> Result<Step> {
         match self.service.get_upload(GetUploadRequest { upload_id: id.clone() }).await {
             Ok(reply) => {
                 self.stage = Stage::Open { id, committed: Some(reply.into_inner().committed_size) };

@@ -222,7 +222,7 @@ mod tests {
     fn public_pages_require_tls_or_web_insecure() {
         let open = ["--web-listen", "0.0.0.0:7401"];
         assert!(serve(&open).validate().unwrap_err().contains("--web-insecure"));
-        assert!(serve(&[&open[..], &["--insecure"]].concat()).validate().is_err(), "it is about callers");
+        assert!(serve(&[&open[..], &["--insecure"]].concat()).validate().is_err(), "--insecure applies to calls only");
         let config = serve(&[&open[..], &["--web-insecure"]].concat());
         assert_eq!(config.validate(), Ok(()));
         assert!(!config.insecure && config.access.tokens_required(false, config.insecure));

@@ -40,7 +40,7 @@ fn main() -> ExitCode {
             return ExitCode::from(ARGUMENTS);
         }
         // `--help` or `--version`.
-        Err(asked) => asked.exit(),
+        Err(error) => error.exit(),
     };
     let stage = match cli.arm_fail_point().and_then(|()| Stage::set(&cli)) {
         Ok(stage) => stage,
@@ -159,7 +159,7 @@ async fn serve(config: ServeConfig) -> Result<()> {
     survive_file_limit();
     // Before the first printed line: its reader may stop the server at once, and must not wait for one that cannot
     // serve.
-    let asked = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
+    let stop_requested = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;
     program::all_installed()?;
     let lock = DataLock::take(&config.data_dir)?;
     let listeners = Listeners::bind(&config).await?;
@@ -169,7 +169,7 @@ async fn serve(config: ServeConfig) -> Result<()> {
     println!("listening on {}", listeners.url()?);
     let limit = Duration::from_secs(config.drain_seconds) + ENDING;
     gleaner_server::run(config, lock, listeners, async move {
-        asked.await;
+        stop_requested.await;
         if let Err(error) = shutdown::must_end_within(limit) {
             tracing::error!(%error, "the time limit of the shutdown cannot be set");
         }

@@ -79,7 +79,7 @@ async fn conflicting_label_is_shown_before_it_is_overwritten() {
     label_as_ada(&mut api, &id, Outcome::Success).await;
     browser.keys("u").await;
     let text = browser.text("#message .note.bad p").await;
-    assert!(text.contains("ada") && text.contains("success") && text.contains("Nothing was changed"), "{text}");
+    assert!(text.contains("ada") && text.contains("success") && text.contains("No label was changed"), "{text}");
     browser.keep("conflict").await;
     let newest = async |api: &mut Api| {
         let request = ListLabelsRequest { episode_id: id.clone() };
@@ -97,7 +97,7 @@ async fn conflicting_label_is_shown_before_it_is_overwritten() {
     label_as_ada(&mut api, &id, Outcome::Failure).await;
     browser.keys("s").await;
     let text = browser.text("#message .note.bad p").await;
-    assert!(text.contains("ada") && text.contains("failure") && text.contains("Nothing was changed"), "{text}");
+    assert!(text.contains("ada") && text.contains("failure") && text.contains("No label was changed"), "{text}");
     assert_eq!(newest(&mut api).await, ("ada".to_owned(), Outcome::Failure));
     browser.close().await;
 }

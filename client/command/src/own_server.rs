@@ -46,7 +46,7 @@ impl Address {
     }
 
     /// Asks the server to stop; returns before it has stopped.
-    pub(crate) fn ask_to_stop(&self) {
+    pub(crate) fn request_stop(&self) {
         if let Some(pid) = Pid::from_raw(self.pid) {
             // It may have ended meanwhile.
             let _ = kill_process(pid, Signal::TERM);
@@ -116,7 +116,7 @@ impl ServerProcess {
 
     /// Asks the server to end, and ends it when it does not.
     pub(crate) async fn stop(mut self) -> Result<()> {
-        self.address().ask_to_stop();
+        self.address().request_stop();
         match tokio::time::timeout(STOP_PATIENCE, self.child.wait()).await {
             Ok(ended) => well(ended?),
             Err(_) => {

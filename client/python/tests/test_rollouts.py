@@ -42,7 +42,7 @@ def test_a_recorded_session_is_an_episode_of_its_task(client: gleaner.Client, de
     assert kept.id in [episode.id for episode in client.episodes.list(TASK, cohort="tuesday")]
 
 
-def test_nothing_is_kept_unasked(client: gleaner.Client, deployment: str) -> None:
+def test_episodes_are_recorded_on_request_only(client: gleaner.Client, deployment: str) -> None:
     before = len(list(client.episodes.list(TASK)))
     with gleaner.Policy(client, deployment) as policy:
         policy(observation(policy.spec))
@@ -117,7 +117,7 @@ def test_a_recording_is_scored_as_the_run_scored_it_and_not_kept(
     assert len(list(client.episodes.list(TASK))) == before
 
 
-def test_what_cannot_be_scored_is_refused(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
+def test_invalid_scoring_requests_are_rejected(client: gleaner.Client, lab: Lab, tmp_path: Path) -> None:
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"no recording at all")
     with pytest.raises(gleaner.InvalidArgument, match="recording"):

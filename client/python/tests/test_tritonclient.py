@@ -102,7 +102,7 @@ def test_one_request_gives_actions(
     np.testing.assert_allclose(again, action, atol=1e-4)
 
 
-def test_a_sequence_is_remembered(
+def test_sequence_keeps_its_history(
     infer_client: triton.InferenceServerClient, deployment: str, specs: dict[str, Any]
 ) -> None:
     first, second = observation(specs, 1), observation(specs, 2)
@@ -121,7 +121,7 @@ def test_a_sequence_is_remembered(
             act(second, sequence_id=sequence)
 
 
-def test_mistakes_are_named(infer_client: triton.InferenceServerClient, deployment: str, specs: dict[str, Any]) -> None:
+def test_invalid_arguments_are_named(infer_client: triton.InferenceServerClient, deployment: str, specs: dict[str, Any]) -> None:
     seen = observation(specs, 1)
     camera = next(name for name, array in seen.items() if array.ndim == 3)
 

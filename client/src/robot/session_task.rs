@@ -161,9 +161,9 @@ async fn serve(
     events: &mpsc::Sender<Event>,
     lost_after: Duration,
 ) -> (ClientError, bool) {
-    let (mut answered, mut asked) = (false, None);
+    let (mut answered, mut pending_since) = (false, None);
     loop {
-        let silent = sleep_until(asked.unwrap_or_else(Instant::now) + lost_after);
+        let silent = sleep_until(pending_since.unwrap_or_else(Instant::now) + lost_after);
         tokio::select! {
             biased;
             response = channel.responses.next() => {
@@ -175,20 +175,20 @@ async fn serve(
                 match event {
                     Ok(event) => {
                         answered |= matches!(event, Event::Action(_) | Event::Missed(_));
-                        asked = None;
+                        pending_since = None;
                         send_event(events, event).await;
                     }
                     Err(error) => return (error, answered),
                 }
             }
-            () = silent, if asked.is_some() => {
+            () = silent, if pending_since.is_some() => {
                 let problem = format!("the server sent no response for {lost_after:?}");
                 return (ClientError::SessionLost(problem), answered);
             }
-            sent = send(&channel.requests, latest), if !channel.requests.is_closed() || asked.is_none() => {
+            sent = send(&channel.requests, latest), if !channel.requests.is_closed() || pending_since.is_none() => {
                 // A failed send needs no handling: the reason arrives as a response, or the silence is timed out.
                 let _ = sent;
-                asked.get_or_insert_with(Instant::now);
+                pending_since.get_or_insert_with(Instant::now);
             }
         }
     }

@@ -62,7 +62,7 @@ mod tests {
         let mut rate = MinimumRate::new(PATIENCE, 1000, 0);
         assert_eq!(rate.wait(0), begun + PATIENCE);
         after(5).await;
-        assert_eq!(rate.wait(0), begun + PATIENCE, "asking again gives no more time");
+        assert_eq!(rate.wait(0), begun + PATIENCE, "a repeated request gives no more time");
     }
 
     #[tokio::test(start_paused = true)]

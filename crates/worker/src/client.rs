@@ -133,10 +133,10 @@ impl Client {
 
 /// Retries a call until the server accepts it, for up to [`PATIENCE`]: a full or slow disk must not end a job. Each
 /// call also shows the server that the worker is alive.
-async fn with_retries<T>(mut ask: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
+async fn with_retries<T>(mut call: impl AsyncFnMut() -> tonic::Result<T>) -> tonic::Result<T> {
     let (begun, mut pause) = (Instant::now(), FIRST_PAUSE);
     loop {
-        let status = match ask().await {
+        let status = match call().await {
             Err(status) if matches!(status.code(), Code::ResourceExhausted | Code::Unavailable) => status,
             answer => return answer,
         };
@@ -161,28 +161,28 @@ mod tests {
     async fn only_unavailable_and_exhausted_errors_are_retried() {
         for refused in [|| Status::resource_exhausted("no room"), || Status::unavailable("not now")] {
             let mut refusals = 5;
-            let asked = with_retries(async || match refusals {
+            let reply = with_retries(async || match refusals {
                 0 => Ok("taken"),
                 _ => {
                     refusals -= 1;
                     Err(refused())
                 }
             });
-            assert_eq!(asked.await.ok(), Some("taken"));
+            assert_eq!(reply.await.ok(), Some("taken"));
         }
-        let (mut asked, begun) = (0, Instant::now());
+        let (mut calls, begun) = (0, Instant::now());
         let answer: tonic::Result<()> = with_retries(async || {
-            asked += 1;
+            calls += 1;
             Err(Status::unavailable("never"))
         })
         .await;
-        assert!(answer.is_err() && begun.elapsed() >= RETRY_FOR && asked > 100, "{asked} times");
-        let mut asked = 0;
+        assert!(answer.is_err() && begun.elapsed() >= RETRY_FOR && calls > 100, "{calls} times");
+        let mut calls = 0;
         let answer: tonic::Result<()> = with_retries(async || {
-            asked += 1;
+            calls += 1;
             Err(Status::invalid_argument("step: is wrong"))
         })
         .await;
-        assert_eq!((answer.err().map(|status| status.code()), asked), (Some(Code::InvalidArgument), 1));
+        assert_eq!((answer.err().map(|status| status.code()), calls), (Some(Code::InvalidArgument), 1));
     }
 }

@@ -139,9 +139,9 @@ mod tests {
         let (one, two) = (inputs.experts[0].id.as_str(), inputs.imperfect[0].id.as_str());
         let store = KeptFeatures::new(dir.path(), &blobs, &inputs, "last");
         store.put(one, b"features of one");
-        store.put("somebody else's", b"features");
+        store.put("another episode", b"features");
         assert_eq!(store.get(one).unwrap(), b"features of one");
-        assert_eq!((store.get(two), store.get("somebody else's")), (None, None));
+        assert_eq!((store.get(two), store.get("another episode")), (None, None));
         assert_eq!(KeptFeatures::new(dir.path(), &blobs, &inputs, "segment").get(one), None);
         let other = Inputs { encoder: Some(blake3::hash(b"other").into()), ..inputs.clone() };
         assert_eq!(KeptFeatures::new(dir.path(), &blobs, &other, "last").get(one), None);

@@ -150,7 +150,7 @@ mod tests {
         watcher.checkpoint(5, b"weights").unwrap();
         server.join().unwrap();
         assert!(watcher.checkpoint(6, b"more").is_err(), "the server is gone");
-        assert!(watcher.cancelled(), "work without a server is in vain");
+        assert!(watcher.cancelled(), "work without a server is stopped");
     }
 
     #[test]

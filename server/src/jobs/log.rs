@@ -195,11 +195,7 @@ mod tests {
         assert!(output.ends_with(&kept), "the newest, without a gap");
         let (least, most) = (usize::try_from(FULL).unwrap(), 3 * usize::try_from(FULL).unwrap());
         assert!((least..most).contains(&kept.len()), "{}", kept.len());
-        assert_eq!(
-            read(dir.path(), &job, 100).await.unwrap(),
-            output[output.len() - 100..],
-            "no more than is asked for"
-        );
+        assert_eq!(read(dir.path(), &job, 100).await.unwrap(), output[output.len() - 100..], "no more than requested");
         assert_eq!(read(dir.path(), &job, FULL).await.unwrap(), kept[kept.len() - least..], "of both files");
         let on_disk: u64 =
             std::fs::read_dir(folder(dir.path())).unwrap().map(|file| file.unwrap().metadata().unwrap().len()).sum();

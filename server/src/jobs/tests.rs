@@ -100,7 +100,7 @@ async fn missing_and_unfinished_inputs_are_rejected() {
     assert_eq!(error.kind(), Kind::Invalid, "{error}");
     assert!(error.message().starts_with("spec.score.encoder_id: "), "{error}");
     bench.jobs.cancel(&first.id).await.unwrap();
-    assert_eq!(submit(&bench, order()).await.unwrap_err().kind(), Kind::Precondition, "its maker gave up");
+    assert_eq!(submit(&bench, order()).await.unwrap_err().kind(), Kind::Precondition, "its job was cancelled");
 }
 
 #[tokio::test]
@@ -290,5 +290,5 @@ async fn a_nearly_full_disk_stops_the_queue_and_fails_no_job() {
     }
     bench.jobs.fail(&attempt, "no space left on device".into(), true).await.unwrap();
     let waiting = bench.store.job(&job.id).await.unwrap();
-    assert_eq!((waiting.state, waiting.attempt), (JobState::Queued, 0), "it goes on when there is room");
+    assert_eq!((waiting.state, waiting.attempt), (JobState::Queued, 0), "the queue resumes once there is room");
 }

@@ -88,7 +88,7 @@ impl Maintenance {
                 // Ages are unknown until the clock is recorded.
                 if room.note_time(noted.map(|noted| noted.elapsed())).await {
                     noted = Some(Instant::now());
-                    room.sweep_and_tell().await;
+                    room.sweep_and_log().await;
                 }
                 tokio::time::sleep(SWEEP_EVERY).await;
             }
@@ -130,7 +130,7 @@ impl Room {
         noted.is_ok()
     }
 
-    async fn sweep_and_tell(&self) {
+    async fn sweep_and_log(&self) {
         match self.sweep(SystemTime::now()).await {
             Ok(counts) if counts == sweep::SweepCounts::default() => {}
             Ok(counts) => tracing::info!(

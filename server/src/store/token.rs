@@ -160,6 +160,6 @@ mod tests {
         store.insert_token(&token("arm"), "two").await.unwrap();
         store.insert_token(&token(""), "three").await.unwrap();
         store.insert_token(&token(""), "four").await.unwrap();
-        assert_eq!(store.revoke_token("").await.unwrap_err().kind(), Kind::NotFound, "no name is no name");
+        assert_eq!(store.revoke_token("").await.unwrap_err().kind(), Kind::NotFound, "empty names may repeat");
     }
 }

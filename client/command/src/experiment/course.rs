@@ -48,7 +48,7 @@ impl Course<'_> {
             let report = unless_interrupted(self.on(&client), RESUMES).await;
             // A run may be under way on it.
             if !self.only_report {
-                left.ask_to_stop();
+                left.request_stop();
             }
             return report;
         }

@@ -222,7 +222,7 @@ mod tests {
             ("outcome: ", json!({ "episodes": labelled, "outcome": "won" })),
             ("cohort: ", json!({ "episodes": labelled, "outcome": "success", "cohort": "a\nb" })),
             ("reason: ", json!({ "episodes": labelled, "outcome": "success", "reason": "x".repeat(300) })),
-            ("body: ", json!({ "episodes": labelled, "outcome": "success", "author": "somebody else" })),
+            ("body: ", json!({ "episodes": labelled, "outcome": "success", "author": "another person" })),
         ] {
             let error = sent(&body).unwrap_err();
             assert!(error.message().starts_with(field), "{field} {error}");

@@ -118,9 +118,9 @@ fn client(config: &TlsClientConfig, out: &mut impl Write) -> Result<()> {
     write(
         out,
         format_args!(
-            "made a certificate for the client {name}, valid until {until}; give it {cert} and {key}:\n  \
-             export GLEANER_CLIENT_CERT={cert} GLEANER_CLIENT_KEY={key}\n\
-             the server asks for it when it runs with --client-ca {ca}",
+            "made a certificate for the client {name}, valid until {until}; give it {cert} and {key}:\n  export \
+             GLEANER_CLIENT_CERT={cert} GLEANER_CLIENT_KEY={key}\nthe server requires it when it runs with --client-ca \
+             {ca}",
             until = until(&issued),
             cert = quoted(&cert),
             key = quoted(&key),

@@ -143,7 +143,7 @@ async fn open_uploads_of_a_client_have_a_limit_that_a_restart_keeps() {
     assert_eq!(f.files(&["uploads"]).len(), 2, "the refused upload left no file");
     f.ingest.start(new(&other, b"third")).await.unwrap();
     // The author is a client's own label and is not counted.
-    let renamed = NewUpload { author: "somebody else".into(), ..new(&one, b"fourth") };
+    let renamed = NewUpload { author: "another person".into(), ..new(&one, b"fourth") };
     assert_eq!(f.ingest.start(renamed).await.unwrap_err().kind(), Kind::Exhausted);
 
     lab.fixture.reopen().await;

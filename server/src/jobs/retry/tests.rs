@@ -86,8 +86,8 @@ async fn a_key_finds_the_retry_of_its_job() {
     bench.jobs.cancel(&job.id).await.unwrap();
     let again = bench.jobs.retry(&job.id).await.unwrap();
     assert!(again.id != job.id && (again.key.as_str(), again.max_attempts) == ("cell 7", 2));
-    let asked = bench.jobs.submit(&bench.task.id, order, queueing()).await.unwrap();
-    assert_eq!(asked, again, "who asks again finds the retry");
+    let repeated = bench.jobs.submit(&bench.task.id, order, queueing()).await.unwrap();
+    assert_eq!(repeated, again, "a repeated submission returns the retry");
     assert_eq!(bench.jobs.retry(&JobId::new()).await.unwrap_err().kind(), Kind::NotFound);
 }
 

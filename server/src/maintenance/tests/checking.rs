@@ -122,7 +122,7 @@ async fn a_folder_without_a_database_is_refused() {
     let path = dir.path().to_str().unwrap();
     let cli = Cli::try_parse_from(["gleaner-server", "check", "--data-dir", path, "--json"]).unwrap();
     let crate::config::Command::Keep(crate::config::MaintenanceCommand::Check(config)) = cli.command else {
-        unreachable!("it is check")
+        unreachable!("the command is check")
     };
     let error = super::super::check::check(&config, &mut Vec::new()).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition);

@@ -165,8 +165,8 @@ async fn a_cancel_includes_queued_dependents_and_stops_the_worker() {
     let other = queue(&store, export(&task, -5, &[])).await.unwrap();
     let (held, _) = claim(&store).await.unwrap();
 
-    let asked = store.cancel_job(&first).await.unwrap().job;
-    assert_eq!((asked.state, asked.cancel_requested), (JobState::Running, true));
+    let cancelled = store.cancel_job(&first).await.unwrap().job;
+    assert_eq!((cancelled.state, cancelled.cancel_requested), (JobState::Running, true));
     for dependent in [&second, &third] {
         assert_eq!(store.job(dependent).await.unwrap().state, JobState::Cancelled);
     }

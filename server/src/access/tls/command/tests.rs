@@ -118,7 +118,7 @@ async fn renewal_keeps_the_authority_and_the_names_and_changes_the_key() {
 }
 
 #[tokio::test]
-async fn only_client_certificates_are_accepted_where_clients_are_asked_for_one() {
+async fn only_client_certificates_are_accepted_as_client_certificates() {
     let lab = Lab::with(&[]);
     let output = lab.tls(&["client", "arm1"]).unwrap();
     assert!(output.contains("client-arm1.pem") && output.contains("--client-ca"), "{output}");
@@ -158,7 +158,7 @@ fn keys_are_readable_by_their_owner_only_and_files_are_not_replaced_by_default()
 }
 
 #[test]
-fn certificates_have_the_extensions_that_strict_verifiers_ask_for() {
+fn certificates_have_the_extensions_that_strict_verifiers_require() {
     let lab = Lab::with(&["--name", "lab7"]);
     let (ca, server) = (lab.der("ca.pem"), lab.der("server.pem"));
     let (_, ca) = X509Certificate::from_der(&ca).unwrap();
