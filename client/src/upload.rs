@@ -16,7 +16,7 @@ use crate::connection::{Client, Transport};
 use crate::digest::digest_file;
 use crate::error::{ClientError, Result};
 use crate::file::name_to_send;
-use crate::retry::Patience;
+use crate::retry::Backoff;
 use pieces::{Pieces, ReadFailure};
 
 pub(crate) mod pieces;
@@ -109,7 +109,7 @@ struct Upload {
 
 impl Upload {
     async fn run(&mut self) -> Result<Uploaded> {
-        let mut patience = Patience::new();
+        let mut backoff = Backoff::new();
         let mut furthest = 0;
         loop {
             match self.advance().await? {
@@ -122,10 +122,10 @@ impl Upload {
                         && committed > furthest
                     {
                         furthest = committed;
-                        patience.restore();
+                        backoff.restore();
                     }
                 }
-                Step::Back(error) => match patience.next_wait() {
+                Step::Back(error) => match backoff.next_wait() {
                     Some(wait) => tokio::time::sleep(wait).await,
                     None => return Err(error),
                 },

@@ -78,7 +78,7 @@ fn main() -> ExitCode {
 
 #[tokio::main(flavor = "current_thread")]
 async fn keep(command: MaintenanceCommand) -> Result<bool> {
-    survive_file_limit();
+    ignore_file_limit_signal();
     let escape = match &command {
         MaintenanceCommand::Check(config) if config.json => Escape::Json,
         MaintenanceCommand::Check(_) | MaintenanceCommand::Backup(_) => Escape::Lines,
@@ -89,13 +89,13 @@ async fn keep(command: MaintenanceCommand) -> Result<bool> {
 
 #[tokio::main(flavor = "current_thread")]
 async fn token(config: TokenConfig) -> Result<()> {
-    survive_file_limit();
+    ignore_file_limit_signal();
     gleaner_server::access::command::token(config, &mut output(Escape::Lines)).await
 }
 
 #[tokio::main(flavor = "current_thread")]
 async fn audit(config: AuditConfig) -> Result<()> {
-    survive_file_limit();
+    ignore_file_limit_signal();
     gleaner_server::access::command::audit(config, &mut output(Escape::Lines)).await
 }
 
@@ -108,7 +108,7 @@ fn output(escape: Escape) -> EscapingWriter<Stdout> {
     EscapingWriter::new(stdout(), escape)
 }
 
-fn survive_file_limit() {
+fn ignore_file_limit_signal() {
     if let Err(error) = file_limit::survive_limit() {
         tracing::warn!(%error, "a write beyond the file size limit would end the process");
     }
@@ -153,10 +153,10 @@ fn threads(config: &ServeConfig) -> std::io::Result<Runtime> {
 
 #[expect(clippy::print_stdout, reason = "scripts that start a server on port 0 read this line")]
 async fn serve(config: ServeConfig) -> Result<()> {
-    if let Err(error) = shutdown::outlive_hangups() {
+    if let Err(error) = shutdown::ignore_hangups() {
         tracing::warn!(%error, "SIGHUP would end the server");
     }
-    survive_file_limit();
+    ignore_file_limit_signal();
     // Before the first printed line: its reader may stop the server at once, and must not wait for one that cannot
     // serve.
     let stop_requested = shutdown::requested().map_err(|error| Error::internal("listening to signals", error))?;

@@ -27,7 +27,7 @@ pub fn requested() -> io::Result<impl Future<Output = ()>> {
 ///
 /// # Errors
 /// When the signal handler cannot be installed.
-pub fn outlive_hangups() -> io::Result<()> {
+pub fn ignore_hangups() -> io::Result<()> {
     // Once handled, a signal no longer ends the process by default.
     signal(SignalKind::hangup()).map(drop)
 }

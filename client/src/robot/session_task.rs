@@ -19,7 +19,7 @@ use super::latest::Latest;
 use super::plan::ControlPlan;
 use super::{Link, SessionChannel};
 use crate::error::{ClientError, Result};
-use crate::retry::Patience;
+use crate::retry::Backoff;
 
 // A server may first have to load the policy.
 const OPEN_WITHIN: Duration = Duration::from_secs(30);
@@ -122,7 +122,7 @@ impl<L: Link> Worker<L> {
 
     /// Reopens the session whenever it is lost, with pauses that grow until an observation is answered.
     async fn keep_open(&mut self) {
-        let mut patience = Patience::endless();
+        let mut backoff = Backoff::endless();
         let mut alive = Instant::now();
         loop {
             let (error, answered) = match self.open_session().await {
@@ -134,14 +134,14 @@ impl<L: Link> Worker<L> {
             };
             self.channel = None;
             if answered {
-                patience.restore();
+                backoff.restore();
                 alive = Instant::now();
             }
             if !may_reopen(&error) || alive.elapsed() >= self.give_up_after {
                 return send_event(&self.events, Event::Ended(error)).await;
             }
             send_event(&self.events, Event::Lost).await;
-            sleep(patience.next_wait().unwrap_or_default()).await;
+            sleep(backoff.next_wait().unwrap_or_default()).await;
         }
     }
 

@@ -159,27 +159,29 @@ impl Rebuild<'_> {
 
     /// Restores the episodes of a recording and updates existing ones; true when there is one.
     async fn recording(&mut self, id: &BlobId, found: &Found, in_trash: bool) -> Result<bool> {
-        let mut mine = Vec::new();
+        let mut recordings = Vec::new();
         for json in self.blobs.descriptions(id)? {
             match Description::read(&json) {
-                Some(Description::Recording(described)) if described.episode.recording == *id => mine.push(*described),
+                Some(Description::Recording(described)) if described.episode.recording == *id => {
+                    recordings.push(*described)
+                }
                 Some(_) => {}
                 None => self.problems.push(format!("a sidecar of blob {id} cannot be parsed")),
             }
         }
         // Of two episodes that a crash left for one task, the later one was acknowledged. A recording deleted by a user
         // stays in the trash.
-        mine.sort_by(|one, other| other.episode.id.cmp(&one.episode.id));
-        mine.retain(|described| !in_trash || described.episode.deleted_at.is_none());
-        if mine.is_empty() {
+        recordings.sort_by(|one, other| other.episode.id.cmp(&one.episode.id));
+        recordings.retain(|described| !in_trash || described.episode.deleted_at.is_none());
+        if recordings.is_empty() {
             return Ok(false);
         }
-        if let Some(damage) = self.damage(id, found, &mine)? {
+        if let Some(damage) = self.damage(id, found, &recordings)? {
             self.problems.push(format!("blob {id}: {damage}"));
             return Ok(false);
         }
         let mut restored = false;
-        for mut described in mine {
+        for mut described in recordings {
             let Some(task) = self.task_of(&described).await? else {
                 self.problems
                     .push(format!("{}: its task {} has no sidecar", described.episode.id, described.episode.task_id));

@@ -15,7 +15,7 @@ use std::{
     time::{Duration, SystemTime},
 };
 
-use super::{Room, caches::Rules, describe::describe_queued, files, worth};
+use super::{Sweeper, caches::Rules, describe::describe_queued, files, worth};
 use crate::{
     blobs::{Blobs, Removing},
     domain::{
@@ -56,7 +56,7 @@ pub(super) struct SweepCounts {
     pub(super) audited: u64,
 }
 
-impl Room {
+impl Sweeper {
     /// Sweeps once, with `now` as the present time.
     ///
     /// # Errors

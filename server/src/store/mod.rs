@@ -20,7 +20,7 @@ pub(crate) mod finish;
 mod job;
 mod kept;
 mod lab;
-mod made;
+mod missing_result;
 mod metric;
 mod open_shared;
 mod packed;

@@ -107,9 +107,9 @@ impl Course {
             }
             Event::Ghost(at) => {
                 if !self.over.is_empty() {
-                    let ghost = &self.over[at % self.over.len()];
-                    assert!(self.store.end_attempt(ghost, &AttemptEnd::Stopped).await.unwrap().is_none());
-                    assert!(self.store.attempted(ghost).await.unwrap().is_none());
+                    let ended_attempt = &self.over[at % self.over.len()];
+                    assert!(self.store.end_attempt(ended_attempt, &AttemptEnd::Stopped).await.unwrap().is_none());
+                    assert!(self.store.attempted(ended_attempt).await.unwrap().is_none());
                 }
             }
         }

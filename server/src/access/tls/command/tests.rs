@@ -66,7 +66,7 @@ impl Lab {
     }
 
     /// Shakes hands with a server as this name, as a client that trusts `ca`, with the certificate `own` if any.
-    async fn shakes(&self, tls: &Tls, name: &str, ca: &CertificateDer<'static>, own: Option<&str>) -> bool {
+    async fn handshake_succeeds(&self, tls: &Tls, name: &str, ca: &CertificateDer<'static>, own: Option<&str>) -> bool {
         let mut roots = RootCertStore::empty();
         roots.add(ca.clone()).unwrap();
         let client = ClientConfig::builder_with_provider(Arc::new(crypto::ring::default_provider()))
@@ -94,11 +94,11 @@ async fn a_client_with_the_authority_accepts_the_server_under_each_of_its_names_
     let lab = Lab::with(&["--name", "lab7.example", "--name", "10.0.0.7"]);
     let (tls, ca) = (lab.serves(false), lab.der("ca.pem"));
     for name in ["lab7.example", "10.0.0.7", "localhost", "127.0.0.1", "::1"] {
-        assert!(lab.shakes(&tls, name, &ca, None).await, "{name}");
+        assert!(lab.handshake_succeeds(&tls, name, &ca, None).await, "{name}");
     }
-    assert!(!lab.shakes(&tls, "lab8.example", &ca, None).await);
+    assert!(!lab.handshake_succeeds(&tls, "lab8.example", &ca, None).await);
     let stranger = Lab::with(&[]);
-    assert!(!lab.shakes(&tls, "localhost", &stranger.der("ca.pem"), None).await);
+    assert!(!lab.handshake_succeeds(&tls, "localhost", &stranger.der("ca.pem"), None).await);
 }
 
 #[tokio::test]
@@ -110,11 +110,14 @@ async fn renewal_keeps_the_authority_and_the_names_and_changes_the_key() {
     assert_eq!(lab.der("ca.pem"), ca);
     assert!(lab.read("server.pem") != old_cert && lab.read("server.key") != old_key);
     for name in ["lab7", "fd00::7", "127.0.0.1"] {
-        assert!(lab.shakes(&lab.serves(false), name, &ca, None).await, "{name}");
+        assert!(lab.handshake_succeeds(&lab.serves(false), name, &ca, None).await, "{name}");
     }
     lab.tls(&["renew", "--name", "lab9"]).unwrap();
-    assert!(lab.shakes(&lab.serves(false), "lab9", &ca, None).await);
-    assert!(!lab.shakes(&lab.serves(false), "lab7", &ca, None).await, "names that are given replace the old ones");
+    assert!(lab.handshake_succeeds(&lab.serves(false), "lab9", &ca, None).await);
+    assert!(
+        !lab.handshake_succeeds(&lab.serves(false), "lab7", &ca, None).await,
+        "names that are given replace the old ones"
+    );
 }
 
 #[tokio::test]
@@ -123,8 +126,8 @@ async fn only_client_certificates_are_accepted_as_client_certificates() {
     let output = lab.tls(&["client", "arm1"]).unwrap();
     assert!(output.contains("client-arm1.pem") && output.contains("--client-ca"), "{output}");
     let (tls, ca) = (lab.serves(true), lab.der("ca.pem"));
-    assert!(lab.shakes(&tls, "localhost", &ca, Some("client-arm1")).await);
-    assert!(!lab.shakes(&tls, "localhost", &ca, Some("server")).await, "a server's is for servers");
+    assert!(lab.handshake_succeeds(&tls, "localhost", &ca, Some("client-arm1")).await);
+    assert!(!lab.handshake_succeeds(&tls, "localhost", &ca, Some("server")).await, "a server's is for servers");
     let other = lab.tls(&["client", "arm1"]).unwrap_err();
     assert_eq!(other.kind(), Kind::Exists);
 }
