@@ -73,11 +73,11 @@ def test_token_permits_the_calls_of_its_role(guarded: Guarded) -> None:
         with pytest.raises(gleaner.Unauthorized, match="needs the role viewer") as refused:
             client.tasks.list()
         assert refused.value.code is grpc.StatusCode.PERMISSION_DENIED
-    for shown in (None, "gleaner_of_nobody"):
+    for shown in (None, "gleaner_unknown_token"):
         with connect(guarded, shown) as client, pytest.raises(gleaner.Unauthorized, match="token") as refused:
             client.tasks.list()
         assert refused.value.code is grpc.StatusCode.UNAUTHENTICATED
-        assert "gleaner_of_nobody" not in str(refused.value)
+        assert "gleaner_unknown_token" not in str(refused.value)
 
 
 def test_untrusted_client_does_not_connect(guarded: Guarded, tmp_path: Path) -> None:

@@ -62,8 +62,8 @@ def test_executed_action_is_sent(client: gleaner.Client, deployment: str) -> Non
         for executed, same in ((given, True), (given + 1, False)):
             policy.reset()
             policy(seen[0])
-            told = policy({**seen[1], "executed_action": executed})
-            assert np.array_equal(told, plain) == same
+            acted = policy({**seen[1], "executed_action": executed})
+            assert np.array_equal(acted, plain) == same
 
 
 def test_two_policies_are_independent(client: gleaner.Client, deployment: str) -> None:
@@ -77,7 +77,9 @@ def test_two_policies_are_independent(client: gleaner.Client, deployment: str) -
         np.testing.assert_array_equal(one(seen[1]), mixed)
 
 
-def test_invalid_observations_are_rejected_locally_and_the_episode_continues(client: gleaner.Client, deployment: str) -> None:
+def test_invalid_observations_are_rejected_locally_and_the_episode_continues(
+    client: gleaner.Client, deployment: str
+) -> None:
     with gleaner.Policy(client, deployment) as policy:
         right = observation(policy.spec)
         policy(right)

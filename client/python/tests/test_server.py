@@ -153,7 +153,7 @@ def test_invalid_settings_of_a_job_are_named(client: gleaner.Client, lab: Lab) -
         gleaner.InvalidArgument, match=r"settings\.preset: unknown value \"huge\"; supported: tiny, small, base"
     ):
         client.jobs.pretrain(TASK, preset="huge")  # type: ignore[arg-type]
-    with pytest.raises(gleaner.InvalidArgument, match=r"pretrain\.stepps: is not known; there are .*steps"):
+    with pytest.raises(gleaner.InvalidArgument, match=r"pretrain\.stepps: is unknown; supported: .*steps"):
         client.jobs.pretrain(TASK, stepps=3)  # type: ignore[call-arg]
     with pytest.raises(gleaner.InvalidArgument, match="encoder_id"):
         client.jobs.score(TASK, "enc_missing")
@@ -245,7 +245,7 @@ def test_export_is_downloaded_completely(client: gleaner.Client, lab: Lab, tmp_p
 
 
 def test_damaged_download_is_removed(tmp_path: Path) -> None:
-    with pytest.raises(gleaner.Damaged, match="fetch it again"):
+    with pytest.raises(gleaner.Damaged, match="download it again"):
         save([b"some", b"thing"], tmp_path / "x.mcap", "0" * 64)
     assert list(tmp_path.iterdir()) == []
     assert inside(tmp_path, "../..", "y") == tmp_path / "y"

@@ -168,7 +168,7 @@ def test_each_answer_carries_the_newest_score(play: Start) -> None:
 def test_a_recorded_episode_is_labelled_at_its_end(play: Start) -> None:
     shown, client = play(action(1.0))
     with gleaner.Policy(client, "d", record=True, cohort="tuesday") as policy:
-        assert policy.reset("success") == "", "nothing was done yet"
+        assert policy.reset("success") == "", "no session is open yet"
         policy(SEEN)
         policy(SEEN)
         assert policy.reset("success") == "ep_1"

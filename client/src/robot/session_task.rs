@@ -39,7 +39,7 @@ pub(super) enum Event {
     Draining,
     /// The session is lost, or could not be opened; the task retries.
     Lost,
-    /// The task has given up with this error.
+    /// The task has ended with this error.
     Ended(ClientError),
 }
 

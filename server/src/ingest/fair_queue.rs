@@ -44,7 +44,7 @@ impl<K: Clone + Eq, W> FairQueue<K, W> {
         ticket
     }
 
-    /// Removes a waiter that gave up; one that was admitted already is left alone.
+    /// Removes a waiter that stopped waiting; one that was admitted already is left alone.
     pub(super) fn leave(&mut self, client: &K, ticket: Ticket) {
         if let Some(entry) = self.find(client) {
             entry.waiting.retain(|(other, _)| *other != ticket);
@@ -71,7 +71,7 @@ impl<K: Clone + Eq, W> FairQueue<K, W> {
         Some((entry.client.clone(), waiter))
     }
 
-    /// Takes back a slot of the client's, which is the last in turn from then on: a client that joined meanwhile goes
+    /// Releases a slot of the client, which is the last in turn from then on: a client that joined meanwhile goes
     /// before its next waiter.
     pub(super) fn release(&mut self, client: &K) {
         if let Some(index) = self.clients.iter().position(|entry| entry.client == *client) {

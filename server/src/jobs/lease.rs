@@ -67,7 +67,7 @@ impl Leases {
         }
     }
 
-    /// Asks the workers of a job to stop.
+    /// Requests the workers of a job to stop.
     pub(super) fn stop(&self, job: &JobId) {
         self.all(|held| {
             held.iter().filter(|(attempt, _)| attempt.job_id == *job).for_each(|(_, lease)| lease.stop.cancel())

@@ -106,7 +106,7 @@ impl Jobs {
         Ok(Self(inner))
     }
 
-    /// Asks the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the attempts
+    /// Requests the workers to stop, kills those that do not, and waits. Their jobs return to the queue, and the attempts
     /// are not counted. Must be called while workers can still reach the server.
     pub async fn stop(&self) {
         self.0.stopping.cancel();

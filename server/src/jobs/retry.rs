@@ -22,11 +22,11 @@ type Renamed = BTreeMap<String, String>;
 
 impl Jobs {
     /// Orders a failed or cancelled job again, and then the jobs that never started because they waited for it, except
-    /// those that also wait for another job that gave up. All get new ids, and so do their results; keys stay. They are
+    /// those that also wait for another failed job. All get new ids, and so do their results; keys stay. They are
     /// queued in one transaction.
     ///
     /// # Errors
-    /// NotFound; Precondition when the job has succeeded or may still succeed, or when the maker of an input gave up;
+    /// NotFound; Precondition when the job has succeeded or may still succeed, or when the job of an input failed;
     /// Exists when an equal job has not ended, so that repeated requests queue it once; otherwise as for
     /// [`Jobs::submit`].
     pub(crate) async fn retry(&self, id: &JobId) -> Result<Job> {
@@ -63,7 +63,7 @@ fn gave_up(state: JobState) -> bool {
     }
 }
 
-/// A plan of new jobs in place of those that gave up.
+/// A plan of new jobs in place of the failed ones.
 #[derive(Default)]
 struct Again {
     plan: Plan,
@@ -71,7 +71,7 @@ struct Again {
 }
 
 impl Again {
-    /// Whether every job that this job needs is in the plan or has not given up.
+    /// Whether every job that this job needs is in the plan or has not failed.
     async fn may_end_well(&self, store: &Store, job: &Job) -> Result<bool> {
         for needed in job.needs.iter().filter(|needed| !self.renamed.contains_key(needed.as_str())) {
             if gave_up(store.job(needed).await?.state) {

@@ -20,7 +20,7 @@ impl Jobs {
     ///
     /// # Errors
     /// NotFound for a missing object; Invalid for one that belongs to another task; Precondition when the snapshot
-    /// would lack a role, or when the maker of an input gave up; Exists when the key belongs to a job with another
+    /// would lack a role, or when the job of an input failed; Exists when the key belongs to a job with another
     /// order; Exhausted when the disk is nearly full.
     pub(crate) async fn submit(&self, task: &TaskId, order: JobOrder, queueing: Queueing) -> Result<Job> {
         if let Some(job) = self.known(task, &order, &queueing.key).await? {

@@ -37,7 +37,7 @@ struct Rebuild<'a> {
     new_tasks: u64,
     new_episodes: u64,
     updated: u64,
-    taken_back: u64,
+    restored: u64,
     problems: Vec<String>,
     unclaimed: Vec<PathBuf>,
 }
@@ -75,7 +75,7 @@ pub(super) async fn rebuild(config: &RebuildConfig, out: &mut impl io::Write) ->
         new_tasks: 0,
         new_episodes: 0,
         updated: 0,
-        taken_back: 0,
+        restored: 0,
         problems: Vec::new(),
         unclaimed: Vec::new(),
     };
@@ -149,7 +149,7 @@ impl Rebuild<'_> {
             let restored = self.recording(&id, &found, in_trash).await?;
             let named = self.store.names_blob(&id).await?;
             if in_trash && named && !self.blobs.contains(&id) {
-                self.taken_back += u64::from(self.blobs.take_back(&id)?);
+                self.restored += u64::from(self.blobs.take_back(&id)?);
             } else if !in_trash && !named && !restored {
                 self.set_unclaimed(data_dir, &id, &found)?;
             }
@@ -251,11 +251,11 @@ impl Rebuild<'_> {
             };
             writeln!(out, "unclaimed: {} {remedy}", path.display())?;
         }
-        let Self { new_tasks, new_episodes, updated, taken_back, unclaimed, .. } = self;
+        let Self { new_tasks, new_episodes, updated, restored, unclaimed, .. } = self;
         writeln!(
             out,
-            "rebuilt {new_tasks} tasks and {new_episodes} episodes; {updated} episodes brought up to date, {taken_back} \
-             blobs taken back from the trash, {} blobs unclaimed",
+            "rebuilt {new_tasks} tasks and {new_episodes} episodes; {updated} episodes brought up to date, \
+             {restored} blobs restored from the trash, {} blobs unclaimed",
             unclaimed.len()
         )
     }

@@ -63,7 +63,7 @@ impl Sweeper {
     /// Precondition when too large a share of the blobs has no row; when the database or the disk fails.
     pub(super) async fn sweep(&self, now: SystemTime) -> Result<SweepCounts> {
         let mut counts = SweepCounts::default();
-        // Without this, recordings whose deletion is not yet in the sidecars would stay for good.
+        // Without this, recordings whose deletion is not yet in the sidecars would stay permanently.
         describe_queued(&self.store, &self.blobs).await?;
         let old = self.old_enough(now).await?;
         let orphans = self.orphans(old).await?;
@@ -140,7 +140,7 @@ impl Sweeper {
         if unexplained > FEW && share > self.maintenance.max_sweep_share {
             return Err(Error::precondition(format!(
                 "the database names {} of {all} blobs only, and the sweep would move {unexplained} recordings and \
-                 results to the trash: above --max-sweep-share {}. Nothing was removed. `gleaner-server check` lists \
+                 results to the trash: above --max-sweep-share {}. No file was removed. `gleaner-server check` lists \
                  them; `gleaner-server rebuild` adds recordings that the database lacks; a larger --max-sweep-share \
                  allows it",
                 all - orphans.len(),

@@ -67,7 +67,7 @@ impl Store {
     /// An episode with its report, also from the trash.
     ///
     /// # Errors
-    /// NotFound, also for an episode that is deleted for good.
+    /// NotFound, also for an episode that is permanently deleted.
     pub(crate) async fn episode(&self, id: &EpisodeId) -> Result<InspectedEpisode> {
         let missing = || Error::not_found("episode", id);
         let mut tx = self.read().begin().await.map_err(fault("reading an episode"))?;
@@ -83,7 +83,7 @@ impl Store {
     /// The task and the recording of an episode, also from the trash.
     ///
     /// # Errors
-    /// NotFound, also for an episode that is deleted for good.
+    /// NotFound, also for an episode that is permanently deleted.
     pub(crate) async fn recording_of(&self, id: &EpisodeId) -> Result<(TaskId, BlobId)> {
         let found: Option<(String, String)> =
             sqlx::query_as("select task_id, recording from episodes where id = ? and purged_at is null")
@@ -137,7 +137,7 @@ impl Store {
     }
 }
 
-/// An episode that is not deleted for good.
+/// An episode that is not permanently deleted.
 pub(super) async fn by_id(tx: &mut Transaction<'_, Sqlite>, id: &EpisodeId) -> Result<Option<Episode>> {
     let mut query = QueryBuilder::new(COLUMNS);
     query.push("where id = ").push_bind(id.as_str()).push(" and purged_at is null");
@@ -162,7 +162,7 @@ async fn one(tx: &mut Transaction<'_, Sqlite>, mut query: QueryBuilder<Sqlite>) 
     row.map(EpisodeRow::read).transpose()
 }
 
-/// Makes an episode visible, with its first label. If the task had this recording and it was deleted for good, the row
+/// Makes an episode visible, with its first label. If the task had this recording and it was permanently deleted, the row
 /// of that episode is restored instead.
 pub(super) async fn insert(
     tx: &mut Transaction<'_, Sqlite>,

@@ -1,4 +1,4 @@
-//! Deleted episodes: moved into the trash, restored from it, and removed for good.
+//! Deleted episodes: moved into the trash, restored from it, and permanently removed.
 
 use sqlx::{Sqlite, Transaction};
 
@@ -57,7 +57,7 @@ impl Store {
     /// Takes all these episodes out of the trash, or none. An episode outside the trash is left unchanged.
     ///
     /// # Errors
-    /// NotFound names the first that is unknown or deleted for good.
+    /// NotFound names the first that is unknown or permanently deleted.
     pub(crate) async fn undelete_episodes(&self, ids: &[EpisodeId]) -> Result<Vec<Episode>> {
         let mut tx = self.write().await?;
         let mut back = Vec::with_capacity(ids.len());
@@ -76,7 +76,7 @@ impl Store {
         Ok(back)
     }
 
-    /// Removes for good the episodes that were moved to the trash before `time`. An episode in a snapshot keeps its
+    /// Permanently removes the episodes that were moved to the trash before `time`. An episode in a snapshot keeps its
     /// row, and is removed only if it was deleted by force and no job of its task is running.
     pub(crate) async fn sweep_trash(&self, time: Millis) -> Result<Swept> {
         let mut tx = self.write().await?;

@@ -30,7 +30,7 @@ def digest(path: Path) -> str:
 
 
 def regular(path: Path) -> Path:
-    """The path, if it is a regular file. Reading a FIFO, for example, could block for ever."""
+    """The path, if it is a regular file. Reading a FIFO, for example, could block without a limit."""
     if path.exists() and not path.is_file():
         raise invalid(str(path), "is not a regular file; only regular files can be sent")
     return path

@@ -44,7 +44,7 @@ pub fn report_request(request: v1::ReportEvaluationRequest) -> Result<(PolicyId,
 /// Reads the results of each seed.
 ///
 /// # Errors
-/// Invalid when there is no trial, a seed comes twice, or the counts contradict each other.
+/// Invalid when there is no trial, a seed is duplicated, or the counts contradict each other.
 pub fn seeds_from_proto(at: &str, seeds: Vec<v1::SeedResult>) -> Result<Vec<SeedResult>> {
     if seeds.is_empty() || seeds.len() > MAX_SEEDS {
         return Err(Error::invalid(at, format!("are {}, must be between 1 and {MAX_SEEDS}", seeds.len())));

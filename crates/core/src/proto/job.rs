@@ -38,7 +38,10 @@ pub fn submit_request(request: v1::SubmitJobRequest) -> Result<(String, JobOrder
         return Err(Error::invalid("max_attempts", format!("must be between 1 and {MAX_ATTEMPTS}")));
     }
     if key.chars().count() > LONGEST_KEY || key.chars().any(char::is_control) {
-        return Err(Error::invalid("key", format!("must be at most {LONGEST_KEY} characters, none of them control")));
+        return Err(Error::invalid(
+            "key",
+            format!("must be at most {LONGEST_KEY} characters, without control characters"),
+        ));
     }
     Ok((field::text("task", task)?, order::order(spec)?, Queueing { priority, needs, max_attempts, key }))
 }

@@ -19,7 +19,7 @@ const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 /// Longest name of a client, in characters: X.509 allows 64 for a common name.
 const LONGEST_CLIENT: usize = 64;
 
-/// Makes or renews certificates and tells `out` what to do with them.
+/// Creates or renews certificates and writes instructions for their use to `out`.
 ///
 /// # Errors
 /// Invalid naming a flag; Exists when a file would be replaced; Precondition when the authority cannot be used; Internal

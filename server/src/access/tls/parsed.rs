@@ -1,4 +1,4 @@
-//! What a certificate says, and what of it keeps clients from connecting.
+//! The content of a certificate, and its properties that prevent clients from connecting.
 
 use std::net::IpAddr;
 

@@ -109,7 +109,7 @@ async fn an_undeleted_recording_in_the_trash_is_restored() {
     assert!(!lab.blobs.contains(&episodes[0].recording));
     lab.store.close().await;
     let (_, text) = rebuilt(lab.dir.path()).await;
-    assert!(text.contains("1 episodes; ") && text.contains("1 blobs taken back"), "{text}");
+    assert!(text.contains("1 episodes; ") && text.contains("1 blobs restored"), "{text}");
     assert!(lab.blobs.contains(&episodes[0].recording));
     assert!(reopen(lab.dir.path()).await.episode(&episodes[0].id).await.is_ok());
 }

@@ -36,7 +36,7 @@ async fn refused(dir: &Path, part: &str) {
     let before = fs::read(data_folder::stamp::path(dir)).ok();
     let error = open(dir, false).await.unwrap_err();
     assert_eq!(error.kind(), Kind::Precondition, "{error}");
-    for part in [part, "Nothing was changed", "restore BACKUP", "rebuild --data-dir", "--accept-database"] {
+    for part in [part, "The data folder is unchanged", "restore BACKUP", "rebuild --data-dir", "--accept-database"] {
         assert!(error.message().contains(part), "{part}: {error}");
     }
     assert_eq!(fs::read(data_folder::stamp::path(dir)).ok(), before);

@@ -197,7 +197,7 @@ fn unusable_certificates_are_rejected_with_the_fix() {
     }
     refused(&["renew"], Kind::Precondition, "tls init");
     refused(&["client", "arm1"], Kind::Precondition, "tls init");
-    assert!(!lab.file("").exists(), "nothing was made");
+    assert!(!lab.file("").exists(), "no certificate was created");
     lab.tls(&["init"]).unwrap();
     for name in ["", "../arm", "a/b", "a b", "\u{1b}"] {
         refused(&["client", name], Kind::Invalid, "NAME");
