@@ -123,7 +123,7 @@ mod tests {
         for (text, part) in [
             ("file,outcome\na.mcap,success\nb.mcap,maybe\n", "line 3: outcome \"maybe\""),
             ("file,outcome\na.mcap,success\na.mcap,failure\n", "line 3: a.mcap is listed twice"),
-            ("file,cohort\na.mcap,x\n", "no column \"outcome\""),
+            ("file,cohort\na.mcap,x\n", "column \"outcome\" is missing"),
             ("file,outcome\n,success\n", "line 2: the file is empty"),
             ("file,outcome\na.mcap\n", "line: 2"),
         ] {

@@ -67,7 +67,7 @@ impl Caller {
         self.permit(Need::Least(least))
     }
 
-    /// The name of the caller, for people.
+    /// The displayed name of the caller.
     pub(crate) fn name(&self) -> &str {
         match self {
             Self::Known(live) => live.token.label(),

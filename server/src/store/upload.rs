@@ -105,7 +105,7 @@ impl Store {
         rows.into_iter().map(UploadRow::read).collect()
     }
 
-    /// Raises an upload's committed size; it never falls. Must be called after the bytes are synced.
+    /// Raises an upload's committed size; it never decreases. Must be called after the bytes are synced.
     ///
     /// # Errors
     /// NotFound when the upload is not open any more.

@@ -155,7 +155,7 @@ fn summary(pushed: &Pushed, skipped: &[Skipped]) -> String {
         lines.push(printable::field(&format!("rejected: {}: {error}", item.path.display())).into_owned());
     }
     if !skipped.is_empty() {
-        lines.push(format!("{} files skipped: not regular, or not readable", skipped.len()));
+        lines.push(format!("{} skipped: not regular files, or not readable", skipped.len()));
     }
     for Skipped { path, reason } in skipped {
         lines.push(printable::field(&format!("skipped: {}: {reason}", path.display())).into_owned());

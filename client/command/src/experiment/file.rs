@@ -217,7 +217,7 @@ mod tests {
             (text("", &DATA.replace("noise:1", "nose:1"), STUDY), ["data.cohorts[0].agent", "nose"]),
             (
                 text("", &DATA.replace("{ agent", "{ name = \"expert\", agent"), STUDY),
-                ["data.cohorts[0].name", "experts'"],
+                ["data.cohorts[0].name", "the name of the experts"],
             ),
             (
                 text("", &DATA.replace("experts", "seed = 4294967296\nexperts"), STUDY),
@@ -225,7 +225,7 @@ mod tests {
             ),
             (text("[base]\nseeds = [1, 4294967295]\n", DATA, STUDY), ["base: seeds: ", "4294967295 is too high"]),
             (text("", DATA, "[[study]]\ntable = \"gamma\"\n"), ["line 7", "unknown variant `gamma`"]),
-            (text("", DATA, &[STUDY, STUDY].concat()), ["study \"Quality score", "twice"]),
+            (text("", DATA, &[STUDY, STUDY].concat()), ["study \"Quality score", "duplicated"]),
             (
                 text("", DATA, "[[study]]\ntable = \"beta\"\nset = { lambda = \"x\" }\n"),
                 ["study \"Quality", "cell \"0\""],

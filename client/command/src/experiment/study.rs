@@ -253,7 +253,7 @@ mod tests {
             ("table = \"beta\"\naxes = { beta = [2.0] }", ["cell \"2\"", "beta: 2 is outside"]),
             ("table = \"beta\"\nset = { top = 0.1 }", ["cell \"0\"", "beta: has no effect while top is set"]),
             ("table = \"beta\"\naxes = { beta = 0.5 }", ["axes.beta", "a list"]),
-            ("table = \"beta\"\naxes = { beta = [0.5, 0.5] }", ["cell \"0.5\"", "twice"]),
+            ("table = \"beta\"\naxes = { beta = [0.5, 0.5] }", ["cell \"0.5\"", "duplicated"]),
             ("table = \"cells\"", ["no cells", "axes"]),
             (
                 "table = \"scoring\"\naxes = { scorer = [\"ssdf\", \"raw\"], feature_scale = [\"plain\"] }",

@@ -10,10 +10,10 @@ use x509_parser::{
     prelude::{FromDer as _, X509Certificate},
 };
 
-/// How long before its end a certificate is warned about, in seconds.
+/// Time before the end of a certificate from which it causes a warning, in seconds.
 const SOON: i64 = 30 * 24 * 60 * 60;
 
-/// A certificate, as far as this server cares.
+/// The parts of a certificate that this server uses.
 #[derive(Debug, Clone)]
 pub(super) struct Parsed {
     /// Seconds since 1970.

@@ -1,4 +1,4 @@
-//! What the command makes, held against the TLS that serves and a client's, and what it refuses.
+//! Certificates of the command, tried with the TLS of the server and of a client, and its rejections.
 
 use std::{os::unix::fs::PermissionsExt as _, path::PathBuf, sync::Arc, time::Duration};
 
@@ -33,7 +33,7 @@ impl Lab {
         lab
     }
 
-    /// Runs `gleaner-server tls …`; what it printed.
+    /// Runs `gleaner-server tls …` and returns its output.
     fn tls(&self, words: &[&str]) -> Result<String> {
         let data = self.0.path().join("lab");
         let all = [&["gleaner-server", "tls"], words, &["--data-dir", data.to_str().unwrap()]].concat();
