@@ -145,18 +145,14 @@ def test_certificate_outside_its_validity_is_named(tmp_path: Path) -> None:
             server.stop()
 
 
-def test_encrypted_and_unencrypted_servers_are_distinguished(
-    running: Server, encrypted: Server, tls: Path
-) -> None:
+def test_encrypted_and_unencrypted_servers_are_distinguished(running: Server, encrypted: Server, tls: Path) -> None:
     with fails("does not encrypt", "http://"):
         gleaner.connect(running.address.replace("http://", "https://"), ca=tls / "ca.pem")
     with fails("the server encrypts", "https://", "`ca`"):
         gleaner.connect(encrypted.address.replace("https://", "http://"))
 
 
-def test_missing_or_untrusted_client_certificate_is_named(
-    demanding: Server, tls: Path, tmp_path: Path
-) -> None:
+def test_missing_or_untrusted_client_certificate_is_named(demanding: Server, tls: Path, tmp_path: Path) -> None:
     ca, cert, key = tls / "ca.pem", tls / "client-arm1.pem", tls / "client-arm1.key"
     with gleaner.connect(demanding.address, ca=ca, cert=cert, key=key) as client:
         assert client.tasks.list() == []

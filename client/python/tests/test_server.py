@@ -102,9 +102,7 @@ def test_labels_change_and_are_kept(client: gleaner.Client, lab: Lab) -> None:
     assert client.episodes.get(episode).cohort == "wrong_goal"
 
 
-def test_deleted_episode_can_be_restored(
-    client: gleaner.Client, task: str, recordings: dict[str, list[Path]]
-) -> None:
+def test_deleted_episode_can_be_restored(client: gleaner.Client, task: str, recordings: dict[str, list[Path]]) -> None:
     spec = client.tasks.get(task).spec
     spec.name = "deleted"
     name = client.tasks.create(spec).id
@@ -226,9 +224,7 @@ def test_a_snapshot_freezes_roles(client: gleaner.Client, lab: Lab) -> None:
         client.snapshots.create(TASK, {"expert_cohorts": ["a"], "imperfect_cohorts": ["a"]})
 
 
-def test_missing_torch_is_named_with_the_fix(
-    client: gleaner.Client, lab: Lab, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missing_torch_is_named_with_the_fix(client: gleaner.Client, lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "gleaner.torch", raising=False)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(ImportError, match="install torch"):
